@@ -1,0 +1,51 @@
+# Each target sets up .venv by itself; all that is needed beforehand is Python 3.11.
+PYTHON ?= python3.11
+OUT ?= out/study
+DATA ?= ../shared/data
+JOBS ?= 2
+STUDY_OPTIONS = $(if $(QUICK),--quick) $(if $(FRESH),--fresh)
+
+BIN := .venv/bin
+INSTALL := $(BIN)/python -m pip install --quiet --constraint constraints.txt
+
+.PHONY: study test lint bench readme clean
+.DELETE_ON_ERROR:
+
+study: .venv/.ready
+	$(BIN)/wrenchsight study --out $(OUT) --data $(DATA) --jobs $(JOBS) $(STUDY_OPTIONS)
+
+test: .venv/.ready-test
+	$(BIN)/python -m pytest -n $(JOBS)
+
+lint: .venv/.ready-lint
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: .venv/.ready-test
+	@set -e; for file in tests/benchmarks/bench_*.py; do echo "== $$file"; $(BIN)/python $$file; done
+
+readme: .venv/.ready
+	$(BIN)/python -m analyses.readme_table $(OUT)/metrics.json README.md
+
+clean:
+	rm -rf .venv out .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+.venv/bin/python:
+	@command -v $(PYTHON) >/dev/null || { echo "$(PYTHON) not found: install Python 3.11, or name it: make PYTHON=/path/to/python3.11 ..."; exit 2; }
+	$(PYTHON) -m venv .venv
+
+.venv/.ready: pyproject.toml constraints.txt | .venv/bin/python
+	@echo "Setting up .venv (drake, torch and others: some minutes the first time) ..."
+	$(INSTALL) --editable .
+	@touch $@
+
+.venv/.ready-test: .venv/.ready
+	$(INSTALL) --editable '.[test]'
+	@touch $@
+
+.venv/.ready-lint: .venv/.ready
+	$(INSTALL) --editable '.[test,lint]'
+	@touch $@

@@ -1,0 +1,1 @@
+"""Questions and their answers: runs, measurements, figures, and the command line."""

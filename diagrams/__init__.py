@@ -1,0 +1,1 @@
+"""Drake Diagrams built from `systems` and MultibodyPlant. Nothing here advances time."""

@@ -1,0 +1,22 @@
+"""The one exception for what a user can get wrong."""
+
+from pathlib import Path
+
+
+class InputError(ValueError):
+    """Something that a user supplied is wrong; `str()` is the one line that the user reads.
+
+    The line names the file, the place in it, what is wrong (and what was expected), and what to
+    do. The command line prints it and exits with code 2.
+
+    Args:
+        source: the file, folder or option that is wrong.
+        place: line, row, column, key or joint inside it; empty where there is none.
+        problem: what was found, and what was expected instead.
+        remedy: what to do about it.
+    """
+
+    def __init__(self, source: str | Path, place: str, problem: str, remedy: str = "") -> None:
+        where = f"{source}: {place}" if place else str(source)
+        line = f"{where}: {problem}" + (f"; {remedy}" if remedy else "")
+        super().__init__(" ".join(line.split()))
