@@ -1,0 +1,60 @@
+"""What a study's experiment is: a named function from a context to a result."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True)
+class ExperimentContext:
+    """What an experiment is given to run."""
+
+    out: Path  # folder of this experiment alone; exists
+    data: Path  # folder of the real recordings; may be absent
+    seed: int = 0
+    quick: bool = False  # shorter, coarser; same keys in the metrics
+    progress: Callable[[float, str], None] = lambda fraction, what: None  # 0..1, and what is done now
+
+
+@dataclass(frozen=True)
+class FigureFile:
+    """A figure that the experiment wrote below its folder."""
+
+    path: Path  # relative to ExperimentContext.out
+    caption: str
+
+
+@dataclass(frozen=True)
+class ComparisonRow:
+    """One row of the table "article / here". `key` is a path of `metrics`, e.g. initial.max_jcn."""
+
+    label: str
+    key: str
+    unit: str
+    article: float | list[float] | None  # None where the article has no such figure
+    remark: str = ""  # why they differ, where they do
+    source: str = "article"  # who stated the figure: the article, or another tool's measurement
+
+
+@dataclass
+class ExperimentResult:
+    """What an experiment measured and drew; study writes it out."""
+
+    metrics: dict[str, Any]  # nested; units in the key names; lists per joint
+    figures: list[FigureFile] = field(default_factory=list)
+    recordings: list[FigureFile] = field(default_factory=list)  # Meshcat *.html
+    comparison: list[ComparisonRow] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)  # sentences for the report
+    configuration: dict[str, Any] = field(default_factory=dict)  # all that is needed to run it again
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A named experiment of `study`."""
+
+    name: str  # on the command line, in metrics.json and in the report
+    title: str
+    section: str  # of the article, or the name of the data set
+    run: Callable[[ExperimentContext], ExperimentResult]
+    needs: tuple[str, ...] = ()  # folders below `data` without which it is skipped

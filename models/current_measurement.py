@@ -1,0 +1,58 @@
+"""What a drive reports of the current in its motor: first-order bandwidth, noise, resolution."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def update_lag(bandwidth, time_step, current_true, state):  # type: ignore[no-untyped-def]
+    """Single-sample kernel: takes one tick of current into `state`, in place.
+
+        lagged_k = a lagged_{k-1} + (1 - a) current_true_k,   a = exp(-2 pi bandwidth time_step)
+
+    the exact response of a first-order lag, at the tick's end, to a current held over the tick.
+    Before the first tick the lag is at rest at the present current. A current that is not finite
+    leaves its joint as it is.
+
+    Args:
+        bandwidth: (n,) Hz at -3 dB; inf is no lag.
+        time_step: s.
+        current_true: (n,) A, held over the tick.
+        state: (n,) A, lagged current; NaN before a joint's first tick.
+    """
+    for i in range(current_true.shape[0]):
+        u = current_true[i]
+        if not math.isfinite(u):
+            continue
+        if math.isnan(state[i]):
+            state[i] = u
+        else:
+            pole = math.exp(-2.0 * math.pi * bandwidth[i] * time_step)
+            state[i] = pole * state[i] + (1.0 - pole) * u
+
+
+@njit(cache=True)
+def report_current(noise_sd, resolution, current_true, noise, current):  # type: ignore[no-untyped-def]
+    """Single-sample kernel: turns the lagged into the reported current, in place.
+
+    Noise is added, then the sum is rounded. A true current that is not finite is reported as it is.
+
+    Args:
+        noise_sd: (n,) A.
+        resolution: (n,) A, step of the reported value (halves to even); zero leaves it as it is.
+        current_true: (n,) A.
+        noise: (n,) unit Gaussian draws.
+        current: (n,) A, the lagged current; overwritten.
+    """
+    for i in range(current.shape[0]):
+        if not math.isfinite(current_true[i]):
+            current[i] = current_true[i]
+            continue
+        value = current[i]
+        if noise_sd[i] > 0.0:
+            value += noise_sd[i] * noise[i]
+        if resolution[i] > 0.0:
+            value = np.rint(value / resolution[i]) * resolution[i]
+        current[i] = value

@@ -1,0 +1,102 @@
+"""Joint friction of the simulated true robot: stiction, Stribeck, Coulomb, viscous, load, ripple.
+
+It holds more than any model in this project does, on purpose. It comes in three parts, by how a
+time-stepping simulation can compute them:
+
+    held       at most `stiction`, whatever keeps the joint at rest; solved implicitly
+    explicit   g(v) (load_dependence |load| - (stiction - coulomb)) + ripple sin(periods q)
+    viscous    viscous v; solved implicitly, as joint damping
+
+    g(v) = sgn(v) (1 - exp(-(v / stribeck_velocity)^2))
+
+g is continuously differentiable at v = 0 and vanishes there, so that the explicit part never
+chatters and breakaway happens at the stiction torque. Sliding at velocity v the sum is
+
+    tau_f = sgn(v) (coulomb + (stiction - coulomb) exp(-(v / stribeck_velocity)^2)) + viscous v
+            + g(v) load_dependence |load| + ripple sin(periods q)
+
+(Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30(7), 1994, eq. 6 for the first term.)
+"""
+
+import dataclasses
+from dataclasses import dataclass
+from functools import cached_property
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+_STICTION, _COULOMB, _SPEED, _VISCOUS, _LOAD, _RIPPLE, _PERIODS = range(7)
+
+
+@dataclass(frozen=True, eq=False)
+class DryFriction:
+    """Parameters of the law, one of each a joint (n,).
+
+    Attributes:
+        stiction: breakaway torque, N m; not below coulomb.
+        coulomb: sliding torque at high velocity, N m.
+        stribeck_velocity: rad/s, positive.
+        viscous: N m s/rad.
+        load_dependence: friction torque per transmitted torque, -.
+        ripple_amplitude: torque over one turn, N m.
+        ripple_periods: periods of it in a full turn of the joint, -.
+    """
+
+    stiction: Array
+    coulomb: Array
+    stribeck_velocity: Array
+    viscous: Array
+    load_dependence: Array
+    ripple_amplitude: Array
+    ripple_periods: Array
+
+    def __post_init__(self) -> None:
+        shape = np.shape(self.stiction)
+        for field in dataclasses.fields(self):
+            value = np.array(getattr(self, field.name), dtype=np.float64)
+            if value.ndim != 1 or value.shape != shape:
+                raise ValueError(f"true friction: {field.name} must have one value per joint")
+            if not np.all(np.isfinite(value) & (value >= 0.0)):
+                raise ValueError(f"true friction: {field.name} must not be negative: {value}")
+            object.__setattr__(self, field.name, value)
+        if np.any(self.stiction < self.coulomb):
+            raise ValueError("true friction: stiction must not be below coulomb")
+        if np.any(self.stribeck_velocity == 0.0):
+            raise ValueError("true friction: stribeck_velocity must be positive")
+
+    @cached_property
+    def table(self) -> Array:
+        """(n, 7) contiguous, in the order of the fields: what the kernels read."""
+        columns = [getattr(self, field.name) for field in dataclasses.fields(self)]
+        return np.ascontiguousarray(np.stack(columns, axis=1))
+
+    def sliding_torque(self, v: ArrayLike, load: ArrayLike = 0.0) -> Array:
+        """tau_f in N m at v ((n,) or (N, n), rad/s, not 0) under `load` (N m), without ripple."""
+        v = np.asarray(v, dtype=np.float64)
+        bump = np.exp(-((v / self.stribeck_velocity) ** 2))
+        dry = self.coulomb + (self.stiction - self.coulomb) * bump
+        dry = dry + (1.0 - bump) * self.load_dependence * np.abs(np.asarray(load, np.float64))
+        return np.asarray(np.sign(v) * dry + self.viscous * v)
+
+
+@numba.njit(cache=True)
+def explicit_friction(table: Array, q: Array, v: Array, load: Array, out: Array) -> None:
+    """Writes the explicit part (n,), N m, positive where it opposes positive motion."""
+    for i in range(table.shape[0]):
+        x = v[i] / table[i, _SPEED]
+        g = np.copysign(-np.expm1(-x * x), v[i])
+        level = table[i, _LOAD] * abs(load[i]) - (table[i, _STICTION] - table[i, _COULOMB])
+        out[i] = g * level + table[i, _RIPPLE] * np.sin(table[i, _PERIODS] * q[i])
+
+
+@numba.njit(cache=True)
+def total_friction(
+    table: Array, q: Array, v: Array, load: Array, holding: Array, out: Array
+) -> None:
+    """Writes tau_f (n,), N m: explicit and viscous part less what the holding drive puts on."""
+    explicit_friction(table, q, v, load, out)
+    for i in range(table.shape[0]):
+        out[i] += table[i, _VISCOUS] * v[i] - holding[i]

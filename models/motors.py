@@ -1,0 +1,71 @@
+"""Motor current and joint torque.
+
+A drive's gain is given on the joint side: the torque that one ampere puts on the link, gearing and
+efficiency included. The sign says which way the drive counts its current:
+
+    tau_J = current_sign * torque_per_ampere * current
+
+with tau_J positive along positive joint motion, before friction.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def current_to_torque(
+    current: ArrayLike, torque_per_ampere: ArrayLike, current_sign: ArrayLike = 1.0
+) -> Array:
+    """Returns tau_J in N m, shaped like `current`.
+
+    Args:
+        current: (n,) or (N, n) motor current, A, as the drive reports it.
+        torque_per_ampere: (n,) N m/A on the joint side, positive.
+        current_sign: (n,) +1 or -1.
+    """
+    return np.asarray(current, float) * motor_gain(torque_per_ampere, current_sign)
+
+
+def torque_to_current(
+    tau_J: ArrayLike, torque_per_ampere: ArrayLike, current_sign: ArrayLike = 1.0
+) -> Array:
+    """Returns the current in A that puts `tau_J` ((n,) or (N, n), N m) on the joints."""
+    return np.asarray(tau_J, float) / motor_gain(torque_per_ampere, current_sign)
+
+
+def motor_gain(torque_per_ampere: ArrayLike, current_sign: ArrayLike = 1.0) -> Array:
+    """Returns the signed gain tau_J / current in N m/A, (n,).
+
+    Raises:
+        ValueError: a gain is not positive and finite, or a sign is neither +1 nor -1.
+    """
+    gain = np.asarray(torque_per_ampere, float)
+    sign = np.asarray(current_sign, float)
+    if not np.all(np.isfinite(gain) & (gain > 0.0)):
+        raise ValueError(f"torque per ampere must be positive and finite, not {gain}")
+    if not np.all(np.abs(sign) == 1.0):
+        raise ValueError(f"current sign must be +1 or -1, not {sign}")
+    return np.asarray(gain * sign)
+
+
+def quantise(x: ArrayLike, resolution: ArrayLike) -> Array:
+    """Rounds `x` ((n,) or (N, n)) to the nearest multiple of `resolution` ((n,), the same unit).
+
+    A resolution of zero leaves its joint as it is; halves go to the even multiple.
+    """
+    x = np.asarray(x, float)
+    step = np.broadcast_to(np.asarray(resolution, float), x.shape)
+    if not np.all(step >= 0.0):
+        raise ValueError(f"resolution must not be negative: {resolution!r}")
+    coarse = step > 0.0
+    safe = np.where(coarse, step, 1.0)
+    return np.where(coarse, np.rint(x / safe) * safe, x)
+
+
+@njit(cache=True, error_model="numpy")
+def motor_torque(gain, current, tau_J):  # type: ignore[no-untyped-def]
+    """Single-sample kernel: writes tau_J (n,) from the signed gain and the current (n,)."""
+    for i in range(gain.shape[0]):
+        tau_J[i] = gain[i] * current[i]

@@ -1,0 +1,46 @@
+"""Filtering of whole logs, where the future is known: no delay, no phase."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ZeroPhaseLowPass:
+    """A Butterworth low-pass run forth and back over a log.
+
+    Amplitude |H|^2, with |H| that of the one-way filter: one half at the cutoff.
+
+    Attributes:
+        cutoff: Hz, of the one-way filter.
+        time_step: s, between samples.
+        order: of the one-way filter.
+    """
+
+    cutoff: float
+    time_step: float
+    order: int = 5
+
+    def __call__(self, x: Array) -> Array:
+        """Filters x (T, ...) along time.
+
+        Raises:
+            ValueError: x is shorter than the filter's own run-in (about 3 order samples).
+        """
+        sections = butter(self.order, self.cutoff, fs=1.0 / self.time_step, output="sos")
+        return np.ascontiguousarray(sosfiltfilt(sections, x, axis=0))
+
+
+def derivative(x: Array, time_step: float) -> Array:
+    """Derivative of x (T, ...) along time, T >= 5, by five-point central differences.
+
+    At a twentieth of the sampling rate their amplitude is 0.03 % short, that of three-point
+    differences 1.6 %. The two samples at each end use lower orders.
+    """
+    out = np.gradient(x, time_step, axis=0)
+    out[2:-2] = (x[:-4] - 8.0 * x[1:-3] + 8.0 * x[3:-1] - x[4:]) / (12.0 * time_step)
+    return np.asarray(out)
