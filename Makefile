@@ -3,7 +3,7 @@ PYTHON ?= python3.11
 OUT ?= out/study
 DATA ?= ../shared/data
 JOBS ?= 2
-STUDY_OPTIONS = $(if $(QUICK),--quick) $(if $(FRESH),--fresh)
+STUDY_OPTIONS = $(if $(QUICK),--quick)
 
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --constraint constraints.txt
@@ -27,7 +27,7 @@ bench: .venv/.ready-test
 	@set -e; for file in tests/benchmarks/bench_*.py; do echo "== $$file"; $(BIN)/python $$file; done
 
 readme: .venv/.ready
-	$(BIN)/python -m analyses.readme_table $(OUT)/metrics.json README.md
+	$(BIN)/python -m analyses.readme_table $(OUT) README.md
 
 clean:
 	rm -rf .venv out .mypy_cache .ruff_cache .hypothesis

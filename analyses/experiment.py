@@ -14,7 +14,9 @@ class ExperimentContext:
     data: Path  # folder of the real recordings; may be absent
     seed: int = 0
     quick: bool = False  # shorter, coarser; same keys in the metrics
-    progress: Callable[[float, str], None] = lambda fraction, what: None  # 0..1, and what is done now
+    progress: Callable[[float, str], None] = lambda fraction, what: (
+        None
+    )  # 0..1, and what is done now
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,9 @@ class ExperimentResult:
     recordings: list[FigureFile] = field(default_factory=list)  # Meshcat *.html
     comparison: list[ComparisonRow] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)  # sentences for the report
-    configuration: dict[str, Any] = field(default_factory=dict)  # all that is needed to run it again
+    configuration: dict[str, Any] = field(
+        default_factory=dict
+    )  # all that is needed to run it again
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,9 @@ def all_branches(
     return _by_pose(q[kept], row[kept], len(p))
 
 
-def _from_closed_form(robot: Robot, solver: object, R: Array, p: Array) -> tuple[Array, Array]:
+def _from_closed_form(
+    robot: Robot, solver: object, R: Array, p: Array
+) -> tuple[Array, NDArray[np.intp]]:
     """Raw solutions (M, n), and the pose (M,) that each belongs to."""
     poses = np.zeros((len(p), 4, 4))
     poses[:, :3, :3], poses[:, :3, 3], poses[:, 3, 3] = R, p, 1.0

@@ -100,3 +100,110 @@ def total_friction(
     explicit_friction(table, q, v, load, out)
     for i in range(table.shape[0]):
         out[i] += table[i, _VISCOUS] * v[i] - holding[i]
+
+
+@numba.njit(cache=True)
+def holding_torque(
+    table: Array,
+    damping: float,
+    time_step: float,
+    M: Array,
+    force: Array,
+    v: Array,
+    out: Array,
+) -> None:
+    """Writes what holds or slows the joints in the coming tick: (n,), N m, opposing motion.
+
+    The part `held` of the law as a strong damper that gives way at stiction, f(v) = clip(damping v,
+    -stiction, stiction), taken at the velocity v+ at the end of the tick, like viscous friction:
+
+        M (v+ - v) / time_step + viscous v+ + f(v+) = force
+
+    v+ is the minimum of a strictly convex function whose gradient is this equation; Newton's method
+    with a line search finds it, exactly once it knows which joints stick.
+
+    Args:
+        table: of DryFriction.
+        damping: N m s/rad, of a joint that sticks.
+        M: (n, n) kg m^2.
+        force: (n,) all other torque of the tick, N m: motors, gravity, Coriolis, environment.
+        v: (n,) at the beginning of the tick, rad/s.
+    """
+    n = v.shape[0]
+    A, b = np.empty((n, n)), np.empty(n)
+    for i in range(n):
+        b[i] = force[i]
+        for j in range(n):
+            A[i, j] = M[i, j] / time_step
+            b[i] += A[i, j] * v[j]
+        A[i, i] += table[i, _VISCOUS]
+    after = v.copy()
+    L, step, residual = np.empty((n, n)), np.empty(n), np.empty(n)
+    value = _potential(table, damping, A, b, after, residual)
+    for _ in range(50):
+        size = 0.0
+        for i in range(n):
+            size = max(size, abs(residual[i]) / (1.0 + abs(b[i])))
+        if size < 1e-13:
+            break
+        _newton_step(table, damping, A, after, residual, L, step)
+        slope = 0.0
+        for i in range(n):
+            slope += residual[i] * step[i]
+        share, trial = 1.0, after + step
+        lower = _potential(table, damping, A, b, trial, residual)
+        while lower > value + 1e-4 * share * slope and share > 1e-6:
+            share *= 0.5
+            trial = after + share * step
+            lower = _potential(table, damping, A, b, trial, residual)
+        after, value = trial, lower
+    for i in range(n):
+        limit = table[i, _STICTION]
+        out[i] = min(max(damping * after[i], -limit), limit)
+
+
+@numba.njit(cache=True)
+def _potential(
+    table: Array, damping: float, A: Array, b: Array, v: Array, gradient: Array
+) -> float:
+    value = 0.0
+    for i in range(v.shape[0]):
+        gradient[i] = -b[i]
+        for j in range(v.shape[0]):
+            gradient[i] += A[i, j] * v[j]
+        value += 0.5 * v[i] * (gradient[i] - b[i])
+        limit = table[i, _STICTION]
+        edge = limit / damping
+        if abs(v[i]) <= edge:
+            value += 0.5 * damping * v[i] * v[i]
+            gradient[i] += damping * v[i]
+        else:
+            value += limit * (abs(v[i]) - 0.5 * edge)
+            gradient[i] += np.copysign(limit, v[i])
+    return value
+
+
+@numba.njit(cache=True)
+def _newton_step(
+    table: Array, damping: float, A: Array, v: Array, gradient: Array, L: Array, step: Array
+) -> None:
+    """Solves (A + diag(damping of the joints that stick)) step = -gradient by Cholesky."""
+    n = v.shape[0]
+    for i in range(n):
+        for j in range(i + 1):
+            total = A[i, j]
+            if i == j and damping * abs(v[i]) <= table[i, _STICTION]:
+                total += damping
+            for k in range(j):
+                total -= L[i, k] * L[j, k]
+            L[i, j] = np.sqrt(total) if i == j else total / L[j, j]
+    for i in range(n):
+        total = -gradient[i]
+        for k in range(i):
+            total -= L[i, k] * step[k]
+        step[i] = total / L[i, i]
+    for i in range(n - 1, -1, -1):
+        total = step[i]
+        for k in range(i + 1, n):
+            total -= L[k, i] * step[k]
+        step[i] = total / L[i, i]

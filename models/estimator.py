@@ -1,11 +1,13 @@
 """The whole chain for one tick or for a log: motor current in, wrench with its uncertainty out.
 
     current -> tau_J ----------------------------+
-    v       -> tau_f (friction) -----------------+-> momentum observer -> tau_ext -> wrench at E
+    q, v    -> tau_f (friction) -----------------+-> momentum observer -> tau_ext -> wrench at E
     q, v    -> momentum, CTv, G (model), J ------+                             +--- covariance
 
 A tick is one call of one kernel, and a log runs the same kernels: the parts without memory in
-parallel over its rows, the observer one row after another. Both give the same numbers.
+parallel over its rows, observer and friction's memory one row after another. Both give the same
+numbers. A friction law with load dependence takes the motor torque of the tick before
+(`models.presliding_friction`).
 """
 
 from dataclasses import dataclass, field, replace
@@ -20,10 +22,10 @@ from models.identified_model import IdentifiedModel
 from models.momentum_observer import (
     MomentumObserver,
     MomentumObserverConfig,
-    observer_log,
     observer_step,
 )
 from models.motors import motor_gain, motor_torque
+from models.presliding_friction import add_slip_torque, initial_friction_state, update_slip
 from models.robot import Robot
 from models.serial_chain import SCRATCH_COLUMNS, kernels_are_compiled, observer_terms
 from models.wrench import (
@@ -37,6 +39,7 @@ from models.wrench import (
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
+_OBSERVER_ROWS = 3  # of the state; the friction law's follow
 _BLOCK = 256  # rows a thread takes at a time
 _PASS = 16384  # rows between two turns of the serial part: bounds the memory of a long log
 
@@ -118,11 +121,12 @@ class WrenchEstimator:
         self._tables = (
             np.ascontiguousarray(self.chain.table),
             motor_gain(robot.torque_per_ampere, robot.current_sign),
-            model.friction.table,
+            model.friction.velocity_law.table,
+            model.friction.slip_table,
             self.observer.table,
             self.reconstruction.table,
         )
-        self._state_shape = (2, n)
+        self._state_shape = (3, n)
         self._sample = np.empty((3, n))
         self._scratch = (
             np.empty((5, n)),
@@ -141,14 +145,14 @@ class WrenchEstimator:
         return type(self)(self.robot, self.model, config)
 
     def initial_state(self) -> Array:
-        """Returns the observer's (2, n) state before the first sample."""
+        """Returns the observer's (3, n) state before the first sample."""
         return self.observer.initial_state()
 
     def step(self, state: Array, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> TickEstimate:
         """Takes one sample.
 
         Args:
-            state: (2, n), changed in place.
+            state: (3, n), changed in place.
             q, v: (n,) rad and rad/s (m and m/s).
             current: (n,) A, as the drives report it.
 
@@ -175,7 +179,7 @@ class WrenchEstimator:
         """Takes a log, or the next part of one: chunk by chunk gives what one pass gives.
 
         Args:
-            state: (2, n), changed in place.
+            state: (3, n), changed in place.
             q, v: (N, n) rad and rad/s (m and m/s), at the observer's time step.
             current: (N, n) A, as the drives report it.
 
@@ -191,7 +195,7 @@ class WrenchEstimator:
         if state.shape != self._state_shape:
             raise ValueError(f"state must be {self._state_shape}, not {state.shape}")
         N = q.shape[0]
-        chain, gain, friction, observer, wrench = self._tables
+        chain, gain, friction, slip, observer, wrench = self._tables
         tau_ext, J, F = np.empty((N, n)), np.empty((N, 6, n)), np.empty((N, 6))
         covariance, quality, fresh = np.empty((N, 6, 6)), np.empty((N, 2)), np.empty(N, np.bool_)
         signals = np.empty((5, min(N, _PASS), n))
@@ -199,7 +203,7 @@ class WrenchEstimator:
             rows = slice(start, min(N, start + _PASS))
             part = signals[:, : rows.stop - start]
             _terms_log(chain, gain, friction, q[rows], v[rows], current[rows], *part, J[rows])
-            observer_log(observer, state, *part, tau_ext[rows], fresh[rows])
+            _serial_log(slip, observer, state, q[rows], v[rows], *part, tau_ext[rows], fresh[rows])
             reconstruct_log(
                 wrench, J[rows], tau_ext[rows], F[rows], covariance[rows], quality[rows]
             )
@@ -209,15 +213,52 @@ class WrenchEstimator:
 
 def estimator_is_compiled() -> bool:
     """Whether the first estimate comes at once; False announces a wait of some seconds."""
-    return kernels_are_compiled(estimate_tick, _terms_log, observer_log, reconstruct_log)
+    return kernels_are_compiled(estimate_tick, _terms_log, _serial_log, reconstruct_log)
 
 
 @njit(cache=True, error_model="numpy")
 def _signals(chain, gain, friction, q, v, current, momentum, CTv, G, tau_J, tau_f, J, X, scratch):  # type: ignore[no-untyped-def]
-    """All that one sample says before the observer: (n,) each, and J (6, n)."""
+    """What one sample says without memory, before the observer: (n,) each, and J (6, n)."""
     observer_terms(chain, q, v, momentum, CTv, G, J, X[:3], X[3], scratch)
     motor_torque(gain, current, tau_J)
     friction_torque(friction, v, tau_f)
+
+
+@njit(cache=True, error_model="numpy")
+def _with_memory(  # type: ignore[no-untyped-def]
+    slip, observer, state, q, v, momentum, CTv, G, tau_J, tau_f, tau_ext
+):
+    """The parts with memory for one sample; tau_f holds the velocity law's torque before.
+
+    Returns:
+        Whether tau_ext is fresh, see `observer_output`.
+    """
+    own = state[_OBSERVER_ROWS:]
+    add_slip_torque(slip, own, q, v, tau_f)
+    fresh = observer_step(observer, state[:_OBSERVER_ROWS], momentum, CTv, G, tau_J, tau_f, tau_ext)
+    if own.shape[0] > 0:
+        update_slip(slip, own, q, v, tau_J - tau_f)
+    return fresh
+
+
+@njit(cache=True, error_model="numpy")
+def _serial_log(  # type: ignore[no-untyped-def]
+    slip, observer, state, q, v, momentum, CTv, G, tau_J, tau_f, tau_ext, fresh
+):
+    for k in range(q.shape[0]):
+        fresh[k] = _with_memory(
+            slip,
+            observer,
+            state,
+            q[k],
+            v[k],
+            momentum[k],
+            CTv[k],
+            G[k],
+            tau_J[k],
+            tau_f[k],
+            tau_ext[k],
+        )
 
 
 @njit(cache=True, error_model="numpy")
@@ -225,6 +266,7 @@ def estimate_tick(  # type: ignore[no-untyped-def]
     chain,
     gain,
     friction,
+    slip,
     observer,
     wrench,
     state,
@@ -241,10 +283,11 @@ def estimate_tick(  # type: ignore[no-untyped-def]
     Args:
         chain: SerialChain.table.
         gain: (n,) N m/A, signed.
-        friction: SemiParametricFriction.table.
+        friction: table of the friction law's velocity_law.
+        slip: FrictionLaw.slip_table.
         observer: MomentumObserver.table.
         wrench: WrenchReconstruction.table.
-        state: (2, n), changed.
+        state: (3, n), changed.
         sample: (3, n) q, v, current.
         out: (n + 44,), written: tau_ext, wrench, covariance, condition number, valid.
         signals: (5, n), scratch.
@@ -258,7 +301,7 @@ def estimate_tick(  # type: ignore[no-untyped-def]
     _signals(chain, gain, friction, q, v, current, momentum, CTv, G, tau_J, tau_f, J, X, scratch)
     tau_ext, F = out[:n], out[n : n + 6]
     covariance, quality = out[n + 6 : n + 42].reshape(6, 6), out[n + 42 :]
-    fresh = observer_step(observer, state, momentum, CTv, G, tau_J, tau_f, tau_ext)
+    fresh = _with_memory(slip, observer, state, q, v, momentum, CTv, G, tau_J, tau_f, tau_ext)
     reconstruct(wrench, J, tau_ext, F, covariance, quality, work)
     if not fresh:
         quality[1] = 0.0

@@ -138,6 +138,30 @@ class SemiParametricFriction:
             table[:, _WEIGHTS:] = np.hstack([nets.W1, nets.b1, nets.W2])
         return table
 
+    @property
+    def feedforward(self) -> "SemiParametricFriction":
+        """The law itself (as the next four: see `models.presliding_friction.FrictionLaw`)."""
+        return self
+
+    @property
+    def velocity_law(self) -> "SemiParametricFriction":
+        """The law itself: nothing in it but velocity."""
+        return self
+
+    @property
+    def slip_table(self) -> Array:
+        """(n, 5): no slip elements."""
+        return np.zeros((self.num_joints, 5))
+
+    @property
+    def state_rows(self) -> int:
+        """0: no memory."""
+        return 0
+
+    def torque_along(self, q: Array, v: Array, load: Array) -> Array:
+        """tau_f (N, n) in N m along a log; position and load play no part."""
+        return self.torque(v)
+
     def torque(self, v: ArrayLike) -> Array:
         """Returns tau_f in N m for v ((n,) or (N, n), rad/s), same shape; sgn(0) is 0."""
         v = np.asarray(v, float)

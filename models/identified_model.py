@@ -16,6 +16,7 @@ from models.configuration import REQUIRED, load_configuration, save_configuratio
 from models.friction import CoulombViscous, Handover, SemiParametricFriction
 from models.friction_network import FrictionNetworks
 from models.input_error import InputError
+from models.presliding_friction import FrictionLaw, PreslidingFriction
 from models.robot import Robot
 from models.serial_chain import SerialChain
 
@@ -84,6 +85,18 @@ class _NetworksBlock:
 
 
 @dataclass
+class _PreslidingBlock:
+    """What `models.presliding_friction` adds; coulomb then belongs to the slip elements."""
+
+    stribeck: list[float] = field(default_factory=list, metadata=REQUIRED)
+    stribeck_velocity: list[float] = field(default_factory=list, metadata=REQUIRED)
+    load: list[float] = field(default_factory=list, metadata=REQUIRED)
+    cubic: list[float] = field(default_factory=list, metadata=REQUIRED)
+    weight: list[list[float]] = field(default_factory=list, metadata=REQUIRED)
+    displacement: list[list[float]] = field(default_factory=list, metadata=REQUIRED)
+
+
+@dataclass
 class _FrictionBlock:
     coulomb: list[float] = field(default_factory=list, metadata=REQUIRED)
     viscous: list[float] = field(default_factory=list, metadata=REQUIRED)
@@ -91,6 +104,7 @@ class _FrictionBlock:
     v_crit: list[float] = field(default_factory=list, metadata=REQUIRED)
     handover: str = field(default="continuous", metadata=REQUIRED)
     networks: _NetworksBlock | None = None
+    presliding: _PreslidingBlock | None = None
 
 
 @dataclass
@@ -128,7 +142,7 @@ class IdentifiedModel:
             realisation of the base parameters: only those combinations are measured, so single
             entries may be non-physical while every torque is right.
         reflected_inertia: (n,) rotor inertia seen from the joint side, kg m^2 (kg if prismatic).
-        friction: tau_f(v), N m, positive for v > 0.
+        friction: tau_f, N m, positive for v > 0.
         residual_covariance: (n, n) covariance of measured minus predicted torque, (N m)^2.
         base_parameters: the identified combinations, with standard deviations.
         condition_number: of the column-scaled regressor of the base parameters.
@@ -141,7 +155,7 @@ class IdentifiedModel:
     kinematics_digest: str
     inertial_parameters: Array
     reflected_inertia: Array
-    friction: SemiParametricFriction
+    friction: FrictionLaw
     residual_covariance: Array
     base_parameters: BaseParameterTable = field(default_factory=BaseParameterTable)
     condition_number: float = 1.0
@@ -257,12 +271,6 @@ class IdentifiedModel:
         return model
 
     def _to_file(self) -> _ModelFile:
-        friction = self.friction
-        networks = None
-        if friction.networks is not None:
-            networks = _NetworksBlock(
-                **{name: _plain(getattr(friction.networks, name)) for name in _NETWORK_FIELDS}
-            )
         return _ModelFile(
             format=FORMAT,
             version=VERSION,
@@ -271,14 +279,7 @@ class IdentifiedModel:
             kinematics_digest=self.kinematics_digest,
             inertial_parameters=_plain(self.inertial_parameters),
             reflected_inertia=_plain(self.reflected_inertia),
-            friction=_FrictionBlock(
-                coulomb=_plain(friction.coulomb_viscous.coulomb),
-                viscous=_plain(friction.coulomb_viscous.viscous),
-                offset=_plain(friction.coulomb_viscous.offset),
-                v_crit=_plain(np.asarray(friction.v_crit)),
-                handover=friction.handover,
-                networks=networks,
-            ),
+            friction=_friction_block(self.friction),
             residual_covariance=_plain(self.residual_covariance),
             base_parameters=self.base_parameters,
             condition_number=float(self.condition_number),
@@ -288,6 +289,8 @@ class IdentifiedModel:
 
 
 _NETWORK_FIELDS = ("W1", "b1", "W2", "b2", "v_scale")
+_SLIP_FIELDS = ("stribeck", "stribeck_velocity", "load", "cubic")
+_ELEMENT_FIELDS = ("weight", "displacement")
 
 
 def _plain(values: Array) -> Any:
@@ -318,7 +321,28 @@ def _numbers(path: Path, key: str, values: object, shape: tuple[int, ...]) -> Ar
     return array
 
 
-def _read_friction(path: Path, block: _FrictionBlock, n: int) -> SemiParametricFriction:
+def _friction_block(law: FrictionLaw) -> _FrictionBlock:
+    near_zero = law.velocity_law
+    networks = near_zero.networks
+    sliding = law.coulomb_viscous
+    return _FrictionBlock(
+        coulomb=_plain(sliding.coulomb),
+        viscous=_plain(sliding.viscous),
+        offset=_plain(sliding.offset),
+        v_crit=_plain(near_zero.v_crit),
+        handover=near_zero.handover,
+        networks=None
+        if networks is None
+        else _NetworksBlock(**{key: _plain(getattr(networks, key)) for key in _NETWORK_FIELDS}),
+        presliding=_PreslidingBlock(
+            **{key: _plain(getattr(law, key)) for key in (*_SLIP_FIELDS, *_ELEMENT_FIELDS)}
+        )
+        if isinstance(law, PreslidingFriction)
+        else None,
+    )
+
+
+def _read_friction(path: Path, block: _FrictionBlock, n: int) -> FrictionLaw:
     coulomb, viscous, offset, v_crit = (
         _numbers(path, f"friction.{key}", getattr(block, key), (n,))
         for key in ("coulomb", "viscous", "offset", "v_crit")
@@ -339,9 +363,27 @@ def _read_friction(path: Path, block: _FrictionBlock, n: int) -> SemiParametricF
         if not (weights["v_scale"] > 0.0).all():
             raise InputError(path, "friction.networks.v_scale", "expected positive numbers")
         networks = FrictionNetworks(**weights)
-    return SemiParametricFriction(
-        CoulombViscous(coulomb, viscous, offset), networks, v_crit, cast("Handover", block.handover)
+    handover = cast("Handover", block.handover)
+    if block.presliding is None:
+        sliding = CoulombViscous(coulomb, viscous, offset)
+        return SemiParametricFriction(sliding, networks, v_crit, handover)
+    slip = {
+        key: _numbers(path, f"friction.presliding.{key}", getattr(block.presliding, key), (n,))
+        for key in _SLIP_FIELDS
+    }
+    elements = {
+        key: _numbers(path, f"friction.presliding.{key}", getattr(block.presliding, key), (n, -1))
+        for key in _ELEMENT_FIELDS
+    }
+    velocity_law = SemiParametricFriction(
+        CoulombViscous(np.zeros(n), viscous, offset), networks, v_crit, handover
     )
+    try:
+        return PreslidingFriction(velocity_law, coulomb, **slip, **elements)
+    except ValueError as error:
+        raise InputError(
+            path, "friction.presliding", str(error).removeprefix("friction: ")
+        ) from None
 
 
 def _read_covariance(path: Path, values: list[list[float]], n: int) -> Array:

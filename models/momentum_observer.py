@@ -39,6 +39,8 @@ Flags = NDArray[np.bool_]
 
 TORQUE_SAMPLES = ("held", "trapezoidal")
 
+START_SHARE = 0.05  # 3 / K_0 after the start
+
 # Columns of MomentumObserver.table.
 _GAIN, _POLE, _AFTER, _BEFORE, _HALF = range(5)
 
@@ -55,7 +57,9 @@ class MomentumObserverConfig:
 class MomentumObserver:
     """The observer of an arm with n joints, one sample after another.
 
-    Its whole state is one (2, n) array: row 0 momentum_hat in kg m^2/s, row 1 tau_ext in N m.
+    Its whole state is one (3, n) array: row 0 momentum_hat in kg m^2/s, row 1 tau_ext in N m, row 2
+    the share of tau_ext that is still its start: it starts at zero whatever acts, and that share,
+    a power of the pole, must fall to START_SHARE before a reading counts as fresh.
     A momentum_hat of inf means "not started": the first sample starts it with momentum_hat =
     momentum and tau_ext = 0. NaN means "lost", left behind by a sample that is not finite: the
     next finite one starts it again from the tau_ext it had. A hole in a log thus costs its own
@@ -94,9 +98,10 @@ class MomentumObserver:
         self.table[:, _HALF] = 0.5 * T
 
     def initial_state(self) -> Array:
-        """Returns the (2, n) state before the first sample: tau_ext zero."""
-        state = np.zeros((2, self.num_joints))
+        """Returns the (3, n) state before the first sample: tau_ext zero."""
+        state = np.zeros((3, self.num_joints))
         state[0] = np.inf
+        state[2] = 1.0
         return state
 
     def step(
@@ -129,8 +134,8 @@ class MomentumObserver:
     def _checked(self, state: Array, ndim: int, *signals: Array) -> Array:
         """The signals as one array: a kernel trusts shapes and memory layout."""
         stacked = np.array(signals, float)
-        if state.shape != (2, self.num_joints):
-            raise ValueError(f"state must be (2, {self.num_joints}), not {state.shape}")
+        if state.shape != (3, self.num_joints):
+            raise ValueError(f"state must be (3, {self.num_joints}), not {state.shape}")
         if stacked.ndim != 1 + ndim or stacked.shape[-1] != self.num_joints:
             raise ValueError(f"signals must end in {self.num_joints} joints, not {stacked.shape}")
         return stacked
@@ -145,7 +150,7 @@ def observer_output(table, state, momentum, CTv, G, tau_J, tau_f, tau_ext):  # t
 
     Returns:
         Whether every joint's estimate is fresh: False where this sample or the one before it was
-        not finite, so that the last estimate is held.
+        not finite, so that the last estimate is held, and until the observer has settled.
     """
     fresh = True
     for i in range(table.shape[0]):
@@ -155,7 +160,9 @@ def observer_output(table, state, momentum, CTv, G, tau_J, tau_f, tau_ext):  # t
         tau_ext[i] = state[1, i]
         if np.isfinite(arrived) and np.isfinite(state[0, i]):
             tau_ext[i] = table[i, _POLE] * state[1, i] + table[i, _GAIN] * (arrived - state[0, i])
-        elif not (np.isfinite(arrived) and state[0, i] == np.inf):
+            if table[i, _POLE] * state[2, i] > START_SHARE:
+                fresh = False
+        else:
             fresh = False
     return fresh
 
@@ -165,12 +172,14 @@ def observer_update(table, state, momentum, CTv, G, tau_J, tau_f, tau_ext):  # t
     """Single-sample kernel: takes a sample and its `observer_output` into `state`, in place.
 
     momentum_hat becomes what the model alone predicts for the coming sample, so that the bracket of
-    the recursion in the module's docstring is what then arrives, minus it. Neither row of the state
-    depends on K_0: the gain can change while the observer runs, without a jump.
+    the recursion in the module's docstring is what then arrives, minus it. The state does not
+    depend on K_0: the gain can change while the observer runs, without a jump.
     """
     for i in range(table.shape[0]):
         model = table[i, _HALF] * (CTv[i] - G[i] - tau_f[i])
         predicted = momentum[i] + model + table[i, _AFTER] * tau_J[i]
+        if np.isfinite(predicted) and np.isfinite(state[0, i]):
+            state[2, i] *= table[i, _POLE]
         state[0, i] = predicted if np.isfinite(predicted) else np.nan
         state[1, i] = tau_ext[i]
 

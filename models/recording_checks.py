@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 
 _DEGREE = np.pi / 180
 _LIMIT_MARGIN = 0.2  # rad or m beyond a position limit: logs exceed soft limits a little
+_CERTAINLY_DEGREES = 4 * np.pi  # rad; no joint turns twice about itself
 _SPEED_MARGIN = 2.0  # times the velocity limit
 _FASTEST = 20.0  # rad/s or m/s, where the robot states no limit
 _JUMP_MARGIN = 0.1  # rad or m beyond what twice the velocity limit allows
@@ -121,10 +122,8 @@ class RecordingChecks:
             return
         value = chunk.q[k, j]
         revolute = not self._is_prismatic(j)
-        remedy = "check the column, its unit and its offset"
-        if revolute and np.all(
-            np.maximum(value * _DEGREE - upper[j], lower[j] - value * _DEGREE) < 0
-        ):
+        remedy = "check the column, its unit and its offset, and that the log is of this robot"
+        if revolute and np.max(np.abs(chunk.q)) > _CERTAINLY_DEGREES:
             remedy = "if these are degrees, set position: {unit: deg} in a description"
         unit = "rad" if revolute else "m"
         raise self._error(
@@ -267,6 +266,18 @@ class RecordingChecks:
                 f"correlation with the gravity torque {cosine[wrong[0]]:.2f})",
                 "its sign is wrong: turn current_sign in the robot's file, or set gain: -1 in a "
                 "description; or the robot is not mounted upright",
+            )
+        dead = np.flatnonzero(loaded & (sums.yy < 1e-12 * sums.xx))
+        if len(dead):
+            j = int(dead[0])
+            gravity = np.sqrt(sums.xx / sums.count)[j]
+            raise self._error(
+                chunk,
+                None,
+                "current",
+                j,
+                f"the current is zero, but gravity alone takes {gravity:.3g} N m",
+                "log the motor current, or give its column",
             )
         odd = np.flatnonzero(loaded & (cosine > _AGREEING) & ((ratio < 0.02) | (ratio > 50)))
         if len(odd):

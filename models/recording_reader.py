@@ -22,7 +22,7 @@ from models.recording_format import (
     resolve_layout,
     rows_for,
 )
-from models.resampling import plausible_step, time_error
+from models.resampling import place_of, plausible_step, time_error
 from models.text_table import TextTable
 
 if TYPE_CHECKING:
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+_BEYOND_ANY_ROBOT = 1e9  # SI; sums of squares of smaller numbers cannot overflow
 MIN_SAMPLES = 10  # less is no motion
 _DESCRIBE = "or describe the columns with --log-format"
 _JOINT_SIGNALS = {"q": "position", "v": "velocity", "i": "current", "tau": "motor_torque"}
@@ -121,6 +122,7 @@ class RecordingReader:
         last: Recording | None = None
         for values, rows in self._table.blocks(used, self._rows):
             chunk = self._recording(values, rows, used)
+            self._check_size(chunk)
             _check_time(chunk, last)
             if last is None and chunk.num_samples > 1:
                 plausible_step(chunk)
@@ -134,6 +136,20 @@ class RecordingReader:
             raise InputError(
                 self.path, "", f"{found}, expected {MIN_SAMPLES} or more", "record a longer log"
             )
+
+    def _check_size(self, chunk: Recording) -> None:
+        """Refuses numbers that are none: uninitialised memory, a wrong type in a logger."""
+        for name, signal in (("q", chunk.q), ("v", chunk.v), ("current", chunk.current)):
+            wrong = np.abs(signal) > _BEYOND_ANY_ROBOT
+            if wrong.any():
+                k, j = (int(index[0]) for index in np.nonzero(wrong))
+                column = self.layout.column_of(name if self.layout.signal(name) else "tau_J", j)
+                raise InputError(
+                    self.path,
+                    f"{place_of(chunk, k)}, {column}",
+                    f"{signal[k, j]:.3g} is beyond any robot",
+                    "correct or remove the row; a short gap is bridged",
+                )
 
     def _checks(self) -> RecordingChecks | None:
         if self._robot is None or not self._check or not self.num_joints:
@@ -214,6 +230,8 @@ class RecordingReader:
         if isinstance(table, TextTable) and table.separator != ",":
             word = {";": "semicolons", "\t": "tabs", " ": "spaces"}[table.separator]
             table.notices.append(f"columns are separated by {word}")
+        if "" in table.names:
+            self._notices.append("a column without a name is left out")
         num_joints = self._robot.num_joints if self._robot is not None else None
         return header_format(_in_lower_case(table.names), path, num_joints), str(path), table
 
@@ -255,9 +273,10 @@ def header_format(
         InputError: a column is missing, unknown or there twice.
     """
     place = "header"
+    names = [name for name in names if name]  # a table's index, or a separator at the line's end
     for name in names:
         if list(names).count(name) > 1:
-            what = f'the column "{name}" is there twice' if name else "a column has no name"
+            what = f'the column "{name}" is there twice'
             raise InputError(path, place, what, "correct the header, " + _DESCRIBE)
     joints: dict[str, list[int]] = {letter: [] for letter in _JOINT_SIGNALS}
     extra: dict[str, list[int]] = {}
@@ -360,7 +379,7 @@ def _check_there(path: Path) -> None:
 
 def _check_time(chunk: Recording, last: Recording | None) -> None:
     if last is not None and chunk.num_samples and chunk.t[0] <= last.t[0]:
-        raise time_error(concatenated([last, chunk[:1]]), 1)
+        raise time_error(concatenated([last, chunk]), 1)
     wrong = np.flatnonzero(np.diff(chunk.t) <= 0)
     if len(wrong):
         raise time_error(chunk, int(wrong[0]) + 1)

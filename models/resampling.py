@@ -27,6 +27,7 @@ _ROUNDING = 1e-3  # of the step; UNIX time in a double has a grain of 0.24 us
 MAX_GAP_S = 0.1  # at 1 rad/s^2 the interpolated q is then off by at most 1.3 mrad
 MAX_GAP_STEPS = 3  # the least number of steps that may be bridged, for slow logs
 STEP_SAMPLES = 1 << 16  # whose median step counts
+_COARSE_CLOCK = 0.1  # share of repeated times: no accident
 _PLAUSIBLE_STEP = (1e-5, 0.25)  # s; an estimator of motor currents has no use for others
 _SHORTEST_GIVEN_STEP = 1e-5
 
@@ -190,11 +191,15 @@ def time_error(recording: Recording, sample: int) -> InputError:
     """The error for a sample whose time is not after that of the one before."""
     before, now = recording.t[sample - 1], recording.t[sample]
     found = "repeats" if now == before else "runs backwards from"
+    remedy = "remove the repeated rows, or split the log there"
+    is_long = recording.num_samples > 2 / _COARSE_CLOCK
+    if is_long and np.mean(np.diff(recording.t) == 0) > _COARSE_CLOCK:
+        remedy = "t has too few digits: log it with more"
     return InputError(
         recording.source,
         f"{place_of(recording, sample)}, column t",
         f"time {found} {before:.9g} s"
         + ("" if now == before else f" to {now:.9g} s")
         + ", expected to increase",
-        "remove the repeated rows, or split the log there",
+        remedy,
     )

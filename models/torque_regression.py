@@ -4,6 +4,7 @@
 
 With n joints there are 14 n parameters x: ten inertial ones per moving link (order of
 `SerialChain.inertial_parameters`), then rotor inertia, Coulomb, viscous and offset for each joint.
+Other friction laws put other terms in the place of the last three (`models.friction_structure`).
 
 A log enters as one triangular factor per joint, R^T R = [W tau]^T [W tau]. Everything after (rank,
 weighting passes, fits that leave logs out, residual norms) works on these small matrices.
@@ -11,6 +12,7 @@ weighting passes, fits that leave logs out, residual norms) works on these small
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +34,8 @@ class TorqueFactors:
     """One log's regression.
 
     Attributes:
-        R: n matrices (at most 14 n + 1 rows, 14 n + 1 columns), one a joint; the torque is last.
+        R: n matrices (p + 1 columns for p parameters, at most as many rows), one a joint; the
+            torque is last.
         num_rows: rows of the log behind each.
     """
 
@@ -61,18 +64,131 @@ class TorqueEstimate:
     residual_sd: Array
 
 
-def parameter_names(joint_names: Sequence[str]) -> list[str]:
-    """Names of the 14 n parameters; a link goes by the name of the joint that moves it."""
+def parameter_names(
+    joint_names: Sequence[str], terms: Sequence[Sequence[str]] | None = None
+) -> list[str]:
+    """Names of all parameters; a link goes by the name of the joint that moves it.
+
+    Args:
+        joint_names: of the n joints.
+        terms: friction terms per joint; None: Coulomb, viscous and offset.
+    """
+    own = [JOINT_NAMES[1:]] * len(joint_names) if terms is None else terms
     return [f"{name}[{joint}]" for joint in joint_names for name in INERTIAL_NAMES] + [
-        f"{name}[{joint}]" for joint in joint_names for name in JOINT_NAMES
+        f"{name}[{joint}]"
+        for joint, friction in zip(joint_names, own, strict=True)
+        for name in (JOINT_NAMES[0], *friction)
     ]
 
 
 def split_parameters(x: Array, num_joints: int) -> tuple[Array, Array, CoulombViscous]:
     """Returns inertial parameters (n, 10), rotor inertia (n,) and friction of x (14 n,)."""
-    inertial = x[: _INERTIAL * num_joints].reshape(num_joints, _INERTIAL)
-    rotor, coulomb, viscous, offset = x[_INERTIAL * num_joints :].reshape(num_joints, _JOINT).T
-    return inertial.copy(), rotor.copy(), CoulombViscous(coulomb, viscous, offset)
+    inertial, rotor, friction = split_terms(x, [_JOINT - 1] * num_joints)
+    return inertial, rotor, CoulombViscous(*np.array(friction).T)
+
+
+def split_terms(x: Array, counts: Sequence[int]) -> tuple[Array, Array, list[Array]]:
+    """Returns inertial parameters (n, 10), rotor inertia (n,) and each joint's friction
+    coefficients of x, for `counts` friction terms per joint.
+    """
+    n = len(counts)
+    ends = np.cumsum([1 + count for count in counts])
+    blocks = np.split(x[_INERTIAL * n :], ends[:-1])
+    inertial = x[: _INERTIAL * n].reshape(n, _INERTIAL)
+    rotor = np.array([block[0] for block in blocks])
+    return inertial.copy(), rotor, [block[1:].copy() for block in blocks]
+
+
+@dataclass(frozen=True, eq=False)
+class RegressionRows:
+    """One log's rows of the regression, before friction.
+
+    Attributes:
+        rigid: per joint (m, 10 (n - j) + 1): inertial columns of the links that the joint carries,
+            then its rotor inertia, through the low-pass. (A joint's torque depends on no other.)
+        tau: (m, n) N m.
+        low_pass: along time; friction columns go through it too.
+        rows: (m,) samples of the log that are used, after the filter.
+    """
+
+    rigid: tuple[Array, ...]
+    tau: Array
+    low_pass: Callable[[Array], Array]
+    rows: NDArray[np.intp]
+
+    @classmethod
+    def of(
+        cls,
+        chain: SerialChain,
+        q: Array,
+        v: Array,
+        vdot: Array,
+        tau: Array,
+        low_pass: Callable[[Array], Array],
+        rows: NDArray[np.intp],
+    ) -> "RegressionRows":
+        """Builds them; arguments as `factorise`."""
+        n = q.shape[1]
+        Y = chain.regressor(q, v, vdot)
+        rigid = tuple(
+            low_pass(np.hstack([Y[:, j, _INERTIAL * j :], vdot[:, j : j + 1]]))[rows]
+            for j in range(n)
+        )
+        return cls(rigid, tau[rows], low_pass, rows)
+
+    @cached_property
+    def _orthogonal(self) -> list[tuple[Array, Array]]:
+        return [np.linalg.qr(W) for W in self.rigid]
+
+    def friction_rows(self, friction: Sequence[Array]) -> list[Array]:
+        """Friction columns (N, k_j) of the whole log, low-passed, at the rows that are used."""
+        return [self.low_pass(columns)[self.rows] for columns in friction]
+
+    def factors(
+        self,
+        friction: Sequence[Array],
+        part: slice = slice(None),
+        weights: Array | None = None,
+    ) -> "TorqueFactors":
+        """Reduces the rows to their factors.
+
+        Args:
+            friction: of `friction_rows`.
+            part: which of the rows.
+            weights: (m, n) of the squared residuals, None for one.
+        """
+        n = self.tau.shape[1]
+        counts = [1 + own.shape[1] for own in friction]
+        starts = _INERTIAL * n + np.concatenate([[0], np.cumsum(counts)])
+        whole = part == slice(None) and weights is None
+        factors = []
+        for j in range(n):
+            other = np.hstack([friction[j], self.tau[:, j : j + 1]])
+            if whole:  # the rigid part is orthogonal already: only the few other columns are new
+                Q, upper = self._orthogonal[j]
+                shadow = Q.T @ other
+                lower = triangular_factor(other - Q @ shadow)
+                R = np.block([[upper, shadow], [np.zeros((len(lower), upper.shape[1])), lower]])
+            else:
+                W = np.hstack([self.rigid[j], other])[part]
+                if weights is not None:
+                    W = W * np.sqrt(weights[part, j : j + 1])
+                R = triangular_factor(W)
+            columns = np.r_[_INERTIAL * j : _INERTIAL * n, starts[j] : starts[j + 1], starts[-1]]
+            embedded = np.zeros((R.shape[0], starts[-1] + 1))
+            embedded[:, columns] = R
+            factors.append(embedded)
+        return TorqueFactors(tuple(factors), len(self.tau[part]))
+
+    def residual(self, friction: Sequence[Array], x: Array) -> Array:
+        """Measured minus predicted torque (m, n) for all parameters x."""
+        n = self.tau.shape[1]
+        inertial, rotor, own = split_terms(x, [f.shape[1] for f in friction])
+        predicted = [
+            self.rigid[j] @ np.r_[inertial[j:].ravel(), rotor[j]] + friction[j] @ own[j]
+            for j in range(n)
+        ]
+        return self.tau - np.stack(predicted, axis=1)
 
 
 def factorise(
@@ -84,7 +200,7 @@ def factorise(
     low_pass: Callable[[Array], Array],
     rows: NDArray[np.intp],
 ) -> TorqueFactors:
-    """Reduces a log to its factors.
+    """Reduces a log to its factors, with Coulomb-viscous friction and offset.
 
     Args:
         chain: kinematics and gravity; its inertias play no part.
@@ -95,21 +211,11 @@ def factorise(
         low_pass: along time; goes over every column of the regressor.
         rows: indices of the samples to use, after the filter.
     """
-    n = q.shape[1]
-    Y = chain.regressor(q, v, vdot)
-    factors = []
-    for j in range(n):
-        # A joint's torque depends on the links that it carries, those from j on: the other
-        # columns are zero and need no filter.
-        first, last = _INERTIAL * n + _JOINT * j, _INERTIAL * n + _JOINT * (j + 1)
-        columns = np.r_[_INERTIAL * j : _INERTIAL * n, first:last, (_INERTIAL + _JOINT) * n]
-        own = np.stack([vdot[:, j], np.sign(v[:, j]), v[:, j], np.ones(len(v))], axis=1)
-        W = low_pass(np.hstack([Y[:, j, _INERTIAL * j :], own]))
-        R = triangular_factor(np.hstack([W[rows], tau[rows, j : j + 1]]))
-        embedded = np.zeros((R.shape[0], (_INERTIAL + _JOINT) * n + 1))
-        embedded[:, columns] = R
-        factors.append(embedded)
-    return TorqueFactors(tuple(factors), len(rows))
+    regression = RegressionRows.of(chain, q, v, vdot, tau, low_pass, rows)
+    own = [
+        np.stack([np.sign(v[:, j]), v[:, j], np.ones(len(v))], axis=1) for j in range(q.shape[1])
+    ]
+    return regression.factors(regression.friction_rows(own))
 
 
 def solve(
@@ -151,11 +257,24 @@ def solve(
     return TorqueEstimate(values, np.sqrt(variance) / length, deviation)
 
 
-def realisation(robot: Robot, base: BaseParameters, values: Array) -> Array:
-    """All 14 n parameters with the given base parameters, nearest to the robot's own files.
+def realisation(
+    robot: Robot, base: BaseParameters, values: Array, counts: Sequence[int] | None = None
+) -> Array:
+    """All parameters with the given base parameters, nearest to the robot's own files.
 
     Nearest in units of each link's size: its mass, that mass times half the arm's mean link length,
     and times its square. Friction starts from zero.
+    """
+    prior, spread = parameter_prior(robot, counts)
+    return realise(base, values, prior, spread)
+
+
+def parameter_prior(robot: Robot, counts: Sequence[int] | None = None) -> tuple[Array, Array]:
+    """What the robot's own files state of all parameters, and how far off each may plausibly be.
+
+    Args:
+        robot: the robot.
+        counts: friction terms per joint; None: three each.
     """
     chain, n = robot.chain, robot.num_joints
     reach = np.linalg.norm(chain.p_PJ, axis=1).sum() + float(np.linalg.norm(chain.p_LE))
@@ -166,14 +285,12 @@ def realisation(robot: Robot, base: BaseParameters, values: Array) -> Array:
     spread[:, 0] = mass
     spread[:, 1:4] = (mass * size)[:, None]
     spread[:, 4:] = (mass * size**2)[:, None]
-    joint_spread = np.empty((n, _JOINT))
-    joint_spread[:, 0] = np.maximum(chain.reflected_inertia, mass * size**2)
-    joint_spread[:, 1:] = 0.01 * robot.effort_limit[:, None]
-    joint_prior = np.zeros((n, _JOINT))
-    joint_prior[:, 0] = chain.reflected_inertia
-    return realise(
-        base,
-        values,
-        np.concatenate([chain.inertial_parameters.ravel(), joint_prior.ravel()]),
-        np.concatenate([spread.ravel(), joint_spread.ravel()]),
+    own_prior, own_spread = [], []
+    rotor_spread = np.maximum(chain.reflected_inertia, mass * size**2)
+    for j, count in enumerate([_JOINT - 1] * n if counts is None else counts):
+        own_prior.append(np.r_[chain.reflected_inertia[j], np.zeros(count)])
+        own_spread.append(np.r_[rotor_spread[j], np.full(count, 0.01 * robot.effort_limit[j])])
+    return (
+        np.concatenate([chain.inertial_parameters.ravel(), *own_prior]),
+        np.concatenate([spread.ravel(), *own_spread]),
     )

@@ -84,8 +84,8 @@ class BladeSection:
     map's singular points inside the circle: an aerofoil whose leading and trailing edges are round,
     analytic all the way round. In P the chord lies along x (leading edge at small x), the span
     along y (v = 0 at y = 0), the suction side up (z). u goes round the profile from the trailing
-    edge over the suction side (u about 0 to 0.5) and back along the pressure side. Twist
-    turns each profile about the span's axis, nose up; that axis runs through the origin, at
+    edge along the pressure side to the leading edge (near u = 0.5) and back over the suction side.
+    Twist turns each profile about the span's axis, nose up; that axis runs through the origin, at
     `pitch_axis` of the chord.
 
     Attributes:
@@ -148,7 +148,7 @@ class BladeSection:
         """The surface at u and v of one shape (...)."""
         u, v = _parameters(u, v)
         middle, radius, axis, chord = self._circle
-        turn = 2.0 * math.pi
+        turn = -2.0 * math.pi  # clockwise in x and z, so that p_u x p_v points outward
         z, z_t, z_tt = _joukowsky(middle, radius, self._start + turn * u)
         z, z_u, z_uu = (z - axis) / chord, z_t * turn / chord, z_tt * turn**2 / chord
         slope, twist_slope = self.tip_chord - self.root_chord, self.tip_twist - self.root_twist
@@ -163,7 +163,6 @@ class BladeSection:
         p_u, p_v = _point(scale * z_u, zero), _point(scale_v * z, along)
         p_uu, p_uv = _point(scale * z_uu, zero), _point(scale_v * z_u, zero)
         p_vv = _point(scale_vv * z, zero)
-        # The circle is passed anticlockwise (x to z), so that p_u x p_v points outward.
         return _with_normals(p, p_u, p_v, p_uu, p_uv, p_vv)
 
 

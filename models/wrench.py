@@ -14,7 +14,7 @@ One estimator, several readings of it:
                 point contact at E; moment and its covariance are exactly zero
     bayesian    P as configured
     damped      what other projects use: V diag(s/(s^2 + damping^2)) U^T, J^T = U diag(s) V^T
-    truncated   the same with 1/s where s > truncation and 0 elsewhere
+    truncated   the same with 1/s where s > truncation max(s) and 0 elsewhere (numpy's pinv)
 
 The stated covariance of `inverse`, `damped` and `truncated` is that of the noise passed through
 their matrix. For the last two it leaves out what they lose of the true wrench: they read it
@@ -65,7 +65,7 @@ class WrenchReconstructionConfig:
     prior_moment_sd: float | None = None  # N m about E, in every direction
     max_force_sd: float | None = None  # N; worst principal force sd of a valid reading; None: below
     damping: float = 0.2  # of `damped`, on the singular values of J in m and rad
-    truncation: float = 0.05  # of `truncated`, likewise
+    truncation: float = 0.05  # of `truncated`, as a share of the largest singular value
 
     def with_prior(self, force_sd: float, moment_sd: float) -> "WrenchReconstructionConfig":
         """Returns a copy in which the sds that were None are these (N, N m)."""
@@ -90,7 +90,8 @@ class WrenchEstimate(NamedTuple):
     Attributes:
         wrench: (..., 6) F_E_W, N m and N, rotation first.
         covariance: (..., 6, 6) of it.
-        condition_number: (...) of J in m and rad, as `models.conditioning`.
+        condition_number: (...) of J in m and rad, as `models.conditioning`; inf also where J is
+            not finite.
         valid: (...) bool.
     """
 
@@ -407,7 +408,7 @@ def _pseudo_inverse(table, J, tau_ext, wrench, covariance, work):  # type: ignor
             gain[i] = 1.0 / s[i] if s[i] > floor else 0.0
             if turn == 1 and method == _DAMPED:
                 gain[i] = s[i] / (s[i] * s[i] + settings[_DAMPING] * settings[_DAMPING])
-            elif turn == 1 and method == _TRUNCATED and s[i] <= settings[_TRUNCATION]:
+            elif turn == 1 and method == _TRUNCATED and s[i] <= settings[_TRUNCATION] * largest:
                 gain[i] = 0.0
         for i in range(6):
             for j in range(n):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.momentum_observer import MomentumObserver, MomentumObserverConfig
+from models.momentum_observer import START_SHARE, MomentumObserver, MomentumObserverConfig
 from models.robot import Robot
 
 Array = NDArray[np.float64]
@@ -85,7 +85,19 @@ def test_every_signal_enters_with_its_sign_and_its_sample() -> None:
             change = momentum[k] - momentum[k - 1] - T * u
             expected[k] = a * expected[k - 1] + (1.0 - a) / T * change
         np.testing.assert_allclose(tau_ext, expected, atol=1e-12)
-        assert fresh.all()
+        np.testing.assert_array_equal(fresh, a ** np.arange(len(fresh)) <= START_SHARE)
+
+
+def test_settled_once_the_start_at_zero_is_forgotten() -> None:
+    """A torque that acts from the start reads short by exactly the share that the flag watches."""
+    observer = MomentumObserver(MomentumObserverConfig([20.0, 45.0]), 2)
+    still = np.zeros((300, 2))
+    tau_ext, fresh = observer.run(
+        observer.initial_state(), still, still, still, still - 8.0, still
+    )
+    missing = np.max(1.0 - tau_ext / 8.0, axis=1)
+    np.testing.assert_array_equal(fresh, missing <= START_SHARE + 1e-12)
+    assert np.flatnonzero(fresh)[0] == 150  # 3 / K_0 of the slower joint
 
 
 def test_chunks_and_single_steps_are_the_log() -> None:
@@ -102,7 +114,7 @@ def test_chunks_and_single_steps_are_the_log() -> None:
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_a_hole_costs_its_own_rows_and_one_more(bad: float) -> None:
-    observer = MomentumObserver(MomentumObserverConfig([20.0]), 2)
+    observer = MomentumObserver(MomentumObserverConfig([50.0]), 2)
     clean = log()
     whole, _ = observer.run(observer.initial_state(), *clean)
     for which, lost in ((0, [100, 101, 102]), (4, [100, 101, 102]), (3, [101, 102])):
@@ -110,13 +122,13 @@ def test_a_hole_costs_its_own_rows_and_one_more(bad: float) -> None:
         signals[which][100:102, 0] = bad
         tau_ext, fresh = observer.run(observer.initial_state(), *signals)
         assert np.isfinite(tau_ext).all()
-        assert np.flatnonzero(~fresh).tolist() == lost
+        assert np.flatnonzero(~fresh).tolist() == [*range(60), *lost]  # settled after 3 / K_0
         # The joint holds its last estimate, the other is untouched, and the filter forgets.
         assert np.all(tau_ext[lost, 0] == whole[lost[0] - 1, 0])
         np.testing.assert_array_equal(tau_ext[:, 1], whole[:, 1])
         after = tau_ext[lost[-1] + 1 :, 0] - whole[lost[-1] + 1 :, 0]
         np.testing.assert_allclose(
-            after, after[0] * np.exp(-20.0 * 0.001 * np.arange(len(after))), atol=1e-10
+            after, after[0] * np.exp(-50.0 * 0.001 * np.arange(len(after))), atol=1e-10
         )
 
 

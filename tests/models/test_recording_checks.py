@@ -120,6 +120,12 @@ def test_degrees() -> None:
     _refused(replace(small, v=np.rad2deg(small.v)), "dq/dt is 0.0174", "unit: deg/s")
 
 
+def test_beyond_a_limit() -> None:
+    log = _log()
+    q = log.q + np.array([2.6, 0.0])
+    _refused(replace(log, q=q), "q1, joint 1 (shoulder)", "of this robot")
+
+
 def test_one_joint_in_degrees() -> None:
     log = _log()
     mixed = log.v * [1.0, 180 / np.pi]
@@ -174,6 +180,12 @@ def test_currents_of_the_wrong_sign(num_chunks: int) -> None:
         num_chunks=num_chunks,
     )
     _refused(replace(log, current=log.current * [1, -1]), "i2, joint 2", "joints elbow:")
+
+
+def test_currents_that_are_not_there() -> None:
+    log = _log()
+    dead = log.current * [1, 0]
+    _refused(replace(log, current=dead), "i2, joint 2 (elbow)", "the current is zero, but gravity")
 
 
 def test_currents_in_another_unit() -> None:

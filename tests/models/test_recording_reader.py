@@ -123,6 +123,14 @@ def test_columns_in_any_order(tmp_path: Path) -> None:
     _same(Recording.read(path), _table())
 
 
+def test_columns_without_a_name_are_left_out(tmp_path: Path) -> None:
+    """An index that pandas wrote, and separators at the ends of the lines."""
+    lines = [f"{k},{line}," for k, line in enumerate(_lines(_table()))]
+    recording = Recording.read(_csv(tmp_path, f",{_HEADER},", *lines))
+    _same(recording, _table())
+    assert recording.notices == ("a column without a name is left out",)
+
+
 def test_semicolons_and_decimal_commas(tmp_path: Path) -> None:
     lines = [line.replace(".", ",") for line in _lines(_table(), ";")]
     recording = Recording.read(_csv(tmp_path, _HEADER.replace(",", ";"), *lines))
@@ -324,7 +332,7 @@ def test_a_file_without_permission(tmp_path: Path) -> None:
         ("t,q_1,q2,v1,v2,i1,i2", ['unknown column "q_1"', 'did you mean "q1"?']),
         ("t,q1,q2,v1,v2,i1,temperature", ['unknown column "temperature"', "--log-format"]),
         ("t,q1,q2,v1,v2,i1,i1", ['the column "i1" is there twice']),
-        ("t,q1,q2,v1,v2,i1,", ['unknown column ""']),
+        ("t,q1,q2,v1,v2,i1,", ["lacks the column i2"]),
         ("t;q1;q2;v1,v2,i1,i2", ['unknown column "v1,v2,i1,i2"']),
     ],
 )
@@ -437,6 +445,13 @@ def test_time_that_does_not_increase(
     table[21, 0] = table[18, 0]
     path = _csv(tmp_path, _HEADER, *_lines(table))
     _refused(path, "line 23, column t", "runs backwards from 0.2 s to 0.18 s")
+
+
+def test_a_clock_of_too_few_digits(tmp_path: Path) -> None:
+    table = _table()
+    table[:, 0] = np.round(0.001 * np.arange(_NUM_ROWS), 2)  # 1 kHz, two decimals
+    path = _csv(tmp_path, _HEADER, *_lines(table))
+    _refused(path, "line 3, column t", "time repeats 0 s", "too few digits")
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns")])

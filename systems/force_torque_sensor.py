@@ -1,0 +1,147 @@
+"""A force/torque sensor between flange and tool."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue, Value
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, JointIndex
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiscreteStateIndex,
+    DiscreteValues,
+    LeafSystem,
+)
+
+from models.input_error import InputError
+from models.low_pass import LowPass, low_pass_step
+from models.tool_wrench import contact_wrench, tool_acceleration, tool_table
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class ForceTorqueSensorConfig:
+    """Noise and filter of the sensor. The defaults are an ideal sensor, one tick late."""
+
+    force_noise_sd: float = 0.0  # N, white, of one sample and axis
+    moment_noise_sd: float = 0.0  # N m, the same
+    cutoff: float = 0.0  # Hz at -3 dB; 0: no filter
+    order: int = 1  # of the Butterworth low-pass; 1 is a single exact pole
+    compensation: float = 1.0  # share of the tool's mass and inertia that is taken off
+
+
+class ForceTorqueSensor(LeafSystem):
+    """Measures the wrench at the tool from the reaction at the weld that carries it.
+
+        F_E_W  = M_tool A_tool - gravity of the tool - reaction on the tool    (all moved to E)
+        wrench = low-pass(F_E_W + noise_sd noise)
+
+    that is: what acts on the tool besides gravity and its mount. The inertia and weight that are
+    taken off are the tool's own times `compensation`.
+
+                             +-------------------+
+      reaction_forces  -->   |                   |
+      terms            -->   |                   |
+      vdot             -->   | ForceTorqueSensor | --> wrench
+      noise            -->   |                   |
+                             +-------------------+
+
+    Inputs:      reaction_forces  list[SpatialForce] (abstract) of the plant
+                 terms            RigidBodyTerms (abstract) of the true robot: J, R_WE, V_WE, v at E
+                 vdot             (n,) true joint acceleration, rad/s^2
+                 noise            (6,) unit Gaussian; optional: without it there is no noise
+    Output:      wrench           (6,) F_E_W, environment on robot at E, axes of W, rotation first,
+                                  N m, N; from the state alone, so that a controller may feed it
+                                  back: one tick late
+    State:       (6,) the wrench, and (6 order,) the filter's; at rest at the start
+    Parameter:   noise_sd         (6,) N m, N
+
+    Args:
+        plant: the finalized plant.
+        tool_weld: the weld of the tool; the tool is its child body.
+        frame_E: as in `terms`; moves with the tool.
+        config: noise and filter.
+        num_joints: n.
+        time_step: s, period of the sampling.
+
+    Raises:
+        InputError: a filter that cannot be made, or a negative noise.
+    """
+
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        tool_weld: JointIndex,
+        frame_E: Frame,
+        config: ForceTorqueSensorConfig,
+        num_joints: int,
+        time_step: float,
+    ) -> None:
+        LeafSystem.__init__(self)
+        if not (config.force_noise_sd >= 0 and config.moment_noise_sd >= 0):
+            raise InputError("force/torque sensor", "noise", "a standard deviation is negative")
+        self._weld = int(tool_weld)
+        self._tool = _tool_constants(plant, tool_weld, frame_E, config.compensation)
+        self._filter = LowPass.butterworth(config.cutoff, config.order, time_step)
+        sd = [config.moment_noise_sd] * 3 + [config.force_noise_sd] * 3
+        self._noise_sd = self.DeclareNumericParameter(BasicVector(sd))
+        self._reaction = self.DeclareAbstractInputPort(
+            "reaction_forces", Value[list[SpatialForce]]()
+        )
+        self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
+        self._vdot = self.DeclareVectorInputPort("vdot", num_joints)
+        self._noise = self.DeclareVectorInputPort("noise", 6)
+        filtered = DiscreteStateIndex(self.DeclareDiscreteState(6))
+        self.DeclareDiscreteState(6 * self._filter.order)
+        self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
+        self.DeclareStateOutputPort("wrench", filtered)
+
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        sample = self._sample(context)
+        if self._noise.HasValue(context):
+            sd = context.get_numeric_parameter(self._noise_sd).value()
+            sample += sd * self._noise.Eval(context)
+        state = context.get_discrete_state(1).value().reshape(6, self._filter.order).copy()
+        low_pass_step(self._filter.A, self._filter.B, sample, state)
+        discrete_state.set_value(0, state @ self._filter.C)
+        discrete_state.set_value(1, state.ravel())
+
+    def _sample(self, context: Context) -> Array:
+        terms = self._terms.Eval(context)
+        A_WE, wrench = np.empty(6), np.empty(6)
+        tool_acceleration(terms.J, terms.v, self._vdot.Eval(context), A_WE)
+        contact_wrench(
+            self._tool,
+            terms.R_WE,
+            terms.V_WE,
+            A_WE,
+            self._reaction.Eval(context)[self._weld].get_coeffs(),
+            wrench,
+        )
+        return wrench
+
+
+def _tool_constants(
+    plant: MultibodyPlant, tool_weld: JointIndex, frame_E: Frame, known: float
+) -> Array:
+    """The tool seen from E, of its inertia the share that is known."""
+    joint = plant.get_joint(tool_weld)
+    body = joint.child_body()
+    context = plant.CreateDefaultContext()
+    X_EW = frame_E.CalcPoseInWorld(context).inverse()
+    X_EB = X_EW @ body.EvalPoseInWorld(context)
+    X_EJ = X_EW @ joint.frame_on_child().CalcPoseInWorld(context)
+    inertia = body.default_spatial_inertia()
+    about_C = inertia.Shift(inertia.get_com()).CalcRotationalInertia().ReExpress(X_EB.rotation())
+    return tool_table(
+        known * inertia.get_mass(),
+        X_EB @ inertia.get_com(),
+        known * about_C.CopyToFullMatrix3(),
+        plant.gravity_field().gravity_vector(),
+        X_EJ.rotation().matrix(),
+        X_EJ.translation(),
+    )

@@ -1,0 +1,89 @@
+"""Dry friction of the true robot's joints, where nothing touches the robot."""
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, ValueProducer
+
+from models.dry_friction import DryFriction, explicit_friction, holding_torque
+from systems.joint_friction import HOLDING_DAMPING
+
+Array = NDArray[np.float64]
+
+
+class FreeJointFriction(LeafSystem):
+    """The friction of `JointFriction`, solved here instead of by the plant's contact solver.
+
+        tau_f_true = held + explicit + viscous v
+        torque     = -(held + explicit)
+
+    held is up to stiction, whatever stops the joint, found implicitly for the velocity at the end
+    of the tick from the robot's own equation of motion; explicit is the smooth rest of the law
+    (`models.dry_friction`). Without contact the equation of motion is all there is, so that this is
+    the same motion as with brakes in the plant, at a fraction of the solver's cost.
+
+                   +-------------------+
+      terms    --> |                   | --> torque
+      tau_J    --> | FreeJointFriction |
+      tau_ext  --> |                   | --> tau_f_true
+                   +-------------------+
+
+    Inputs:     terms       RigidBodyTerms (abstract) of the true robot
+                tau_J       (n,) motor torque on the joint side, N m
+                tau_ext     (n,) true external torque, N m; it must not depend on the plant's solver
+    Outputs:    torque      (n,) generalized force on the plant, N m; `viscous` is the plant's own
+                tau_f_true  (n,) N m, positive where it opposes positive motion
+    State:      none
+    Parameter:  table       (7n,) rows of DryFriction.table; viscous is the plant's as well
+
+    Args:
+        friction: the law's parameters, one of each a joint.
+        time_step: s, of the plant.
+    """
+
+    def __init__(self, friction: DryFriction, time_step: float) -> None:
+        LeafSystem.__init__(self)
+        n = friction.stiction.shape[0]
+        self._n = n
+        self._time_step = time_step
+        self._table = self.DeclareNumericParameter(BasicVector(friction.table.ravel()))
+        self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
+        self._tau_J = self.DeclareVectorInputPort("tau_J", n)
+        self._tau_ext = self.DeclareVectorInputPort("tau_ext", n)
+        self._dry = self.DeclareCacheEntry(
+            "dry friction",
+            ValueProducer(allocate=lambda: AbstractValue.Make(np.zeros(n)), calc=self._calc_dry),
+            {
+                self._terms.ticket(),
+                self._tau_J.ticket(),
+                self._tau_ext.ticket(),
+                self.all_parameters_ticket(),
+            },
+        )
+        ticket = {self._dry.ticket()}
+        self.DeclareVectorOutputPort("torque", n, self._calc_torque, ticket)
+        self.DeclareVectorOutputPort("tau_f_true", n, self._calc_tau_f_true, ticket)
+
+    def _calc_dry(self, context: Context, value: Value) -> None:
+        terms, tau_J = self._terms.Eval(context), self._tau_J.Eval(context)
+        table = context.get_numeric_parameter(self._table).value().reshape(self._n, 7)
+        explicit, held = np.empty(self._n), np.empty(self._n)
+        explicit_friction(table, terms.q, terms.v, tau_J, explicit)
+        holding_torque(
+            table,
+            HOLDING_DAMPING,
+            self._time_step,
+            terms.M,
+            tau_J + self._tau_ext.Eval(context) - terms.Cv - terms.G - explicit,
+            terms.v,
+            held,
+        )
+        value.set_value(held + explicit)
+
+    def _calc_torque(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(-self._dry.Eval(context))
+
+    def _calc_tau_f_true(self, context: Context, output: BasicVector) -> None:
+        table = context.get_numeric_parameter(self._table).value().reshape(self._n, 7)
+        viscous = table[:, 3] * self._terms.Eval(context).v
+        output.SetFromVector(self._dry.Eval(context) + viscous)

@@ -1,0 +1,267 @@
+"""Impedance of the tool, with a controlled force along one direction."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+from models.friction import SemiParametricFriction
+from models.impedance import impedance_torque, impedance_wrench, pose_error
+from models.input_error import InputError
+from systems.pose_reference import POSE_REFERENCE_SIZE
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class ForceControlConfig:
+    """Control of the contact force along one direction; the spring does not act along it."""
+
+    direction: list[float] = field(default_factory=lambda: [0.0, 0.0, 1.0])  # towards the robot
+    axes: str = "W"  # of `direction`: W, or E
+    proportional: float = 0.5  # N per N of error
+    integral: float = 60.0  # N per N of error and s
+    integral_limit: float = 60.0  # N, largest share of the integral
+
+
+@dataclass
+class ImpedanceConfig:
+    """Stiffness and damping of the tool; translation first, as in everything that people write."""
+
+    axes: str = "W"  # of stiffness and damping: W, or E
+    # N/m (3), N m/rad (3) on the diagonal; or 6 x 6
+    stiffness: np.ndarray = field(
+        default_factory=lambda: np.array([2000.0, 2000.0, 2000.0, 100.0, 100.0, 100.0])
+    )
+    # N s/m (3), N m s/rad (3) on the diagonal; or 6 x 6
+    damping: np.ndarray = field(
+        default_factory=lambda: np.array([250.0, 250.0, 250.0, 2.0, 2.0, 2.0])
+    )
+    null_space_damping: float = 5.0  # N m s/rad, for more than 6 joints
+    friction_velocity: float = 0.005  # rad/s, below which the friction feed-forward fades
+    force: ForceControlConfig | None = None  # without it the whole tool is on the spring
+
+
+class ImpedanceController(LeafSystem):
+    """Makes the tool a spring and damper around a moving pose, and presses with a set force.
+
+        tau = Jᵀ(F_spring + F_damper - d F_press) + Cv + G + M vdot_d + tau_f(v_d) + tau_null
+        F_spring = -Aᵀ K e          e: pose of E relative to D, exact for large rotations
+        F_damper = -B (V_WE - V_WD)
+        F_press  = force_setpoint + kp (force_setpoint - d.f) + ki ∫(force_setpoint - d.f) dt
+
+    so that around a reference at rest E answers an external wrench as
+
+        Λ dV/dt + B V + K e = F_E_W,   Λ = (J M⁻¹ Jᵀ)⁻¹
+
+    while the spring is blind along d and the environment's push along d settles at
+    force_setpoint. d is the direction in which the environment pushes the robot: out of the
+    surface.
+
+                          +---------------------+
+      terms          -->  |                     |
+      pose_reference -->  |                     | --> tau_command
+      reference      -->  | ImpedanceController |
+      wrench         -->  |                     | --> pose_error
+      force_setpoint -->  |                     |
+                          +---------------------+
+
+    Inputs:      terms           RigidBodyTerms (abstract) of the model
+                 pose_reference  (18,) R_WD row by row, p_WD, V_WD [angular; linear]
+                 reference       (3n,) q_d, v_d, vdot_d; optional: fed forward where connected
+                 wrench          (6,) F_E_W from a sensor or an estimate, environment on robot,
+                                 rotation first; for force control
+                 force_setpoint  (1,) N along d, for force control
+    Outputs:     tau_command     (n,) N m on the joint side, within effort_limit; direct feedthrough
+                 pose_error      (6,) rotation vector rad, translation m, from D to E, in the axes
+                                 of the stiffness
+    State:       (1,) integral of the force error, N s; it stands still while a drive is at its
+                 limit, and ki ∫ never exceeds integral_limit
+    Parameters:  stiffness       (36,) row by row, rotation first
+                 damping         (36,)
+                 force_gains     (3,) proportional, integral, integral_limit
+
+    Prerequisite: held torques keep the damper stable only while time_step times the largest
+    eigenvalue of Λ⁻¹ B is below 2, and quiet below 1 (`damping_per_tick`). A light wrist allows
+    little rotational damping.
+
+    Args:
+        friction: the model's law, fed forward at v_d.
+        effort_limit: (n,) N m, positive.
+        time_step: s, of the integral.
+        config: gains.
+
+    Raises:
+        InputError: axes that are neither W nor E, a matrix of a wrong shape, not symmetric or not
+            positive semi-definite, a direction of no length, negative gains.
+    """
+
+    def __init__(
+        self,
+        friction: SemiParametricFriction,
+        effort_limit: ArrayLike,
+        time_step: float,
+        config: ImpedanceConfig,
+    ) -> None:
+        LeafSystem.__init__(self)
+        self._effort_limit = np.array(effort_limit, dtype=np.float64)
+        n = self._effort_limit.shape[0]
+        self._n = n
+        self._friction = friction.table
+        self._friction_velocity = config.friction_velocity
+        self._time_step = time_step
+        self._in_E = _in_E(config.axes, "axes")
+        if not config.null_space_damping >= 0.0:
+            raise InputError("impedance", "null_space_damping", "expected 0 or more")
+        self._null_space_damping = config.null_space_damping
+        self._at_rest = np.zeros(3 * n)
+        force = config.force
+        self._has_force = force is not None
+        force = force or ForceControlConfig()
+        self._direction = _unit(force.direction)
+        self._direction_in_E = _in_E(force.axes, "force.axes")
+        gains = [force.proportional, force.integral, force.integral_limit]
+        if not np.all(np.isfinite(gains)) or min(gains) < 0.0:
+            raise InputError("impedance", "force", f"gains {gains}, expected 0 or more")
+
+        self._stiffness = self.DeclareNumericParameter(
+            BasicVector(_matrix(config.stiffness, "stiffness").ravel())
+        )
+        self._default_damping = _matrix(config.damping, "damping")
+        self._damping = self.DeclareNumericParameter(BasicVector(self._default_damping.ravel()))
+        self._force_gains = self.DeclareNumericParameter(BasicVector(gains))
+        self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
+        self._pose_reference = self.DeclareVectorInputPort("pose_reference", POSE_REFERENCE_SIZE)
+        self._reference = self.DeclareVectorInputPort("reference", 3 * n)
+        self._wrench = self.DeclareVectorInputPort("wrench", 6)
+        self._force_setpoint = self.DeclareVectorInputPort("force_setpoint", 1)
+        self.DeclareDiscreteState(1)
+        if self._has_force:
+            self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
+        prerequisites = {
+            self._terms.ticket(),
+            self._pose_reference.ticket(),
+            self.all_parameters_ticket(),
+        }
+        self._tau_command = self.DeclareVectorOutputPort(
+            "tau_command",
+            n,
+            self._calc_tau_command,
+            prerequisites
+            | {
+                self._reference.ticket(),
+                self._wrench.ticket(),
+                self._force_setpoint.ticket(),
+                self.xd_ticket(),
+            },
+        )
+        self.DeclareVectorOutputPort("pose_error", 6, self._calc_pose_error, prerequisites)
+
+    def damping_per_tick(self, M: Array, J: Array, R_WE: Array) -> float:
+        """The largest share of a velocity that the damper takes off in one tick, at M, J, R_WE."""
+        B = self._default_damping
+        turn = np.kron(np.eye(2), R_WE) if self._in_E else np.eye(6)
+        rates = np.linalg.eigvals(J @ np.linalg.solve(M, J.T) @ turn @ B @ turn.T)
+        return float(self._time_step * np.abs(rates).max())
+
+    def _press(self, context: Context, d_W: Array) -> tuple[float, float]:
+        """The commanded press, N, and the force error, N."""
+        setpoint = float(self._force_setpoint.Eval(context)[0])
+        error = setpoint - float(d_W @ self._wrench.Eval(context)[3:])
+        kp, ki, _ = context.get_numeric_parameter(self._force_gains).value()
+        integral = context.get_discrete_state(0).GetAtIndex(0)
+        return setpoint + kp * error + ki * integral, error
+
+    def _direction_W(self, R_WE: Array) -> Array:
+        return R_WE @ self._direction if self._direction_in_E else self._direction
+
+    def _calc_tau_command(self, context: Context, output: BasicVector) -> None:
+        terms = self._terms.Eval(context)
+        desired = self._pose_reference.Eval(context)
+        d_W = self._direction_W(terms.R_WE) if self._has_force else np.zeros(3)
+        wrench = np.empty(6)
+        impedance_wrench(
+            self._in_E,
+            context.get_numeric_parameter(self._stiffness).value().reshape(6, 6),
+            context.get_numeric_parameter(self._damping).value().reshape(6, 6),
+            terms.R_WE,
+            terms.p_WE,
+            terms.V_WE,
+            desired[:9].reshape(3, 3),
+            desired[9:12],
+            desired[12:],
+            d_W,
+            wrench,
+        )
+        if self._has_force:
+            press, _ = self._press(context, d_W)
+            wrench[3:] -= press * d_W
+        has_reference = self._reference.HasValue(context)
+        tau = np.empty(self._n)
+        impedance_torque(
+            self._effort_limit,
+            self._null_space_damping,
+            self._friction,
+            self._friction_velocity,
+            terms.M,
+            terms.Cv,
+            terms.G,
+            terms.J,
+            terms.v,
+            self._reference.Eval(context) if has_reference else self._at_rest,
+            wrench,
+            tau,
+        )
+        output.SetFromVector(tau)
+
+    def _calc_pose_error(self, context: Context, output: BasicVector) -> None:
+        terms = self._terms.Eval(context)
+        desired = self._pose_reference.Eval(context)
+        error = np.empty(6)
+        pose_error(
+            self._in_E, terms.R_WE, terms.p_WE, desired[:9].reshape(3, 3), desired[9:12], error
+        )
+        output.SetFromVector(error)
+
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        integral = context.get_discrete_state(0).GetAtIndex(0)
+        _, error = self._press(context, self._direction_W(self._terms.Eval(context).R_WE))
+        _, ki, limit = context.get_numeric_parameter(self._force_gains).value()
+        tau = self._tau_command.Eval(context)
+        saturated = bool(np.any(np.abs(tau) >= self._effort_limit))
+        if not (saturated and error * integral > 0.0):
+            integral += self._time_step * error
+        bound = limit / ki if ki > 0.0 else 0.0
+        discrete_state.set_value([min(max(integral, -bound), bound)])
+
+
+def _in_E(axes: str, place: str) -> bool:
+    if axes not in ("W", "E"):
+        raise InputError("impedance", place, f"{axes!r}, expected W or E")
+    return axes == "E"
+
+
+def _unit(direction: ArrayLike) -> Array:
+    vector = np.array(direction, dtype=np.float64)
+    length = float(np.linalg.norm(vector))
+    if vector.shape != (3,) or not (np.isfinite(length) and length > 1e-9):
+        raise InputError("impedance", "force.direction", f"{vector.tolist()} is no direction")
+    return vector / length
+
+
+def _matrix(value: ArrayLike, place: str) -> Array:
+    """(6, 6), rotation first, from a diagonal or a matrix with translation first."""
+    array = np.array(value, dtype=np.float64)
+    if array.shape == (6,):
+        array = np.diag(array)
+    if array.shape != (6, 6) or not np.all(np.isfinite(array)):
+        raise InputError("impedance", place, "expected 6 numbers (the diagonal) or 6 x 6")
+    scale = max(float(np.abs(array).max()), 1e-12)
+    if np.abs(array - array.T).max() > 1e-9 * scale:
+        raise InputError("impedance", place, "expected a symmetric matrix")
+    if np.linalg.eigvalsh(array)[0] < -1e-9 * scale:
+        raise InputError("impedance", place, "expected no negative eigenvalue")
+    order = [3, 4, 5, 0, 1, 2]
+    return np.ascontiguousarray(array[np.ix_(order, order)])

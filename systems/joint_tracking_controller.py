@@ -1,0 +1,147 @@
+"""Tracking of a joint reference."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+from models.friction import SemiParametricFriction
+from models.input_error import InputError
+from models.joint_tracking import advance_integral, tracking_torque
+
+Array = NDArray[np.float64]
+
+LAWS = ("computed_torque", "feedforward_pd")
+
+
+@dataclass
+class JointTrackingConfig:
+    """Gains of the joint tracking controller; one number for all joints, or one each."""
+
+    law: str = "computed_torque"  # or feedforward_pd
+    kp: list[float] = field(default_factory=lambda: [3600.0])  # 1/s^2; N m/rad in feedforward_pd
+    kd: list[float] = field(default_factory=lambda: [120.0])  # 1/s; N m s/rad
+    ki: list[float] = field(default_factory=lambda: [0.0])  # 1/s^3; N m/(rad s)
+    integral_limit: list[float] = field(default_factory=lambda: [50.0])  # rad/s^2; N m
+    friction_velocity: float = 0.005  # rad/s, below which the friction feed-forward fades
+
+
+class JointTrackingController(LeafSystem):
+    """Makes the joints follow a reference: feed-forward of the model, feedback of the error.
+
+    computed_torque:  tau = M (vdot_d + kp e + kd de/dt + ki ∫e dt) + Cv + G + tau_f(v_d)
+    feedforward_pd:   tau = M vdot_d + Cv + G + tau_f(v_d) + kp e + kd de/dt + ki ∫e dt
+
+    with e = q_d - q. With a perfect model the error of the first obeys, in every joint alike,
+    d³e/dt³ + kd d²e/dt² + kp de/dt + ki e = 0. Friction is fed forward at the desired velocity:
+    at the measured one it chatters at every reversal.
+
+                    +-------------------------+
+      terms    -->  |                         |
+                    | JointTrackingController | --> tau_command
+      reference --> |                         |
+                    +-------------------------+
+
+    Inputs:      terms           RigidBodyTerms (abstract): M, Cv, G of the model, and q, v
+                 reference       (3n,) q_d, v_d, vdot_d: rad, rad/s, rad/s^2
+    Output:      tau_command     (n,) N m on the joint side, within effort_limit; direct feedthrough
+    State:       (n,) integral of the error, rad s; it stands still while its drive is at its limit
+                 in the direction of the error, and ki ∫e dt never exceeds integral_limit
+    Parameter:   gains           (4n,) kp, kd, ki, integral_limit
+
+    Args:
+        friction: the model's law, fed forward.
+        effort_limit: (n,) N m, positive.
+        time_step: s, of the integral.
+        config: law and gains.
+
+    Raises:
+        InputError: an unknown law, or gains that are negative, not finite or of a wrong number.
+    """
+
+    def __init__(
+        self,
+        friction: SemiParametricFriction,
+        effort_limit: ArrayLike,
+        time_step: float,
+        config: JointTrackingConfig,
+    ) -> None:
+        LeafSystem.__init__(self)
+        self._effort_limit = np.array(effort_limit, dtype=np.float64)
+        n = self._effort_limit.shape[0]
+        self._n = n
+        self._friction = friction.table
+        self._friction_velocity = config.friction_velocity
+        self._time_step = time_step
+        if config.law not in LAWS:
+            raise InputError(
+                "joint tracking", "law", f"{config.law!r} is none of {', '.join(LAWS)}"
+            )
+        self._computed = config.law == "computed_torque"
+        gains = [_per_joint(config, name, n) for name in ("kp", "kd", "ki", "integral_limit")]
+        self._gains = self.DeclareNumericParameter(BasicVector(np.concatenate(gains)))
+        self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
+        self._reference = self.DeclareVectorInputPort("reference", 3 * n)
+        self.DeclareDiscreteState(n)
+        if gains[2].any():
+            self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
+        self.DeclareVectorOutputPort(
+            "tau_command",
+            n,
+            self._calc_tau_command,
+            {
+                self._terms.ticket(),
+                self._reference.ticket(),
+                self.xd_ticket(),
+                self.all_parameters_ticket(),
+            },
+        )
+
+    def _torque(self, context: Context) -> Array:
+        terms = self._terms.Eval(context)
+        tau = np.empty(self._n)
+        tracking_torque(
+            self._computed,
+            context.get_numeric_parameter(self._gains).value().reshape(4, self._n),
+            self._effort_limit,
+            self._friction,
+            self._friction_velocity,
+            terms.M,
+            terms.Cv,
+            terms.G,
+            terms.q,
+            terms.v,
+            self._reference.Eval(context),
+            context.get_discrete_state(0).value(),
+            tau,
+        )
+        return tau
+
+    def _calc_tau_command(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._torque(context))
+
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        integral = context.get_discrete_state(0).value().copy()
+        advance_integral(
+            self._time_step,
+            context.get_numeric_parameter(self._gains).value().reshape(4, self._n),
+            self._effort_limit,
+            self._terms.Eval(context).q,
+            self._reference.Eval(context)[: self._n],
+            self._torque(context),
+            integral,
+        )
+        discrete_state.set_value(integral)
+
+
+def _per_joint(config: JointTrackingConfig, name: str, n: int) -> Array:
+    values: Sequence[float] = getattr(config, name)
+    array = np.array(values, dtype=np.float64)
+    if array.shape not in ((1,), (n,)):
+        raise InputError("joint tracking", name, f"{len(values)} numbers, expected 1 or {n}")
+    if not np.all(np.isfinite(array) & (array >= 0.0)):
+        raise InputError("joint tracking", name, f"{list(values)}, expected 0 or more")
+    return np.broadcast_to(array, n).copy()

@@ -1,0 +1,134 @@
+"""The drive's own current measurement."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    DiscreteValues,
+    LeafSystem,
+    NumericParameterIndex,
+)
+
+from models.current_measurement import report_current, update_lag
+from systems.gaussian_noise_source import GaussianNoiseSource
+
+Array = NDArray[np.float64]
+
+
+class MotorCurrentSensor(LeafSystem):
+    """Measures the motor current with the drive's bandwidth, noise and resolution.
+
+        lagged_k = a lagged_{k-1} + (1 - a) current_true_k,   a = exp(-2π bandwidth time_step)
+        current  = ⌊(lagged + noise_sd noise) / resolution⌉ resolution
+
+    The current of a drive is held over a tick and read as it is at the tick's end: with unlimited
+    bandwidth, no noise and no resolution, current = current_true, without delay.
+
+                        +--------------------+
+      current_true -->  |                    |
+      noise        -->  | MotorCurrentSensor | --> current
+                        +--------------------+
+
+    Inputs:      current_true  (n,) A, the current in the motor, held over the tick
+                 noise         (n,) -, unit Gaussian draws, new at every tick; optional: without it
+                               there is no noise
+    Output:      current       (n,) A, as the drive reports it; direct feedthrough
+    State:       (n,) lagged, A; NaN before the first update: the lag starts at rest at the first
+                 current
+    Parameters:  bandwidth     (n,) Hz at -3 dB, inf for none
+                 noise_sd      (n,) A, standard deviation
+                 resolution    (n,) A, step of the reported value; 0 for none
+
+    A current that is not finite is reported as it is, and the lag keeps its value.
+
+    Args:
+        num_joints: n.
+        time_step: s, period of the update.
+        bandwidth, noise_sd, resolution: (n,) or one value for all.
+
+    Raises:
+        ValueError: a parameter is negative or NaN, or bandwidth is zero.
+    """
+
+    def __init__(
+        self,
+        num_joints: int,
+        time_step: float,
+        bandwidth: ArrayLike = np.inf,
+        noise_sd: ArrayLike = 0.0,
+        resolution: ArrayLike = 0.0,
+    ) -> None:
+        LeafSystem.__init__(self)
+        n = num_joints
+        self._n = n
+        self._silence = np.zeros(n)
+        self._time_step = time_step
+        parameters = {"bandwidth": bandwidth, "noise_sd": noise_sd, "resolution": resolution}
+        values = {key: np.broadcast_to(np.asarray(x, float), n) for key, x in parameters.items()}
+        for key, value in values.items():
+            if not np.all(value >= 0.0) or (key == "bandwidth" and np.any(value == 0.0)):
+                raise ValueError(f"current sensor: {key} {value} is out of range")
+        self._bandwidth, self._noise_sd, self._resolution = (
+            NumericParameterIndex(self.DeclareNumericParameter(BasicVector(value)))
+            for value in values.values()
+        )
+        self._current_true = self.DeclareVectorInputPort("current_true", n)
+        self._noise = self.DeclareVectorInputPort("noise", n)
+        state = self.DeclareDiscreteState(np.full(n, np.nan))
+        self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
+        self.DeclareVectorOutputPort(
+            "current",
+            n,
+            self._calc_current,
+            {
+                self._current_true.ticket(),
+                self._noise.ticket(),
+                self.discrete_state_ticket(state),
+                *(
+                    self.numeric_parameter_ticket(index)
+                    for index in (self._bandwidth, self._noise_sd, self._resolution)
+                ),
+            },
+        )
+
+    @property
+    def num_joints(self) -> int:
+        """How many joints, n."""
+        return self._n
+
+    @property
+    def time_step(self) -> float:
+        """Period of the update, s."""
+        return self._time_step
+
+    def _lagged(self, context: Context) -> tuple[Array, Array]:
+        """The true current, and the lagged current after this tick."""
+        current_true = self._current_true.Eval(context)
+        state = context.get_discrete_state(0).CopyToVector()
+        bandwidth = context.get_numeric_parameter(self._bandwidth).value()
+        update_lag(bandwidth, self._time_step, current_true, state)
+        return current_true, state
+
+    def _calc_current(self, context: Context, output: BasicVector) -> None:
+        current_true, current = self._lagged(context)
+        noise = self._noise.Eval(context) if self._noise.HasValue(context) else self._silence
+        noise_sd = context.get_numeric_parameter(self._noise_sd).value()
+        resolution = context.get_numeric_parameter(self._resolution).value()
+        report_current(noise_sd, resolution, current_true, noise, current)
+        output.SetFromVector(current)
+
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        discrete_state.set_value(self._lagged(context)[1])
+
+
+def add_motor_current_sensor(
+    builder: DiagramBuilder, sensor: MotorCurrentSensor, seed: int = 0
+) -> MotorCurrentSensor:
+    """Adds `sensor` with a noise source of its own: the same seed gives the same run."""
+    builder.AddSystem(sensor)
+    source = builder.AddSystem(GaussianNoiseSource(sensor.num_joints, sensor.time_step, seed))
+    source.set_name(f"{sensor.get_name()}_noise")
+    builder.Connect(source.GetOutputPort("noise"), sensor.GetInputPort("noise"))
+    return sensor

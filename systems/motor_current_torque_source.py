@@ -1,0 +1,55 @@
+"""Motor current to joint torque."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, NumericParameterIndex
+
+from models.motors import motor_gain, motor_torque
+
+
+class MotorCurrentTorqueSource(LeafSystem):
+    """Turns the measured motor current into the motor torque on the joint side.
+
+        tau_J = current_sign ⋅ torque_per_ampere ⋅ current
+
+                    +--------------------------+
+      current  -->  | MotorCurrentTorqueSource | --> tau_J
+                    +--------------------------+
+
+    Input:      current            (n,) A, as the drive reports it
+    Output:     tau_J              (n,) N m (N if prismatic), before friction, positive along
+                                   positive joint motion; direct feedthrough
+    State:      none
+    Parameter:  torque_per_ampere  (n,) N m/A on the joint side, positive
+
+    A current that is not finite gives a torque that is not finite; the observer flags it and holds.
+
+    Args:
+        torque_per_ampere: (n,) N m/A, positive.
+        current_sign: (n,) +1 or -1: which way the drive counts. Fixed.
+
+    Raises:
+        ValueError: a gain is not positive and finite, or a sign is neither +1 nor -1.
+    """
+
+    def __init__(self, torque_per_ampere: ArrayLike, current_sign: ArrayLike = 1.0) -> None:
+        LeafSystem.__init__(self)
+        gain = np.atleast_1d(motor_gain(torque_per_ampere, current_sign))
+        self._n = gain.shape[0]
+        self._sign = np.sign(gain)
+        self._parameter = NumericParameterIndex(
+            self.DeclareNumericParameter(BasicVector(np.abs(gain)))
+        )
+        self._current = self.DeclareVectorInputPort("current", self._n)
+        self.DeclareVectorOutputPort(
+            "tau_J",
+            self._n,
+            self._calc_tau_J,
+            {self._current.ticket(), self.numeric_parameter_ticket(self._parameter)},
+        )
+
+    def _calc_tau_J(self, context: Context, output: BasicVector) -> None:
+        gain = context.get_numeric_parameter(self._parameter).value() * self._sign
+        tau_J = np.empty(self._n)
+        motor_torque(gain, self._current.Eval(context), tau_J)
+        output.SetFromVector(tau_J)

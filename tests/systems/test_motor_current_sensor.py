@@ -1,0 +1,124 @@
+"""MotorCurrentSensor."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, Sine
+
+from systems.motor_current_sensor import MotorCurrentSensor, add_motor_current_sensor
+
+TIME_STEP = 1e-3
+
+
+def reading(sensor, context, current_true, noise=None):
+    sensor.GetInputPort("current_true").FixValue(context, np.asarray(current_true, float))
+    if noise is not None:
+        sensor.GetInputPort("noise").FixValue(context, np.asarray(noise, float))
+    return sensor.GetOutputPort("current").Eval(context)
+
+
+def record(sensor, source, duration, seed=None):
+    """Rows (N, n) of the true and of the reported current, one a tick."""
+    builder = DiagramBuilder()
+    builder.AddSystem(source)
+    if seed is None:
+        builder.AddSystem(sensor)
+    else:
+        add_motor_current_sensor(builder, sensor, seed)
+    builder.Connect(source.get_output_port(0), sensor.GetInputPort("current_true"))
+    logs = [
+        LogVectorOutput(port, builder, sensor.time_step)
+        for port in (source.get_output_port(0), sensor.GetOutputPort("current"))
+    ]
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(duration)
+    return [log.FindLog(simulator.get_context()).data().T for log in logs]
+
+
+def test_ports():
+    sensor = MotorCurrentSensor(2, TIME_STEP)
+    assert [sensor.get_input_port(i).get_name() for i in range(2)] == ["current_true", "noise"]
+    assert sensor.GetOutputPort("current").size() == sensor.num_joints == 2
+    assert sensor.time_step == TIME_STEP
+
+
+def test_an_ideal_sensor_reads_the_present_current():
+    sensor = MotorCurrentSensor(2, TIME_STEP)
+    context = sensor.CreateDefaultContext()
+    np.testing.assert_array_equal(reading(sensor, context, [1.25, -3.0]), [1.25, -3.0])
+    np.testing.assert_array_equal(reading(sensor, context, [2.0, 5.0]), [2.0, 5.0])
+
+
+def test_noise_and_resolution():
+    sensor = MotorCurrentSensor(2, TIME_STEP, noise_sd=[0.1, 0.2], resolution=[0.0, 0.25])
+    context = sensor.CreateDefaultContext()
+    np.testing.assert_allclose(
+        reading(sensor, context, [1.0, 1.0], [2.0, 1.0]), [1.2, 1.25], rtol=0.0, atol=1e-15
+    )
+
+
+def test_bandwidth_is_that_of_a_first_order_lag():
+    """Against the frequency response of the sampled lag, exact for a current held over the tick."""
+    bandwidth, omega = 20.0, 2.0 * np.pi * 20.0
+    sensor = MotorCurrentSensor(1, TIME_STEP, bandwidth)
+    duration = 0.6
+    true, current = record(sensor, Sine(1.0, omega, 0.0, 1), duration)
+    t = np.arange(len(true))[300:] * TIME_STEP  # e^-38 of the transient is left
+    basis = np.column_stack([np.sin(omega * t), np.cos(omega * t)])
+    (inphase, quadrature), *_ = np.linalg.lstsq(basis, current[300:, 0])
+    a = np.exp(-omega * TIME_STEP)
+    response = (1.0 - a) / (1.0 - a * np.exp(-1j * omega * TIME_STEP))
+    np.testing.assert_allclose(inphase + 1j * quadrature, response, rtol=0.0, atol=1e-10)
+    # The tick-end reading leads the continuous lag by half a tick, and by nothing else.
+    continuous = np.exp(0.5j * omega * TIME_STEP) / (1.0 + 1j)
+    assert abs(response / continuous - 1.0) < 2e-3
+
+
+def test_noise_has_its_standard_deviation_and_repeats_by_seed():
+    def run(seed):
+        sensor = MotorCurrentSensor(2, TIME_STEP, noise_sd=[0.1, 0.02])
+        return record(sensor, ConstantVectorSource([1.0, 2.0]), 4.0, seed)[1]
+
+    first = run(7)
+    np.testing.assert_allclose(first.mean(axis=0), [1.0, 2.0], rtol=0.0, atol=0.1 * 5 / 63.0)
+    np.testing.assert_allclose(first.std(axis=0), [0.1, 0.02], rtol=5 / np.sqrt(2 * 4000))
+    np.testing.assert_array_equal(first, run(7))
+    assert not np.array_equal(first, run(8))
+
+
+def test_parameters_change_through_the_context():
+    sensor = MotorCurrentSensor(1, TIME_STEP, bandwidth=5.0, noise_sd=1.0, resolution=0.5)
+    context = sensor.CreateDefaultContext()
+    context.SetDiscreteState([0.0])
+    for index, value in enumerate((np.inf, 0.25, 0.0)):
+        context.get_mutable_numeric_parameter(index).SetFromVector([value])
+    assert reading(sensor, context, [1.1], [1.0])[0] == pytest.approx(1.35, abs=1e-15)
+
+
+def test_sign():
+    sensor = MotorCurrentSensor(1, TIME_STEP, 50.0, 0.01, 0.1)
+    assert reading(sensor, sensor.CreateDefaultContext(), [2.0], [0.0])[0] > 0.0
+
+
+def test_a_broken_current_is_reported_and_forgotten():
+    sensor = MotorCurrentSensor(2, TIME_STEP, bandwidth=30.0)
+    simulator = Simulator(sensor)
+    context = simulator.get_mutable_context()
+    rows = []
+    for k, current_true in enumerate([[1.0, 1.0], [2.0, np.nan], [2.0, 2.0]]):
+        rows.append(reading(sensor, context, current_true))
+        simulator.AdvanceTo((k + 0.5) * TIME_STEP)
+    a = np.exp(-2.0 * np.pi * 30.0 * TIME_STEP)
+    np.testing.assert_array_equal(rows[1], [2.0 - a, np.nan])
+    # The joint that was broken lags as if the tick had not been.
+    np.testing.assert_allclose(rows[2], [2.0 - a * a, 2.0 - a], rtol=0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [{"bandwidth": 0.0}, {"bandwidth": -1.0}, {"noise_sd": -0.1}, {"resolution": [0.1, np.nan]}],
+)
+def test_bad_arguments(arguments):
+    with pytest.raises(ValueError, match="out of range"):
+        MotorCurrentSensor(2, TIME_STEP, **arguments)

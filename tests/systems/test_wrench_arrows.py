@@ -1,0 +1,101 @@
+import numpy as np
+import pytest
+from pydrake.common.value import AbstractValue
+from pydrake.geometry import Meshcat
+
+from models.robot import Robot
+from systems.wrench_arrows import HEAD_LENGTH, PATH, ArrowStyle, WrenchArrows, arrow_pose
+
+STYLES = {"force true": ArrowStyle((0, 0, 0)), "force estimated": ArrowStyle((0, 0, 1), 0.5)}
+
+
+@pytest.mark.parametrize(
+    "arrow", [[0, 0, 0.2], [0, 0, -0.2], [0.1, 0, 0], [0, -0.05, 0], [0.1, 0.2, -0.3], [0, 0.01, 0]]
+)
+def test_arrow_points_along_the_force_and_ends_at_its_length(arrow):
+    arrow, p = np.array(arrow), np.array([0.3, 0.1, 0.5])
+    X, shaft, head = arrow_pose(p, arrow)
+    length = np.linalg.norm(arrow)
+    np.testing.assert_allclose(X.translation(), p)
+    np.testing.assert_allclose(X.rotation().col(2), arrow / length, atol=1e-12)
+    assert shaft + head * HEAD_LENGTH == pytest.approx(length)
+    assert 0 < head <= 1
+    assert shaft > 0
+
+
+def test_no_force_no_arrow():
+    X, shaft, head = arrow_pose(np.ones(3), np.zeros(3))
+    np.testing.assert_allclose(X.translation(), 1)
+    assert shaft == 0
+    assert head < 1e-3
+
+
+class Calls:
+    """Stands for Meshcat, whose recording cannot be read back."""
+
+    def __init__(self):
+        self.objects, self.set = {}, {}
+
+    def SetObject(self, path, shape, rgba):
+        self.objects[path] = (shape, rgba)
+
+    def SetTransform(self, path, X, time):
+        self.set[path, "X"] = (X, time)
+
+    def SetProperty(self, path, name, value, time):
+        self.set[path, name] = (value, time)
+
+
+def drawn(force_true, force_estimated, metres_per_newton=0.02):
+    calls = Calls()
+    block = WrenchArrows(calls, STYLES, fps=30.0, metres_per_newton=0.01)
+    robot = Robot.load("sts_sre4_600")
+    context = block.CreateDefaultContext()
+    terms = robot.chain.terms(robot.home, np.zeros(6))
+    block.GetInputPort("terms").FixValue(context, AbstractValue.Make(terms))
+    block.GetInputPort("force true").FixValue(context, [9.0, 9, 9, *force_true])
+    block.GetInputPort("force estimated").FixValue(context, [9.0, 9, 9, *force_estimated])
+    context.get_mutable_numeric_parameter(0).SetAtIndex(0, metres_per_newton)
+    context.SetTime(1.5)
+    block.ForcedPublish(context)
+    return calls, terms
+
+
+def test_ports():
+    block = WrenchArrows(Calls(), STYLES, fps=30.0, metres_per_newton=0.01)
+    names = [block.get_input_port(i).get_name() for i in range(block.num_input_ports())]
+    assert names == ["terms", "force true", "force estimated"]
+
+
+def test_draws_each_force_from_E_in_its_colour_at_its_time():
+    calls, terms = drawn([10.0, 0, 0], [0, 0, -5.0])
+    for name, length, along in (
+        ("force true", 0.2, [1, 0, 0]),
+        ("force estimated", 0.1, [0, 0, -1]),
+    ):
+        X, time = calls.set[f"{PATH}/{name}", "X"]
+        assert time == 1.5
+        np.testing.assert_allclose(X.translation(), terms.p_WE)
+        np.testing.assert_allclose(X.rotation().col(2), along, atol=1e-12)
+        scale, _ = calls.set[f"{PATH}/{name}/shaft", "scale"]
+        assert scale[2] == pytest.approx(length - HEAD_LENGTH)
+        X_tip, _ = calls.set[f"{PATH}/{name}/head", "X"]
+        np.testing.assert_allclose(X_tip.translation(), [0, 0, length], atol=1e-12)
+    _, rgba = calls.objects[f"{PATH}/force estimated/shaft"]
+    assert (rgba.b(), rgba.a()) == (1.0, 0.5)
+
+
+def test_twice_the_scale_twice_the_arrow():
+    tips = [
+        drawn([10.0, 0, 0], [0, 0, 0], scale)[0].set[f"{PATH}/force true/head", "X"][0]
+        for scale in (0.01, 0.02)
+    ]
+    np.testing.assert_allclose(tips[1].translation(), 2 * tips[0].translation())
+
+
+def test_meshcat_takes_it():
+    meshcat = Meshcat()
+    WrenchArrows(meshcat, STYLES, fps=30.0, metres_per_newton=0.01)
+    for name in STYLES:
+        assert meshcat.HasPath(f"{PATH}/{name}/shaft")
+        assert meshcat.HasPath(f"{PATH}/{name}/head")
