@@ -1,0 +1,242 @@
+"""How far an arm keeps from itself and from the floor: postures, and whole motions."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.geometry import Box, Role
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
+from pydrake.multibody.tree import JacobianWrtVariable
+from pydrake.systems.framework import DiagramBuilder
+
+from models.robot import Robot
+
+Array = NDArray[np.float64]
+
+INFLUENCE = 0.12  # m, beyond which a pair of shapes does not count
+SHARPNESS = 400.0  # 1/m, of the smooth minimum: below the true one by 2 mm for two pairs alike
+
+
+@dataclass(frozen=True)
+class ClosestPair:
+    """The two shapes that come closest in a motion.
+
+    Attributes:
+        first, second: names of the shapes.
+        distance: m, negative where they overlap.
+        slack: m, distance less what this pair must keep.
+        time: s.
+    """
+
+    first: str
+    second: str
+    distance: float
+    slack: float
+    time: float
+
+
+class Clearance:
+    """Distances between the links of an arm, its tool and the floor.
+
+    Links that a joint connects are left out, and the floor against what stands on it. A pair that is
+    nearer than `margin` in the home posture, as the parts of a wrist are, must keep half of its
+    distance there, every other pair `margin`. Left out are neighbours that never come nearer than at
+    home, and pairs that overlap at home: their shapes are too coarse to judge (`overlapping`).
+
+    Args:
+        robot: its collision shapes count.
+        margin: m.
+        floor: height of the floor in W, m; None for none.
+    """
+
+    def __init__(self, robot: Robot, margin: float = 0.02, floor: float | None = 0.0) -> None:
+        builder = DiagramBuilder()
+        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+        parts = robot.add_to_plant(plant)
+        if floor is not None:
+            slab = Box(10.0, 10.0, 1.0)  # Drake has no distance between half space and cylinder
+            X_WF = RigidTransform([0.0, 0.0, floor - 0.5])
+            material = CoulombFriction(0.5, 0.5)
+            plant.RegisterCollisionGeometry(plant.world_body(), X_WF, slab, "floor", material)
+        plant.Finalize()
+        self._diagram = builder.Build()  # owns plant and context
+        self._context = self._diagram.CreateDefaultContext()
+        self._plant = plant
+        self._plant_context = plant.GetMyMutableContextFromRoot(self._context)
+        self._query = plant.get_geometry_query_input_port()
+        self._order = [joint.position_start() for joint in parts.joints]
+        self._inspector = scene_graph.model_inspector()
+        self._body = {
+            geometry: plant.GetBodyFromFrameId(self._inspector.GetFrameId(geometry))
+            for geometry in self._inspector.GetAllGeometryIds(Role.kProximity)
+        }
+        # How many joints lie below each body: 0 for what is fixed to the world.
+        self._level = {body.index(): 0 for body in plant.GetBodiesWeldedTo(plant.world_body())}
+        for j, joint in enumerate(parts.joints):
+            for body in plant.GetBodiesWeldedTo(joint.child_body()):
+                self._level[body.index()] = j + 1
+        self.margin = margin
+        self._required: dict[tuple[Any, Any], float] = {}
+        overlapping: list[str] = []
+        wrist: dict[tuple[Any, Any], float] = {}
+        for pair in self._pairs(robot.home, 1.5 * INFLUENCE):
+            key = (pair.id_A, pair.id_B)
+            first, second = (self._level[self._body[shape].index()] for shape in key)
+            if first == second:
+                self._required[key] = -np.inf
+            elif pair.distance <= 0.0:
+                self._required[key] = -np.inf
+                overlapping.append(" and ".join(self._name(shape) for shape in key))
+            else:
+                self._required[key] = min(margin, 0.5 * pair.distance)
+                if abs(first - second) <= 2:
+                    wrist[key] = pair.distance
+        self._drop_always_clear(robot, wrist)
+        self.overlapping = tuple(overlapping)
+        self.has_shapes = len(self._body) > (0 if floor is None else 1)
+        self._speed_radius = _speed_radius(robot)
+
+    def _drop_always_clear(self, robot: Robot, pairs: dict[tuple[Any, Any], float]) -> None:
+        """Leaves out neighbours that never come nearer to each other than at home.
+
+        Only shapes two joints apart at most: 300 postures cover the motions of two joints densely.
+        """
+        rng = np.random.default_rng(0)
+        low, high = (
+            np.clip(limit, -np.pi, np.pi) for limit in (robot.position_lower, robot.position_upper)
+        )
+        nearest = dict(pairs)
+        for q in rng.uniform(low, high, (300 if pairs else 0, robot.num_joints)):
+            for pair in self._pairs(q, max(pairs.values())):
+                key = (pair.id_A, pair.id_B)
+                if key in nearest:
+                    nearest[key] = min(nearest[key], pair.distance)
+        for key, distance in nearest.items():
+            if distance > 0.95 * pairs[key]:
+                self._required[key] = -np.inf
+
+    def slacks(self, q: ArrayLike, influence: float = INFLUENCE) -> list[tuple[float, ClosestPair]]:
+        """Slack (m) of each pair of shapes within `influence` at q (n,), with its names."""
+        out = []
+        for pair in self._pairs(q, influence):
+            slack = pair.distance - self._requirement(pair)
+            if np.isfinite(slack):
+                names = self._name(pair.id_A), self._name(pair.id_B)
+                out.append((slack, ClosestPair(*names, pair.distance, slack, 0.0)))
+        return out
+
+    def slack(self, q: ArrayLike) -> float:
+        """Smallest slack at q (n,), m; INFLUENCE where nothing is near."""
+        found = [pair.distance - self._requirement(pair) for pair in self._pairs(q, INFLUENCE)]
+        return float(min([INFLUENCE, *found]))
+
+    def smooth_slack(self, q: ArrayLike) -> tuple[float, Array]:
+        """A smooth value (m) not above `slack`, and its gradient (n,) by q.
+
+        -1/k ln sum exp(-k slack_i), k = SHARPNESS, over all pairs and one that is always at
+        INFLUENCE.
+        """
+        plant, context = self._plant, self._plant_context
+        pairs = [p for p in self._pairs(q, INFLUENCE) if np.isfinite(self._requirement(p))]
+        slack = np.array([pair.distance - self._requirement(pair) for pair in pairs] + [INFLUENCE])
+        lowest = float(slack.min())
+        share = np.exp(-SHARPNESS * (slack - lowest))
+        total = float(share.sum())
+        gradient = np.zeros(plant.num_velocities())
+        world = plant.world_frame()
+        for pair, part in zip(pairs, share / total, strict=False):
+            if part < 1e-6:
+                continue
+            for sign, shape, point in ((1.0, pair.id_A, pair.p_ACa), (-1.0, pair.id_B, pair.p_BCb)):
+                frame = self._body[shape].body_frame()
+                X_FG = self._inspector.GetPoseInFrame(shape)
+                J = plant.CalcJacobianTranslationalVelocity(
+                    context, JacobianWrtVariable.kQDot, frame, X_FG @ point, world, world
+                )
+                gradient += part * sign * (pair.nhat_BA_W @ J)
+        return lowest - float(np.log(total)) / SHARPNESS, gradient[self._order]
+
+    def certify(
+        self,
+        position: Callable[[float], Array],
+        speed: Array,
+        duration: float,
+        finest: float = 1e-4,
+    ) -> tuple[bool, ClosestPair | None]:
+        """Whether a motion keeps clear at every time, not only at samples.
+
+        Samples, a tenth of a second apart or closer, must keep what is required of each pair; half
+        of it is proved for all times. No point of the arm moves faster than sum_j speed_j r_j, r_j
+        the farthest that it can be from joint j. So between two times with slack s_0 and s_1 the
+        slack stays above (s_0 + s_1 - speed * time between) / 2, with twice that speed for two
+        moving links; where this is no proof, the interval is halved.
+
+        Args:
+            position: from time in s to q (n,).
+            speed: (n,) rad/s, bound of each joint's speed.
+            duration: s.
+            finest: s, shortest interval; one that is still open there is not clear.
+
+        Returns:
+            Whether it keeps clear, and the closest pair met; None without shapes near each other.
+        """
+        fastest = 2.0 * float(speed @ self._speed_radius)
+        required = [value for value in self._required.values() if np.isfinite(value)]
+        allowance = 0.5 * min([self.margin, *required])
+        worst: list[ClosestPair] = []
+
+        def at(t: float) -> float:
+            found = self.slacks(position(t))
+            if not found:
+                return INFLUENCE
+            low, pair = min(found, key=lambda entry: entry[0])
+            if not worst or low < worst[0].slack:
+                worst[:] = [ClosestPair(pair.first, pair.second, pair.distance, low, t)]
+            return low
+
+        stack = []
+        times = np.linspace(0.0, duration, max(2, round(duration / 0.1) + 1))
+        values = [at(float(t)) for t in times]
+        stack = list(zip(times[:-1], times[1:], values[:-1], values[1:], strict=True))
+        clear = min(values) >= 0.0
+        while stack and clear:
+            start, end, first, last = stack.pop()
+            if first + last + 2.0 * allowance >= fastest * (end - start):
+                continue
+            if end - start < finest:
+                clear = False
+                break
+            middle = 0.5 * (start + end)
+            value = at(float(middle))
+            clear = value >= -allowance
+            stack += [(start, middle, first, value), (middle, end, value, last)]
+        return clear, worst[0] if worst else None
+
+    def _name(self, geometry: Any) -> str:
+        return str(self._inspector.GetName(geometry)).split("::")[-1]
+
+    def _pairs(self, q: ArrayLike, influence: float) -> list[Any]:
+        positions = np.zeros(self._plant.num_positions())
+        positions[self._order] = np.asarray(q, np.float64)
+        self._plant.SetPositions(self._plant_context, positions)
+        query = self._query.Eval(self._plant_context)
+        return list(query.ComputeSignedDistancePairwiseClosestPoints(influence))
+
+    def _requirement(self, pair: Any) -> float:
+        return self._required.get((pair.id_A, pair.id_B), self.margin)
+
+
+def _speed_radius(robot: Robot) -> Array:
+    """(n,) m: farthest that a point of the arm can be from each joint's axis."""
+    chain = robot.chain
+    links = np.linalg.norm(chain.p_PJ, axis=1)
+    tool = float(np.linalg.norm(chain.p_LE))
+    beyond = np.array([links[j + 1 :].sum() for j in range(robot.num_joints)]) + tool
+    # Shapes stick out beyond the joints' origins by less than 0.2 m; a prismatic joint moves all
+    # points alike, and stretches what the joints before it carry.
+    stroke = np.where(chain.prismatic, robot.position_upper - robot.position_lower, 0.0)
+    later = np.array([stroke[j + 1 :].sum() for j in range(robot.num_joints)])
+    return np.where(chain.prismatic, 1.0, beyond + later + 0.2)

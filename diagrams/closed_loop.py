@@ -1,0 +1,235 @@
+"""The robot cell under a controller, watched by the estimator."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, OutputPort
+from pydrake.systems.primitives import (
+    Gain,
+    LogVectorOutput,
+    Multiplexer,
+    TrajectorySource,
+    VectorLogSink,
+)
+from pydrake.trajectories import PiecewisePolynomial
+
+from diagrams.estimator import add_estimator
+from diagrams.recording import add_wrench_arrows
+from diagrams.robot_cell import RobotCell, make_robot_cell
+from diagrams.scenario import ForceSetpoint, Scenario, check_scenario, make_trajectory
+from models.identified_model import IdentifiedModel
+from models.input_error import InputError
+from models.motors import motor_gain
+from models.paths import JointTrajectory
+from models.robot import Robot
+from systems.impedance_controller import ImpedanceConfig, ImpedanceController
+from systems.joint_tracking_controller import JointTrackingController
+from systems.path_reference import PathReference
+from systems.pose_reference import PoseReference
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """The closed loop, and the parts of it that a caller may want.
+
+    Attributes:
+        diagram: everything; the subsystems are named robot_cell, estimator, controller, ...
+        cell: the robot cell.
+        estimator: the estimator's diagram.
+        controller: JointTrackingController or ImpedanceController.
+        trajectory: the reference motion of the joints.
+        log: what happened, one entry a tick; `signals` says where in an entry each signal is.
+        signals: columns of the log by the name of the signal.
+    """
+
+    diagram: Diagram
+    cell: RobotCell
+    estimator: Diagram
+    controller: LeafSystem
+    trajectory: JointTrajectory
+    log: VectorLogSink
+    signals: dict[str, slice]
+
+    def logged(self, context: Context) -> tuple[Array, dict[str, Array]]:
+        """What is in the log of the diagram's context: times (T,), and each signal (T, size)."""
+        log = self.log.FindLog(context)
+        data = log.data()
+        return log.sample_times().copy(), {
+            name: data[columns].T.copy() for name, columns in self.signals.items()
+        }
+
+
+def make_closed_loop(
+    scenario: Scenario,
+    robot: Robot,
+    model: IdentifiedModel,
+    meshcat: Meshcat | None = None,
+    also_log: Sequence[str] = (),
+) -> ClosedLoop:
+    """Builds the loop of a scenario. Controller and estimator know `model`, never the truth.
+
+        reference --> controller --tau_command--> 1/K --current_command--> robot_cell
+                         ^   ^                                              | q, v, current
+                         |   +---------------- terms ---- estimator <-------+
+                         +-- wrench: of the sensor or of the estimator
+
+    Logged at every tick: reference, tau_command, q, v, current, tau_ext, wrench, covariance,
+    condition_number, valid; of the truth tau_ext_true and wrench_true; where they exist ft_wrench,
+    pose_error, force_setpoint.
+
+    Args:
+        also_log: further output ports of the robot cell to log, such as tau_f_true.
+        meshcat: draws the cell and the force at the tool, true and estimated.
+
+    Raises:
+        InputError: the scenario does not fit the robot, or the model is of another robot.
+    """
+    check_scenario(scenario)
+    trajectory = make_trajectory(scenario, robot)
+    builder = DiagramBuilder()
+    cell = make_robot_cell(scenario, robot, trajectory.q[0], meshcat)
+    builder.AddSystem(cell.diagram)
+    out = cell.diagram.GetOutputPort
+    estimator = add_estimator(
+        builder,
+        robot,
+        model,
+        replace(
+            scenario.estimator,
+            observer=replace(scenario.estimator.observer, time_step=scenario.time_step),
+        ),
+        q=out("q"),
+        v=out("v"),
+        current=out("current"),
+    )
+    reference = builder.AddNamedSystem("path_reference", PathReference(trajectory))
+    signals: dict[str, OutputPort] = {"reference": reference.get_output_port()}
+    feedback = (
+        out("ft_wrench")
+        if scenario.feedback == "sensor" and scenario.force_torque_sensor is not None
+        else estimator.GetOutputPort("wrench")
+    )
+    if isinstance(scenario.controller, ImpedanceConfig):
+        controller = _add_impedance(
+            builder, scenario, robot, model, reference, estimator, feedback, signals
+        )
+    else:
+        controller = builder.AddNamedSystem(
+            "controller",
+            JointTrackingController(
+                model.friction.feedforward,
+                robot.effort_limit,
+                scenario.time_step,
+                scenario.controller,
+            ),
+        )
+        builder.Connect(estimator.GetOutputPort("terms"), controller.GetInputPort("terms"))
+        builder.Connect(reference.get_output_port(), controller.GetInputPort("reference"))
+    tau_command = controller.GetOutputPort("tau_command")
+    drive_gain = motor_gain(robot.torque_per_ampere, robot.current_sign)
+    to_current = builder.AddNamedSystem("torque_to_current", Gain(1.0 / drive_gain))
+    builder.Connect(tau_command, to_current.get_input_port())
+    builder.Connect(to_current.get_output_port(), cell.diagram.GetInputPort("current_command"))
+
+    signals["tau_command"] = tau_command
+    for name in ("q", "v", "current", "tau_ext_true", "wrench_true", "ft_wrench", *also_log):
+        if cell.diagram.HasOutputPort(name):
+            signals[name] = out(name)
+    for name in ("tau_ext", "wrench", "covariance", "condition_number", "valid"):
+        signals[name] = estimator.GetOutputPort(name)
+    log, columns = _add_log(builder, signals, scenario.time_step)
+    if meshcat is not None:
+        add_wrench_arrows(
+            builder,
+            meshcat,
+            estimator.GetOutputPort("terms"),
+            {
+                "force true": out("wrench_true"),
+                "force estimated": estimator.GetOutputPort("wrench"),
+            },
+            scenario.recording.fps,
+            scenario.recording.metres_per_newton,
+        )
+    diagram = builder.Build()
+    diagram.set_name("closed_loop")
+    return ClosedLoop(diagram, cell, estimator, controller, trajectory, log, columns)
+
+
+def _add_impedance(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    robot: Robot,
+    model: IdentifiedModel,
+    reference: PathReference,
+    estimator: Diagram,
+    feedback: OutputPort,
+    signals: dict[str, OutputPort],
+) -> ImpedanceController:
+    config = scenario.controller
+    assert isinstance(config, ImpedanceConfig)
+    controller = ImpedanceController(
+        model.friction.feedforward, robot.effort_limit, scenario.time_step, config
+    )
+    builder.AddNamedSystem("controller", controller)
+    start = model.chain(robot).terms(reference.trajectory.q[0], np.zeros(robot.num_joints))
+    share = controller.damping_per_tick(start.M, start.J, start.R_WE)
+    if share > 1.0:
+        raise InputError(
+            "scenario",
+            "controller.damping",
+            f"takes off {share:.1f} times the tool's velocity in one time step: it would chatter",
+            "lower the damping (for a light wrist the rotational one), or the time_step",
+        )
+    pose = builder.AddNamedSystem("pose_reference", PoseReference(model.chain(robot)))
+    builder.Connect(reference.get_output_port(), pose.get_input_port())
+    builder.Connect(pose.get_output_port(), controller.GetInputPort("pose_reference"))
+    builder.Connect(reference.get_output_port(), controller.GetInputPort("reference"))
+    builder.Connect(estimator.GetOutputPort("terms"), controller.GetInputPort("terms"))
+    signals["pose_error"] = controller.GetOutputPort("pose_error")
+    if config.force is not None:
+        setpoint = builder.AddNamedSystem(
+            "force_setpoint", TrajectorySource(_setpoint_trajectory(scenario))
+        )
+        builder.Connect(setpoint.get_output_port(), controller.GetInputPort("force_setpoint"))
+        builder.Connect(feedback, controller.GetInputPort("wrench"))
+        signals["force_setpoint"] = setpoint.get_output_port()
+    return controller
+
+
+def _add_log(
+    builder: DiagramBuilder, signals: dict[str, OutputPort], time_step: float
+) -> tuple[VectorLogSink, dict[str, slice]]:
+    """One sink for all signals: a sink each would be as many events at every tick."""
+    sizes = [port.size() for port in signals.values()]
+    together = builder.AddNamedSystem("signals", Multiplexer(sizes))
+    for i, port in enumerate(signals.values()):
+        builder.Connect(port, together.get_input_port(i))
+    log = LogVectorOutput(together.get_output_port(), builder, time_step)
+    log.set_name("log")
+    ends = np.cumsum(sizes)
+    starts = ends - sizes
+    return log, {
+        name: slice(int(start), int(end))
+        for name, start, end in zip(signals, starts, ends, strict=True)
+    }
+
+
+def _setpoint_trajectory(scenario: Scenario) -> PiecewisePolynomial:
+    end = scenario.duration + scenario.time_step
+    count = max(2, round(end / max(scenario.time_step, 1e-3)) + 1)
+    t = np.linspace(0.0, end, count)
+    values = setpoint_at(scenario.force_setpoint, t)
+    return PiecewisePolynomial.FirstOrderHold(t, values[np.newaxis, :])
+
+
+def setpoint_at(setpoint: ForceSetpoint, t: Array) -> Array:
+    """The force set-point in N at times t (T,)."""
+    since = t - setpoint.start
+    rise = np.clip(since / setpoint.rise, 0.0, 1.0)
+    sine = np.sin(2 * np.pi * setpoint.frequency * np.maximum(since, 0.0))
+    return np.asarray(rise * (setpoint.value + setpoint.amplitude * sine))

@@ -1,0 +1,143 @@
+"""The wrench estimator as a Diagram, to be dropped into any other."""
+
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortDataType
+
+from models.estimator import WrenchEstimator, WrenchEstimatorConfig
+from models.identified_model import IdentifiedModel
+from models.robot import Robot
+from systems.generalized_momentum_observer import GeneralizedMomentumObserver
+from systems.jacobian_wrench_reconstruction import JacobianWrenchReconstruction
+from systems.motor_current_torque_source import MotorCurrentTorqueSource
+from systems.presliding_friction import PreslidingFrictionSystem
+from systems.rigid_body_terms import RigidBodyTermsSystem
+from systems.semi_parametric_friction import SemiParametricFrictionSystem
+
+
+def make_estimator(
+    robot: Robot,
+    model: IdentifiedModel,
+    config: WrenchEstimatorConfig | None = None,
+    name: str = "estimator",
+) -> Diagram:
+    """Builds the estimator: what a controller measures in, the wrench at the tool out.
+
+                   +-----------+ --> tau_ext
+      q       -->  |           | --> wrench
+      v       -->  | estimator | --> covariance
+      current -->  |           | --> condition_number
+                   |           | --> valid
+                   +-----------+ --> terms
+
+    Inputs:   q                 (n,) rad (m for a prismatic joint)
+              v                 (n,) rad/s (m/s)
+              current           (n,) A, as the drives report it
+    Outputs:  tau_ext           (n,) N m, positive along the motion it causes
+              wrench            (6,) F_E_W = [mx my mz fx fy fz], N m and N: exerted by the
+                                environment on the robot, at E, in axes of W
+              covariance        (36,) of the wrench, row by row
+              condition_number  (1,) of J in m and rad
+              valid             (1,) 1 or 0
+              terms             RigidBodyTerms (abstract) of the model, for whoever shares them
+
+    The outputs at a tick t = k time_step are those of row k of `WrenchEstimator.run` over the same
+    samples: they use q and v of that very tick and motor torque up to it. With torque samples
+    "held" no output but feeds through from `current`, so that a controller may use the wrench. The
+    estimator starts by itself at its first update.
+
+    Inside are `terms`, `motor`, `friction`, `observer` and `reconstruction`, whose numeric
+    parameters (torque_per_ampere; coulomb, viscous, offset, v_crit, or the slip elements of a law
+    with memory; K_0; the prior's sds, the torque covariance) are changed through their Contexts.
+
+    Raises:
+        InputError: the model belongs to another robot.
+        ValueError: as `models.estimator.WrenchEstimator`.
+    """
+    estimator = WrenchEstimator(robot, model, config)
+    builder = DiagramBuilder()
+    terms = builder.AddNamedSystem("terms", RigidBodyTermsSystem(estimator.chain))
+    motor = builder.AddNamedSystem(
+        "motor", MotorCurrentTorqueSource(robot.torque_per_ampere, robot.current_sign)
+    )
+    remembers = model.friction.state_rows > 0
+    friction = builder.AddNamedSystem(
+        "friction",
+        PreslidingFrictionSystem(model.friction, estimator.config.observer.time_step)
+        if remembers
+        else SemiParametricFrictionSystem(model.friction.velocity_law),
+    )
+    observer = builder.AddNamedSystem(
+        "observer",
+        GeneralizedMomentumObserver(estimator.config.observer, estimator.num_joints),
+    )
+    reconstruction = builder.AddNamedSystem(
+        "reconstruction",
+        JacobianWrenchReconstruction(
+            estimator.config.reconstruction, estimator.reconstruction.torque_covariance
+        ),
+    )
+    for source, output, target, input_port in (
+        (terms, "terms", observer, "terms"),
+        (motor, "tau_J", observer, "tau_J"),
+        (friction, "tau_f", observer, "tau_f"),
+        (terms, "terms", reconstruction, "terms"),
+        (observer, "tau_ext", reconstruction, "tau_ext"),
+        (observer, "valid", reconstruction, "tau_ext_valid"),
+    ):
+        builder.Connect(source.GetOutputPort(output), target.GetInputPort(input_port))
+
+    position = builder.ExportInput(terms.GetInputPort("q"), "q")
+    velocity = builder.ExportInput(terms.GetInputPort("v"), "v")
+    builder.ConnectInput(velocity, friction.GetInputPort("v"))
+    if remembers:
+        builder.ConnectInput(position, friction.GetInputPort("q"))
+        builder.Connect(motor.GetOutputPort("tau_J"), friction.GetInputPort("tau_J"))
+    builder.ExportInput(motor.GetInputPort("current"), "current")
+    builder.ExportOutput(observer.GetOutputPort("tau_ext"), "tau_ext")
+    for port in ("wrench", "covariance", "condition_number", "valid"):
+        builder.ExportOutput(reconstruction.GetOutputPort(port), port)
+    builder.ExportOutput(terms.GetOutputPort("terms"), "terms")
+    diagram = builder.Build()
+    diagram.set_name(name)
+    return diagram
+
+
+def add_estimator(
+    builder: DiagramBuilder,
+    robot: Robot,
+    model: IdentifiedModel,
+    config: WrenchEstimatorConfig | None = None,
+    *,
+    q: OutputPort | None = None,
+    v: OutputPort | None = None,
+    current: OutputPort | None = None,
+    name: str = "estimator",
+) -> Diagram:
+    """Adds `make_estimator` to `builder` and wires its inputs to the ports that are given.
+
+    Args:
+        q, v, current: output ports of systems in `builder`, (n,) each; None is left unconnected.
+
+    Returns:
+        the estimator, a subsystem of `builder`.
+
+    Raises:
+        InputError, ValueError: as `make_estimator`.
+        ValueError: a port is not a vector with one entry per joint.
+    """
+    sources = {"q": q, "v": v, "current": current}
+    for signal, port in sources.items():
+        if port is None:
+            continue
+        label = f"{port.get_system().get_name()}.{port.get_name()}"
+        if port.get_data_type() != PortDataType.kVectorValued:
+            raise ValueError(f"{name}: {signal} must be a vector, and {label} is abstract")
+        if port.size() != robot.num_joints:
+            raise ValueError(
+                f"{name}: {signal} must have {robot.num_joints} entries, one a joint of "
+                f"{robot.name}, and {label} has {port.size()}"
+            )
+    estimator = builder.AddSystem(make_estimator(robot, model, config, name))
+    for signal, port in sources.items():
+        if port is not None:
+            builder.Connect(port, estimator.GetInputPort(signal))
+    return estimator

@@ -1,0 +1,170 @@
+"""An arm held in place while a scripted wrench acts on its tool, in continuous time."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import (
+    ConstantVectorSource,
+    Demultiplexer,
+    Gain,
+    LogVectorOutput,
+    VectorLogSink,
+    ZeroOrderHold,
+)
+
+from diagrams.estimator import add_estimator
+from models.estimator import WrenchEstimatorConfig
+from models.identified_model import IdentifiedModel
+from models.motors import motor_gain
+from models.robot import Robot
+from models.wrench_script import WrenchScript
+from systems.external_wrench_source import ExternalWrenchSource
+from systems.joint_tracking_controller import JointTrackingConfig, JointTrackingController
+from systems.motor_current_sensor import MotorCurrentSensor, add_motor_current_sensor
+
+# Stiff enough that the arm hardly moves under the wrench, slow enough for a 1 ms drive.
+_HOLD = JointTrackingConfig(law="computed_torque", kp=[1e4], kd=[200.0])
+
+
+@dataclass(frozen=True)
+class HeldArm:
+    """The diagram and its logs, one entry a tick.
+
+    Attributes:
+        diagram: the whole.
+        q: log of the joint positions, (n,) rad.
+        wrench_true: log of F_E_W, (6,) rotation first.
+        tau_ext, wrench: logs of each estimator's outputs, by its name.
+        time_step: s, of drives, sensors, estimators and logs.
+    """
+
+    diagram: Diagram
+    q: VectorLogSink
+    wrench_true: VectorLogSink
+    tau_ext: dict[str, VectorLogSink]
+    wrench: dict[str, VectorLogSink]
+    time_step: float
+
+
+def make_held_arm(
+    robot: Robot,
+    estimators: Mapping[str, WrenchEstimatorConfig],
+    script: WrenchScript,
+    q: ArrayLike,
+    *,
+    current_noise: bool = False,
+    seed: int = 0,
+) -> HeldArm:
+    """Builds an arm that a joint controller holds at `q`, and estimators that watch it.
+
+        reference --> controller --> hold ------------------> plant --> q, v
+                          |                                     ^
+                          +--> current sensor --> estimators    +-- external wrench
+
+    The plant is continuous in time, so that the wrench acts as the script says it at every moment
+    and not only at the ticks; it has no joint friction. The drives hold their torque from tick to
+    tick, and encoders, current sensors and estimators sample at the ticks. Controller and
+    estimators have the true rigid-body model: what their readings differ by from the truth is the
+    observer's dynamics and the current's noise.
+
+    Args:
+        robot: the arm.
+        estimators: by name; all with the same time step.
+        script: the wrench on the tool at E.
+        q: (n,) rad, at rest there from the start.
+        current_noise: whether currents have the drives' noise, resolution and bandwidth.
+        seed: of the noise.
+
+    Raises:
+        ValueError: no estimator, or time steps that differ.
+    """
+    time_steps = {config.observer.time_step for config in estimators.values()}
+    if len(time_steps) != 1:
+        raise ValueError(f"the estimators must have one time step, not {sorted(time_steps)}")
+    (time_step,) = time_steps
+    n = robot.num_joints
+    model = IdentifiedModel.nominal(robot)
+    builder = DiagramBuilder()
+    plant = builder.AddNamedSystem("plant", MultibodyPlant(0.0))
+    parts = robot.add_to_plant(plant)
+    plant.Finalize()
+    plant.SetDefaultPositions(parts.model_instance, np.asarray(q, float))
+    encoders = builder.AddNamedSystem("encoders", Demultiplexer([n, n]))
+    builder.Connect(plant.get_state_output_port(parts.model_instance), encoders.get_input_port())
+    q_port, v_port = encoders.get_output_port(0), encoders.get_output_port(1)
+
+    frame_E = parts.frame_E
+    wrench = builder.AddNamedSystem(
+        "external_wrench",
+        ExternalWrenchSource(
+            script,
+            frame_E.body().index(),
+            frame_E.GetFixedPoseInBodyFrame().translation(),
+        ),
+    )
+    builder.Connect(
+        wrench.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port()
+    )
+
+    sensor = MotorCurrentSensor(n, time_step)
+    if current_noise:
+        sensor = MotorCurrentSensor(
+            n,
+            time_step,
+            robot.current_bandwidth,
+            robot.current_noise_sd,
+            robot.current_resolution,
+        )
+    sensor.set_name("current_sensor")
+    add_motor_current_sensor(builder, sensor, seed)
+    watching = {
+        name: add_estimator(
+            builder,
+            robot,
+            model,
+            config,
+            q=q_port,
+            v=v_port,
+            current=sensor.GetOutputPort("current"),
+            name=name,
+        )
+        for name, config in estimators.items()
+    }
+
+    controller = builder.AddNamedSystem(
+        "controller",
+        JointTrackingController(model.friction.feedforward, robot.effort_limit, time_step, _HOLD),
+    )
+    reference = builder.AddNamedSystem(
+        "reference", ConstantVectorSource(np.concatenate([np.asarray(q, float), np.zeros(2 * n)]))
+    )
+    builder.Connect(reference.get_output_port(), controller.GetInputPort("reference"))
+    # All estimators have the same model: one of them lends the controller its terms.
+    builder.Connect(
+        next(iter(watching.values())).GetOutputPort("terms"), controller.GetInputPort("terms")
+    )
+    tau_command = controller.GetOutputPort("tau_command")
+    hold = builder.AddNamedSystem("drive_hold", ZeroOrderHold(time_step, n))
+    builder.Connect(tau_command, hold.get_input_port())
+    builder.Connect(hold.get_output_port(), plant.get_actuation_input_port(parts.model_instance))
+    current_of = 1.0 / motor_gain(robot.torque_per_ampere, robot.current_sign)
+    drive = builder.AddNamedSystem("drive_current", Gain(current_of))
+    builder.Connect(tau_command, drive.get_input_port())
+    builder.Connect(drive.get_output_port(), sensor.GetInputPort("current_true"))
+
+    def log(system: Diagram, name: str) -> VectorLogSink:
+        return LogVectorOutput(system.GetOutputPort(name), builder, time_step)
+
+    held = {
+        "q": LogVectorOutput(q_port, builder, time_step),
+        "wrench_true": log(wrench, "wrench_true"),
+        "tau_ext": {name: log(system, "tau_ext") for name, system in watching.items()},
+        "wrench": {name: log(system, "wrench") for name, system in watching.items()},
+    }
+    diagram = builder.Build()
+    diagram.set_name("held_arm")
+    return HeldArm(diagram=diagram, time_step=time_step, **held)

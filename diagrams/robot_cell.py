@@ -1,0 +1,435 @@
+"""The robot cell: the true robot in its drives, and whatever stands around it."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.geometry import (
+    AddContactMaterial,
+    Box,
+    CollisionFilterDeclaration,
+    GeometrySet,
+    Meshcat,
+    MeshcatVisualizer,
+    MeshcatVisualizerParams,
+    ProximityProperties,
+    Role,
+    RoleAssign,
+    SceneGraph,
+)
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.plant import (
+    AddMultibodyPlant,
+    ApplyMultibodyPlantConfig,
+    CoulombFriction,
+    MultibodyPlant,
+    MultibodyPlantConfig,
+)
+from pydrake.multibody.tree import RigidBody
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.primitives import (
+    ConstantVectorSource,
+    Demultiplexer,
+    Gain,
+    MatrixGain,
+    PassThrough,
+    Saturation,
+)
+
+from diagrams.scenario import PlateConfig, Scenario
+from models.dry_friction import DryFriction
+from models.input_error import InputError
+from models.motors import motor_gain
+from models.robot import Robot, RobotInPlant
+from models.wrench_script import WrenchScript
+from systems.environment_truth import EnvironmentTruth
+from systems.external_wrench_source import ExternalWrenchSource
+from systems.force_torque_sensor import ForceTorqueSensor
+from systems.free_joint_friction import FreeJointFriction
+from systems.gaussian_noise_source import GaussianNoiseSource
+from systems.joint_friction import JointFriction, add_holding_actuators
+from systems.motor_current_sensor import MotorCurrentSensor, add_motor_current_sensor
+from systems.rigid_body_terms import RigidBodyTermsSystem
+
+Array = NDArray[np.float64]
+
+FLOOR_STIFFNESS = 1e6  # N/m
+_PLATE_COLOUR = np.array([0.62, 0.68, 0.72, 1.0])
+_STAND_COLOUR = np.array([0.42, 0.45, 0.48, 1.0])
+_FLOOR_COLOUR = np.array([0.86, 0.87, 0.88, 1.0])
+
+
+@dataclass(frozen=True)
+class RobotCell:
+    """The cell and the parts of it that a caller may want.
+
+    Attributes:
+        diagram: see make_robot_cell.
+        plant: the plant in it.
+        parts: the robot's model instance, joints, actuators and frame E.
+        friction: the true friction; None where the scenario has none.
+        script: the wrench that acts on the tool, as a function of time.
+    """
+
+    diagram: Diagram
+    plant: MultibodyPlant
+    parts: RobotInPlant
+    friction: DryFriction | None
+    script: WrenchScript
+
+
+def make_robot_cell(
+    scenario: Scenario,
+    robot: Robot,
+    q_0: ArrayLike,
+    meshcat: Meshcat | None = None,
+    with_brakes: bool | None = None,
+) -> RobotCell:
+    """Builds the true robot with its tool, drives, sensors and surroundings.
+
+                         +------------+ --> q, v             (n,) encoders, rad, rad/s
+                         |            | --> current          (n,) A, as the drives report it
+                         |            | --> ft_wrench        (6,) sensor, where there is one
+      current_command -->| robot_cell | --> state            (2n,) q and v
+        (n,) A           |            | --> tau_J_true       (n,) N m
+                         |            | --> tau_f_true       (n,) N m, where there is friction
+                         |            | --> tau_ext_true     (n,) N m
+                         +------------+ --> wrench_true      (6,) F_E_W, N m, N
+
+    The ports `*_true` are for measuring errors: no estimator may see them. Every 6-vector is
+    rotation first. The plant is discrete at the scenario's time step and does not sample its
+    outputs: all blocks see the state before the step, and a force at time t acts from t to
+    t + time_step. The drives saturate at the robot's effort limits.
+
+    Args:
+        scenario: what stands in the cell, and what the tool suffers.
+        robot: the true robot.
+        q_0: (n,) rad, where it is at the start, at rest.
+        meshcat: draws the cell into it; without it there are no pictures.
+        with_brakes: whether dry friction is solved by the plant together with contact
+            (`JointFriction`), or without it (`FreeJointFriction`), which is faster and the same
+            where nothing touches; by default with brakes where there is something to touch.
+
+    Raises:
+        InputError: a sensor without a tool to sit on, or true friction that is no friction.
+    """
+    builder = DiagramBuilder()
+    touches = scenario.workpiece is not None or scenario.floor
+    with_brakes = touches if with_brakes is None else with_brakes
+    plant, scene_graph = _add_plant(builder, scenario, touches or meshcat is not None)
+    parts = robot.add_to_plant(plant)
+    friction = _true_friction(scenario, robot)
+    if friction is not None and with_brakes:
+        add_holding_actuators(plant, parts.joints, parts.actuators, friction)
+    else:
+        for i, joint in enumerate(parts.joints):
+            joint.set_default_damping(0.0 if friction is None else friction.viscous[i])
+    if scenario.workpiece is not None:
+        _add_plate(plant, scenario.workpiece)
+    if scene_graph is not None:
+        _add_floor(plant, solid=scenario.floor)
+    plant.Finalize()
+    plant.SetDefaultPositions(parts.model_instance, np.asarray(q_0, dtype=np.float64))
+    if scene_graph is not None:
+        _prepare_contact(plant, scene_graph, parts, scenario)
+
+    n = robot.num_joints
+    state = plant.get_state_output_port(parts.model_instance)
+    split = builder.AddNamedSystem("encoders", Demultiplexer([n, n]))
+    terms = builder.AddNamedSystem("true_terms", RigidBodyTermsSystem(robot.chain))
+    builder.Connect(state, split.get_input_port())
+    for i, name in enumerate(("q", "v")):
+        builder.ExportOutput(split.get_output_port(i), name)
+        builder.Connect(split.get_output_port(i), terms.GetInputPort(name))
+    builder.ExportOutput(state, "state")
+
+    tau_J = _add_drives(builder, scenario, robot)
+    builder.ExportOutput(tau_J, "tau_J_true")
+    script = WrenchScript(scenario.wrench, scenario.seed, "scenario")
+    tau_ext = _add_environment(builder, plant, parts, script, terms.get_output_port(), touches)
+    if friction is not None and with_brakes:
+        _connect_with_brakes(builder, plant, parts, tau_J)
+        _add_friction(builder, plant, parts, friction, tau_J)
+    else:
+        builder.Connect(tau_J, plant.get_actuation_input_port(parts.model_instance))
+        if friction is not None:
+            block = builder.AddNamedSystem(
+                "joint_friction", FreeJointFriction(friction, scenario.time_step)
+            )
+            builder.Connect(terms.get_output_port(), block.GetInputPort("terms"))
+            builder.Connect(tau_J, block.GetInputPort("tau_J"))
+            builder.Connect(tau_ext, block.GetInputPort("tau_ext"))
+            builder.Connect(
+                block.GetOutputPort("torque"), plant.get_applied_generalized_force_input_port()
+            )
+            builder.ExportOutput(block.GetOutputPort("tau_f_true"), "tau_f_true")
+    if scenario.force_torque_sensor is not None:
+        _add_force_torque_sensor(builder, plant, parts, scenario, robot, terms.get_output_port())
+    if meshcat is not None and scene_graph is not None:
+        parameters = MeshcatVisualizerParams(publish_period=1.0 / scenario.recording.fps)
+        MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, parameters)
+    diagram = builder.Build()
+    diagram.set_name("robot_cell")
+    return RobotCell(diagram, plant, parts, friction, script)
+
+
+def _add_environment(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    parts: RobotInPlant,
+    script: WrenchScript,
+    terms: OutputPort,
+    touches: bool,
+) -> OutputPort:
+    """What acts on the robot from outside; exports the truth of it, and returns tau_ext_true."""
+    n = len(parts.actuators)
+    if not script.segments and not touches:
+        for name, size in (("wrench_true", 6), ("tau_ext_true", n)):
+            nothing = builder.AddNamedSystem(f"no_{name}", ConstantVectorSource(np.zeros(size)))
+            builder.ExportOutput(nothing.get_output_port(), name)
+        return nothing.get_output_port()
+    tool = tool_body(plant, parts)
+    source = builder.AddNamedSystem(
+        "external_wrench", ExternalWrenchSource(script, tool.index(), _p_BE(plant, parts))
+    )
+    if script.segments:
+        builder.Connect(
+            source.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port()
+        )
+    truth = builder.AddNamedSystem("truth", EnvironmentTruth(n, tool.index()))
+    builder.Connect(terms, truth.GetInputPort("terms"))
+    builder.Connect(source.GetOutputPort("wrench_true"), truth.GetInputPort("wrench_applied"))
+    wrench_true = source.GetOutputPort("wrench_true")
+    if touches:
+        wrench_true = truth.GetOutputPort("wrench_true")
+        builder.Connect(
+            plant.get_generalized_contact_forces_output_port(parts.model_instance),
+            truth.GetInputPort("tau_contact"),
+        )
+        builder.Connect(
+            plant.get_contact_results_output_port(), truth.GetInputPort("contact_results")
+        )
+    builder.ExportOutput(truth.GetOutputPort("tau_ext_true"), "tau_ext_true")
+    builder.ExportOutput(wrench_true, "wrench_true")
+    return truth.GetOutputPort("tau_ext_true")
+
+
+def _add_plant(
+    builder: DiagramBuilder, scenario: Scenario, with_scene: bool
+) -> tuple[MultibodyPlant, SceneGraph | None]:
+    """The plant; without a SceneGraph where nothing touches and nobody looks: it costs time."""
+    config = MultibodyPlantConfig(
+        time_step=scenario.time_step,
+        discrete_contact_approximation="lagged",
+        use_sampled_output_ports=False,
+    )
+    if with_scene:
+        plant, scene_graph = AddMultibodyPlant(config, builder)
+        scene_graph.set_name("scene_graph")
+    else:
+        plant, scene_graph = builder.AddSystem(MultibodyPlant(config.time_step)), None
+        ApplyMultibodyPlantConfig(config, plant)
+    plant.set_name("plant")
+    return plant, scene_graph
+
+
+def tool_body(plant: MultibodyPlant, parts: RobotInPlant) -> RigidBody:
+    """The body that the environment touches: the tool, or what E is fixed to without one."""
+    if parts.tool_weld is None:
+        return parts.frame_E.body()
+    return plant.get_joint(parts.tool_weld).child_body()
+
+
+def _p_BE(plant: MultibodyPlant, parts: RobotInPlant) -> Array:
+    context = plant.CreateDefaultContext()
+    X_WB = tool_body(plant, parts).EvalPoseInWorld(context)
+    X_BE = X_WB.InvertAndCompose(parts.frame_E.CalcPoseInWorld(context))
+    return np.array(X_BE.translation())
+
+
+def _true_friction(scenario: Scenario, robot: Robot) -> DryFriction | None:
+    if scenario.friction == "none":
+        return None
+    truth = robot.truth
+    none = np.zeros(robot.num_joints)
+    full = scenario.friction == "full"
+    return DryFriction(
+        # A robot file may leave stiction out: then breakaway is at Coulomb level.
+        stiction=np.maximum(truth.stiction, truth.coulomb) if full else truth.coulomb,
+        coulomb=truth.coulomb,
+        stribeck_velocity=truth.stribeck_velocity,
+        viscous=truth.viscous,
+        load_dependence=truth.load_dependence if full else none,
+        ripple_amplitude=truth.ripple_amplitude if full else none,
+        ripple_periods=truth.ripple_periods,
+    )
+
+
+def _contact_material(stiffness: float, dissipation: float, friction: float) -> Any:
+    """Of one of two alike materials that meet with this stiffness: each gives way by half."""
+    properties = ProximityProperties()
+    AddContactMaterial(
+        dissipation=dissipation,
+        point_stiffness=2.0 * stiffness,
+        friction=CoulombFriction(friction, friction),
+        properties=properties,
+    )
+    return properties
+
+
+def _add_plate(plant: MultibodyPlant, plate: PlateConfig) -> None:
+    X_WP = RigidTransform(RollPitchYaw(plate.rpy), plate.centre)
+    X_WG = X_WP @ RigidTransform([0.0, 0.0, -0.5 * plate.size[2]])
+    body, shape = plant.world_body(), Box(*plate.size)
+    material = _contact_material(plate.stiffness, plate.dissipation, plate.friction)
+    plant.RegisterCollisionGeometry(body, X_WG, shape, "workpiece", material)
+    plant.RegisterVisualGeometry(body, X_WG, shape, "workpiece", _PLATE_COLOUR)
+    # What it stands on, for the eye.
+    height = float(plate.centre[2]) - plate.size[2]
+    if height > 0.02:
+        column = Box(0.4 * plate.size[0], 0.4 * plate.size[1], height)
+        X_WC = RigidTransform([plate.centre[0], plate.centre[1], 0.5 * height])
+        plant.RegisterVisualGeometry(body, X_WC, column, "stand", _STAND_COLOUR)
+
+
+def _add_floor(plant: MultibodyPlant, solid: bool) -> None:
+    """The floor, for the eye; a solid one is felt as well."""
+    body = plant.world_body()
+    slab, X_WV = Box(1.6, 1.6, 0.02), RigidTransform([0.0, 0.0, -0.01])
+    plant.RegisterVisualGeometry(body, X_WV, slab, "floor", _FLOOR_COLOUR)
+    if solid:
+        X_WG = RigidTransform([0.0, 0.0, -0.1])
+        material = _contact_material(FLOOR_STIFFNESS, 100.0, 0.5)
+        plant.RegisterCollisionGeometry(body, X_WG, Box(4.0, 4.0, 0.2), "floor", material)
+
+
+def _prepare_contact(
+    plant: MultibodyPlant, scene_graph: SceneGraph, parts: RobotInPlant, scenario: Scenario
+) -> None:
+    """Links do not touch each other; they meet the workpiece with the workpiece's own material."""
+    inspector = scene_graph.model_inspector()
+    touches = scenario.workpiece is not None or scenario.floor
+    plate = scenario.workpiece or PlateConfig()
+    material = _contact_material(plate.stiffness, plate.dissipation, plate.friction)
+    source, links = plant.get_source_id(), GeometrySet()
+    for index in plant.GetBodyIndices(parts.model_instance):
+        for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(index)):
+            if touches:
+                scene_graph.AssignRole(source, geometry, material, RoleAssign.kReplace)
+                links.Add(geometry)
+            else:
+                # With nothing to touch, nobody need look for contact at every tick.
+                scene_graph.RemoveRole(source, geometry, Role.kProximity)
+    filters = scene_graph.collision_filter_manager()
+    filters.Apply(CollisionFilterDeclaration().ExcludeWithin(links))
+    if scenario.floor:
+        # What the robot stands on always touches the floor.
+        foot = GeometrySet(plant.GetCollisionGeometriesForBody(parts.joints[0].parent_body()))
+        floor = [
+            geometry
+            for geometry in inspector.GetAllGeometryIds(Role.kProximity)
+            if inspector.GetName(geometry).endswith("floor")
+        ]
+        filters.Apply(CollisionFilterDeclaration().ExcludeBetween(foot, GeometrySet(floor)))
+
+
+def _add_drives(builder: DiagramBuilder, scenario: Scenario, robot: Robot) -> OutputPort:
+    """From the commanded current to the motor torque; exports the measured current."""
+    limit = robot.effort_limit / robot.torque_per_ampere
+    drives = builder.AddNamedSystem("drives", Saturation(-limit, limit))
+    builder.ExportInput(drives.get_input_port(), "current_command")
+    torque = builder.AddNamedSystem(
+        "motors", Gain(motor_gain(robot.torque_per_ampere, robot.current_sign))
+    )
+    builder.Connect(drives.get_output_port(), torque.get_input_port())
+    if scenario.current_noise:
+        sensor = MotorCurrentSensor(
+            robot.num_joints,
+            scenario.time_step,
+            robot.current_bandwidth,
+            robot.current_noise_sd,
+            robot.current_resolution,
+        )
+        sensor.set_name("current_sensor")
+        add_motor_current_sensor(builder, sensor, seed=scenario.seed)
+        builder.Connect(drives.get_output_port(), sensor.GetInputPort("current_true"))
+        builder.ExportOutput(sensor.GetOutputPort("current"), "current")
+    else:
+        ideal = builder.AddNamedSystem("current_sensor", PassThrough(robot.num_joints))
+        builder.Connect(drives.get_output_port(), ideal.get_input_port())
+        builder.ExportOutput(ideal.get_output_port(), "current")
+    return torque.get_output_port()
+
+
+def _connect_with_brakes(
+    builder: DiagramBuilder, plant: MultibodyPlant, parts: RobotInPlant, tau_J: OutputPort
+) -> None:
+    """The motors come first; the brakes behind them are told nothing but to rest."""
+    n = len(parts.actuators)
+    spread = builder.AddNamedSystem("actuation", MatrixGain(np.eye(2 * n, n)))
+    builder.Connect(tau_J, spread.get_input_port())
+    builder.Connect(spread.get_output_port(), plant.get_actuation_input_port(parts.model_instance))
+    desired = plant.get_desired_state_input_port(parts.model_instance)
+    rest = builder.AddNamedSystem("rest", ConstantVectorSource(np.zeros(desired.size())))
+    builder.Connect(rest.get_output_port(), desired)
+
+
+def _add_friction(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    parts: RobotInPlant,
+    friction: DryFriction,
+    tau_J: OutputPort,
+) -> None:
+    n = len(parts.actuators)
+    block = builder.AddNamedSystem("joint_friction", JointFriction(friction))
+    net = plant.get_net_actuation_output_port(parts.model_instance)
+    split = builder.AddNamedSystem("holding", Demultiplexer([n, n]))
+    builder.Connect(net, split.get_input_port())
+    builder.Connect(split.get_output_port(1), block.GetInputPort("tau_holding"))
+    builder.Connect(tau_J, block.GetInputPort("tau_J"))
+    state = plant.get_state_output_port(parts.model_instance)
+    builder.Connect(state, block.GetInputPort("state"))
+    builder.Connect(
+        block.GetOutputPort("explicit_torque"), plant.get_applied_generalized_force_input_port()
+    )
+    builder.ExportOutput(block.GetOutputPort("tau_f_true"), "tau_f_true")
+
+
+def _add_force_torque_sensor(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    parts: RobotInPlant,
+    scenario: Scenario,
+    robot: Robot,
+    terms: OutputPort,
+) -> None:
+    config = scenario.force_torque_sensor
+    if config is None:
+        return
+    if parts.tool_weld is None:
+        raise InputError(
+            "scenario",
+            "force_torque_sensor",
+            f"{robot.name} has no tool for it to sit under",
+            "add a tool to robot.yaml, or leave the sensor out",
+        )
+    sensor = builder.AddNamedSystem(
+        "force_torque_sensor",
+        ForceTorqueSensor(
+            plant, parts.tool_weld, parts.frame_E, config, robot.num_joints, scenario.time_step
+        ),
+    )
+    for name, port in (
+        ("reaction_forces", plant.get_reaction_forces_output_port()),
+        ("terms", terms),
+        ("vdot", plant.get_generalized_acceleration_output_port(parts.model_instance)),
+    ):
+        builder.Connect(port, sensor.GetInputPort(name))
+    if config.force_noise_sd > 0 or config.moment_noise_sd > 0:
+        # Another stream than the drives': the same number would make the two noises one.
+        noise = GaussianNoiseSource(6, scenario.time_step, scenario.seed + 2**32)
+        builder.AddNamedSystem("force_torque_noise", noise)
+        builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
+    builder.ExportOutput(sensor.GetOutputPort("wrench"), "ft_wrench")

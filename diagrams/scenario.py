@@ -1,0 +1,295 @@
+"""Scenarios: what is simulated, in one YAML file of named entries."""
+
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Union
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.configuration import load_configuration, nearest
+from models.estimator import WrenchEstimatorConfig
+from models.input_error import InputError
+from models.paths import (
+    JointTrajectory,
+    StraightPath,
+    TimeLaw,
+    constant_speed,
+    joint_trajectory,
+    there_and_back,
+    thirds,
+    uniform_acceleration,
+)
+from models.robot import Robot
+from models.wrench_script import WrenchSegment
+from systems.force_torque_sensor import ForceTorqueSensorConfig
+from systems.impedance_controller import ImpedanceConfig
+from systems.joint_tracking_controller import JointTrackingConfig
+
+Array = NDArray[np.float64]
+
+BUNDLED = "scenarios/scenarios.yaml"
+TIME_LAWS: dict[str, TimeLaw] = {
+    "constant_speed": constant_speed,
+    "thirds": thirds,
+    "uniform_acceleration": uniform_acceleration,
+}
+FRICTIONS = ("full", "coulomb_viscous", "none")
+
+
+@dataclass
+class HoldMotion:
+    """Stays where it is."""
+
+    q: list[float] = field(default_factory=list)  # rad; the robot's home where empty
+
+
+@dataclass
+class JointSineMotion:
+    """q = centre + amplitude sin(2 pi frequency t + phase), faded in from rest over `ramp`."""
+
+    amplitude: list[float] = field(default_factory=lambda: [0.3])  # rad; one, or one each
+    frequency: list[float] = field(default_factory=lambda: [0.2])  # Hz; one, or one each
+    phase: list[float] = field(default_factory=lambda: [0.0])  # rad; one, or one each
+    centre: list[float] = field(default_factory=list)  # rad; the robot's home where empty
+    ramp: float = 1.0  # s
+
+
+@dataclass
+class LineMotion:
+    """E goes along a straight line and back, with a fixed orientation."""
+
+    n_W: list[float] = field(default_factory=lambda: [0.0, 1.0, 0.0])  # direction
+    p_WM: list[float] = field(default_factory=list)  # m, its midpoint; of E at home where empty
+    R_WE: list[list[float]] = field(default_factory=list)  # rows; of E at home where empty
+    path_length: float = 0.2  # m
+    one_way: float = 2.0  # s, from one end to the other
+    passes: int = 2  # there, back, there, ...
+    start: float = 0.0  # s, at rest before
+    time_law: str = "constant_speed"  # or thirds, uniform_acceleration
+    q_seed: list[float] = field(default_factory=list)  # rad, chooses the branch; home where empty
+
+
+MotionConfig = Union[HoldMotion, JointSineMotion, LineMotion]  # noqa: UP007 (yaml_load_typed)
+ControllerConfig = Union[JointTrackingConfig, ImpedanceConfig]  # noqa: UP007
+
+
+@dataclass
+class ForceSetpoint:
+    """value + amplitude sin(2 pi frequency (t - start)), after a linear rise from nothing."""
+
+    value: float = 20.0  # N
+    start: float = 0.0  # s
+    rise: float = 0.5  # s
+    amplitude: float = 0.0  # N
+    frequency: float = 0.1  # Hz
+
+
+@dataclass
+class PlateConfig:
+    """A flat workpiece, fixed in W, touched by the tool at a point."""
+
+    centre: list[float] = field(default_factory=lambda: [0.35, 0.0, 0.2])  # m, of its top face
+    rpy: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # rad; z is out of the face
+    size: list[float] = field(default_factory=lambda: [0.25, 0.4, 0.02])  # m
+    friction: float = 0.2  # Coulomb, static and dynamic
+    stiffness: float = 2e5  # N/m
+    dissipation: float = 100.0  # s/m, Hunt and Crossley
+
+
+@dataclass
+class RecordingConfig:
+    """The picture of the run."""
+
+    fps: float = 30.0
+    metres_per_newton: float = 0.01  # length of the force arrows
+
+
+@dataclass
+class Scenario:
+    """All that a simulation is made of, but the robot's and the model's own files."""
+
+    description: str = ""
+    robot: str = "sts_sre4_600"  # bundled name, or path of a robot.yaml
+    duration: float = 5.0  # s
+    time_step: float = 1e-3  # s, of the plant, the drives and every block
+    seed: int = 0  # of all noise and pushes
+    motion: MotionConfig = field(default_factory=HoldMotion)
+    controller: ControllerConfig = field(default_factory=JointTrackingConfig)
+    feedback: str = "sensor"  # what force control feeds back: sensor, or estimate
+    force_setpoint: ForceSetpoint = field(default_factory=ForceSetpoint)
+    friction: str = "full"  # of the true robot; or coulomb_viscous, none
+    current_noise: bool = True  # noise, resolution and bandwidth of the drives' measurement
+    wrench: list[WrenchSegment] = field(default_factory=list)  # on the tool at E
+    workpiece: PlateConfig | None = None
+    floor: bool = False  # a solid floor at z = 0
+    force_torque_sensor: ForceTorqueSensorConfig | None = None
+    # Its observer's time_step is the scenario's, whatever is written here.
+    estimator: WrenchEstimatorConfig = field(default_factory=WrenchEstimatorConfig)
+    recording: RecordingConfig = field(default_factory=RecordingConfig)
+
+
+def load_scenario(name_or_path: str, scenario_name: str | None = None) -> Scenario:
+    """Loads a bundled scenario by name, or one out of a file.
+
+    Args:
+        name_or_path: name of a bundled scenario, or the path of a YAML file of scenarios.
+        scenario_name: which of the file's; may be left out where it holds one only.
+
+    Raises:
+        InputError: no such scenario or file, an unknown key, or a value out of range.
+    """
+    path = Path(name_or_path)
+    if scenario_name is None and path.suffix not in (".yaml", ".yml"):
+        scenario_name, path = name_or_path, bundled_path()
+    scenarios = load_configuration(path, dict[str, Scenario])
+    if scenario_name is None:
+        if len(scenarios) != 1:
+            raise InputError(path, "", f"holds {', '.join(scenarios)}", "say which: FILE.yaml:NAME")
+        scenario_name = next(iter(scenarios))
+    if scenario_name not in scenarios:
+        known = nearest(scenario_name, scenarios) or f"there are {', '.join(scenarios)}"
+        raise InputError(path, "", f'there is no scenario "{scenario_name}"', known)
+    scenario = scenarios[scenario_name]
+    check_scenario(scenario, f"{path}: {scenario_name}")
+    return scenario
+
+
+def bundled_path() -> Path:
+    """The YAML file of the bundled scenarios."""
+    return Path(str(resources.files("diagrams"))) / BUNDLED
+
+
+def bundled_scenarios() -> dict[str, Scenario]:
+    """The bundled scenarios by name."""
+    return load_configuration(bundled_path(), dict[str, Scenario])
+
+
+def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
+    """Raises InputError, naming `source`, where a value is out of range or two do not fit."""
+    for place, value in (
+        ("duration", scenario.duration),
+        ("time_step", scenario.time_step),
+        ("recording.fps", scenario.recording.fps),
+        ("force_setpoint.rise", scenario.force_setpoint.rise),
+    ):
+        if not (np.isfinite(value) and value > 0):
+            raise InputError(source, place, f"{value}, expected a positive number")
+    if scenario.time_step > 0.01:
+        raise InputError(source, "time_step", f"{scenario.time_step} s, expected at most 0.01 s")
+    if not 0 <= scenario.seed < 2**31:
+        raise InputError(source, "seed", f"{scenario.seed}, expected 0 or more")
+    for place, word, known in (
+        ("friction", scenario.friction, FRICTIONS),
+        ("feedback", scenario.feedback, ("sensor", "estimate")),
+    ):
+        if word not in known:
+            remedy = nearest(word, known)
+            raise InputError(source, place, f'"{word}", expected {", ".join(known)}', remedy)
+    controls_force = (
+        isinstance(scenario.controller, ImpedanceConfig) and scenario.controller.force is not None
+    )
+    if controls_force and scenario.feedback == "sensor" and scenario.force_torque_sensor is None:
+        raise InputError(
+            source,
+            "feedback",
+            "force control feeds back a sensor that the scenario does not have",
+            "add force_torque_sensor, or feed back the estimate",
+        )
+    plate = scenario.workpiece
+    if plate is not None:
+        if len(plate.centre) != 3 or len(plate.rpy) != 3 or len(plate.size) != 3:
+            raise InputError(source, "workpiece", "centre, rpy and size take three numbers each")
+        if min(plate.size) <= 0 or min(plate.stiffness, plate.dissipation, plate.friction) < 0:
+            raise InputError(source, "workpiece", "a size or a contact parameter is negative")
+        if plate.stiffness == 0:
+            raise InputError(source, "workpiece.stiffness", "expected more than 0 N/m")
+
+
+def make_trajectory(scenario: Scenario, robot: Robot) -> JointTrajectory:
+    """The reference motion of the joints from time 0 on.
+
+    Raises:
+        InputError: lists of a wrong length, an unknown time law, a motion beyond the joints' limits
+            or a line out of reach.
+    """
+    motion = scenario.motion
+    if isinstance(motion, HoldMotion):
+        q = _joints(motion.q or list(robot.home), robot, "motion.q")
+        t, rest = np.array([0.0, scenario.duration]), np.zeros((2, robot.num_joints))
+        trajectory = JointTrajectory(t, np.stack([q, q]), rest, rest)
+    elif isinstance(motion, JointSineMotion):
+        trajectory = _joint_sines(motion, scenario.duration, robot)
+    else:
+        trajectory = _line(motion, robot)
+    too_far = (trajectory.q > robot.position_upper) | (trajectory.q < robot.position_lower)
+    if too_far.any():
+        joint = robot.joint_names[int(np.argmax(too_far.any(axis=0)))]
+        raise InputError("scenario", "motion", f"takes {joint} of {robot.name} beyond its limits")
+    return trajectory
+
+
+def _joints(values: list[float], robot: Robot, place: str) -> Array:
+    array = np.array(values, dtype=np.float64)
+    n = robot.num_joints
+    if array.shape not in ((1,), (n,)) or not np.all(np.isfinite(array)):
+        raise InputError(
+            "scenario", place, f"{values}, expected {n} numbers ({robot.name} has {n} joints)"
+        )
+    return np.broadcast_to(array, n).copy()
+
+
+def _joint_sines(motion: JointSineMotion, duration: float, robot: Robot) -> JointTrajectory:
+    centre = _joints(motion.centre or list(robot.home), robot, "motion.centre")
+    amplitude = _joints(motion.amplitude, robot, "motion.amplitude")
+    omega = 2 * np.pi * _joints(motion.frequency, robot, "motion.frequency")
+    phase = _joints(motion.phase, robot, "motion.phase")
+    if not motion.ramp > 0:
+        raise InputError("scenario", "motion.ramp", f"{motion.ramp}, expected more than 0 s")
+    t = np.linspace(0.0, duration, max(2, int(np.ceil(duration / 0.01)) + 1))[:, np.newaxis]
+    # A quintic from 0 to 1 that starts and ends without velocity or acceleration.
+    x = np.clip(t / motion.ramp, 0.0, 1.0)
+    fade = x**3 * (10 - 15 * x + 6 * x**2)
+    dfade = 30 * x**2 * (1 - x) ** 2 / motion.ramp
+    d2fade = 60 * x * (1 - x) * (1 - 2 * x) / motion.ramp**2
+    s, c = np.sin(omega * t + phase), np.cos(omega * t + phase)
+    q = centre + amplitude * fade * s
+    v = amplitude * (dfade * s + fade * omega * c)
+    vdot = amplitude * (d2fade * s + 2 * dfade * omega * c - fade * omega**2 * s)
+    return JointTrajectory(t[:, 0], q, v, vdot)
+
+
+def _line(motion: LineMotion, robot: Robot) -> JointTrajectory:
+    if motion.time_law not in TIME_LAWS:
+        known = ", ".join(TIME_LAWS)
+        raise InputError(
+            "scenario",
+            "motion.time_law",
+            f'"{motion.time_law}", expected {known}',
+            nearest(motion.time_law, TIME_LAWS),
+        )
+    if not motion.one_way > 0 or motion.passes < 1 or not motion.start >= 0:
+        raise InputError("scenario", "motion", "one_way must be above 0, passes 1 or more")
+    R_home, p_home = robot.chain.pose(robot.home)
+    path = StraightPath(
+        np.array(motion.n_W),
+        np.array(motion.p_WM) if motion.p_WM else p_home,
+        np.array(motion.R_WE) if motion.R_WE else R_home,
+        motion.path_length,
+    )
+    seed = _joints(motion.q_seed or list(robot.home), robot, "motion.q_seed")
+    law = TIME_LAWS[motion.time_law]
+    # A whole number of steps one way, so that the turning point is one of the samples.
+    step = motion.one_way / max(1, round(motion.one_way / 0.01))
+    if motion.passes == 1:
+        once, count = joint_trajectory(robot, path, law, motion.one_way, seed, step), 1
+    else:
+        there = there_and_back(law)
+        once = joint_trajectory(robot, path, there, 2 * motion.one_way, seed, step)
+        count = (motion.passes + 1) // 2
+    t = np.concatenate([motion.start + k * once.duration + once.t for k in range(count)])
+    end = motion.start + motion.passes * motion.one_way
+    keep = np.concatenate([[True], np.diff(t) > 1e-9]) & (t <= end + 1e-9)
+    q, v, vdot = (np.tile(x, (count, 1))[keep] for x in (once.q, once.v, once.vdot))
+    return JointTrajectory(t[keep], q, v, vdot)

@@ -1,0 +1,181 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from diagrams.closed_loop import make_closed_loop, setpoint_at
+from diagrams.scenario import (
+    ForceSetpoint,
+    HoldMotion,
+    JointSineMotion,
+    LineMotion,
+    PlateConfig,
+    Scenario,
+    load_scenario,
+)
+from models.friction import CoulombViscous, SemiParametricFriction
+from models.identified_model import IdentifiedModel
+from models.input_error import InputError
+from models.robot import Robot
+from models.wrench_script import WrenchStep
+from systems.force_torque_sensor import ForceTorqueSensorConfig
+from systems.impedance_controller import ForceControlConfig, ImpedanceConfig
+from systems.joint_tracking_controller import JointTrackingConfig
+
+QUIET = Scenario(friction="none", current_noise=False)
+DOWN = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Robot.load("sts_sre4_600")
+
+
+def run(scenario, robot, model=None, also_log=()):
+    loop = make_closed_loop(
+        scenario, robot, model or IdentifiedModel.nominal(robot), also_log=also_log
+    )
+    simulator = Simulator(loop.diagram)
+    simulator.AdvanceTo(scenario.duration)
+    return loop.logged(simulator.get_context())
+
+
+def friction_model(robot):
+    law = CoulombViscous(robot.truth.coulomb, robot.truth.viscous, np.zeros(6))
+    return replace(IdentifiedModel.nominal(robot), friction=SemiParametricFriction(law))
+
+
+def test_default_runs_and_logs_every_tick(robot):
+    t, signals = run(
+        replace(load_scenario("Default"), duration=0.3), robot, also_log=["tau_f_true"]
+    )
+    np.testing.assert_allclose(t, np.arange(301) * 1e-3, atol=1e-12)
+    sizes = {name: signal.shape[1] for name, signal in signals.items()}
+    assert sizes == {
+        "reference": 18,
+        "tau_command": 6,
+        "q": 6,
+        "v": 6,
+        "current": 6,
+        "tau_ext_true": 6,
+        "wrench_true": 6,
+        "ft_wrench": 6,
+        "tau_f_true": 6,
+        "tau_ext": 6,
+        "wrench": 6,
+        "covariance": 36,
+        "condition_number": 1,
+        "valid": 1,
+    }
+    assert all(np.all(np.isfinite(signal)) for signal in signals.values())
+
+
+def test_one_of_everything_touches_and_presses(robot):
+    t, signals = run(replace(load_scenario("OneOfEverything"), duration=1.4), robot)
+    assert {"pose_error", "force_setpoint", "ft_wrench"} <= signals.keys()
+    assert all(np.all(np.isfinite(signal)) for signal in signals.values())
+    # It stands still and presses: stiction leaves some newtons until the integral has worked.
+    assert signals["wrench_true"][-1, 5] == pytest.approx(signals["force_setpoint"][-1, 0], abs=6)
+    # The sensor lags by its filter, 4 ms, and a tick; noise of 0.2 N and 60 Hz out of 500 Hz.
+    late = signals["ft_wrench"][1200:] - signals["wrench_true"][1200:]
+    assert np.abs(late[:, 3:]).max() < 0.5
+    # No chatter: the velocity does not change its sign from tick to tick.
+    v = signals["v"][-200:]
+    assert np.abs(np.diff(v, axis=0)).max() < 5e-3
+
+
+def test_the_same_seed_gives_the_same_run(robot):
+    scenario = replace(load_scenario("Default"), duration=0.1)
+    first, again = (run(scenario, robot)[1] for _ in range(2))
+    other = run(replace(scenario, seed=1), robot)[1]
+    for name in first:
+        np.testing.assert_array_equal(first[name], again[name])
+    assert not np.array_equal(first["current"], other["current"])
+
+
+def test_tracks_a_motion_with_the_exact_model(robot):
+    motion = JointSineMotion(amplitude=[0.3], frequency=[0.5], ramp=0.5)
+    t, signals = run(replace(QUIET, motion=motion, duration=1.5), robot)
+    error = signals["q"] - signals["reference"][:, :6]
+    # A torque held for a tick at 5 rad/s^2 is T/2 late: 5 T / 2 / kd = 2e-5 rad.
+    assert np.abs(error).max() < 5e-5
+    assert np.ptp(signals["q"], axis=0).min() > 0.4
+
+
+def test_friction_feedforward_helps_against_friction(robot):
+    motion = JointSineMotion(amplitude=[0.3], frequency=[0.5], ramp=0.5)
+    gains = JointTrackingConfig(kp=[400.0], kd=[40.0])
+    scenario = replace(
+        QUIET, motion=motion, duration=1.0, friction="coulomb_viscous", controller=gains
+    )
+    errors = []
+    for model in (None, friction_model(robot)):
+        _, signals = run(scenario, robot, model)
+        errors.append(np.sqrt(np.mean((signals["q"] - signals["reference"][:, :6]) ** 2)))
+    assert errors[1] < 0.1 * errors[0]
+
+
+@pytest.mark.parametrize("feedback", ["sensor", "estimate"])
+def test_force_control_holds_its_set_point_on_a_plate(robot, feedback):
+    """The whole loop, without friction: 30 N along the plate's normal while E slides along it."""
+    motion = LineMotion([0, 1, 0], [0.35, 0, 0.3], DOWN, 0.1, 1.5, 1, start=0.8)
+    scenario = replace(
+        QUIET,
+        motion=motion,
+        duration=2.3,
+        controller=ImpedanceConfig(
+            stiffness=np.array([4000.0, 4000, 4000, 200, 200, 200]),
+            force=ForceControlConfig(proportional=0.2, integral=15.0),
+        ),
+        feedback=feedback,
+        force_setpoint=ForceSetpoint(value=30.0, rise=0.3),
+        force_torque_sensor=ForceTorqueSensorConfig() if feedback == "sensor" else None,
+        workpiece=PlateConfig(centre=[0.35, 0, 0.3], friction=0.2),
+    )
+    scenario.estimator.reconstruction.method = "inverse"
+    _, signals = run(scenario, robot)
+    normal = signals["wrench_true"][:, 5]
+    moving = slice(1200, 2200)
+    assert np.abs(normal[moving] - 30.0).max() < 0.5
+    # Coulomb friction against the motion along +y.
+    np.testing.assert_allclose(signals["wrench_true"][moving, 4], -0.2 * normal[moving], rtol=0.03)
+    # The estimate reads the contact, and so does the tool's pose error: friction over stiffness.
+    np.testing.assert_allclose(
+        signals["wrench"][2000, 3:], signals["wrench_true"][2000, 3:], atol=0.5
+    )
+    assert np.abs(signals["pose_error"][moving, 3:5]).max() < 4e-3
+
+
+def test_a_soft_arm_yields_to_a_push_by_force_over_stiffness(robot):
+    controller = ImpedanceConfig(
+        stiffness=np.array([500.0, 500, 500, 50, 50, 50]),
+        damping=np.array([120.0, 120, 120, 2, 2, 2]),
+    )
+    push = WrenchStep(force=[3.0, -2.0, 4.0], moment=[0.1, 0.0, 0.0])
+    scenario = replace(
+        QUIET, motion=HoldMotion(), controller=controller, duration=3.0, wrench=[push]
+    )
+    _, signals = run(scenario, robot)
+    expected = np.array([0.1, 0, 0, 3.0, -2.0, 4.0]) / [50, 50, 50, 500, 500, 500]
+    np.testing.assert_allclose(signals["pose_error"][-1], expected, atol=2e-4)
+
+
+def test_setpoint():
+    setpoint = ForceSetpoint(value=20.0, start=1.0, rise=0.5, amplitude=4.0, frequency=0.25)
+    t = np.array([0.0, 1.0, 1.25, 2.0, 4.0])
+    expected = [0, 0, 0.5 * (20 + 4 * np.sin(np.pi / 8)), 24.0, 16.0]
+    np.testing.assert_allclose(setpoint_at(setpoint, t), expected, atol=1e-12)
+
+
+def test_damping_that_would_chatter_is_refused(robot):
+    controller = ImpedanceConfig(damping=np.array([250.0, 250, 250, 20, 20, 20]))
+    with pytest.raises(InputError, match="would chatter"):
+        make_closed_loop(
+            replace(QUIET, controller=controller), robot, IdentifiedModel.nominal(robot)
+        )
+
+
+def test_a_model_of_another_robot_is_refused(robot):
+    with pytest.raises(InputError, match="ur10e"):
+        make_closed_loop(QUIET, robot, IdentifiedModel.nominal(Robot.load("ur10e")))

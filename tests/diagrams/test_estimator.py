@@ -1,0 +1,198 @@
+"""The estimator diagram: ports, agreement with the batch estimator, and its use by a stranger."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
+
+from diagrams.estimator import add_estimator, make_estimator
+from models.estimator import WrenchEstimator, WrenchEstimatorConfig
+from models.identified_model import IdentifiedModel
+from models.input_error import InputError
+from models.momentum_observer import MomentumObserverConfig
+from models.robot import Robot
+from models.wrench import WrenchReconstructionConfig
+from systems.recording_player import RecordingPlayer, Samples
+
+T = 1e-3
+OUTPUTS = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Robot.load("sts_sre4_600")
+
+
+@pytest.fixture(scope="module")
+def model(robot):
+    return IdentifiedModel.nominal(robot)
+
+
+def config(torque_samples="held", K_0=(20.0,), method="bayesian"):
+    return WrenchEstimatorConfig(
+        MomentumObserverConfig(list(K_0), T, torque_samples), WrenchReconstructionConfig(method)
+    )
+
+
+def fix(diagram, context, q, v, current):
+    for name, value in (("q", q), ("v", v), ("current", current)):
+        diagram.GetInputPort(name).FixValue(context, value)
+
+
+def holding_current(robot, q, wrench):
+    """The current of an arm at rest at q that is pushed by `wrench`: G = tau_J + J^T F."""
+    tau_J = robot.chain.gravity_torque(q) - robot.chain.jacobian(q).T @ wrench
+    return robot.current_sign * tau_J / robot.torque_per_ampere
+
+
+def test_ports(robot, model):
+    estimator = make_estimator(robot, model)
+    inputs = [estimator.get_input_port(i) for i in range(estimator.num_input_ports())]
+    assert {port.get_name(): port.size() for port in inputs} == {"q": 6, "v": 6, "current": 6}
+    sizes = {"tau_ext": 6, "wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1}
+    assert {name: estimator.GetOutputPort(name).size() for name in sizes} == sizes
+    assert estimator.HasOutputPort("terms")
+    assert estimator.num_output_ports() == 6
+
+
+@pytest.mark.parametrize("kind", ["held", "trapezoidal"])
+def test_a_controller_may_use_the_wrench_when_the_drive_holds_its_torque(robot, model, kind):
+    estimator = make_estimator(robot, model, config(kind))
+    current = estimator.GetInputPort("current").get_index()
+    for name in OUTPUTS:
+        feeds_through = estimator.HasDirectFeedthrough(
+            current, estimator.GetOutputPort(name).get_index()
+        )
+        assert feeds_through == (kind == "trapezoidal" and name != "terms")
+
+
+def test_a_resting_push_is_read(robot, model):
+    """From nothing to the wrench, with the pole of the observer, in a stranger's diagram."""
+    wrench = np.array([0.5, -0.8, 0.3, 6.0, -4.0, 20.0])
+    q = np.array([0.2, 0.1, -0.4, 0.3, 1.2, 0.5])
+    builder = DiagramBuilder()
+    ports = {
+        name: builder.AddSystem(ConstantVectorSource(value)).get_output_port()
+        for name, value in (
+            ("q", q),
+            ("v", np.zeros(6)),
+            ("current", holding_current(robot, q, wrench)),
+        )
+    }
+    estimator = add_estimator(builder, robot, model, config(method="inverse"), **ports)
+    log = LogVectorOutput(estimator.GetOutputPort("wrench"), builder, T)
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(0.3)
+    rows = log.FindLog(simulator.get_context()).data().T
+    t = np.arange(len(rows))[:, None] * T
+    np.testing.assert_allclose(rows, (1.0 - np.exp(-20.0 * t)) * wrench, rtol=0.0, atol=1e-9)
+
+
+def synthetic_log(robot, num_rows):
+    rng = np.random.default_rng(11)
+    t = np.arange(num_rows)[:, None] * T
+    phase, rate = rng.uniform(0.0, 6.0, 6), rng.uniform(1.0, 9.0, 6)
+    q = robot.home + 0.4 * np.sin(rate * t + phase)
+    v = 0.4 * rate * np.cos(rate * t + phase)
+    current = 2.0 * np.sin(3.0 * rate * t) + 0.05 * rng.normal(size=(num_rows, 6))
+    return q, v, current
+
+
+def play(robot, model, configuration, log):
+    """The diagram's outputs at every tick."""
+    builder = DiagramBuilder()
+    player = builder.AddSystem(RecordingPlayer(6, T))
+    ports = {name: player.GetOutputPort(name) for name in ("q", "v", "current")}
+    estimator = add_estimator(builder, robot, model, configuration, **ports)
+    sinks = {name: LogVectorOutput(estimator.GetOutputPort(name), builder, T) for name in OUTPUTS}
+    simulator = Simulator(builder.Build())
+    context = simulator.get_mutable_context()
+    player.load(player.GetMyMutableContextFromRoot(context), Samples(*log))
+    simulator.AdvanceTo((len(log[0]) - 0.5) * T)
+    return {name: sink.FindLog(context).data().T for name, sink in sinks.items()}
+
+
+@pytest.mark.parametrize("kind", ["held", "trapezoidal"])
+@pytest.mark.parametrize("method", ["bayesian", "inverse"])
+def test_row_k_is_that_of_the_batch_estimator(robot, model, kind, method):
+    """Also where the log has holes."""
+    log = synthetic_log(robot, 400)
+    for signal, row, joint in ((0, 50, 2), (1, 120, 4), (2, 200, 0), (2, 201, 0)):
+        log[signal][row, joint] = np.nan
+    configuration = config(kind, (5.0, 10.0, 20.0, 30.0, 50.0, 80.0), method)
+    played = play(robot, model, configuration, log)
+    estimator = WrenchEstimator(robot, model, configuration)
+    batch = estimator.run(estimator.initial_state(), *log)
+    scale = np.abs(batch.wrench).max()
+    np.testing.assert_allclose(played["tau_ext"], batch.tau_ext, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(played["wrench"], batch.wrench, rtol=0.0, atol=1e-9 * scale)
+    np.testing.assert_allclose(
+        played["covariance"].reshape(-1, 6, 6), batch.covariance, rtol=1e-9, atol=1e-9
+    )
+    np.testing.assert_allclose(played["condition_number"][:, 0], batch.condition_number, rtol=1e-9)
+    np.testing.assert_array_equal(played["valid"][:, 0], batch.valid)
+    assert np.isfinite(played["wrench"]).all()
+    # In "held" a current counts from the tick after it.
+    broken = [50, 51, 120, 121] + ([201, 202] if kind == "held" else [200, 201, 202])
+    assert not played["valid"][broken].any()
+
+
+def test_parameters_change_through_the_context(robot, model):
+    """Twice the torque constant, another gain, and another prior, in a running diagram."""
+    estimator = make_estimator(robot, model, config())
+    simulator = Simulator(estimator)
+    context = simulator.get_mutable_context()
+
+    def parameter(block, index=0):
+        system = estimator.GetSubsystemByName(block)
+        return system.GetMyMutableContextFromRoot(context).get_mutable_numeric_parameter(index)
+
+    wrench = np.array([0.0, 0.0, 0.0, 5.0, 5.0, 10.0])
+    q = np.array([0.2, 0.1, -0.4, 0.3, 1.2, 0.5])
+    current = holding_current(robot, q, wrench)
+    fix(estimator, context, q, np.zeros(6), 0.5 * current)
+    parameter("motor").SetFromVector(2.0 * robot.torque_per_ampere)
+    parameter("observer").SetFromVector(np.full(6, 200.0))
+    parameter("reconstruction").SetFromVector([1e6, 1e6])  # nothing is known beforehand
+    simulator.AdvanceTo(0.2)
+    # The prior's pull is the torque noise over the prior sd, squared: below 1e-9.
+    np.testing.assert_allclose(
+        estimator.GetOutputPort("wrench").Eval(context), wrench, rtol=0.0, atol=1e-6
+    )
+    parameter("friction", 2).SetFromVector(np.ones(6))  # an offset that nothing accounts for
+    simulator.AdvanceTo(0.4)
+    offset = estimator.GetOutputPort("tau_ext").Eval(context) - robot.chain.jacobian(q).T @ wrench
+    # tau_ext = ... + tau_f: what friction is thought to take, the environment must give.
+    np.testing.assert_allclose(offset, np.ones(6), rtol=0.0, atol=1e-9)
+
+
+def test_it_measures_its_own_start(robot, model):
+    """Put into a moving arm it starts from the present momentum: no transient of its own."""
+    estimator = make_estimator(robot, model, config())
+    simulator = Simulator(estimator)
+    context = simulator.get_mutable_context()
+    q, v = robot.home, np.full(6, 0.5)
+    M, G = robot.chain.mass_matrix(q), robot.chain.gravity_torque(q)
+    CTv = robot.chain.coriolis_transpose(q, v)
+    # Constant momentum: tau_J = G - CTv.
+    fix(estimator, context, q, v, (G - CTv) / robot.torque_per_ampere * robot.current_sign)
+    simulator.AdvanceTo(0.05)
+    assert np.abs(M @ v).max() > 0.5
+    assert np.abs(estimator.GetOutputPort("tau_ext").Eval(context)).max() < 1e-9
+
+
+def test_wrong_widths_name_the_ports(robot, model):
+    builder = DiagramBuilder()
+    five = builder.AddNamedSystem("encoder", ConstantVectorSource(np.zeros(5)))
+    with pytest.raises(ValueError, match=r"q must have 6 entries.*encoder\.y0 has 5"):
+        add_estimator(builder, robot, model, q=five.get_output_port())
+    terms = builder.AddNamedSystem("other", make_estimator(robot, model))
+    with pytest.raises(ValueError, match=r"current must be a vector.*other\.terms is abstract"):
+        add_estimator(builder, robot, model, current=terms.GetOutputPort("terms"))
+
+
+def test_a_model_of_another_robot_is_refused(robot):
+    other = IdentifiedModel.nominal(Robot.load("ur10e"))
+    with pytest.raises(InputError, match="ur10e"):
+        make_estimator(robot, other)

@@ -1,0 +1,65 @@
+"""The picture of a diagram."""
+
+import shutil
+
+import pytest
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
+
+from diagrams import graph
+from diagrams.graph import graph_text, write_graph
+from models.input_error import InputError
+from systems.motor_current_torque_source import MotorCurrentTorqueSource
+
+needs_dot = pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")
+
+
+@pytest.fixture
+def diagram():
+    inner = DiagramBuilder()
+    motor = inner.AddNamedSystem("drive", MotorCurrentTorqueSource([10.0]))
+    inner.ExportInput(motor.GetInputPort("current"), "current")
+    builder = DiagramBuilder()
+    arm = builder.AddNamedSystem("arm", inner.Build())
+    source = builder.AddNamedSystem("supply", ConstantVectorSource([1.0]))
+    builder.Connect(source.get_output_port(), arm.GetInputPort("current"))
+    outer = builder.Build()
+    outer.set_name("cell")
+    return outer
+
+
+def test_the_text_names_blocks_ports_and_classes(diagram):
+    text = graph_text(diagram)
+    for word in ("name=cell", "name=arm", "name=supply", "name=drive", "current", "tau_J"):
+        assert word in text
+    assert "<B>MotorCurrentTorqueSource</B>" in text
+
+
+def test_depth_closes_what_is_inside(diagram):
+    text = graph_text(diagram, max_depth=1)
+    assert "name=arm" in text
+    assert "name=drive" not in text
+
+
+@needs_dot
+@pytest.mark.parametrize(("ending", "start"), [("svg", b"<?xml"), ("png", b"\x89PNG")])
+def test_a_picture(diagram, tmp_path, ending, start):
+    path = write_graph(diagram, tmp_path / f"cell.{ending}")
+    assert path == tmp_path / f"cell.{ending}"
+    assert path.read_bytes().startswith(start)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_without_graphviz_the_text_is_written_instead(diagram, tmp_path, monkeypatch):
+    monkeypatch.setattr(graph.shutil, "which", lambda program: None)
+    path = write_graph(diagram, tmp_path / "cell.svg")
+    assert path == tmp_path / "cell.dot"
+    assert path.read_text() == graph_text(diagram)
+
+
+@pytest.mark.parametrize("name", ["cell.gif", "cell", "missing/cell.svg"])
+def test_bad_input(diagram, tmp_path, name):
+    with pytest.raises(InputError, match=r"ending|does not exist") as error:
+        write_graph(diagram, tmp_path / name)
+    assert "\n" not in str(error.value)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,172 @@
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diagrams.scenario import (
+    HoldMotion,
+    JointSineMotion,
+    LineMotion,
+    Scenario,
+    bundled_scenarios,
+    check_scenario,
+    load_scenario,
+    make_trajectory,
+)
+from models.input_error import InputError
+from models.robot import Robot
+from models.wrench_script import HandPush
+from systems.impedance_controller import ForceControlConfig, ImpedanceConfig
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Robot.load("sts_sre4_600")
+
+
+@pytest.mark.parametrize("name", sorted(bundled_scenarios()))
+def test_every_bundled_scenario_fits_its_robot(name):
+    scenario = load_scenario(name)
+    assert scenario.description
+    trajectory = make_trajectory(scenario, Robot.load(scenario.robot))
+    assert np.all(np.isfinite(trajectory.vdot))
+
+
+def test_one_of_everything_has_everything():
+    scenario = load_scenario("OneOfEverything")
+    assert isinstance(scenario.controller, ImpedanceConfig)
+    assert scenario.controller.force is not None
+    assert scenario.workpiece is not None
+    assert scenario.floor
+    assert scenario.friction == "full"
+    assert scenario.current_noise
+    assert scenario.force_torque_sensor is not None
+    assert scenario.force_torque_sensor.force_noise_sd > 0
+    assert any(isinstance(segment, HandPush) for segment in scenario.wrench)
+
+
+def write(folder: Path, text: str) -> str:
+    path = folder / "mine.yaml"
+    path.write_text(text)
+    return str(path)
+
+
+def test_a_file_of_ones_own(tmp_path):
+    path = write(tmp_path, "Mine: {duration: 2.5, motion: !HoldMotion {q: [0.1]}}\n")
+    assert load_scenario(path).duration == 2.5
+    assert load_scenario(path, "Mine").motion == HoldMotion(q=[0.1])
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "words"),
+    [
+        ("A: {duratoin: 1.0}", None, 'line 1.*"duratoin".*did you mean "duration"'),
+        ("A: {motion: !LineMotin {}}", None, "LineMotin"),
+        ("A: {}\nB: {}", None, "A, B"),
+        ("A: {}", "Aa", "Aa"),
+        ("A: {duration: -1.0}", None, "duration"),
+        ("A: {time_step: 0.1}", None, "time_step"),
+        ("A: {friction: fulll}", None, 'did you mean "full"'),
+        ("A: {seed: -1}", None, "seed"),
+        ("A: {feedback: ear}", None, "feedback"),
+        ("A: {workpiece: {size: [1.0, 1.0]}}", None, "three numbers"),
+        ("A: {workpiece: {size: [1.0, 1.0, -0.1]}}", None, "negative"),
+        ("A: {workpiece: {stiffness: 0.0}}", None, "stiffness"),
+        ("A: {controller: !ImpedanceConfig {force: {}}}", None, "sensor"),
+        ("A: [1, 2]", None, "line 1"),
+    ],
+)
+def test_a_wrong_scenario_is_one_line(tmp_path, text, name, words):
+    path = write(tmp_path, text)
+    with pytest.raises(InputError, match=words) as error:
+        load_scenario(path, name)
+    assert "mine.yaml" in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_unknown_bundled_name():
+    with pytest.raises(InputError, match='did you mean "Default"'):
+        load_scenario("Defalt")
+
+
+def test_missing_file(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        load_scenario(str(tmp_path / "none.yaml"))
+
+
+def test_force_control_may_feed_back_the_estimate_without_a_sensor():
+    controller = ImpedanceConfig(force=ForceControlConfig())
+    check_scenario(Scenario(controller=controller, feedback="estimate"))
+
+
+def test_hold_stays_at_home_unless_told_otherwise(robot):
+    trajectory = make_trajectory(Scenario(), robot)
+    q, v, _ = trajectory.sample(1.0)
+    np.testing.assert_array_equal(q, robot.home)
+    np.testing.assert_array_equal(v, 0)
+
+
+def test_joint_sines_are_consistent_and_start_at_rest(robot):
+    motion = JointSineMotion(
+        amplitude=[0.2, 0.1, 0.15, 0.3, 0.2, 0.4], frequency=[0.5], phase=[0.7], ramp=1.0
+    )
+    trajectory = make_trajectory(Scenario(duration=3.0, motion=motion), robot)
+    q, v, vdot = trajectory.sample(0.0)
+    np.testing.assert_allclose(q, robot.home, atol=1e-15)
+    np.testing.assert_allclose(v, 0, atol=1e-15)
+    np.testing.assert_allclose(vdot, 0, atol=1e-12)
+    t, h = np.linspace(0.01, 2.9, 57), 1e-5
+    before, here, after = (trajectory.sample(t + d) for d in (-h, 0.0, h))
+    np.testing.assert_allclose((after[0] - before[0]) / (2 * h), here[1], atol=1e-7)
+    np.testing.assert_allclose((after[1] - before[1]) / (2 * h), here[2], atol=1e-4)
+    expected = robot.home + np.array(motion.amplitude) * np.sin(np.pi * 2.0 + 0.7)
+    np.testing.assert_allclose(trajectory.sample(2.0)[0], expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("passes", [1, 2, 3])
+def test_line_goes_there_and_back(robot, passes):
+    R_WE = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]
+    motion = LineMotion([0.0, 2.0, 0.0], [0.35, 0.0, 0.3], R_WE, 0.2, 1.0, passes, 0.5)
+    trajectory = make_trajectory(Scenario(motion=motion), robot)
+    assert trajectory.t[0] == 0.5
+    assert trajectory.t[-1] == pytest.approx(0.5 + passes)
+    assert np.all(np.diff(trajectory.t) > 1e-6)
+    for time, y in ((0.0, -0.1), (1.5, 0.1), (2.5, -0.1), (3.5, 0.1)):
+        R, p = robot.chain.pose(trajectory.sample(min(time, 0.5 + passes))[0])
+        if time <= 0.5 + passes:
+            np.testing.assert_allclose(p, [0.35, y, 0.3], atol=1e-7)
+            np.testing.assert_allclose(R, R_WE, atol=1e-7)
+    # No jump of the position, nor of the velocity, where one pass meets the next.
+    q, v, _ = trajectory.sample(np.arange(0.4, 0.6 + passes, 1e-3))
+    assert np.abs(np.diff(q, axis=0)).max() < 2e-3
+    assert np.abs(np.diff(v, axis=0)).max() < 0.02
+
+
+def test_line_through_home_by_default(robot):
+    trajectory = make_trajectory(
+        Scenario(motion=LineMotion(one_way=1.0, path_length=0.1, start=0.0)), robot
+    )
+    R, p = robot.chain.pose(trajectory.sample(0.5)[0])
+    R_home, p_home = robot.chain.pose(robot.home)
+    np.testing.assert_allclose(p, p_home, atol=1e-7)
+    np.testing.assert_allclose(R, R_home, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("motion", "words"),
+    [
+        (HoldMotion(q=[0.1, 0.2]), "6 joints"),
+        (HoldMotion(q=[9.0]), "beyond its limits"),
+        (JointSineMotion(amplitude=[5.0]), "beyond its limits"),
+        (JointSineMotion(ramp=0.0), "ramp"),
+        (LineMotion(time_law="third"), 'did you mean "thirds"'),
+        (LineMotion(one_way=0.0), "one_way"),
+        (LineMotion(passes=0), "passes"),
+        (LineMotion(path_length=5.0), "reach"),
+    ],
+)
+def test_a_motion_that_the_robot_cannot_do_is_one_line(robot, motion, words):
+    with pytest.raises(InputError, match=words) as error:
+        make_trajectory(replace(Scenario(), motion=motion), robot)
+    assert "\n" not in str(error.value)
