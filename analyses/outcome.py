@@ -1,0 +1,84 @@
+"""What a study was asked, and what became of each of its experiments."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+State = Literal["waiting", "running", "done", "earlier", "skipped", "failed", "interrupted"]
+
+
+@dataclass(frozen=True)
+class StudySettings:
+    """What was asked of a study."""
+
+    asked: tuple[str, ...]  # experiments to run
+    known: tuple[str, ...]  # all there are
+    data: Path  # folder of the real recordings
+    seed: int
+    quick: bool
+    version: str  # of the software
+
+    @property
+    def of_results(self) -> dict[str, Any]:
+        """The settings on which an experiment's result depends."""
+        return {"seed": self.seed, "quick": self.quick, "version": self.version}
+
+
+@dataclass
+class Outcome:
+    """What became of one experiment.
+
+    `metrics` and `stored` are empty unless `state` is done or earlier (a whole result of an earlier
+    run with the same seed, length and version).
+    """
+
+    name: str
+    state: State
+    title: str = ""
+    section: str = ""
+    reason: str = ""  # why it was skipped or failed: one line
+    seconds: float | None = None
+    metrics: dict[str, Any] = field(default_factory=dict)
+    stored: dict[str, Any] = field(default_factory=dict)  # notes, figures, recordings, comparison
+
+    @property
+    def has_result(self) -> bool:
+        return self.state in ("done", "earlier")
+
+
+@dataclass(frozen=True)
+class StudyResult:
+    """What a study came to; the files it names exist."""
+
+    out: Path
+    outcomes: tuple[Outcome, ...]  # in the registry's order: what was asked for, and what was kept
+    metrics: dict[str, Any]  # one object per experiment that has a result
+    report: Path
+
+    @property
+    def failed(self) -> bool:
+        return any(outcome.state == "failed" for outcome in self.outcomes)
+
+
+def look_up(metrics: Mapping[str, Any], key: str) -> Any:
+    """Returns the value at `key`, a path such as `optimised.mean_jcn` or `rmse_nm.0`.
+
+    A name inside `metrics` may itself contain dots.
+
+    Raises:
+        ValueError: there is nothing at `key`.
+    """
+    value: Any = metrics
+    parts = key.split(".")
+    while parts:
+        if isinstance(value, list) and parts[0].isdigit() and int(parts[0]) < len(value):
+            value = value[int(parts.pop(0))]
+            continue
+        names = [".".join(parts[:end]) for end in range(len(parts), 0, -1)]
+        name = next((n for n in names if isinstance(value, Mapping) and n in value), None)
+        if name is None:
+            raise ValueError(f"no metric is at {key!r}")
+        value = value[name]
+        parts = parts[name.count(".") + 1 :]
+    return value

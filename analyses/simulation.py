@@ -1,0 +1,402 @@
+"""What would the estimator see? A scenario in, the closed loop's signals and errors out.
+
+A simulated arm with true friction and noise is moved by a controller, something acts on its tool,
+and the estimator watches. Both know a model only. What is written can be looked at (figure,
+recording), read by a program (metrics) and fed to `estimate` (log.csv).
+"""
+
+import gc
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.yaml import yaml_dump_typed
+from pydrake.systems.analysis import Simulator
+
+from analyses.outputs import OutputFolder
+from diagrams.closed_loop import ClosedLoop, make_closed_loop
+from diagrams.graph import write_graph
+from diagrams.recording import make_meshcat, start_recording, write_recording
+from diagrams.scenario import Scenario, check_scenario, load_scenario, make_trajectory
+from models.friction import CoulombViscous, SemiParametricFriction
+from models.identified_model import IdentifiedModel
+from models.input_error import InputError
+from models.recording import Recording
+from models.robot import Robot
+from systems.impedance_controller import ImpedanceConfig
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+ProgressCallback = Callable[[float, str], None]
+
+AXES = ("fx", "fy", "fz", "mx", "my", "mz")  # as people read them
+_FORCE_FIRST = [3, 4, 5, 0, 1, 2]
+_STRETCH = 0.1  # s between two reports of progress
+_QUICK_DURATION = 1.0  # s
+_BAND = 1.96  # standard deviations: 95 %
+_FIGURE_SAMPLES = 4000
+
+
+@dataclass(frozen=True, eq=False)
+class SimulationResult:
+    """What happened, sample by sample, and how far the estimate was off.
+
+    Every 6-vector is F_E_W, environment on robot at E in axes of W, rotation first: N m, N. Row k
+    of all signals belongs to time t[k]; a force there acts from t[k] to the next sample.
+
+    Attributes:
+        scenario: as it was run.
+        robot: as it was run.
+        t: (T,) s.
+        q, v: (T, n) rad, rad/s, of the true robot.
+        current: (T, n) A, as the drives report it.
+        reference: (T, 3n) q_d, v_d, vdot_d.
+        tau_command: (T, n) N m.
+        tau_ext_true, tau_ext: (T, n) N m, true and estimated.
+        wrench_true, wrench: (T, 6) true and estimated.
+        covariance: (T, 6, 6) stated for `wrench`.
+        condition_number: (T,) of J.
+        valid: (T,) whether the estimate may be trusted, as it says itself.
+        ft_wrench: (T, 6) of the force/torque sensor, where there is one.
+        pose_error: (T, 6) rad and m, under impedance control.
+        force_setpoint: (T,) N, under force control.
+        real_time_factor: simulated over elapsed time.
+        notices: what the reader of the result should know, one sentence each.
+        files: that were written.
+    """
+
+    scenario: Scenario
+    robot: Robot
+    t: Array
+    q: Array
+    v: Array
+    current: Array
+    reference: Array
+    tau_command: Array
+    tau_ext_true: Array
+    tau_ext: Array
+    wrench_true: Array
+    wrench: Array
+    covariance: Array
+    condition_number: Array
+    valid: Flags
+    ft_wrench: Array | None
+    pose_error: Array | None
+    force_setpoint: Array | None
+    real_time_factor: float
+    notices: tuple[str, ...] = ()
+    files: tuple[Path, ...] = ()
+
+    @property
+    def standard_deviation(self) -> Array:
+        """(T, 6) stated for `wrench`, N m and N, rotation first."""
+        return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2)))
+
+    def metrics(self) -> dict[str, Any]:
+        """Errors of estimate, sensor, motion and force, as written to metrics.json.
+
+        `rmse_*`, `max_error_*` and `correlation_*` hold the estimate against the truth, axis by
+        axis; the same below `sensor`. `coverage_share` is how often the true force lies in the
+        stated 95 % band. Nothing in it depends on the machine's speed.
+        """
+        n = self.robot.num_joints
+        metrics: dict[str, Any] = {
+            "num_samples": len(self.t),
+            "duration_s": float(self.t[-1]),
+            "valid_share": float(self.valid.mean()),
+            **_errors(self.wrench, self.wrench_true),
+        }
+        inside = np.abs(self.wrench - self.wrench_true) <= _BAND * self.standard_deviation
+        metrics["coverage_share"] = float(inside[:, 3:].mean())
+        metrics["tau_ext_rmse_nm"] = _rms(self.tau_ext - self.tau_ext_true)
+        metrics["tracking_rmse_rad"] = _rms(self.q - self.reference[:, :n])
+        if self.ft_wrench is not None:
+            metrics["sensor"] = _errors(self.ft_wrench, self.wrench_true)
+        if self.pose_error is not None:
+            metrics["pose_rmse_m"] = float(np.sqrt(np.mean(self.pose_error[:, 3:] ** 2) * 3))
+            metrics["pose_rmse_rad"] = float(np.sqrt(np.mean(self.pose_error[:, :3] ** 2) * 3))
+        if self.force_setpoint is not None:
+            error = self.pressing_force() - self.force_setpoint
+            metrics["force_control_rmse_n"] = _rms(error)
+            metrics["force_control_max_error_n"] = float(np.abs(error).max())
+        return metrics
+
+    def pressing_force(self) -> Array:
+        """(T,) N: the true push of the environment along the controlled direction."""
+        controller = self.scenario.controller
+        if not isinstance(controller, ImpedanceConfig) or controller.force is None:
+            raise ValueError("the scenario controls no force")
+        direction = np.array(controller.force.direction, dtype=np.float64)
+        direction /= np.linalg.norm(direction)
+        force = self.wrench_true[:, 3:]
+        if controller.force.axes == "E":
+            R_WE, _ = self.robot.chain.pose(self.q)
+            force = np.einsum("tki,tk->ti", R_WE, force)
+        return np.asarray(force @ direction)
+
+    def recording(self) -> Recording:
+        """The log as a real arm's: t, q, v and current. Extra, force first: truth and sensor."""
+        extra = {"wrench_true": self.wrench_true[:, _FORCE_FIRST]}
+        if self.ft_wrench is not None:
+            extra["ft_wrench"] = self.ft_wrench[:, _FORCE_FIRST]
+        return Recording(
+            t=self.t, q=self.q, v=self.v, current=self.current, source="simulation", extra=extra
+        )
+
+    def figure(self) -> "Figure":
+        """True and estimated wrench with the stated 95 % band, and the sensor's."""
+        from analyses.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
+
+        step = max(1, len(self.t) // _FIGURE_SAMPLES)
+        part = slice(None, None, step)
+        t, sd = self.t[part], self.standard_deviation[part]
+        figure, axes = new_figure(3, 2, share_x=True)
+        for k, column in enumerate(_FORCE_FIRST):
+            panel: Any = axes[k % 3, k // 3]
+            estimate = self.wrench[part, column]
+            band = _BAND * sd[:, column]
+            colour = COLOUR["estimate"]
+            panel.fill_between(
+                t,
+                estimate - band,
+                estimate + band,
+                color=colour,
+                alpha=BAND_ALPHA,
+                lw=0,
+                label="95 % band",
+            )
+            panel.plot(t, self.wrench_true[part, column], color=COLOUR["truth"], label="true")
+            panel.plot(t, estimate, color=colour, lw=1.0, label="estimated")
+            if self.ft_wrench is not None:
+                # Dashed and on top: a good sensor lies on the truth.
+                sensor = self.ft_wrench[part, column]
+                panel.plot(t, sensor, color=SERIES[4], lw=0.9, ls=(0, (3, 3)), label="sensor")
+            axis = AXES[k]
+            panel.set_ylabel(f"{axis[0]}$_{axis[1]}$ [{'N' if k < 3 else 'N m'}]")
+            if k % 3 == 2:
+                panel.set_xlabel("time [s]")
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+        figure.suptitle("Wrench of the environment on the robot, at E in axes of W")
+        return figure
+
+
+def simulate_scenario(
+    scenario_name: str,
+    out: Path,
+    robot_name: str | Path | None = None,
+    model_path: Path | None = None,
+    *,
+    seed: int | None = None,
+    duration: float | None = None,
+    quick: bool = False,
+    record: bool = True,
+    graph: bool = False,
+    progress: ProgressCallback = lambda fraction, what: None,
+) -> SimulationResult:
+    """The command `simulate`: runs a scenario and writes what happened into `out`.
+
+    Writes metrics.json, config.yaml, scenario.yaml (which runs again), figures/wrench.png, log.csv
+    (for `estimate`), recording.html, and with `graph` the drawing of the diagram.
+
+    Args:
+        scenario_name: of a bundled scenario; or FILE.yaml, or FILE.yaml:NAME.
+        robot_name: in the place of the scenario's robot.
+        model_path: a model.yaml; without it see `known_model`.
+        seed, duration: in the place of the scenario's.
+        quick: at most a second.
+        record: whether to write recording.html.
+
+    Raises:
+        InputError: as `load_scenario`, `Robot.load`, `IdentifiedModel.load`, `OutputFolder`; what
+            does not fit together.
+    """
+    file_name, _, name_in_file = scenario_name.rpartition(":")
+    scenario = load_scenario(file_name or scenario_name, name_in_file if file_name else None)
+    name = name_in_file if file_name else Path(scenario_name).stem
+    scenario = replace(
+        scenario,
+        robot=scenario.robot if robot_name is None else str(robot_name),
+        seed=scenario.seed if seed is None else seed,
+        duration=scenario.duration if duration is None else duration,
+    )
+    if quick:
+        scenario = replace(scenario, duration=min(scenario.duration, _QUICK_DURATION))
+    robot = Robot.load(scenario.robot)
+    model = None if model_path is None else IdentifiedModel.load(Path(model_path), robot)
+    check_scenario(scenario, scenario_name)
+    folder = OutputFolder(out)
+    result = simulate(
+        scenario,
+        robot,
+        model,
+        recording=folder / "recording.html" if record else None,
+        graph=folder / "diagram.svg" if graph else None,
+        title=name,
+        progress=progress,
+    )
+    progress(1.0, "writing")
+    files = list(result.files)
+    files.append(folder / "log.csv")
+    result.recording().to_csv(files[-1])
+    files.append(folder.write_figure("wrench", result.figure()))
+    text = yaml_dump_typed(scenario, child_name=name)
+    files.append(folder.write_text("scenario.yaml", text))
+    command = {
+        "command": "simulate",
+        "scenario": scenario_name,
+        "robot": scenario.robot,
+        "model": None if model_path is None else str(model_path),
+        "seed": scenario.seed,
+        "duration_s": scenario.duration,
+        "record": record,
+        "graph": graph,
+    }
+    files.append(folder.write_yaml("config.yaml", command))
+    files.append(folder.write_json("metrics.json", result.metrics()))
+    return replace(result, files=tuple(files))
+
+
+def simulate(
+    scenario: Scenario,
+    robot: Robot,
+    model: IdentifiedModel | None = None,
+    *,
+    recording: Path | None = None,
+    graph: Path | None = None,
+    title: str = "simulation",
+    progress: ProgressCallback = lambda fraction, what: None,
+) -> SimulationResult:
+    """Runs a scenario from its start to its end.
+
+    Args:
+        model: what controller and estimator know; without it `known_model`.
+        recording: where to write the Meshcat recording (HTML).
+        graph: where to draw the diagram, see `diagrams.graph.write_graph`.
+        title: of the recording.
+
+    Raises:
+        InputError: scenario, robot and model do not fit; or the motion diverges.
+    """
+    notices: list[str] = []
+    if model is None:
+        model = known_model(robot, scenario)
+        notices.append(
+            "without --model, controller and estimator are given the arm's true inertias and "
+            "its Coulomb-viscous friction: identify a model for an honest error"
+        )
+    meshcat = None
+    if recording is not None:
+        trajectory = make_trajectory(scenario, robot)
+        _, p_WE = robot.chain.pose(trajectory.q[len(trajectory.q) // 2])
+        meshcat = make_meshcat(robot, p_WE)
+    loop = make_closed_loop(scenario, robot, model, meshcat)
+    files: list[Path] = []
+    if graph is not None:
+        files.append(write_graph(loop.diagram, graph))
+    simulator = Simulator(loop.diagram)
+    simulator.Initialize()
+    if meshcat is not None:
+        start_recording(meshcat, scenario.recording.fps)
+    elapsed = _advance(simulator, scenario, loop, progress)
+    if meshcat is not None and recording is not None:
+        write_recording(meshcat, recording, title)
+        files.append(recording)
+    t, signals = loop.logged(simulator.get_context())
+    return SimulationResult(
+        scenario=scenario,
+        robot=robot,
+        t=t,
+        covariance=signals.pop("covariance").reshape(-1, 6, 6),
+        condition_number=signals.pop("condition_number")[:, 0],
+        valid=signals.pop("valid")[:, 0] == 1.0,
+        ft_wrench=signals.pop("ft_wrench", None),
+        pose_error=signals.pop("pose_error", None),
+        force_setpoint=_first_column(signals.pop("force_setpoint", None)),
+        real_time_factor=float(t[-1]) / elapsed,
+        notices=tuple(notices),
+        files=tuple(files),
+        **signals,
+    )
+
+
+def known_model(robot: Robot, scenario: Scenario) -> IdentifiedModel:
+    """The best that a Coulomb-viscous model can know: true inertias, true Coulomb and viscous part.
+
+    Stiction, Stribeck, load dependence and ripple of a scenario with full friction are not in it.
+    """
+    model = IdentifiedModel.nominal(robot)
+    if scenario.friction == "none":
+        return model
+    none = np.zeros(robot.num_joints)
+    law = CoulombViscous(robot.truth.coulomb, robot.truth.viscous, none)
+    return replace(model, friction=SemiParametricFriction(law))
+
+
+def _advance(
+    simulator: Simulator, scenario: Scenario, loop: ClosedLoop, progress: ProgressCallback
+) -> float:
+    """Runs to the end, and returns the seconds that it took."""
+    duration = scenario.duration
+    started = time.perf_counter()
+    with _no_garbage_collection():
+        for k in range(1, int(np.ceil(duration / _STRETCH)) + 1):
+            until = min(k * _STRETCH, duration)
+            simulator.AdvanceTo(until)
+            state = loop.cell.plant.GetPositionsAndVelocities(
+                loop.cell.plant.GetMyContextFromRoot(simulator.get_context())
+            )
+            if not np.all(np.isfinite(state)):
+                raise InputError(
+                    "scenario",
+                    "controller",
+                    f"the motion diverges before {until:.1f} s",
+                    "lower the gains or the time_step",
+                )
+            progress(until / duration, f"{until:.1f} s of {duration:g} s")
+    return time.perf_counter() - started
+
+
+@contextmanager
+def _no_garbage_collection() -> Iterator[None]:
+    """Every tick makes some hundred short-lived objects, all freed by reference counting.
+
+    The collector would go through the whole heap for them again and again, at a tenth of the time.
+    """
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+def _errors(reading: Array, truth: Array) -> dict[str, float]:
+    """RMSE, largest error and correlation per axis; the last is NaN where nothing varies."""
+    metrics: dict[str, float] = {}
+    for axis, column in zip(AXES, _FORCE_FIRST, strict=True):
+        unit = "n" if axis.startswith("f") else "nm"
+        a, b = reading[:, column], truth[:, column]
+        metrics[f"rmse_{axis}_{unit}"] = float(np.sqrt(np.mean((a - b) ** 2)))
+        metrics[f"max_error_{axis}_{unit}"] = float(np.abs(a - b).max())
+        varies = min(np.ptp(a), np.ptp(b)) > 1e-9
+        metrics[f"correlation_{axis}"] = float(np.corrcoef(a, b)[0, 1]) if varies else float("nan")
+    return metrics
+
+
+def _rms(error: Array) -> Any:
+    """Root of the mean square along the first axis; a list for several columns."""
+    return np.sqrt(np.mean(error**2, axis=0)).tolist()
+
+
+def _first_column(signal: Array | None) -> Array | None:
+    return None if signal is None else signal[:, 0]

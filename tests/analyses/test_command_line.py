@@ -1,0 +1,517 @@
+"""The command line: what it prints, where, and with which exit code."""
+
+import io
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+from analyses import __main__ as command_line
+from analyses import study
+from analyses.compilation import ANNOUNCEMENT
+from analyses.outcome import StudyResult
+from analyses.progress import ProgressDisplay
+from analyses.study import EXPERIMENTS, Progress
+from models.input_error import InputError
+
+ROOT = Path(study.__file__).parent.parent
+COMMANDS = ("study", "identify", "estimate", "simulate")
+
+_EXPERIMENT = """
+import time
+from analyses.experiment import ComparisonRow, Experiment, ExperimentResult
+
+def run(context):
+    {body}
+    return ExperimentResult(
+        metrics={{"error_n": 24.7}},
+        comparison=[ComparisonRow("Largest error in `Y` [bold]", "error_n", "N", 24.86)],
+    )
+
+EXPERIMENT = Experiment("{name}", "Title", "4.3", run, needs={needs})
+"""
+
+
+def _run(*arguments, python=("-m", "analyses"), **options):
+    return subprocess.run(
+        [sys.executable, *python, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=ROOT,
+        **options,
+    )
+
+
+@pytest.fixture
+def invoke():
+    def invoke(*arguments):
+        return CliRunner().invoke(command_line.app, [str(a) for a in arguments])
+
+    return invoke
+
+
+@pytest.fixture
+def experiments(tmp_path, monkeypatch):
+    """Returns a function that adds an experiment; the registry then has no others."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+    # Else each experiment's process would first import the test runner: its main module.
+    monkeypatch.setattr(sys.modules["__main__"], "__spec__", None)
+    monkeypatch.delattr(sys.modules["__main__"], "__file__", raising=False)
+    monkeypatch.setattr(study, "EXPERIMENTS", {})
+
+    def add(name, body="pass", needs=()):
+        text = _EXPERIMENT.format(name=name, body=body, needs=needs)
+        (tmp_path / f"fake_{name}.py").write_text(text)
+        study.EXPERIMENTS[name] = f"fake_{name}"
+
+    return add
+
+
+# ---- help ----
+
+
+def test_help_names_the_commands(invoke):
+    result = invoke("--help")
+    assert result.exit_code == 0
+    for command in COMMANDS:
+        assert command in result.stdout
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_each_command_has_help(invoke, command):
+    result = invoke(command, "--help")
+    assert result.exit_code == 0
+    assert "--out" in result.stdout
+
+
+def test_help_answers_at_once():
+    program = (
+        "import sys; from analyses.__main__ import app\n"
+        "try: app(['study', '--help'])\n"
+        "except SystemExit: pass\n"
+        "heavy = ('numpy', 'pydrake', 'numba', 'torch', 'scipy', 'matplotlib', 'pyarrow')\n"
+        "sys.exit(str([name for name in heavy if name in sys.modules]))"
+    )
+    start = time.monotonic()
+    result = _run(program, python=("-c",))
+    assert result.stderr.strip() == "[]"
+    assert time.monotonic() - start < 2.0  # 0.2 s on an idle machine; importing Drake takes 1 s
+
+
+def test_without_a_command_help_is_shown(invoke):
+    assert "study" in invoke().output
+
+
+def test_version_and_list(invoke):
+    assert invoke("--version").stdout.startswith("wrenchsight ")
+    assert invoke("study", "--list").stdout.split() == list(EXPERIMENTS)
+
+
+# ---- what a user can get wrong ----
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("study", "bandwith"), ("did you mean bandwidth?", ", ".join(EXPERIMENTS))),
+        (("study", "--out", "pyproject.toml"), ("pyproject.toml: is a file", "--out")),
+        (("identify", "nowhere.csv", "--robot", "ur10e"), ("nowhere.csv",)),
+        (("identify", "nowhere.csv", "--robot", "ur11e"), ("ur11e", "ur10e")),
+        (("identify", "models", "--robot", "ur10e"), ("models",)),
+        (("estimate", "nowhere.csv", "--robot", "ur10e"), ("nowhere.csv",)),
+        (("estimate", "a.csv", "--robot", "ur10e", "--k0", "5,x"), ("--k0", "'5,x'")),
+        (("estimate", "a.csv", "--robot", "ur10e", "--method", "best"), ("best", "bayesian")),
+        (("simulate", "--scenario", "Defalt"), ("Defalt", "Default")),
+        (("simulate", "--scenario", "nowhere.yaml"), ("nowhere.yaml",)),
+        (("simulate", "--duration", "-1"), ("duration",)),
+    ],
+)
+def test_one_line_and_exit_code_2(invoke, monkeypatch, arguments, expected):
+    monkeypatch.chdir(ROOT)
+    result = invoke(*arguments)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert result.stderr.endswith("\n")
+    assert result.stderr.count("\n") == 1
+    for text in expected:
+        assert text in result.stderr
+
+
+def test_so_it_is_in_a_process_of_its_own():
+    result = _run("study", "bandwith")
+    assert result.returncode == 2
+    assert result.stdout == ""
+    assert result.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("study", "--seed", "x"),
+        ("study", "--jobs", "0"),
+        ("study", "--nope"),
+        ("nope",),
+        ("identify", "log.csv"),
+        ("identify", "--robot", "ur10e"),
+    ],
+)
+def test_usage_errors_exit_with_2_too(invoke, arguments):
+    result = invoke(*arguments)
+    assert result.exit_code == 2
+    assert "Usage" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("error", "line", "code"),
+    [
+        (
+            InputError("a.csv", "line 3", "is\nempty", "fill it"),
+            "a.csv: line 3: is empty; fill it",
+            2,
+        ),
+        (OSError(28, "No space left on device", "out/x"), "out/x: No space left on device", 2),
+        (OSError("odd"), "odd", 2),
+        (KeyboardInterrupt(), "interrupted; what was written is whole", 130),
+    ],
+)
+def test_errors_of_any_command_become_one_line(invoke, monkeypatch, error, line, code):
+    def fail(*_, **__):
+        raise error
+
+    monkeypatch.setattr(study, "run_study", fail)
+    result = invoke("study", "bandwidth")
+    assert result.exit_code == code
+    assert result.stderr == line + "\n"
+    assert result.stdout == ""
+
+
+def test_a_defect_of_ours_keeps_its_traceback(invoke, monkeypatch):
+    monkeypatch.setattr(study, "run_study", lambda *_, **__: 1 / 0)
+    result = invoke("study", "bandwidth")
+    assert result.exit_code == 1
+    assert isinstance(result.exception, ZeroDivisionError)
+
+
+def test_a_reader_that_leaves_is_no_error():
+    command = f"{sys.executable} -m analyses study --list | true; echo ${{PIPESTATUS[0]}}"
+    result = subprocess.run(
+        ["bash", "-c", command], capture_output=True, text=True, check=True, cwd=ROOT
+    )
+    assert "Traceback" not in result.stderr
+
+
+# ---- study ----
+
+
+def test_a_study_prints_progress_on_stderr_and_a_table_last(invoke, experiments, tmp_path):
+    experiments("one")
+    result = invoke("study", "--out", tmp_path / "out", "--data", tmp_path, "--seed", 3)
+    assert result.exit_code == 0
+    assert result.stderr == "one  started\none  done\n"
+    lines = result.stdout.splitlines()
+    assert "article" in lines[0]
+    assert "here" in lines[0]
+    assert any(
+        "Largest error in Y [bold] [N]" in s and "24.86" in s and "24.70" in s for s in lines
+    )
+    assert lines[-1] == f"report: {tmp_path / 'out' / 'report.html'}"
+    assert '"seed": 3' in (tmp_path / "out" / "one" / "result.json").read_text()
+
+
+def test_failed_experiments_exit_with_1_after_the_others(invoke, experiments, tmp_path):
+    experiments("bad", "raise ValueError('no [torque]')")
+    experiments("good")
+    result = invoke("study", "--out", tmp_path / "out", "--jobs", 1)
+    assert result.exit_code == 1
+    assert "bad   failed: ValueError: no [torque]" in result.stderr
+    assert "good  done" in result.stderr
+    assert "24.70" in result.stdout
+
+
+def test_absent_recordings_are_said_in_a_line(invoke, experiments, tmp_path):
+    experiments("real", needs=("ur10e",))
+    result = invoke("study", "--out", tmp_path / "out", "--data", tmp_path / "none")
+    assert result.exit_code == 0
+    assert f"real  skipped: needs the recordings {tmp_path / 'none' / 'ur10e'}" in result.stderr
+
+
+def test_options_reach_the_study(invoke, monkeypatch, tmp_path):
+    seen = {}
+
+    def note(names, out, data, **options):
+        seen.update(names=names, out=out, data=data, **options)
+        return StudyResult(out, (), {}, out / "report.html")
+
+    monkeypatch.setattr(study, "run_study", note)
+    arguments = ("bandwidth", "--seed", 4, "--quick", "--jobs", 3, "--data", "d", "--out", tmp_path)
+    assert invoke("study", *arguments).exit_code == 0
+    del seen["watch"]
+    expected = {"names": ["bandwidth"], "out": tmp_path, "data": Path("d")}
+    assert seen == expected | {"seed": 4, "quick": True, "jobs": 3}
+
+
+def test_control_c_is_one_line_and_130(tmp_path):
+    (tmp_path / "fake_slow.py").write_text(
+        _EXPERIMENT.format(name="slow", body="time.sleep(60)", needs=())
+    )
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import sys\n"
+        f"sys.path.insert(0, {str(tmp_path)!r})\n"
+        "if __name__ == '__main__':\n"
+        "    from analyses import __main__, study\n"
+        "    study.EXPERIMENTS = {'slow': 'fake_slow'}\n"
+        f"    sys.argv = ['wrenchsight', 'study', '--out', {str(tmp_path / 'out')!r}]\n"
+        "    __main__.main()\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, str(script)],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        start_new_session=True,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stderr is not None
+    assert process.stderr.readline() == "slow  started\n"
+    os.killpg(process.pid, signal.SIGINT)
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert errors.splitlines() == ["slow  interrupted", "interrupted; what was written is whole"]
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
+        ".lock",
+        "metrics.json",
+        "report.html",
+        "timings.json",
+    ]
+
+
+# ---- progress ----
+
+
+def _written(on_terminal, events, fleeting=False):
+    file = io.StringIO()
+    console = Console(file=file, force_terminal=on_terminal, width=100)
+    with ProgressDisplay(console, ("one", "longer"), fleeting=fleeting) as watch:
+        for event in events:
+            watch(event)
+    return file.getvalue()
+
+
+EVENTS = (
+    Progress("one", "running"),
+    Progress("one", "running", 0.0, ANNOUNCEMENT),
+    Progress("one", "running", 0.2, "reading [bold]"),
+    Progress("one", "running", 0.8, "solving"),
+    Progress("longer", "skipped", 1.0, "needs data"),
+    Progress("one", "done", 1.0),
+)
+
+
+def test_in_a_log_there_are_few_lines_and_no_control_characters():
+    text = _written(False, EVENTS)
+    assert text.splitlines() == [
+        "one     started",
+        f"one     {ANNOUNCEMENT}",
+        "longer  skipped: needs data",
+        "one     done",
+    ]
+    assert all(character.isprintable() or character == "\n" for character in text)
+
+
+def test_fleeting_progress_says_in_a_log_only_that_there_is_a_wait():
+    assert _written(False, EVENTS, fleeting=True) == f"one     {ANNOUNCEMENT}\n"
+
+
+def test_long_work_gives_a_sign_of_life_in_a_log(monkeypatch):
+    clock = iter(range(0, 1000, 15))
+    monkeypatch.setattr("analyses.progress.time.monotonic", lambda: next(clock))
+    events = [Progress("one", "running", k / 10, "solving") for k in range(6)]
+    assert _written(False, events).splitlines() == [
+        "one     started",
+        "one     20 %  solving",
+        "one     40 %  solving",
+    ]
+
+
+def test_on_a_terminal_there_are_bars():
+    text = _written(True, EVENTS[:3])
+    assert "reading [bold]" in text
+    assert "━" in text
+
+
+# ---- estimate ----
+
+
+def test_options_reach_the_estimate(invoke, monkeypatch, tmp_path):
+    from analyses import estimation
+
+    seen = []
+
+    def note(*values):
+        seen.extend(values)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(estimation, "estimate_log", note)
+    arguments = ("log.csv", "--robot", "r", "--model", "m.yaml", "--out", tmp_path, "--engine")
+    arguments += ("diagram", "--method", "inverse", "--k0", "5,20", "--prior-force-sd", 30)
+    arguments += ("--prior-moment-sd", 2, "--log-format", "f", "--step", 0.001)
+    arguments += ("--max-gap", 0.5, "--no-check")
+    assert invoke("estimate", *arguments).exit_code == 130
+    assert seen[:5] == [Path("log.csv"), "r", Path("m.yaml"), tmp_path, "f"]
+    assert seen[5] == estimation.EstimateConfig(
+        engine="diagram",
+        method="inverse",
+        K_0=[5.0, 20.0],
+        prior_force_sd=30.0,
+        prior_moment_sd=2.0,
+        time_step=0.001,
+        max_gap=0.5,
+        check=False,
+    )
+
+
+def test_the_defaults_are_those_of_the_analyses(invoke, monkeypatch):
+    """An option must not change what the same call from Python does."""
+    from analyses import estimation, identification
+
+    configurations = []
+
+    def note(*values):
+        configurations.extend(v for v in values if type(v).__name__.endswith("Config"))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(estimation, "estimate_log", note)
+    monkeypatch.setattr(identification, "identify_logs", note)
+    invoke("estimate", "log.csv", "--robot", "r")
+    invoke("identify", "log.csv", "--robot", "r")
+    assert configurations == [
+        estimation.EstimateConfig(),
+        identification.IdentificationConfig(),
+    ]
+
+
+def test_an_estimate_prints_its_table_and_its_doubts(invoke, monkeypatch, tmp_path):
+    from analyses import estimation
+
+    force = {"mean_n": -24.6789, "rms_n": 25.5, "max_abs_n": 40.34, "mean_sd_n": None}
+    metrics = {
+        "valid": {"wrench": {"fz": force}},
+        "prior": {"force_sd_n": 15.71, "moment_sd_nm": 2.579, "rule": "evidence of the log"},
+    }
+    result = SimpleNamespace(
+        metrics=lambda: metrics,
+        num_samples=5010,
+        valid_share=0.676,
+        notices=("a drop-out was bridged",),
+        warnings=("it extrapolates [mostly]",),
+        table=tmp_path / "wrench.csv",
+    )
+    monkeypatch.setattr(estimation, "estimate_log", lambda *_: result)
+    shown = invoke("estimate", "log.csv", "--robot", "r", "--out", tmp_path)
+    assert shown.exit_code == 0
+    assert shown.stderr == ""
+    lines = shown.stdout.splitlines()
+    assert lines[1].split() == ["fz", "-24.68", "25.50", "40.34", "–", "N"]
+    assert "5010 samples, 67.6 % valid; prior: force sd 15.7 N, moment sd 2.58 N m" in lines[2]
+    assert "note: it extrapolates [mostly]" in lines
+    assert str(tmp_path / "wrench.csv") in lines[-1]
+
+
+# ---- simulate ----
+
+
+@pytest.mark.parametrize(
+    ("scenario", "asked"),
+    [
+        ((), "Default"),
+        (("--scenario", "HandGuiding"), "HandGuiding"),
+        (("--scenario", "file.yaml"), "file.yaml"),
+        (("--scenario", "file.yaml", "--name", "Mine"), "file.yaml:Mine"),
+    ],
+)
+def test_options_reach_the_simulation(invoke, monkeypatch, tmp_path, scenario, asked):
+    from analyses import simulation
+
+    seen = {}
+
+    def note(*values, **options):
+        seen.update(options, values=values)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(simulation, "simulate_scenario", note)
+    arguments = ("--robot", "r", "--model", "m", "--out", tmp_path, "--duration", 2.5, "--seed", 4)
+    arguments += ("--quick", "--no-recording", "--graphviz")
+    assert invoke("simulate", *scenario, *arguments).exit_code == 130
+    del seen["progress"]
+    assert seen == {
+        "values": (asked, tmp_path, "r", Path("m")),
+        "duration": 2.5,
+        "seed": 4,
+        "quick": True,
+        "record": False,
+        "graph": True,
+    }
+
+
+@pytest.mark.parametrize("sensor", [True, False])
+def test_a_simulation_prints_its_errors_and_its_files(invoke, monkeypatch, tmp_path, sensor):
+    from analyses import simulation
+
+    units = {"fx": "n", "fy": "n", "fz": "n", "mx": "nm", "my": "nm", "mz": "nm"}
+    errors = {f"rmse_{axis}_{unit}": 0.5 for axis, unit in units.items()}
+    errors |= {f"max_error_{axis}_{unit}": 1.25 for axis, unit in units.items()}
+    metrics = errors | {"duration_s": 2.0, "valid_share": 0.9, "coverage_share": 0.95}
+    if sensor:
+        metrics["sensor"] = errors
+    result = SimpleNamespace(
+        metrics=lambda: metrics,
+        real_time_factor=4.26,
+        robot=SimpleNamespace(notices=("12 meshes dropped: drawn without them",)),
+        notices=(),
+        files=(tmp_path / "log.csv",),
+    )
+    monkeypatch.setattr(simulation, "simulate_scenario", lambda *_, **__: result)
+    shown = invoke("simulate")
+    assert shown.exit_code == 0
+    lines = shown.stdout.splitlines()
+    assert lines[2].split() == ["fx", "N", *(("0.500", "1.250") * (2 if sensor else 1))]
+    assert lines[7].split()[:3] == ["mz", "N", "m"]
+    assert "4.3 times real time; 90 % of the readings valid, 95 %" in shown.stdout
+    assert "note: 12 meshes dropped: drawn without them" in lines
+    assert lines[-1] == f"wrote {tmp_path / 'log.csv'}"
+
+
+# ---- several values of one option ----
+
+
+@pytest.mark.parametrize(
+    ("arguments", "logs", "validate"),
+    [
+        (("a", "b", "--validate", "c", "d", "--robot", "r"), ["a", "b"], ["c", "d"]),
+        (("--robot", "r", "a", "--validate", "c", "--validate", "d"), ["a"], ["c", "d"]),
+        (("--validate", "c", "d", "--robot", "r", "a"), ["a"], ["c", "d"]),
+        (("--validate=c", "a", "b", "--robot", "r"), ["a", "b"], ["c"]),
+        (("--robot", "r", "--validate", "c", "--", "a"), ["a"], ["c"]),
+        (("a", "--robot", "r"), ["a"], []),
+    ],
+)
+def test_validate_takes_several_logs(invoke, monkeypatch, arguments, logs, validate):
+    from analyses import identification
+
+    seen = []
+
+    def note(*values):
+        seen.extend(values)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(identification, "identify_logs", note)
+    assert invoke("identify", *arguments).exit_code == 130
+    assert (seen[0], seen[3]) == ([Path(p) for p in logs], [Path(p) for p in validate])

@@ -1,0 +1,227 @@
+"""The whole estimator, per tick and over a log, against the same chain in Python with pinocchio.
+
+Run as a script. All is timed in one run, in turns, so that the ratios hold on a busy machine too;
+results are compared before they are timed. A tick: current to torque, M v, C^T v, G, J, friction,
+observer, Bayesian wrench with covariance, condition number and flag, for a 6-joint arm.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import numba
+import numpy as np
+import pinocchio
+from numpy.typing import NDArray
+from pydrake.systems.analysis import Simulator
+
+from diagrams.closed_loop import make_closed_loop
+from diagrams.estimator import make_estimator
+from diagrams.scenario import load_scenario
+from models.estimator import WrenchEstimator, WrenchEstimatorConfig
+from models.friction import CoulombViscous, SemiParametricFriction
+from models.identified_model import IdentifiedModel
+from models.motors import torque_to_current
+from models.robot import Robot
+
+Array = NDArray[np.float64]
+Tick = Callable[[int], Array]
+
+LOG_SAMPLES = 100_000
+TICKS = 20_000
+ROUNDS = 5
+DIAGRAM_TICKS = 5_000
+
+
+class PinocchioEstimator:
+    """The chain as someone would write it in Python: fast library calls, memory allocated once."""
+
+    def __init__(self, reference: WrenchEstimator) -> None:
+        robot, model = reference.robot, reference.model
+        self.model = pinocchio.buildModelFromXML(robot.urdf_text)
+        self.model.armature = np.array(reference.chain.reflected_inertia)
+        self.data = self.model.createData()
+        self.frame = self.model.getFrameId("E")
+        law = model.friction.coulomb_viscous
+        self.coulomb, self.viscous, self.offset = law.coulomb, law.viscous, law.offset
+        self.gain = robot.torque_per_ampere * robot.current_sign
+        self.T = reference.observer.time_step
+        self.pole = np.exp(-reference.observer.K_0 * self.T)
+        self.rate = (1.0 - self.pole) / self.T
+        self.weight = np.linalg.inv(model.residual_covariance)
+        prior = reference.config.reconstruction
+        assert prior.prior_force_sd is not None
+        assert prior.prior_moment_sd is not None
+        self.prior_information = np.diag(
+            [prior.prior_moment_sd**-2] * 3 + [prior.prior_force_sd**-2] * 3
+        )
+        self.max_variance = 0.5 * prior.prior_force_sd**2
+        self.started = False
+        self.tau_ext = np.zeros(robot.num_joints)
+        self.predicted = np.zeros(robot.num_joints)
+        self.J = np.empty((6, robot.num_joints))
+
+    def step(self, q: Array, v: Array, current: Array) -> tuple[Array, Array, Array, float, bool]:
+        model, data = self.model, self.data
+        C = pinocchio.computeCoriolisMatrix(model, data, q, v)  # leaves joint Jacobians and poses
+        pinocchio.updateFramePlacement(model, data, self.frame)
+        linear_first = pinocchio.getFrameJacobian(
+            model, data, self.frame, pinocchio.LOCAL_WORLD_ALIGNED
+        )
+        self.J[:3], self.J[3:] = linear_first[3:], linear_first[:3]
+        CTv = v @ C
+        momentum = pinocchio.crba(model, data, q) @ v
+        G = pinocchio.computeGeneralizedGravity(model, data, q)
+        tau_f = self.offset + self.coulomb * np.sign(v) + self.viscous * v
+        half = (0.5 * self.T) * (CTv - G - tau_f)
+        if self.started:
+            self.tau_ext = self.pole * self.tau_ext + self.rate * (momentum - half - self.predicted)
+        self.started = True
+        self.predicted = momentum + half + self.T * (self.gain * current)
+        weighted = self.J @ self.weight
+        covariance = np.linalg.inv(weighted @ self.J.T + self.prior_information)
+        wrench = covariance @ (weighted @ self.tau_ext)
+        s = np.linalg.svd(self.J, compute_uv=False)
+        worst = np.linalg.eigvalsh(covariance[3:, 3:])[-1]
+        return (
+            self.tau_ext,
+            wrench,
+            covariance,
+            float(s[0] / s[-1]),
+            bool(worst <= self.max_variance),
+        )
+
+
+def log(robot: Robot, T: float) -> tuple[Array, Array, Array]:
+    """All joints in smooth motion, currents of a real size."""
+    t = T * np.arange(LOG_SAMPLES)[:, None]
+    w = np.array([1.1, 0.9, 1.7, 2.3, 3.1, 2.0])
+    phase = np.arange(6.0)
+    q = np.array([0.0, 0.2, -0.6, 0.3, 1.0, 0.0]) + 0.5 * np.sin(w * t + phase)
+    v = 0.5 * w * np.cos(w * t + phase)
+    noise = np.random.default_rng(0).normal(size=q.shape)
+    tau = robot.chain.gravity_torque(q) + noise
+    return q, v, torque_to_current(tau, robot.torque_per_ampere, robot.current_sign)
+
+
+def tick_times(ticks: list[Tick], count: int) -> list[Array]:
+    """Seconds of each of `count` calls of each, in turns of a hundred."""
+    times: list[list[int]] = [[] for _ in ticks]
+    for start in range(0, count, 100):
+        for tick, record in zip(ticks, times, strict=True):
+            for k in range(start, start + 100):
+                before = time.perf_counter_ns()
+                tick(k)
+                record.append(time.perf_counter_ns() - before)
+    return [np.array(record) * 1e-9 for record in times]
+
+
+def row(name: str, times: Array, reference: Array) -> None:
+    median, high = 1e6 * np.median(times), 1e6 * np.percentile(times, 99)
+    by_median = np.median(reference) / np.median(times)
+    by_high = np.percentile(reference, 99) / np.percentile(times, 99)
+    print(f"{name:44} {median:9.1f} us {high:9.1f} us {by_median:9.2f} x {by_high:9.2f} x")
+
+
+def main() -> None:
+    """Prints the table."""
+    robot = Robot.load("sts_sre4_600")
+    law = CoulombViscous(np.full(6, 5.0), np.full(6, 4.0), np.full(6, 0.1))
+    model = replace(IdentifiedModel.nominal(robot), friction=SemiParametricFriction(law))
+    config = WrenchEstimatorConfig()
+    ours = WrenchEstimator(robot, model, config)
+    T = ours.observer.time_step
+    q, v, current = log(robot, T)
+
+    batch = ours.run(ours.initial_state(), q, v, current)
+    theirs = PinocchioEstimator(ours)
+    for k in range(2000):
+        tau_ext, wrench, covariance, condition, valid = theirs.step(q[k], v[k], current[k])
+        assert np.allclose(tau_ext, batch.tau_ext[k], rtol=0, atol=1e-7)
+        assert np.allclose(wrench, batch.wrench[k], rtol=1e-6, atol=1e-6)
+        assert np.allclose(covariance, batch.covariance[k], rtol=1e-6, atol=1e-6)
+        assert np.isclose(condition, batch.condition_number[k], rtol=1e-8)
+        assert valid == batch.valid[k]
+
+    print("Six-joint arm, one tick. Ratios: time of the Python chain over the row's.")
+    print(f"{'':44} {'median':>12} {'99th pct':>12} {'median':>11} {'99th pct':>11}")
+    state = ours.initial_state()
+    theirs = PinocchioEstimator(ours)
+    kernel_times, reference_times = tick_times(
+        [
+            lambda k: ours.step(state, q[k], v[k], current[k]).wrench,
+            lambda k: theirs.step(q[k], v[k], current[k])[1],
+        ],
+        TICKS,
+    )
+    row("Python with pinocchio", reference_times, reference_times)
+    row("WrenchEstimator.step", kernel_times, reference_times)
+
+    diagram = make_estimator(robot, model, config)
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    inputs = [
+        (diagram.GetInputPort(name).FixValue(context, signal[0]), signal)
+        for name, signal in (("q", q), ("v", v), ("current", current))
+    ]
+    outputs = [
+        diagram.GetOutputPort(name)
+        for name in ("tau_ext", "wrench", "covariance", "condition_number", "valid")
+    ]
+    simulator.Initialize()
+
+    def diagram_tick(k: int) -> Array:
+        for value, signal in inputs:
+            value.GetMutableData().get_mutable_value().SetFromVector(signal[k])
+        values = [port.Eval(context) for port in outputs]
+        simulator.AdvanceTo((k + 1) * T)
+        wrench: Array = values[1]
+        return wrench
+
+    theirs = PinocchioEstimator(ours)
+    worst = 0.0
+    for k in range(500):
+        worst = max(worst, float(np.abs(diagram_tick(k) - batch.wrench[k]).max()))
+    assert worst < 1e-9, worst
+    diagram_times, reference_times = tick_times(
+        [
+            lambda k: diagram_tick(500 + k),
+            lambda k: theirs.step(q[k], v[k], current[k])[1],
+        ],
+        DIAGRAM_TICKS,
+    )
+    row("the Drake diagram: inputs, AdvanceTo, outputs", diagram_times, reference_times)
+
+    print(f"\nA log of {LOG_SAMPLES:,} samples, {numba.get_num_threads()} threads.")
+    our_seconds, their_seconds = [], []
+    for _ in range(ROUNDS):
+        before = time.perf_counter()
+        ours.run(ours.initial_state(), q, v, current)
+        our_seconds.append(time.perf_counter() - before)
+    rows = LOG_SAMPLES // 5
+    for _ in range(ROUNDS):  # a fifth each time: the loop has no other costs
+        theirs = PinocchioEstimator(ours)
+        before = time.perf_counter()
+        for k in range(rows):
+            theirs.step(q[k], v[k], current[k])
+        their_seconds.append((time.perf_counter() - before) * LOG_SAMPLES / rows)
+    a, b = float(np.median(our_seconds)), float(np.median(their_seconds))
+    print(f"{'Python with pinocchio':44} {b:9.3f} s")
+    print(f"{'WrenchEstimator.run':44} {a:9.3f} s  {b / a:9.1f} x")
+
+    print(
+        "\nThe closed loop (arm, friction, noise, sensor, controller, estimator, logs), 1 ms ticks."
+    )
+    for name in ("LinearPath", "Default"):
+        scenario = load_scenario(name)
+        loop = make_closed_loop(scenario, robot, IdentifiedModel.nominal(robot))
+        simulator = Simulator(loop.diagram)
+        simulator.AdvanceTo(0.2)
+        before = time.perf_counter()
+        simulator.AdvanceTo(2.2)
+        seconds = time.perf_counter() - before
+        print(f"{name:44} {2.0 / seconds:9.2f} times real time, {500.0 * seconds:6.0f} us a tick")
+
+
+if __name__ == "__main__":
+    main()
