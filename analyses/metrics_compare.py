@@ -20,7 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
-from analyses.experiment import Experiment, ExperimentContext, ExperimentResult, FigureFile
+from analyses.experiment import (
+    ComparisonRow,
+    Experiment,
+    ExperimentContext,
+    ExperimentResult,
+    FigureFile,
+)
 from analyses.figures import COLOUR, SERIES, new_figure, save_figure
 from models.conditioning import condition_number, singular_values
 from models.dry_friction import DryFriction
@@ -311,6 +317,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
             name: {
                 "rank_correlation": correlation.value,
                 "interval_95": [correlation.low, correlation.high],
+                "with_interval": [correlation.value, correlation.low, correlation.high],
                 "rank_correlation_of_relative_error": rank_correlation(
                     draws.predictors[method][name], draws.relative_error[method]
                 ),
@@ -335,6 +342,17 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=figures,
+        comparison=[
+            ComparisonRow(
+                f"Rank correlation with the force error, {method}: {label}",
+                f"{method}.{name}.with_interval",
+                "",
+                None,
+                "and its 95 % interval",
+            )
+            for method in METHODS
+            for name, label in PREDICTORS.items()
+        ],
         notes=_notes(metrics, robot),
         configuration={
             "robot": robot.name,

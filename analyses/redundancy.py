@@ -3,6 +3,15 @@
 Command `redundancy --task T.yaml`, and experiment `surface-path`. Three ways along one path are
 compared: at a constant angle (initial), by the local method that the article uses, and the optimum
 (dynamic programming over a grid of angles and all branches, then refined continuously).
+
+A task names a surface, where the workpiece stands, and how the tool is held (see `RedundancyTask`):
+
+    surface: {blade: {}, start: [0.75, 0.15], end: [0.75, 0.85], num_samples: 121}
+    workpiece: {xyz: [0.45, -0.25, 0.25], rpy: [0, 0, 0]}
+    tool_axis: [0.7071, 0, 0.7071]
+    initial_angle_deg: 60
+
+or, in the place of the surface, `csv: points.csv` with the columns x,y,z,nx,ny,nz.
 """
 
 import csv
@@ -97,16 +106,19 @@ class RedundancyTask:
     model: Path | None = None  # of force-sd: model.yaml of `identify`; without it the nominal one
     initial_angle_deg: float = 0.0  # of the trajectory to compare with, about the normal
     limit_margin_deg: float = 3.0  # kept from every joint limit
+    joint_ranges_deg: dict[str, list[float]] = field(default_factory=dict)
+    # narrower limits of joints by their names, [lower, upper] (m of prismatic ones); so a branch
+    # can be ruled out, such as an elbow that would hang into the workpiece
     max_joint_step_deg: float = 6.0  # from one sample to the next
     smoothness: float = 0.002  # weight of the joints' motion, objective per rad^2
     num_angles: int = 72  # of the grid
 
 
 SURFACE_PATH_TASK = RedundancyTask(
-    surface=PatchPathConfig(blade=BladeConfig(), start=[0.75, 0.15], end=[0.75, 0.85]),
-    workpiece=PoseConfig(xyz=[0.45, -0.25, 0.25]),
+    surface=PatchPathConfig(blade=BladeConfig(), start=[0.92, 0.2], end=[0.6, 0.8]),
+    workpiece=PoseConfig(xyz=[0.67, 0.0, 0.35], rpy=[0.0, 0.0, 0.5 * math.pi]),
     tool_axis=[math.sqrt(0.5), 0.0, math.sqrt(0.5)],
-    initial_angle_deg=60.0,
+    joint_ranges_deg={"joint_3": [-120.0, 90.0]},  # the elbow stays above the blade
 )
 
 
@@ -182,6 +194,8 @@ def find_redundancy(
 ) -> RedundancyResult:
     """Chooses a posture at each sample of the task's path.
 
+    Interrupted while it refines, it returns the optimum on the grid.
+
     Args:
         source: the task's file; relative paths in it start from its folder.
 
@@ -215,7 +229,11 @@ def find_redundancy(
             local = local_descent(problem, initial.q[0])
         except InputError as error:
             notices.append(str(error))
-    optimised = _refined(problem, on_grid, local, progress)
+    try:
+        optimised = _refined(problem, on_grid, local, progress)
+    except KeyboardInterrupt:
+        optimised = on_grid
+        notices.append("interrupted: this is the optimum on the grid of angles, not refined")
     if np.ptp(problem.measure.values(grid.q[0][np.isfinite(grid.q[0, :, :, 0])])) < 1e-6:
         notices.append("no angle and no branch makes a difference: " + problem.measure.label)
     progress(1.0, "done")
@@ -300,9 +318,18 @@ def make_problem(
     step = math.radians(config.max_joint_step_deg)
     margins = np.where(robot.chain.prismatic, 0.0, margin)
     lower, upper = robot.position_lower + margins, robot.position_upper - margins
+    for joint, limits in config.joint_ranges_deg.items():
+        if joint not in robot.joint_names or len(limits) != 2 or not limits[0] < limits[1]:
+            known = ", ".join(robot.joint_names)
+            raise InputError(
+                name, f"joint_ranges_deg.{joint}", "expected [lower, upper]", f"joints are {known}"
+            )
+        j = robot.joint_names.index(joint)
+        unit = 1.0 if robot.chain.prismatic[j] else math.pi / 180.0
+        lower[j], upper[j] = max(lower[j], unit * limits[0]), min(upper[j], unit * limits[1])
     if np.any(lower >= upper):
         joint = robot.joint_names[int(np.argmax(lower - upper))]
-        raise InputError(name, "limit_margin_deg", f"leaves {joint} no room")
+        raise InputError(name, "limit_margin_deg, joint_ranges_deg", f"leave {joint} no room")
     axis = np.array(config.tool_axis)
     problem = RedundancyProblem(
         robot=robot,
@@ -547,11 +574,13 @@ def run(context: ExperimentContext) -> ExperimentResult:
             f"The free angle about the normal takes the mean JCN from {before:.2f} to {after:.2f} "
             f"and lowers it at {metrics['samples_lower']} of {metrics['samples']} samples; the "
             f"local method that the article uses ends at {metrics['local']['mean_jcn']:.2f}.",
-            "The initial trajectory keeps one angle, with the tool leaning across the path. No "
+            "The initial trajectory keeps the angle 0, at which the tool leans along the path. No "
             "figure of the article says how good its own was. Of the angles on the grid "
             f"{constant['angles_kept']} can be kept from end to end: at the best of them, on its "
             f"best branch, the mean is {constant['best_mean_jcn']:.2f}, at the middle one "
             f"{constant['median_mean_jcn']:.2f}, at the worst {constant['worst_mean_jcn']:.2f}.",
+            "Joint 3 is kept between -120 and 90 deg, so that the elbow stays above the blade: "
+            "collisions are not checked otherwise.",
             "The tool is held at 45 deg to the surface's normal, as an inclined spindle is. Held "
             "along the normal, its axis would be that of joint 6, on which no JCN depends: then "
             "only the branch can be chosen.",

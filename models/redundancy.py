@@ -214,7 +214,12 @@ def refine(
     for iteration in range(max_iterations):
         progress(iteration / max_iterations)
         step, predicted = model.step(radius)
-        if step is None or predicted < 1e-7 * merit:
+        if step is None:  # the solver gave up; a smaller region is easier
+            radius *= 0.3
+            if radius < _LAST_RADIUS:
+                break
+            continue
+        if predicted < 1e-7 * merit:
             break
         trial, on_task = onto_task(problem, q + step)
         trial_merit = math.inf
