@@ -17,11 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.yaml import yaml_dump_typed
 from pydrake.systems.analysis import Simulator
+from scipy.optimize import nnls
 
 from analyses.outputs import OutputFolder
 from diagrams.closed_loop import ClosedLoop, make_closed_loop
 from diagrams.graph import write_graph
 from diagrams.recording import make_meshcat, start_recording, write_recording
+from diagrams.robot_cell import true_friction
 from diagrams.scenario import Scenario, check_scenario, load_scenario, make_trajectory
 from models.friction import CoulombViscous, SemiParametricFriction
 from models.identified_model import IdentifiedModel
@@ -41,6 +43,9 @@ AXES = ("fx", "fy", "fz", "mx", "my", "mz")  # as people read them
 _FORCE_FIRST = [3, 4, 5, 0, 1, 2]
 _STRETCH = 0.1  # s between two reports of progress
 _QUICK_DURATION = 1.0  # s
+_FIT_SAMPLES = 1000
+_FIT_RANGE = (0.02, 0.5)  # rad/s
+_TOO_FAST = 10.0  # times its velocity limit no joint moves
 _BAND = 1.96  # standard deviations: 95 %
 _FIGURE_SAMPLES = 4000
 
@@ -232,6 +237,10 @@ def simulate_scenario(
         scenario = replace(scenario, duration=min(scenario.duration, _QUICK_DURATION))
     robot = Robot.load(scenario.robot)
     model = None if model_path is None else IdentifiedModel.load(Path(model_path), robot)
+    notices: tuple[str, ...] = ()
+    if robot_name is not None and robot.config.tool is None and scenario.force_torque_sensor:
+        scenario = replace(scenario, force_torque_sensor=None)
+        notices = (f"{robot.name} has no tool to put the scenario's force/torque sensor under",)
     check_scenario(scenario, scenario_name)
     folder = OutputFolder(out)
     result = simulate(
@@ -262,7 +271,7 @@ def simulate_scenario(
     }
     files.append(folder.write_yaml("config.yaml", command))
     files.append(folder.write_json("metrics.json", result.metrics()))
-    return replace(result, files=tuple(files))
+    return replace(result, files=tuple(files), notices=notices + result.notices)
 
 
 def simulate(
@@ -289,9 +298,12 @@ def simulate(
     notices: list[str] = []
     if model is None:
         model = known_model(robot, scenario)
+        known = "the arm's true inertias"
+        if scenario.friction != "none":
+            known += " and a Coulomb-viscous fit of its true friction"
         notices.append(
-            "without --model, controller and estimator are given the arm's true inertias and "
-            "its Coulomb-viscous friction: identify a model for an honest error"
+            f"without --model, controller and estimator are given {known}: "
+            "identify a model for an honest error"
         )
     meshcat = None
     if recording is not None:
@@ -306,7 +318,7 @@ def simulate(
     simulator.Initialize()
     if meshcat is not None:
         start_recording(meshcat, scenario.recording.fps)
-    elapsed = _advance(simulator, scenario, loop, progress)
+    elapsed = _advance(simulator, scenario, robot, loop, progress)
     if meshcat is not None and recording is not None:
         write_recording(meshcat, recording, title)
         files.append(recording)
@@ -329,37 +341,61 @@ def simulate(
 
 
 def known_model(robot: Robot, scenario: Scenario) -> IdentifiedModel:
-    """The best that a Coulomb-viscous model can know: true inertias, true Coulomb and viscous part.
+    """What a Coulomb-viscous model can know at best: true inertias, and the true friction fitted.
 
-    Stiction, Stribeck, load dependence and ripple of a scenario with full friction are not in it.
+    The fit is over the velocities and loads of the scenario's own motion (over 0.02 to 0.5 rad/s
+    for a joint that stays at rest), as an identification along it would find. Stiction, ripple and
+    what bends the friction curve are left over.
     """
     model = IdentifiedModel.nominal(robot)
-    if scenario.friction == "none":
+    friction = true_friction(scenario, robot)
+    if friction is None:
         return model
-    none = np.zeros(robot.num_joints)
-    law = CoulombViscous(robot.truth.coulomb, robot.truth.viscous, none)
-    return replace(model, friction=SemiParametricFriction(law))
+    trajectory = make_trajectory(scenario, robot)
+    q, v, vdot = trajectory.sample(np.linspace(0.0, scenario.duration, _FIT_SAMPLES))
+    moving = np.abs(v) > _FIT_RANGE[0]
+    at_rest = ~moving.any(axis=0)
+    spread = np.linspace(*_FIT_RANGE, _FIT_SAMPLES)
+    v[:, at_rest] = spread[:, np.newaxis]
+    moving[:, at_rest] = True
+    torque = friction.sliding_torque(v, robot.chain.inverse_dynamics(q, v, vdot))
+    law = np.zeros((robot.num_joints, 2))
+    for i in range(robot.num_joints):
+        part = moving[:, i]
+        regressor = np.stack([np.sign(v[part, i]), v[part, i]], axis=1)
+        # Neither can be negative, however steeply the true curve falls over the range.
+        law[i], _ = nnls(regressor, torque[part, i])
+    coulomb_viscous = CoulombViscous(law[:, 0], law[:, 1], np.zeros(robot.num_joints))
+    return replace(model, friction=SemiParametricFriction(coulomb_viscous))
 
 
 def _advance(
-    simulator: Simulator, scenario: Scenario, loop: ClosedLoop, progress: ProgressCallback
+    simulator: Simulator,
+    scenario: Scenario,
+    robot: Robot,
+    loop: ClosedLoop,
+    progress: ProgressCallback,
 ) -> float:
     """Runs to the end, and returns the seconds that it took."""
     duration = scenario.duration
+    plant, fastest = loop.cell.plant, _TOO_FAST * robot.velocity_limit
     started = time.perf_counter()
     with _no_garbage_collection():
         for k in range(1, int(np.ceil(duration / _STRETCH)) + 1):
             until = min(k * _STRETCH, duration)
-            simulator.AdvanceTo(until)
-            state = loop.cell.plant.GetPositionsAndVelocities(
-                loop.cell.plant.GetMyContextFromRoot(simulator.get_context())
-            )
-            if not np.all(np.isfinite(state)):
+            try:
+                simulator.AdvanceTo(until)
+                velocity = plant.GetVelocities(plant.GetMyContextFromRoot(simulator.get_context()))
+                # Not `>`: what is not a number is too fast as well.
+                diverges = not np.all(np.abs(velocity) < fastest)
+            except RuntimeError:  # the contact solver gives up
+                diverges = True
+            if diverges:
                 raise InputError(
                     "scenario",
-                    "controller",
+                    "",
                     f"the motion diverges before {until:.1f} s",
-                    "lower the gains or the time_step",
+                    "lower the controller's gains, the wrench or the time_step",
                 )
             progress(until / duration, f"{until:.1f} s of {duration:g} s")
     return time.perf_counter() - started

@@ -70,6 +70,7 @@ def make_closed_loop(
     model: IdentifiedModel,
     meshcat: Meshcat | None = None,
     also_log: Sequence[str] = (),
+    trajectory: JointTrajectory | None = None,
 ) -> ClosedLoop:
     """Builds the loop of a scenario. Controller and estimator know `model`, never the truth.
 
@@ -83,6 +84,7 @@ def make_closed_loop(
     pose_error, force_setpoint.
 
     Args:
+        trajectory: of the joints, in the place of the scenario's motion.
         also_log: further output ports of the robot cell to log, such as tau_f_true.
         meshcat: draws the cell and the force at the tool, true and estimated.
 
@@ -90,7 +92,8 @@ def make_closed_loop(
         InputError: the scenario does not fit the robot, or the model is of another robot.
     """
     check_scenario(scenario)
-    trajectory = make_trajectory(scenario, robot)
+    if trajectory is None:
+        trajectory = make_trajectory(scenario, robot)
     builder = DiagramBuilder()
     cell = make_robot_cell(scenario, robot, trajectory.q[0], meshcat)
     builder.AddSystem(cell.diagram)

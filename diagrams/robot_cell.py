@@ -119,7 +119,7 @@ def make_robot_cell(
     with_brakes = touches if with_brakes is None else with_brakes
     plant, scene_graph = _add_plant(builder, scenario, touches or meshcat is not None)
     parts = robot.add_to_plant(plant)
-    friction = _true_friction(scenario, robot)
+    friction = true_friction(scenario, robot)
     if friction is not None and with_brakes:
         add_holding_actuators(plant, parts.joints, parts.actuators, friction)
     else:
@@ -248,7 +248,8 @@ def _p_BE(plant: MultibodyPlant, parts: RobotInPlant) -> Array:
     return np.array(X_BE.translation())
 
 
-def _true_friction(scenario: Scenario, robot: Robot) -> DryFriction | None:
+def true_friction(scenario: Scenario, robot: Robot) -> DryFriction | None:
+    """The friction of the scenario's robot; None where it has none."""
     if scenario.friction == "none":
         return None
     truth = robot.truth

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from models.configuration import load_configuration, nearest
 from models.estimator import WrenchEstimatorConfig
+from models.fourier_trajectory import FourierCoefficients, FourierTrajectory
 from models.input_error import InputError
 from models.paths import (
     JointTrajectory,
@@ -71,7 +72,18 @@ class LineMotion:
     q_seed: list[float] = field(default_factory=list)  # rad, chooses the branch; home where empty
 
 
-MotionConfig = Union[HoldMotion, JointSineMotion, LineMotion]  # noqa: UP007 (yaml_load_typed)
+@dataclass
+class FourierMotion:
+    """A Fourier series over whole periods, such as `excite` finds; at rest where it has ended."""
+
+    base_frequency: float = 0.1  # Hz
+    centre: list[float] = field(default_factory=list)  # rad
+    sine: list[list[float]] = field(default_factory=list)  # rad, per joint and harmonic
+    cosine: list[list[float]] = field(default_factory=list)  # rad, per joint and harmonic
+    periods: int = 1
+
+
+MotionConfig = Union[HoldMotion, JointSineMotion, LineMotion, FourierMotion]  # noqa: UP007 (yaml_load_typed)
 ControllerConfig = Union[JointTrackingConfig, ImpedanceConfig]  # noqa: UP007
 
 
@@ -221,6 +233,8 @@ def make_trajectory(scenario: Scenario, robot: Robot) -> JointTrajectory:
         trajectory = JointTrajectory(t, np.stack([q, q]), rest, rest)
     elif isinstance(motion, JointSineMotion):
         trajectory = _joint_sines(motion, scenario.duration, robot)
+    elif isinstance(motion, FourierMotion):
+        trajectory = _fourier(motion, robot)
     else:
         trajectory = _line(motion, robot)
     too_far = (trajectory.q > robot.position_upper) | (trajectory.q < robot.position_lower)
@@ -258,6 +272,21 @@ def _joint_sines(motion: JointSineMotion, duration: float, robot: Robot) -> Join
     v = amplitude * (dfade * s + fade * omega * c)
     vdot = amplitude * (d2fade * s + 2 * dfade * omega * c - fade * omega**2 * s)
     return JointTrajectory(t[:, 0], q, v, vdot)
+
+
+def _fourier(motion: FourierMotion, robot: Robot) -> JointTrajectory:
+    plain = FourierCoefficients(
+        robot.name, motion.base_frequency, motion.centre, motion.sine, motion.cosine
+    )
+    series = FourierTrajectory.from_coefficients(plain, "scenario: motion")
+    if series.num_joints != robot.num_joints or motion.periods < 1:
+        raise InputError(
+            "scenario",
+            "motion",
+            f"{series.num_joints} joints, {motion.periods} periods; {robot.name} has "
+            f"{robot.num_joints} joints, and one period or more is expected",
+        )
+    return series.joint_trajectory(motion.periods)
 
 
 def _line(motion: LineMotion, robot: Robot) -> JointTrajectory:

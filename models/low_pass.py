@@ -80,3 +80,14 @@ def low_pass_step(A: Array, B: Array, u: Array, x: Array) -> None:
             for j in range(order):
                 value += A[i, j] * old[j]
             x[channel, i] = value
+
+
+@numba.njit(cache=True)
+def low_pass_update(A: Array, B: Array, C: Array, signal: Array, state: Array) -> None:
+    """As low_pass_step, with x row by row in `state`; puts the new outputs in the inputs' place."""
+    x = state.reshape(signal.shape[0], B.shape[0])
+    low_pass_step(A, B, signal, x)
+    for channel in range(signal.shape[0]):
+        signal[channel] = 0.0
+        for i in range(B.shape[0]):
+            signal[channel] += C[i] * x[channel, i]

@@ -55,8 +55,9 @@ class ExternalWrenchSource(LeafSystem):
         )
 
     def _calc_wrench_true(self, context: Context, output: BasicVector) -> None:
-        gain = context.get_numeric_parameter(self._gain).GetAtIndex(0)
-        output.SetFromVector(gain * self._script.sample(context.get_time()))
+        wrench = self._script.sample(context.get_time())
+        wrench *= context.get_numeric_parameter(self._gain).GetAtIndex(0)
+        output.SetFromVector(wrench)
 
     def _calc_spatial_forces(self, context: Context, output: AbstractValue) -> None:
         applied = ExternallyAppliedSpatialForce()

@@ -17,7 +17,7 @@ from pydrake.systems.framework import (
 )
 
 from models.input_error import InputError
-from models.low_pass import LowPass, low_pass_step
+from models.low_pass import LowPass, low_pass_update
 from models.tool_wrench import contact_wrench, tool_acceleration, tool_table
 
 Array = NDArray[np.float64]
@@ -101,28 +101,18 @@ class ForceTorqueSensor(LeafSystem):
         self.DeclareStateOutputPort("wrench", filtered)
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        sample = self._sample(context)
+        terms = self._terms.Eval(context)
+        A_WE, sample = np.empty(6), np.empty(6)
+        tool_acceleration(terms.J, terms.v, self._vdot.Eval(context), A_WE)
+        reaction = self._reaction.Eval(context)[self._weld].get_coeffs()
+        contact_wrench(self._tool, terms.R_WE, terms.V_WE, A_WE, reaction, sample)
         if self._noise.HasValue(context):
             sd = context.get_numeric_parameter(self._noise_sd).value()
             sample += sd * self._noise.Eval(context)
-        state = context.get_discrete_state(1).value().reshape(6, self._filter.order).copy()
-        low_pass_step(self._filter.A, self._filter.B, sample, state)
-        discrete_state.set_value(0, state @ self._filter.C)
-        discrete_state.set_value(1, state.ravel())
-
-    def _sample(self, context: Context) -> Array:
-        terms = self._terms.Eval(context)
-        A_WE, wrench = np.empty(6), np.empty(6)
-        tool_acceleration(terms.J, terms.v, self._vdot.Eval(context), A_WE)
-        contact_wrench(
-            self._tool,
-            terms.R_WE,
-            terms.V_WE,
-            A_WE,
-            self._reaction.Eval(context)[self._weld].get_coeffs(),
-            wrench,
-        )
-        return wrench
+        state = context.get_discrete_state(1).CopyToVector()
+        low_pass_update(self._filter.A, self._filter.B, self._filter.C, sample, state)
+        discrete_state.set_value(0, sample)
+        discrete_state.set_value(1, state)
 
 
 def _tool_constants(

@@ -49,7 +49,8 @@ class JointTrackingController(LeafSystem):
                  reference       (3n,) q_d, v_d, vdot_d: rad, rad/s, rad/s^2
     Output:      tau_command     (n,) N m on the joint side, within effort_limit; direct feedthrough
     State:       (n,) integral of the error, rad s; it stands still while its drive is at its limit
-                 in the direction of the error, and ki ∫e dt never exceeds integral_limit
+                 in the direction of the error, and ki ∫e dt never exceeds integral_limit. Without
+                 any ki in the configuration there is no integration
     Parameter:   gains           (4n,) kp, kd, ki, integral_limit
 
     Args:
@@ -73,6 +74,7 @@ class JointTrackingController(LeafSystem):
         self._effort_limit = np.array(effort_limit, dtype=np.float64)
         n = self._effort_limit.shape[0]
         self._n = n
+        self._no_integral = np.zeros(n)
         self._friction = friction.table
         self._friction_velocity = config.friction_velocity
         self._time_step = time_step
@@ -86,7 +88,8 @@ class JointTrackingController(LeafSystem):
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._reference = self.DeclareVectorInputPort("reference", 3 * n)
         self.DeclareDiscreteState(n)
-        if gains[2].any():
+        self._integrates = bool(gains[2].any())
+        if self._integrates:
             self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
         self.DeclareVectorOutputPort(
             "tau_command",
@@ -115,7 +118,7 @@ class JointTrackingController(LeafSystem):
             terms.q,
             terms.v,
             self._reference.Eval(context),
-            context.get_discrete_state(0).value(),
+            context.get_discrete_state(0).value() if self._integrates else self._no_integral,
             tau,
         )
         return tau

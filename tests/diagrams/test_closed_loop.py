@@ -72,7 +72,7 @@ def test_default_runs_and_logs_every_tick(robot):
 
 
 def test_one_of_everything_touches_and_presses(robot):
-    t, signals = run(replace(load_scenario("OneOfEverything"), duration=1.4), robot)
+    _, signals = run(replace(load_scenario("OneOfEverything"), duration=1.4), robot)
     assert {"pose_error", "force_setpoint", "ft_wrench"} <= signals.keys()
     assert all(np.all(np.isfinite(signal)) for signal in signals.values())
     # It stands still and presses: stiction leaves some newtons until the integral has worked.
@@ -96,10 +96,11 @@ def test_the_same_seed_gives_the_same_run(robot):
 
 def test_tracks_a_motion_with_the_exact_model(robot):
     motion = JointSineMotion(amplitude=[0.3], frequency=[0.5], ramp=0.5)
-    t, signals = run(replace(QUIET, motion=motion, duration=1.5), robot)
+    _, signals = run(replace(QUIET, motion=motion, duration=1.5), robot)
     error = signals["q"] - signals["reference"][:, :6]
-    # A torque held for a tick at 5 rad/s^2 is T/2 late: 5 T / 2 / kd = 2e-5 rad.
-    assert np.abs(error).max() < 5e-5
+    # The plant moves at the velocity of the tick's end: T/2 times the acceleration (10 rad/s^2)
+    # too fast, which feedback turns into kd / kp of it, 1.7e-4 rad.
+    assert np.abs(error).max() < 2e-4
     assert np.ptp(signals["q"], axis=0).min() > 0.4
 
 
