@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from analyses.estimation import EstimateResult
+    from analyses.excitation import ExcitationResult
     from analyses.identification import IdentificationResult
     from analyses.outcome import StudyResult
     from analyses.simulation import SimulationResult
@@ -184,6 +185,13 @@ def identify(
             "semi-parametric, presliding, presliding+network, or best: held-out logs choose.",
         ),
     ] = "coulomb-viscous-offset",
+    consistent: Annotated[
+        bool,
+        typer.Option(
+            "--consistent",
+            help="Only robots that can exist: every link's inertia; adds robot.urdf.",
+        ),
+    ] = False,
     out: _Out = Path("out/identify"),
 ) -> None:
     """Find a robot's dynamic model and friction: logs in, model.yaml out."""
@@ -196,7 +204,7 @@ def identify(
             out,
             validate or [],
             log_format,
-            IdentificationConfig(cutoff=cutoff_hz, friction=friction),
+            IdentificationConfig(cutoff=cutoff_hz, friction=friction, consistent=consistent),
             progress,
         )
     _print_identification(result, out)
@@ -383,6 +391,89 @@ def _print_simulation(result: "SimulationResult") -> None:
         _say(console, f"wrote {file}")
 
 
+@app.command()
+def excite(
+    robot: _Robot,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Another seed, another, independent trajectory.")
+    ] = 0,
+    measure: Annotated[
+        str, typer.Option(help="condition_number, to be small, or log_det, to be large.")
+    ] = "condition_number",
+    base_frequency: Annotated[float, typer.Option(help="Of the Fourier series, Hz.")] = 0.1,
+    harmonics: Annotated[int, typer.Option(help="Of the Fourier series.")] = 5,
+    periods: Annotated[int, typer.Option(help="In the table and in the recording.")] = 1,
+    position_margin: Annotated[
+        float, typer.Option(help="Kept from the joints' position limits, rad.")
+    ] = 0.05,
+    velocity_share: Annotated[float, typer.Option(help="Of the velocity limits.")] = 0.5,
+    acceleration: Annotated[
+        str, typer.Option(help="Limit, rad/s^2: one number, or one a joint with commas.")
+    ] = "8",
+    torque_share: Annotated[
+        float, typer.Option(help="Of the effort limits, without friction.")
+    ] = 0.7,
+    clearance: Annotated[float, typer.Option(help="Between links, tool and floor, m.")] = 0.02,
+    floor: Annotated[float, typer.Option(help="Height of the floor in W, m.")] = 0.0,
+    no_floor: Annotated[bool, typer.Option("--no-floor", help="There is none.")] = False,
+    validation: Annotated[
+        bool, typer.Option(help="Find a second trajectory, for cross-validation.")
+    ] = True,
+    record: Annotated[bool, typer.Option(help="Write the page on which the robot runs it.")] = True,
+    out: _Out = Path("out/excite"),
+) -> None:
+    """Find a motion that shows all parameters of a robot: trajectory, coefficients, picture."""
+    from analyses.excitation import ExcitationConfig, excite_robot
+    from models.excitation_program import ExcitationLimits
+
+    config = ExcitationConfig(
+        measure=measure,
+        base_frequency=base_frequency,
+        num_harmonics=harmonics,
+        limits=ExcitationLimits(
+            position_margin=position_margin,
+            velocity_share=velocity_share,
+            acceleration=_numbers(acceleration, "--acceleration"),
+            torque_share=torque_share,
+            clearance=clearance,
+            floor=None if no_floor else floor,
+        ),
+        seed=seed,
+        num_periods=periods,
+    )
+    with _progress("excite") as progress:
+        results = excite_robot(robot, out, config, validation, record, progress)
+    _print_excitation(results, out)
+
+
+def _print_excitation(results: "tuple[ExcitationResult, ...]", out: Path) -> None:
+    table = _table(
+        "\ntrajectory",
+        "condition\nnumber",
+        "random ones,\nmedian",
+        "\nratio",
+        "largest share of\nthe effort limit",
+        "closest\n[mm]",
+    )
+    for name, result in zip(("trajectory", "validation"), results, strict=False):
+        random = result.metrics()["random"]["median_condition_number"]
+        closest = "–" if result.closest is None else f"{1e3 * result.closest.distance:.0f}"
+        table.add_row(
+            name,
+            f"{result.condition_number:.3g}",
+            f"{random:.3g}",
+            f"{result.ratio_to_random:.3g}",
+            f"{result.peak_torque_share.max():.2f}",
+            closest,
+        )
+    console = _console()
+    console.print(table)
+    _say(console, f"{results[0].num_parameters} base parameters of a general motion")
+    for warning in dict.fromkeys(w for result in results for w in result.warnings):
+        _say(console, f"note: {warning}")
+    _say(console, f"trajectory: {out / 'trajectory.csv'}, coefficients: {out / 'trajectory.yaml'}")
+
+
 @app.command("jcn-map")
 def jcn_map(
     robot: _Robot = "sts_sre4_600",
@@ -437,6 +528,63 @@ def jcn_map(
     for notice in result.notices:
         _say(console, f"note: {notice}")
     _say(console, f"samples: {out / 'samples.npz'}, recording: {out / 'recording.html'}")
+
+
+@app.command()
+def place(
+    task: Annotated[str, typer.Option(help="A bundled task's name, or the path of a task's YAML.")],
+    robot: _Robot = "sts_sre4_600",
+    objective: Annotated[str, typer.Option(help="What to make small: jcn or force-sd.")] = "jcn",
+    solver: Annotated[str, typer.Option(help="snopt, ipopt, or the article's pso-ga.")] = "snopt",
+    model: Annotated[
+        Path | None, typer.Option(help="model.yaml of `identify`, for force-sd.")
+    ] = None,
+    method: Annotated[
+        str, typer.Option(help="For force-sd: bayesian, force_only or inverse.")
+    ] = "bayesian",
+    seed: _Seed = 0,
+    quick: _Quick = False,
+    out: _Out = Path("out/place"),
+) -> None:
+    """Find where a straight path belongs, and how the arm should stand along it."""
+    from analyses.placement import place_task
+
+    logging.getLogger("drake").setLevel(logging.WARNING)
+    with _progress("place") as progress:
+        result = place_task(
+            task,
+            out,
+            robot,
+            objective=objective,
+            solver=solver,
+            seed=seed,
+            model_path=model,
+            method=method,
+            quick=quick,
+            progress=progress,
+        )
+    metrics, key = result.metrics(), result.measure.key
+    names = {"mean_jcn": "mean JCN", "max_jcn": "largest JCN"}
+    if key != "jcn":
+        names |= {f"mean_{key}": "mean sd [N]", f"max_{key}": "largest sd [N]"}
+    table = _table("", *names.values())
+    for way in ("initial", "optimised"):
+        if way in metrics:
+            table.add_row(way, *(f"{metrics[way][name]:.4f}" for name in names))
+    console = _console()
+    console.print(table)
+    found = metrics["optimised"]
+    for label, name in (("direction", "direction"), ("midpoint [m]", "midpoint_m")):
+        _say(console, f"{label}: " + " ".join(f"{value:.4f}" for value in found[name]))
+    turn = " ".join(f"{value:.4f}" for value in found["axis"])
+    _say(console, f"tool: {found['angle_deg']:.2f} degrees about {turn}")
+    optima = ", ".join(f"{o[f'mean_{key}']:.4f} ({o['starts']} starts)" for o in metrics["optima"])
+    _say(console, f"local optima: {optima}; {result.seconds:.1f} s")
+    for notice in result.notices:
+        _say(console, f"note: {notice}")
+    _say(console, f"postures: {out / 'postures.csv'}, recording: {out / 'recording.html'}")
+    if result.search.interrupted:
+        raise KeyboardInterrupt
 
 
 @app.command()

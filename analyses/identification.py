@@ -19,6 +19,7 @@ of the filter's transients and of drop-outs.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
@@ -27,7 +28,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.friction_fit import FrictionFit, Motion, Solution
+from analyses.friction_fit import TIE, FrictionFit, Motion, Solution
+from analyses.identification_checks import gain_ratios, payload_differences
 from analyses.outputs import OutputFolder
 from models.base_parameters import BaseParameters
 from models.configuration import nearest
@@ -39,8 +41,10 @@ from models.identified_model import (
     Provenance,
     Validity,
 )
+from models.identified_urdf import identified_urdf
 from models.input_error import InputError
 from models.motors import current_to_torque
+from models.physical_consistency import unphysical_links
 from models.presliding_friction import FrictionLaw, PreslidingFriction
 from models.recording import Recording
 from models.robot import Robot
@@ -64,11 +68,13 @@ DROPOUT_WINDOW = 1.0  # stretch whose share of bridged samples is judged
 SHORTEST_LOG = 25.0
 # Laws of `--friction`; those of STRUCTURES, and the ones with a network near zero velocity.
 WITH_NETWORK = {"semi-parametric": "coulomb-viscous-offset", "presliding+network": "presliding"}
-SELECTABLE = tuple(STRUCTURES)  # what "best" chooses from
-LAWS = (*STRUCTURES, *WITH_NETWORK)
+LAWS = (*STRUCTURES, *WITH_NETWORK)  # what "best" chooses from
 DROPOUT_SHARE = 0.1  # of such a stretch; shorter bridges are what the low-pass would draw itself
 # What makes a result doubtful:
 POOR_FIT = 0.5  # share of a joint's torque that stays unexplained
+PAYLOAD_DIFFERENCE = 0.3  # kg between logs; on the UR10e's unloaded runs 0.01
+GAIN_DIFFERENCE = 0.2  # of 1; on the UR10e with plain friction up to 0.1 with right constants
+SURE = 6.0  # standard deviations, which leave out what no model explains
 HIGH_CONDITION_NUMBER = 100.0  # above it, small torque errors move the parameters a lot
 
 
@@ -82,7 +88,10 @@ class IdentificationConfig:
     num_passes: int = 4  # of weighted least squares; the first with equal weights
     filter_regressor: bool = True  # whether each column of it goes through the low-pass (step 2)
     friction: str = "coulomb-viscous-offset"  # a law of LAWS, or "best": cross-validation chooses
+    consistent: bool = False  # whether the model must be that of a robot that can exist
+    selection_tie: float = TIE  # tolerance of the shape's choice, of the held-out error
     loss: str = "huber"  # or "squares"; see analyses.friction_fit
+    cross_validate: bool = True  # whether each log is predicted from the others, too
     seed: int = 0  # of the networks' training
 
 
@@ -153,6 +162,7 @@ class IdentificationResult:
         law: the friction law; the chosen one for "best".
         held_out: cross-validated RMSE (n,) in N m of each law that was a candidate.
         solution: all parameters, before they became a model.
+        robot: whose model it is.
     """
 
     model: IdentifiedModel
@@ -165,6 +175,7 @@ class IdentificationResult:
     law: str
     held_out: dict[str, Array]
     solution: Solution
+    robot: Robot
 
     def metrics(self) -> dict[str, Any]:
         """All figures, as written to metrics.json."""
@@ -198,11 +209,22 @@ class IdentificationResult:
                 name: {"rmse_nm": rmse} for name, rmse in self.held_out.items()
             },
             "parameters": _parameter_metrics(self),
+            "inconsistent_links": unphysical_links(model.inertial_parameters, model.joint_names),
             "residual_sd_nm": np.sqrt(np.diag(model.residual_covariance)),
         }
 
+    def urdf(self) -> str:
+        """The robot's URDF with the identified inertias.
+
+        Raises:
+            ValueError: a link that cannot exist; `IdentificationConfig.consistent` prevents it.
+        """
+        model = self.model
+        return identified_urdf(self.robot, model.inertial_parameters, model.reflected_inertia)
+
     def write(self, out: OutputFolder, command: dict[str, Any]) -> None:
-        """Writes model.yaml, metrics.json, config.yaml and figures/torque_<log>.png.
+        """Writes model.yaml, metrics.json, config.yaml and figures/torque_<log>.png; of a
+        consistent fit also robot.urdf.
 
         Args:
             out: the folder.
@@ -212,6 +234,8 @@ class IdentificationResult:
             kind = "validation" if self.validation else "fitted"
             out.write_figure(f"torque_{fit.name}", torque_figure(fit, self.model.joint_names, kind))
         out.write_json("metrics.json", self.metrics())
+        if self.config.consistent:
+            out.write_text("robot.urdf", self.urdf())
         out.write_yaml("config.yaml", command | {"identification": self.config})
         self.model.save(out / "model.yaml")
 
@@ -294,11 +318,20 @@ def identify(
         config.num_passes,
         max(1.0, row_rate / (2.0 * config.cutoff)),
         config.loss,
+        config.consistent,
+        config.selection_tie,
     )
     progress(1.0 - 1.0 / steps, "solving")
-    laws = SELECTABLE if config.friction == "best" else (config.friction,)
+    laws = tuple(STRUCTURES) if config.friction == "best" else (config.friction,)
     candidates = [_fit_law(law, problem, fitted, config) for law in laws]
     chosen = best_law({c.law: c.cross_validated_rmse for c in candidates})
+    if config.friction == "best":
+        # A network on top is tried on the law that won, not on those that lost.
+        for law, below in WITH_NETWORK.items():
+            if below == chosen:
+                with suppress(InputError):  # too few samples near zero velocity for a network
+                    candidates.append(_fit_law(law, problem, fitted, config))
+        chosen = best_law({c.law: c.cross_validated_rmse for c in candidates})
     choice = next(c for c in candidates if c.law == chosen)
     solution, chain, friction = choice.solution, choice.chain, choice.friction
     base, estimate = solution.base, solution.estimate
@@ -321,7 +354,8 @@ def identify(
         condition_number=base.condition_number,
         validity=_validity(fitted),
         provenance=Provenance(
-            method=f"weighted least squares per joint, {config.loss} loss, friction {choice.law}",
+            method=f"weighted least squares per joint, {config.loss} loss, friction {choice.law}"
+            + (", physically consistent" if config.consistent else ""),
             logs=[run.log for run in fitted],
             time_step=config.time_step,
             cutoff=config.cutoff,
@@ -336,11 +370,16 @@ def identify(
         fit=fit,
         cross_validation=cross_validation,
         validation=tuple(run.predict(chain, friction) for run in kept),
-        warnings=(*_repeated(recordings, validation), *_doubts(fit, base, model)),
+        warnings=(
+            *_repeated(recordings, validation),
+            *_contradictions(problem, solution, fitted, robot),
+            *_doubts(fit, base, model),
+        ),
         config=config,
         law=choice.law,
         held_out={c.law: c.cross_validated_rmse for c in candidates},
         solution=solution,
+        robot=robot,
     )
     progress(1.0, "done")
     return result
@@ -375,6 +414,33 @@ def identify_logs(
     }
     result.write(folder, command)
     return result
+
+
+def predict_torque(
+    recordings: Sequence[Recording],
+    robot: Robot,
+    model: IdentifiedModel,
+    config: IdentificationConfig,
+) -> tuple[TorqueFit, ...]:
+    """Measured and predicted torque of logs, for any model of the robot.
+
+    Args:
+        recordings: logs.
+        robot: the robot.
+        model: a model of it.
+        config: filter settings; a time step of zero is the logs' median step.
+
+    Raises:
+        InputError: as `identify`, of a log.
+    """
+    if config.time_step == 0.0:
+        config = replace(config, time_step=_median_step(recordings))
+    chain = model.chain(robot)
+    runs = (
+        _filtered(name, recording, robot, config)
+        for name, recording in zip(_names(recordings), recordings, strict=True)
+    )
+    return tuple(run.predict(chain, model.friction) for run in runs)
 
 
 def best_law(held_out: Mapping[str, Array]) -> str:
@@ -429,7 +495,13 @@ def torque_figure(fit: TorqueFit, joint_names: Sequence[str], kind: str) -> "Fig
 
 
 def _checked_config(config: IdentificationConfig) -> IdentificationConfig:
-    for key, least in (("cutoff", 1e-3), ("filter_order", 1), ("num_passes", 1), ("time_step", 0)):
+    for key, least in (
+        ("cutoff", 1e-3),
+        ("filter_order", 1),
+        ("num_passes", 1),
+        ("time_step", 0),
+        ("selection_tie", 0),
+    ):
         value = getattr(config, key)
         if not (np.isfinite(value) and value >= least):
             raise InputError("identify", key, f"expected at least {least:g}, found {value:g}")
@@ -437,6 +509,8 @@ def _checked_config(config: IdentificationConfig) -> IdentificationConfig:
     if config.friction not in known:
         remedy = f"{nearest(config.friction, known)} known are {', '.join(known)}".strip()
         raise InputError("--friction", "", f"no friction law is named {config.friction!r}", remedy)
+    if config.friction == "best" and not config.cross_validate:
+        raise InputError("--friction", "", "best is chosen by cross-validation, which is off")
     if config.loss not in ("huber", "squares"):
         raise InputError("identify", "loss", f"expected huber or squares, found {config.loss!r}")
     return config
@@ -606,7 +680,7 @@ def _fit_law(
     solution = problem.fit(structure)
     chain, friction = realised(solution, runs)
     cross_validation: tuple[TorqueFit, ...] = ()
-    if len(runs) > 1:
+    if len(runs) > 1 and config.cross_validate:
         cross_validation = tuple(
             run.predict(
                 *realised(
@@ -727,6 +801,35 @@ def _rms(x: Array) -> Array:
 
 def _pooled_rmse(fits: Sequence[TorqueFit]) -> Array:
     return _rms(np.vstack([fit.residual for fit in fits]))
+
+
+def _contradictions(
+    problem: FrictionFit, solution: Solution, runs: Sequence[_Run], robot: Robot
+) -> list[str]:
+    """Warnings for logs that contradict each other, and for drives that do."""
+    factors = problem.factors(solution)
+    sd = solution.estimate.residual_sd
+    if len(runs) > 1:
+        masses, sds = payload_differences(factors, solution.x, sd, problem.oversampling)
+        spread, doubt = np.ptp(masses), np.sqrt(2.0) * sds.max()
+        if spread > max(PAYLOAD_DIFFERENCE, SURE * doubt):
+            read = ", ".join(
+                f"{run.name} {mass:+.2f} kg" for run, mass in zip(runs, masses, strict=True)
+            )
+            return [
+                "the payload changes from log to log: beside what all have in common, at the last "
+                f"link {read}; identify from logs with the same payload"
+            ]
+    ratios, sds = gain_ratios(factors, solution.x, sd, problem.oversampling)
+    off = np.abs(ratios - 1.0)
+    wrong = np.flatnonzero((off > GAIN_DIFFERENCE) & (off > SURE * sds))
+    if not wrong.size:
+        return []
+    read = ", ".join(f"{robot.joint_names[j]} {ratios[j]:.2f} times" for j in wrong)
+    return [
+        f"gravity is inconsistent: of the masses that the other joints feel, {read} the torque is "
+        "measured; check torque_per_ampere and the gear ratios of these joints and the next"
+    ]
 
 
 def _doubts(fit: Sequence[TorqueFit], base: BaseParameters, model: IdentifiedModel) -> list[str]:

@@ -1,4 +1,4 @@
-"""The article's solver of eq. 27, PSO-GA, as a baseline: particle swarm with crossover and mutation.
+"""The article's solver of eq. 27, PSO-GA, as a baseline: a swarm with crossover and mutation.
 
 The article names the algorithm and gives no constants. Here: the usual swarm (Shi and Eberhart,
 1998, inertia falling from 0.9 to 0.4, both attractions 1.5), and after each step of the swarm a
@@ -23,7 +23,7 @@ from models.branches import all_branches
 from models.path_postures import track_paths
 from models.placement_descent import PlacementBatch
 from models.placement_program import Clearance, Placement, PlacementProgram, quaternion_from
-from models.placement_search import Optimum, SearchResult
+from models.placement_search import Optimum, SearchResult, one_thread
 from models.robot import Robot
 
 Array = NDArray[np.float64]
@@ -35,8 +35,8 @@ UNREACHED = 1e4  # of a path that cannot be followed
 class SwarmConfig:
     """Size and habits of the swarm."""
 
-    num_particles: int = 80
-    num_iterations: int = 150
+    num_particles: int = 60
+    num_iterations: int = 120
     inertia: tuple[float, float] = (0.9, 0.4)  # at the first and at the last iteration
     attraction: float = 1.5  # to a particle's own best, and to the swarm's
     crossovers: float = 0.2  # of the swarm, each iteration
@@ -58,7 +58,18 @@ def place_by_swarm(
         program: measure, bounds and path; only these are used of it.
         clearance: a placement that misses its distance counts as not reached.
     """
-    config = SwarmConfig() if config is None else config
+    with one_thread():
+        return _swarm(robot, program, clearance, seed, config or SwarmConfig(), progress)
+
+
+def _swarm(
+    robot: Robot,
+    program: PlacementProgram,
+    clearance: Clearance | None,
+    seed: int,
+    config: SwarmConfig,
+    progress: Callable[[float, str], None],
+) -> SearchResult:
     cost = _Cost(robot, program, clearance)
     rng = np.random.default_rng(seed)
     lower, upper = cost.lower, cost.upper
@@ -99,7 +110,9 @@ def place_by_swarm(
     if leader[1] is not None:
         values = program.measure.posture.values(leader[1].q)
         result.optima = [
-            Optimum(leader[1], float(np.mean(values)), values, int(np.sum(best_cost < UNREACHED)), "")
+            Optimum(
+                leader[1], float(np.mean(values)), values, int(np.sum(best_cost < UNREACHED)), ""
+            )
         ]
     return result
 
@@ -116,9 +129,7 @@ def _breed(
     """Puts children of good particles in the place of the worst, where they are better."""
     count = max(2, round(config.crossovers * len(best_x)))
     rivals = rng.integers(len(best_x), size=(2, 2, count))
-    first, second = (
-        np.where(best_cost[a] < best_cost[b], a, b) for a, b in (rivals[0], rivals[1])
-    )
+    first, second = (np.where(best_cost[a] < best_cost[b], a, b) for a, b in (rivals[0], rivals[1]))
     weight = rng.uniform(size=(count, 1))
     children = weight * best_x[first] + (1.0 - weight) * best_x[second]
     mutated = rng.uniform(size=children.shape) < config.mutations

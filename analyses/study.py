@@ -42,11 +42,14 @@ from models.input_error import InputError
 # Name of an experiment -> the module whose EXPERIMENT it is, in the order of the report. Modules,
 # not experiments, so that listing the names imports neither Drake nor numba.
 EXPERIMENTS: dict[str, str] = {
+    "identification": "analyses.simulated_identification",
     "jcn-map": "analyses.jcn_map",
+    "linear-path": "analyses.linear_path",
     "constant-wrench": "analyses.constant_wrench",
     "surface-path": "analyses.redundancy",
     "metrics-compare": "analyses.metrics_compare",
     "bandwidth": "analyses.bandwidth",
+    "friction-laws": "analyses.friction_laws",
     "ur10e-identification": "analyses.ur10e_identification",
     "ur10e-payload": "analyses.ur10e_payload",
     "panda-wrench": "analyses.panda_wrench",

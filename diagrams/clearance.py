@@ -41,10 +41,10 @@ class ClosestPair:
 class Clearance:
     """Distances between the links of an arm, its tool and the floor.
 
-    Links that a joint connects are left out, and the floor against what stands on it. A pair that is
-    nearer than `margin` in the home posture, as the parts of a wrist are, must keep half of its
-    distance there, every other pair `margin`. Left out are neighbours that never come nearer than at
-    home, and pairs that overlap at home: their shapes are too coarse to judge (`overlapping`).
+    Left out are links that a joint connects, what the floor carries, neighbours that never come
+    nearer than at home, and pairs that overlap at home, whose shapes are too coarse to judge
+    (`overlapping`). A pair that is near in the home posture, as the parts of a wrist are, must keep
+    half of its distance there, every other pair `margin`.
 
     Args:
         robot: its collision shapes count.

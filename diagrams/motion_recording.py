@@ -23,7 +23,9 @@ def record_motion(
     """
     times = np.arange(trajectory.t[0], trajectory.t[-1], 1.0 / fps)
     q, _, _ = trajectory.sample(times)
-    meshcat = make_meshcat(robot, np.mean(robot.chain.pose(q)[1], axis=0))
+    tips = robot.chain.pose(q)[1]
+    # As far back as the longest reach needs.
+    meshcat = make_meshcat(robot, tips[int(np.argmax(np.linalg.norm(tips, axis=1)))])
     picture = ArmPicture(robot, meshcat, fps)
     start_recording(meshcat, fps)
     for time, posture in zip(times - times[0], q, strict=True):

@@ -1,9 +1,9 @@
-"""The cell in which a path is placed: robot, tool, obstacles and a workpiece that goes with the path.
+"""The cell in which a path is placed: robot, tool, obstacles, and a workpiece under the path.
 
 A plant with SceneGraph answers how near they come to each other. Which pairs count:
 
-- links of the robot (the tool among them) that no joint connects; but of links two joints apart, as
-  in a wrist, not those that are nearer than the clearance in the home posture already;
+- links of the robot, and the tool, with two joints or more between them; where it is two, as in a
+  wrist, not those that are nearer than the clearance in the home posture already;
 - links against obstacles, but for what the robot stands on (the link that is welded to the world);
 - links against the workpiece, but for the shape of the tool whose surface E lies on, which is meant
   to touch it.
@@ -24,13 +24,14 @@ from pydrake.systems.framework import DiagramBuilder
 
 from models.placement_descent import PlacementBatch
 from models.placement_program import quaternion_from, rotation_of
-from models.placement_task import ClearanceConfig
+from models.placement_task import ClearanceConfig, ObstacleConfig
 from models.robot import Robot, pose_of
 
 Array = NDArray[np.float64]
 
 _TOUCHING = 1e-3  # m from E within which a shape of the tool counts as the one that works
 _INFLUENCE = 0.04  # m beyond the distance to keep, where the smooth margin begins to fall
+_ROUND = ((1, 1), (-1, 1), (-1, -1), (1, -1))  # the corners of a face
 PAD = 1e-3  # m; distances are exact to some micrometres
 
 
@@ -176,11 +177,17 @@ def workpiece_corners(config: ClearanceConfig, n_W: Array, p_WM: Array, quaterni
     assert config.workpiece is not None
     length, width, thickness = config.workpiece.size
     corners = [
-        [0.5 * sx * length, 0.5 * sy * width, z]
-        for z in (0.0, -thickness)
-        for sx, sy in ((1, 1), (-1, 1), (-1, -1), (1, -1))
+        [0.5 * sx * length, 0.5 * sy * width, z] for z in (0.0, -thickness) for sx, sy in _ROUND
     ]
     return np.asarray(p_WM + np.array(corners) @ workpiece_rotation(n_W, quaternion).T)
+
+
+def obstacle_corners(obstacle: ObstacleConfig) -> Array:
+    """(8, 3) corners of an obstacle in W, m, in the order of `workpiece_corners`."""
+    x, y, z = 0.5 * np.array(obstacle.size)
+    corners = [[sx * x, sy * y, sz * z] for sz in (1, -1) for sx, sy in _ROUND]
+    X_WO = pose_of(obstacle.pose)
+    return np.asarray(X_WO.translation() + np.array(corners) @ X_WO.rotation().matrix().T)
 
 
 def _left_matrix(Q: Array) -> Array:
@@ -192,7 +199,7 @@ def _left_matrix(Q: Array) -> Array:
 def _turned_by(n_W: Array, Q: Array) -> tuple[Array, Array]:
     """Gradient of the workpiece's quaternion by n_W (4, 3) and by Q (4, 4), Q any length."""
     R = workpiece_rotation(n_W, Q)
-    x, y, z = R.T
+    _, y, z = R.T
     S = quaternion_from(R)
     size = float(np.linalg.norm(Q))
     unit = Q / size
@@ -293,17 +300,36 @@ def _filter(
                     GeometrySet(working), GeometrySet(board)
                 )
             )
-    for a, b in _near_by_construction(robot, config.distance):
-        filters.Apply(
-            CollisionFilterDeclaration().ExcludeBetween(
-                GeometrySet(shapes[a]), GeometrySet(shapes[b])
+    level = _levels(plant, parts)
+    near = _near_at_home(robot, config.distance)
+    for i, first in enumerate(bodies):
+        for second in bodies[i + 1 :]:
+            apart = abs(level[first.index()] - level[second.index()])
+            if apart > 2 or not (shapes[first.name()] and shapes[second.name()]):
+                continue
+            if apart == 2:
+                if (first.name(), second.name()) not in near:
+                    continue
+                notices.append(
+                    f"{first.name()} and {second.name()} are nearer than "
+                    f"{1e3 * config.distance:g} mm at home, two joints apart: by construction, "
+                    "not looked at"
+                )
+            filters.Apply(
+                CollisionFilterDeclaration().ExcludeBetween(
+                    GeometrySet(shapes[first.name()]), GeometrySet(shapes[second.name()])
+                )
             )
-        )
-        notices.append(
-            f"{a} and {b} are nearer than {1e3 * config.distance:g} mm at home, two joints apart: "
-            "by construction, not looked at"
-        )
     return notices
+
+
+def _levels(plant: MultibodyPlant, parts: Any) -> dict[Any, int]:
+    """How many joints lie below each body of the robot, by its index."""
+    level = {body.index(): 0 for body in plant.GetBodiesWeldedTo(plant.world_body())}
+    for number, joint in enumerate(parts.joints):
+        for body in plant.GetBodiesWeldedTo(joint.child_body()):
+            level[body.index()] = number + 1
+    return level
 
 
 def _working_shapes(plant: MultibodyPlant, parts: Any, inspector: Any) -> list[Any]:
@@ -332,22 +358,18 @@ def _surface_distance(shape: Any, p: Array) -> float:
     if kind in ("Cylinder", "Capsule"):
         radial = float(np.hypot(p[0], p[1])) - shape.radius()
         axial = abs(float(p[2])) - 0.5 * shape.length()
-        return max(radial, axial)
+        return float(max(radial, axial))
     if kind == "Box":
         return float(np.max(np.abs(p) - 0.5 * np.asarray(shape.size())))
     return float("inf")
 
 
-def _near_by_construction(robot: Robot, distance: float) -> list[tuple[str, str]]:
-    """Names of the robot's bodies, two joints apart, that are nearer than this at home."""
+def _near_at_home(robot: Robot, distance: float) -> set[tuple[str, str]]:
+    """Names, either way round, of the robot's bodies that are nearer than this at home."""
     builder = DiagramBuilder()
     plant, _ = AddMultibodyPlant(MultibodyPlantConfig(time_step=1e-3), builder)
     parts = robot.add_to_plant(plant)
     plant.Finalize()
-    level = {body.index(): 0 for body in plant.GetBodiesWeldedTo(plant.world_body())}
-    for number, joint in enumerate(parts.joints):
-        for body in plant.GetBodiesWeldedTo(joint.child_body()):
-            level[body.index()] = number + 1
     diagram = builder.Build()
     root = diagram.CreateDefaultContext()
     context = plant.GetMyMutableContextFromRoot(root)
@@ -356,10 +378,6 @@ def _near_by_construction(robot: Robot, distance: float) -> list[tuple[str, str]
     inspector = query.inspector()
     found = set()
     for pair in query.ComputeSignedDistancePairwiseClosestPoints(max(distance, 1e-6)):
-        a, b = (
-            plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
-            for geometry in (pair.id_A, pair.id_B)
-        )
-        if abs(level[a.index()] - level[b.index()]) <= 2:
-            found.add((str(a.name()), str(b.name())))
-    return sorted(found)
+        a, b = (_body_name(plant, inspector, geometry) for geometry in (pair.id_A, pair.id_B))
+        found |= {(a, b), (b, a)}
+    return found

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from models.friction import friction_torque
 from models.identified_model import IdentifiedModel
 from models.momentum_observer import (
+    STATE_ROWS,
     MomentumObserver,
     MomentumObserverConfig,
     observer_step,
@@ -39,7 +40,7 @@ from models.wrench import (
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-_OBSERVER_ROWS = 3  # of the state; the friction law's follow
+_OBSERVER_ROWS = STATE_ROWS  # of the state; the friction law's follow
 _BLOCK = 256  # rows a thread takes at a time
 _PASS = 16384  # rows between two turns of the serial part: bounds the memory of a long log
 
@@ -126,7 +127,7 @@ class WrenchEstimator:
             self.observer.table,
             self.reconstruction.table,
         )
-        self._state_shape = (3, n)
+        self._state_shape = (_OBSERVER_ROWS + model.friction.state_rows, n)
         self._sample = np.empty((3, n))
         self._scratch = (
             np.empty((5, n)),
@@ -145,14 +146,18 @@ class WrenchEstimator:
         return type(self)(self.robot, self.model, config)
 
     def initial_state(self) -> Array:
-        """Returns the observer's (3, n) state before the first sample."""
-        return self.observer.initial_state()
+        """Returns the (3 + friction.state_rows, n) state before the first sample: the observer's
+        three rows, then the friction law's.
+        """
+        return np.vstack(
+            [self.observer.initial_state(), initial_friction_state(self.model.friction)]
+        )
 
     def step(self, state: Array, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> TickEstimate:
         """Takes one sample.
 
         Args:
-            state: (3, n), changed in place.
+            state: of `initial_state`, changed in place.
             q, v: (n,) rad and rad/s (m and m/s).
             current: (n,) A, as the drives report it.
 
@@ -179,7 +184,7 @@ class WrenchEstimator:
         """Takes a log, or the next part of one: chunk by chunk gives what one pass gives.
 
         Args:
-            state: (3, n), changed in place.
+            state: of `initial_state`, changed in place.
             q, v: (N, n) rad and rad/s (m and m/s), at the observer's time step.
             current: (N, n) A, as the drives report it.
 

@@ -34,7 +34,9 @@ Array = NDArray[np.float64]
 Measure = Literal["condition_number", "log_det"]
 MEASURES: tuple[Measure, ...] = get_args(Measure)
 
-_POWER = 12.0  # p of the smooth bound: at most 60^(1/12), a factor of 1.4, above the condition number
+_POWER = (
+    12.0  # p of the smooth bound: at most 60^(1/12), a factor of 1.4, above the condition number
+)
 _STEP = 1e-4  # rad, of the differences of q: cut-off and rounding both below 1e-8 of the gradient
 
 

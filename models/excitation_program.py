@@ -126,8 +126,8 @@ class ExcitationProgram:
         slack: of a posture; None where nothing can touch.
         num_samples: of a period, for measure, linear limits, torque.
         num_postures: of a period, at which the slack is held.
-        reserve: m of slack and share of the torque limit that are kept back at the samples, for what
-            happens between them.
+        reserve: m of slack and share of the torque limit, kept back at the samples for what happens
+            between them.
     """
 
     def __init__(
@@ -144,7 +144,11 @@ class ExcitationProgram:
         reserve: tuple[float, float] = (0.004, 0.02),
     ) -> None:
         self.chain, self.bounds, self.information = chain, bounds, information
-        self.measure, self.base_frequency, self.num_harmonics = measure, base_frequency, num_harmonics
+        self.measure, self.base_frequency, self.num_harmonics = (
+            measure,
+            base_frequency,
+            num_harmonics,
+        )
         self._slack = slack
         self._reserve = reserve
         self._watch: Callable[[int, float], None] = lambda evaluations, cost: None

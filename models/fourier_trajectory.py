@@ -105,7 +105,11 @@ class FourierTrajectory:
             InputError: lists of different lengths, or a number that is not finite.
         """
         try:
-            return cls(plain.base_frequency, np.array(plain.centre), plain.sine, plain.cosine)  # type: ignore[arg-type]
+            centre, sine, cosine = (
+                np.array(values, dtype=np.float64)
+                for values in (plain.centre, plain.sine, plain.cosine)
+            )
+            return cls(plain.base_frequency, centre, sine, cosine)
         except ValueError as error:
             remedy = "centre takes n numbers, sine and cosine n lists of one length"
             raise InputError(source, "", str(error).replace("\n", " "), remedy) from None

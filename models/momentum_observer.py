@@ -40,6 +40,7 @@ Flags = NDArray[np.bool_]
 TORQUE_SAMPLES = ("held", "trapezoidal")
 
 START_SHARE = 0.05  # 3 / K_0 after the start
+STATE_ROWS = 3  # of the observer's state, see MomentumObserver
 
 # Columns of MomentumObserver.table.
 _GAIN, _POLE, _AFTER, _BEFORE, _HALF = range(5)

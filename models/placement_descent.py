@@ -87,6 +87,12 @@ class PlacementDescent:
         self._path_length = path_length
         self._penalties = penalties
 
+    def of_length(self, path_length: float) -> "PlacementDescent":
+        """The same for a path of another length, m."""
+        return PlacementDescent(
+            self._chain, self._measure, self._bounds, path_length, self._penalties
+        )
+
     def run(
         self,
         starts: PlacementBatch,
@@ -202,6 +208,12 @@ class PlacementDescent:
             penalty += off**2
             by_path[:, :3] += 2.0 * off[:, np.newaxis] * np.cross(z, batch.n_W)
             by_path[:, 6:] += 2.0 * off[:, np.newaxis] * z
+        if bounds.tool_direction is not None:
+            z = batch.R_WE[:, :, 2]
+            cosine = z @ bounds.tool_direction
+            short = np.maximum(np.cos(bounds.tool_tilt) - cosine, 0.0)
+            penalty += short**2
+            by_path[:, :3] -= 2.0 * short[:, np.newaxis] * np.cross(z, bounds.tool_direction)
         if self._penalties is not None:
             more, more_by_q, more_by_path = self._penalties(batch)
             penalty, by_q, by_path = penalty + more, by_q + more_by_q, by_path + more_by_path
@@ -257,7 +269,7 @@ def _choose(better: Flags, new: _Point, old: _Point) -> _Point:
 def _limited(step: Array) -> Array:
     """The steps (N, D), shortened where they would move the path far."""
     size = np.max(np.abs(step), axis=1)
-    return step * np.minimum(1.0, _LONGEST / np.maximum(size, 1e-30))[:, np.newaxis]
+    return np.asarray(step * np.minimum(1.0, _LONGEST / np.maximum(size, 1e-30))[:, np.newaxis])
 
 
 def _two_loops(gradient: Array, steps: Array, changes: Array, products: Array) -> Array:
@@ -276,4 +288,4 @@ def _two_loops(gradient: Array, steps: Array, changes: Array, products: Array) -
     for i in reversed(range(len(steps))):
         beta = inverse[i] * np.einsum("nd,nd->n", changes[i], direction)
         direction += (alphas[i] - beta)[:, np.newaxis] * steps[i]
-    return -direction
+    return np.asarray(-direction)

@@ -7,14 +7,14 @@ rotation of the tool as a unit quaternion Q; its angle-axis form is the article'
     subject to  p_WE(q_i) = m + (i/k - 1/2) a n,  R_WE(q_i) = R(Q)          i = 0..k
                 lower + margin <= q_i <= upper - margin,  |q_i+1 - q_i| <= max_joint_step
                 |n| = 1,  |Q| = 1,  m in the box,  theta_min <= theta <= theta_max
-                n . z_E = 0 where the path lies in a surface,  clearance where it is asked for
+                n . z_E = 0 where the path lies in a surface,  z_E in a cone and clearance where
+                they are asked for
 
 All gradients are closed forms, computed by one kernel call for all points and handed to the solver
 as AutoDiffXd with their sparsity.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -65,6 +65,8 @@ class PlacementBounds:
         angle_lower, angle_upper: of the tool's rotation from W, within [0, pi] rad.
         max_joint_step: rad or m, from one point to the next.
         in_surface: whether the path is perpendicular to the tool's z axis.
+        tool_direction: (3,) unit, in W; None where the tool may point anywhere.
+        tool_tilt: rad, largest angle of the tool's z axis from there.
     """
 
     q_lower: Array
@@ -75,6 +77,8 @@ class PlacementBounds:
     angle_upper: float = math.pi
     max_joint_step: float = 1.0
     in_surface: bool = False
+    tool_direction: Array | None = None
+    tool_tilt: float = math.pi
 
     def w_range(self) -> tuple[float, float]:
         """The range of the quaternion's w that the angle's range means; both signs where it can."""
@@ -98,6 +102,9 @@ class PlacementBounds:
         ]
         if self.in_surface:
             parts.append(abs(float(placement.n_W @ placement.R_WE[:, 2])))
+        if self.tool_direction is not None:
+            tilt = math.acos(np.clip(placement.R_WE[:, 2] @ self.tool_direction, -1.0, 1.0))
+            parts.append(tilt - self.tool_tilt)
         return max(0.0, *(float(part) for part in parts))
 
 
@@ -159,7 +166,6 @@ class PlacementProgram:
         self.chain, self.measure, self.bounds = chain, measure, bounds
         self.path_length, self.num_segments = path_length, num_segments
         self._clearance = clearance
-        self._watch: Callable[[float, Placement], None] | None = None
         self._evaluations = 0
         self.program, self._x = self._build()
         self._order = self.program.FindDecisionVariableIndices(self._x)
@@ -192,6 +198,9 @@ class PlacementProgram:
             program.AddConstraint(
                 self._off_surface, np.zeros(1), np.zeros(1), np.concatenate([n_W, Q])
             )
+        if bounds.tool_direction is not None:
+            low = math.cos(bounds.tool_tilt)
+            program.AddConstraint(self._uprightness, np.array([low]), np.array([np.inf]), Q)
         if self._clearance is not None:
             clear = program.AddConstraint(self._margins, np.zeros(k + 1), np.full(k + 1, np.inf), x)
             clear.evaluator().SetGradientSparsityPattern(
@@ -250,7 +259,6 @@ class PlacementProgram:
         self,
         start: Placement,
         solver: str = "snopt",
-        watch: Callable[[float, Placement], None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> Solution:
         """Solves from one start.
@@ -258,10 +266,9 @@ class PlacementProgram:
         Args:
             start: need not keep the constraints.
             solver: one of SOLVERS.
-            watch: called with cost and placement at every evaluation of the cost.
             options: of the solver, over the program's own.
         """
-        self._watch, self._evaluations = watch, 0
+        self._evaluations = 0
         settings = SolverOptions()
         if solver == "snopt":
             engine: Any = SnoptSolver()
@@ -282,12 +289,14 @@ class PlacementProgram:
             }
         for name, value in {**chosen, **(options or {})}.items():
             settings.SetOption(engine.solver_id(), name, value)
+        guess = np.empty(len(self._x))
+        guess[self._order] = self.pack(start)  # Drake numbers matrices column by column
         try:
-            guess = np.empty(len(self._x))
-            guess[self._order] = self.pack(start)  # Drake numbers matrices column by column
             result = engine.Solve(self.program, guess, settings)
-        finally:
-            self._watch = None
+        except RuntimeError as error:
+            if "KeyboardInterrupt" in str(error):  # raised in a callback, wrapped by the solver
+                raise KeyboardInterrupt from error
+            raise
         x = np.asarray(result.GetSolution(self._x), dtype=np.float64)
         if not np.all(np.isfinite(x)):
             x = self.pack(start)
@@ -343,6 +352,15 @@ class PlacementProgram:
         if x.dtype != object:
             return off
         return _with_gradient(x, off, np.concatenate([z, n_W @ dz])[np.newaxis])
+
+    def _uprightness(self, Q: NDArray[Any]) -> Any:
+        direction = self.bounds.tool_direction
+        assert direction is not None
+        z, dz = _z_axis(_values(Q) if Q.dtype == object else Q)
+        along = np.array([z @ direction])
+        if Q.dtype != object:
+            return along
+        return _with_gradient(Q, along, (direction @ dz)[np.newaxis])
 
     def _margins(self, x: NDArray[Any]) -> Any:
         assert self._clearance is not None

@@ -11,8 +11,8 @@ The cost has many local optima, and the best one's basin can be narrow. So
 4. in some more rounds the best ends that differ are varied, the tool turned about the path in even
    steps, again on every branch, and what is reached descends: a basin that a random start rarely
    meets is often the neighbour, in this sense, of one that is easily met;
-5. the ends are sorted by what the measure looks like point by point, and the best of each kind is
-   brought to an optimum of the `MathematicalProgram`.
+5. the ends are sorted by what the measure looks like point by point; the best of each kind descends
+   some more, and the best of these are brought to an optimum of the `MathematicalProgram`.
 
 Two optima count as one if they have the same measure at every point of the path (or of the path
 backwards): where a measure does not see a rotation of the base or of the tool, optima come in
@@ -21,9 +21,12 @@ families, and a member is as good as any.
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import pairwise
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -40,12 +43,16 @@ from models.placement_program import (
 from models.robot import Robot
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 FEASIBLE = 1e-7  # m and rad, of every constraint; postures are then corrected to rounding
 BETWEEN = 1e-3  # rad and m, of joint limits between the points; clearance there is kept in full
 SAME = 0.01  # relative, of the measure at every point: one optimum
 _ALIKE = 0.02  # the same of two descents that have not come to their end
-_MIN_STEP = 0.6  # rad, by which two starts of the global stage differ in some joint
+_LOOKED_AT = 3  # of a batch, after each step
+_FEW = 30  # random placements; below it a shorter path is made longer
+_GROWTH = (0.55, 0.7, 0.8, 0.87, 0.91, 0.94, 0.96, 0.98, 0.99, 1.0)  # of its length
+_OTHER_KIND = 0.06  # the same of two that are worth varying
 
 
 @dataclass(frozen=True)
@@ -67,10 +74,10 @@ class SearchEffort:
     num_poses: int = 24
     num_starts: int = 48
     num_rounds: int = 3
-    num_kinds: int = 10
+    num_kinds: int = 14
     num_turns: int = 8
     num_steps: int = 30
-    num_solves: int = 5
+    num_solves: int = 4
 
 
 @dataclass(frozen=True)
@@ -152,7 +159,16 @@ class PlacementSearch:
         progress: Callable[[float, str], None] = lambda fraction, what: None,
     ) -> SearchResult:
         """Searches; an interrupt (KeyboardInterrupt) ends it with the best found so far."""
-        effort = SearchEffort() if effort is None else effort
+        with one_thread():
+            return self._run(seed, solver, effort or SearchEffort(), progress)
+
+    def _run(
+        self,
+        seed: int,
+        solver: str,
+        effort: SearchEffort,
+        progress: Callable[[float, str], None],
+    ) -> SearchResult:
         result = SearchResult(closed_form=is_closed_form(self._robot))
         clock = _Clock(result)
         ends: list[tuple[PlacementBatch, Array]] = []
@@ -165,10 +181,13 @@ class PlacementSearch:
             for number in range(1 + effort.num_rounds):
                 begun = 0.1 + 0.5 * number / (1 + effort.num_rounds)
                 progress(begun, f"round {number + 1}, {len(starts)} starts descend")
-                ends.append(self._descend(starts, effort, result, clock))
+                ends.append(self._descend(starts, effort.num_steps, result, clock))
                 if number < effort.num_rounds:
                     starts = self._varied(*_joined(ends), effort, result)
             batch, values = _joined(ends)
+            # What ranks behind may only have had fewer steps.
+            batch = batch[self._different(batch, values, 20)]
+            batch, values = self._descend(batch, 2 * effort.num_steps, result, clock)
             chosen = self._different(batch, values, effort.num_solves)
             for count, index in enumerate(chosen):
                 progress(0.6 + 0.4 * count / len(chosen), f"{solver}, {count + 1}/{len(chosen)}")
@@ -180,11 +199,9 @@ class PlacementSearch:
         result.num_starts = sum(len(batch) for batch, _ in ends)
         self._sort(found, ends, result)
         if not result.optima and clock.best is not None:
-            # Interrupted before the first solve: what the descents had.
+            # Interrupted early, or no solve kept all constraints: what the descents had.
             values = self._posture.values(clock.best.q)
-            result.optima.append(
-                Optimum(clock.best, float(np.mean(values)), values, 0, "interrupted")
-            )
+            result.optima.append(Optimum(clock.best, float(np.mean(values)), values, 0, "descent"))
         progress(1.0, "done")
         return result
 
@@ -192,29 +209,29 @@ class PlacementSearch:
         """The starts of the descents: reached paths, best first, each on its own branch."""
         rng = np.random.default_rng(seed)
         own = self._initial_guess()
-        drawn = self._draw(rng, effort.num_samples, result)
+        drawn = self._draw(rng, effort.num_samples, self._program.path_length, result)
+        if np.sum(np.isfinite(self._costs(drawn))) < _FEW:
+            drawn = PlacementBatch.joined([drawn, self._grown(rng, effort, result)])
         costs = self._costs(drawn)
         order = np.argsort(costs, kind="stable")
         poses = drawn[order[: effort.num_poses]]
         others = self._on_all_branches(poses.n_W, poses.p_WM, poses.R_WE, result)
         pool = PlacementBatch.joined([drawn[order], others])
         costs = self._costs(pool)
-        order = np.argsort(costs, kind="stable")
-        kept: list[int] = []
-        for distance in (_MIN_STEP, 0.0):
-            for index in order:
-                if len(kept) >= effort.num_starts:
-                    break
-                if int(index) in kept or not math.isfinite(costs[index]):
-                    continue
-                if all(self._distance(pool, int(index), other) > distance for other in kept):
-                    kept.append(int(index))
         result.evaluations += len(drawn) + len(pool)
-        return PlacementBatch.joined([own, pool[np.array(kept, dtype=np.intp)]])
+        chosen = _from_each(self._cells(pool), costs, effort.num_starts)
+        return PlacementBatch.joined([own, pool[chosen]])
 
-    def _distance(self, batch: PlacementBatch, a: int, b: int) -> float:
-        middle = batch.q.shape[1] // 2
-        return float(np.max(np.abs(batch.q[a, middle] - batch.q[b, middle])))
+    def _cells(self, batch: PlacementBatch) -> NDArray[np.intp]:
+        """Which half of its range each joint is in at the midpoint, as one number a placement.
+
+        Branches of one pose lie in different halves, and so does what they descend to.
+        """
+        bounds = self._program.bounds
+        middle = 0.5 * (bounds.q_lower + bounds.q_upper)
+        middle = np.where(np.isfinite(middle), middle, 0.0)
+        halves = batch.q[:, batch.q.shape[1] // 2] > middle
+        return np.asarray(halves @ (1 << np.arange(halves.shape[1])), dtype=np.intp)
 
     def _initial_guess(self) -> PlacementBatch:
         if self._initial is None:
@@ -240,23 +257,53 @@ class PlacementSearch:
         return self._track(q[found], n_W[row], p_WM[row], R_WE[row], result)
 
     def _track(
-        self, q_mid: Array, n_W: Array, p_WM: Array, R_WE: Array, result: SearchResult
+        self,
+        q_mid: Array,
+        n_W: Array,
+        p_WM: Array,
+        R_WE: Array,
+        result: SearchResult,
+        path_length: float | None = None,
     ) -> PlacementBatch:
         program = self._program
         q, reached = track_paths(
             self._robot.chain,
             q_mid,
             n_W,
-            program.path_length,
+            path_length or program.path_length,
             program.num_segments,
             program.bounds.max_joint_step,
         )
-        result.num_candidates += len(q)
-        result.num_reached += int(np.sum(reached))
+        if path_length is None or path_length == program.path_length:
+            result.num_candidates += len(q)
+            result.num_reached += int(np.sum(reached))
         return PlacementBatch(q, n_W, p_WM, R_WE)[reached]
 
+    def _grown(
+        self, rng: np.random.Generator, effort: SearchEffort, result: SearchResult
+    ) -> PlacementBatch:
+        """Placements of a path that few postures can follow: of a shorter one, made longer.
+
+        A descent leads away from where the arm is stretched out, and so makes room.
+        """
+        length = self._program.path_length
+        batch = self._draw(rng, effort.num_samples, _GROWTH[0] * length, result)
+        batch = batch[_from_each(self._cells(batch), self._costs(batch), 2 * effort.num_starts)]
+        for share, longer in pairwise(_GROWTH):
+            if len(batch) == 0:
+                break
+            batch, _ = self._descent.of_length(share * length).run(batch, effort.num_steps)
+            q_mid, reached = solve_poses(
+                self._robot.chain, batch.R_WE, batch.p_WM, batch.q[:, batch.q.shape[1] // 2]
+            )
+            batch = batch[reached]
+            batch = self._track(
+                q_mid[reached], batch.n_W, batch.p_WM, batch.R_WE, result, longer * length
+            )
+        return batch
+
     def _draw(
-        self, rng: np.random.Generator, count: int, result: SearchResult
+        self, rng: np.random.Generator, count: int, path_length: float, result: SearchResult
     ) -> PlacementBatch:
         """Random placements that are reached, their midpoints in the box."""
         bounds, chain = self._program.bounds, self._robot.chain
@@ -274,7 +321,8 @@ class PlacementSearch:
         beyond = (angle < bounds.angle_lower) | (angle > bounds.angle_upper)
         turn[beyond] *= (angles / np.maximum(angle, 1e-12))[beyond, np.newaxis]
         R_WE[beyond] = Rotation.from_rotvec(turn[beyond]).as_matrix()
-        moved = outside | beyond
+        leant = self._lean(rng, R_WE)
+        moved = outside | beyond | leant
         if np.any(moved):
             q[moved], reached = solve_poses(chain, R_WE[moved], p_WM[moved], q[moved])
             q[moved] = wrap_within(q[moved], bounds.q_lower, bounds.q_upper, chain.prismatic)
@@ -285,7 +333,23 @@ class PlacementSearch:
             z = R_WE[:, :, 2]
             n_W -= np.einsum("nc,nc->n", n_W, z)[:, np.newaxis] * z
         n_W /= np.linalg.norm(n_W, axis=1)[:, np.newaxis]
-        return self._track(q, n_W, p_WM, R_WE, result)
+        return self._track(q, n_W, p_WM, R_WE, result, path_length)
+
+    def _lean(self, rng: np.random.Generator, R_WE: Array) -> Flags:
+        """Turns tools that point out of their cone into it, in place; which ones."""
+        bounds = self._program.bounds
+        if bounds.tool_direction is None:
+            return np.zeros(len(R_WE), dtype=bool)
+        z, direction = R_WE[:, :, 2], bounds.tool_direction
+        angle = np.arccos(np.clip(z @ direction, -1.0, 1.0))
+        target = bounds.tool_tilt * np.sqrt(rng.uniform(size=len(R_WE)))
+        leant = angle > bounds.tool_tilt
+        axis = np.cross(z, direction)
+        axis[np.linalg.norm(axis, axis=1) < 1e-9] = R_WE[0, :, 0]
+        axis /= np.linalg.norm(axis, axis=1)[:, np.newaxis]
+        turn = Rotation.from_rotvec(axis * (angle - target)[:, np.newaxis]).as_matrix()
+        R_WE[leant] = turn[leant] @ R_WE[leant]
+        return np.asarray(leant)
 
     def _costs(self, batch: PlacementBatch) -> Array:
         """The mean measure, infinite where a limit is passed by far: descents bring it back."""
@@ -295,13 +359,16 @@ class PlacementSearch:
         mean = np.mean(self._posture.values(batch.q), axis=1)
         over = np.maximum(bounds.q_lower - batch.q, batch.q - bounds.q_upper)
         over = np.maximum(np.max(over, axis=(1, 2)), 0.0)
+        if bounds.tool_direction is not None:
+            cosine = np.clip(batch.R_WE[:, :, 2] @ bounds.tool_direction, -1.0, 1.0)
+            over = np.maximum(over, np.arccos(cosine) - bounds.tool_tilt)
         return np.asarray(np.where(over < 0.5, mean * (1.0 + 2.0 * over), np.inf))
 
     def _varied(
         self, batch: PlacementBatch, values: Array, effort: SearchEffort, result: SearchResult
     ) -> PlacementBatch:
         """The best kinds of placements with the tool turned about the path, on all branches."""
-        kinds = batch[self._different(batch, values, effort.num_kinds)]
+        kinds = batch[self._different(batch, values, effort.num_kinds, _OTHER_KIND)]
         angles = np.linspace(0.0, 2.0 * math.pi, effort.num_turns, endpoint=False)
         n_W = np.repeat(kinds.n_W, len(angles), axis=0)
         turns = Rotation.from_rotvec(np.tile(angles, len(kinds))[:, np.newaxis] * n_W)
@@ -321,24 +388,24 @@ class PlacementSearch:
         return varied[np.array(kept, dtype=np.intp)]
 
     def _descend(
-        self, starts: PlacementBatch, effort: SearchEffort, result: SearchResult, clock: "_Clock"
+        self, starts: PlacementBatch, num_steps: int, result: SearchResult, clock: "_Clock"
     ) -> tuple[PlacementBatch, Array]:
-        bounds = self._program.bounds
-
         def watch(step: int, values: Array, batch: PlacementBatch) -> None:
             result.evaluations += len(batch)
-            clock.look(batch, values, bounds.violation)
+            clock.look(batch, values, self._program.violation)
 
-        return self._descent.run(starts, effort.num_steps, watch=watch)
+        return self._descent.run(starts, num_steps, watch=watch)
 
-    def _different(self, batch: PlacementBatch, values: Array, count: int) -> NDArray[np.intp]:
+    def _different(
+        self, batch: PlacementBatch, values: Array, count: int, gap: float = _ALIKE
+    ) -> NDArray[np.intp]:
         """Indices of the best descents, of each kind one, kinds told apart by their profiles."""
         profiles = self._posture.values(batch.q)
         kept: list[int] = []
         for index in np.argsort(values, kind="stable"):
             if len(kept) == count:
                 break
-            if not kept or _gaps(profiles[index], profiles[kept]).min() > _ALIKE:
+            if not kept or _gaps(profiles[index], profiles[kept]).min() > gap:
                 kept.append(int(index))
         return np.array(kept, dtype=np.intp)
 
@@ -416,8 +483,8 @@ class _Clock:
     def look(
         self, batch: PlacementBatch, values: Array, violation: Callable[[Placement], float]
     ) -> None:
-        """Notes the best of a batch that keeps the bounds."""
-        for index in np.argsort(values, kind="stable"):
+        """Notes the best of a batch that keeps the constraints, if it is among the first few."""
+        for index in np.argsort(values, kind="stable")[:_LOOKED_AT]:
             if not values[index] < self._cost:
                 return
             placement = Placement(
@@ -480,14 +547,48 @@ def between_points(
     return fine
 
 
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Keeps numba's loops in this thread.
+
+    A step is some milliseconds of work in several loops. Waiting for a second thread at the end of
+    each costs more than it gives as soon as anything else runs on the machine.
+    """
+    threads = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(threads)
+
+
 def _joined(ends: list[tuple[PlacementBatch, Array]]) -> tuple[PlacementBatch, Array]:
     batches = PlacementBatch.joined([batch for batch, _ in ends])
     return batches, np.concatenate([values for _, values in ends])
 
 
+def _from_each(cells: NDArray[np.intp], costs: Array, count: int) -> NDArray[np.intp]:
+    """Indices of up to `count` finite costs: the best of each cell, then each one's second..."""
+    order = np.argsort(costs, kind="stable")
+    order = order[np.isfinite(costs[order])]
+    rank = np.empty(len(order), dtype=int)
+    seen: dict[int, int] = {}
+    for position, index in enumerate(order):
+        cell = int(cells[index])
+        rank[position] = seen.get(cell, 0)
+        seen[cell] = rank[position] + 1
+    return np.asarray(order[np.argsort(rank, kind="stable")][:count])
+
+
 def _gaps(profile: Array, others: Array) -> Array:
-    """Largest relative differences of profiles (..., k + 1), of either direction of the path."""
+    """How unlike profiles (..., k + 1) are: their largest relative difference point by point.
+
+    The path may run in either direction. Ten times the relative difference of their means counts
+    too: two optima may look alike at every point and yet not be the same.
+    """
     forward = np.max(np.abs(others - profile) / np.minimum(others, profile), axis=-1)
-    profile = profile[::-1]
-    backward = np.max(np.abs(others - profile) / np.minimum(others, profile), axis=-1)
-    return np.asarray(np.minimum(forward, backward))
+    turned = profile[::-1]
+    backward = np.max(np.abs(others - turned) / np.minimum(others, turned), axis=-1)
+    mean = np.mean(profile)
+    means = 10.0 * np.abs(np.mean(others, axis=-1) - mean) / mean
+    return np.asarray(np.maximum(np.minimum(forward, backward), means))

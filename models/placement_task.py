@@ -71,6 +71,8 @@ class PlacementTask:
     limit_margin_deg: float = 0.0  # kept from every joint limit (of a prismatic joint: mm)
     max_joint_step_deg: float = 60.0  # from one point to the next (of a prismatic joint: 1/57 m)
     path_in_surface: bool = False  # whether the path is perpendicular to the tool's z axis
+    tool_direction: list[float] | None = None  # in W, where E's z axis should point
+    tool_tilt_deg: float = 0.0  # how far it may lean from there
     initial: GuessConfig | None = None
     clearance: ClearanceConfig | None = None  # without it nothing is asked about collisions
 
@@ -98,6 +100,8 @@ class PlacementTask:
             angle_upper=math.radians(self.angle_upper_deg),
             max_joint_step=math.radians(self.max_joint_step_deg),
             in_surface=self.path_in_surface,
+            tool_direction=None if self.tool_direction is None else _unit(self.tool_direction),
+            tool_tilt=math.radians(self.tool_tilt_deg),
         )
 
 
@@ -202,6 +206,11 @@ def _folder() -> Path:
     return Path(str(resources.files("models"))) / "tasks"
 
 
+def _unit(direction: list[float]) -> Array:
+    vector = np.array(direction, dtype=np.float64)
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
 def _check_numbers(task: PlacementTask, source: Path) -> None:
     def expect(values: list[float], length: int, place: str) -> None:
         if len(values) != length:
@@ -235,6 +244,14 @@ def _check_numbers(task: PlacementTask, source: Path) -> None:
         raise InputError(
             source, "max_joint_step_deg", f"{task.max_joint_step_deg:g}, expected 0 to 180"
         )
+    if task.tool_direction is not None:
+        expect(task.tool_direction, 3, "tool_direction")
+        if not np.linalg.norm(task.tool_direction) > 1e-9:
+            raise InputError(source, "tool_direction", f"{task.tool_direction} has no direction")
+        if not 0.0 < task.tool_tilt_deg <= 180.0:
+            raise InputError(
+                source, "tool_tilt_deg", f"{task.tool_tilt_deg:g}, expected above 0, up to 180"
+            )
     if task.initial is not None:
         expect(task.initial.direction, 3, "initial.direction")
         expect(task.initial.midpoint, 3, "initial.midpoint")
@@ -252,9 +269,7 @@ def _check_numbers(task: PlacementTask, source: Path) -> None:
 
 def _check_clearance(task: PlacementTask, clearance: ClearanceConfig, source: Path) -> None:
     if not 0.0 <= clearance.distance <= 1.0:
-        raise InputError(
-            source, "clearance.distance", f"{clearance.distance:g}, expected 0 to 1 m"
-        )
+        raise InputError(source, "clearance.distance", f"{clearance.distance:g}, expected 0 to 1 m")
     sizes = [(f"obstacles[{i}]", o.size) for i, o in enumerate(clearance.obstacles)]
     names = [obstacle.name for obstacle in clearance.obstacles]
     for index, name in enumerate(names):

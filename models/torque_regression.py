@@ -188,7 +188,7 @@ class RegressionRows:
             self.rigid[j] @ np.r_[inertial[j:].ravel(), rotor[j]] + friction[j] @ own[j]
             for j in range(n)
         ]
-        return self.tau - np.stack(predicted, axis=1)
+        return np.asarray(self.tau - np.stack(predicted, axis=1))
 
 
 def factorise(

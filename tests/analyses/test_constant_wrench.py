@@ -9,6 +9,7 @@ from analyses.constant_wrench import (
     INITIAL_POSTURE,
     WRENCH,
     branch_start,
+    found_path,
     read_along,
 )
 from analyses.experiment import ExperimentContext, ExperimentResult
@@ -50,6 +51,17 @@ def test_condition_numbers_are_the_articles(result: ExperimentResult) -> None:
     assert optimised["mean_jcn_along_path"] == pytest.approx(10.8713, rel=0.005)
     assert optimised["other_elbow"]["max_jcn"] == pytest.approx(17.327, abs=5e-4)
     assert initial["mean_jcn"] == pytest.approx(17.10, abs=5e-3)
+
+
+def test_the_path_found_here_lies_ahead_and_reads_better(result: ExperimentResult) -> None:
+    path, posture = found_path(Robot.load("sts_sre4_600"))
+    np.testing.assert_allclose(path.n_W, [0.0, 1.0, 0.0], atol=0.01)
+    np.testing.assert_allclose(path.p_WM, [0.235, 0.0, 0.375], atol=2e-3)
+    assert abs(posture[0]) < 0.01
+    found, article = result.metrics["found"], result.metrics["optimised"]["other_elbow"]
+    assert found["mean_jcn"] <= 10.976
+    assert found["max_jcn"] <= 17.0
+    assert found["max_error_y_n"] < article["max_error_y_n"]
 
 
 def test_every_row_of_the_comparison_and_every_figure_exists(

@@ -9,13 +9,16 @@ import pytest
 import yaml
 
 from analyses.identification import (
+    LAWS,
     IdentificationConfig,
     TorqueFit,
+    best_law,
     identify,
     identify_logs,
     residual_covariance,
 )
 from analyses.outputs import OutputFolder
+from models.friction_structure import STRUCTURES
 from models.identified_model import IdentifiedModel
 from models.input_error import InputError
 from models.recording import Recording
@@ -326,6 +329,111 @@ def test_torque_that_belongs_to_another_motion_warns(robot, noisy):
     wrong = replace(noisy[0], current=noisy[1].current)
     result = identify([wrong], robot)
     assert any("unexplained" in w and "sts_sre4_600" in w for w in result.warnings)
+
+
+def loaded(robot, truth, mass):
+    """The same arm with a point mass 10 cm beyond its last link's frame."""
+    carrying = truth.copy()
+    body = pin.Inertia(mass, np.array([0.0, 0.05, 0.1]), np.zeros((3, 3)))
+    carrying.inertias[6] = carrying.inertias[6] + body
+    return carrying
+
+
+def test_a_payload_changed_between_logs_is_reported(robot, truth, noisy):
+    carrying = recording(robot, loaded(robot, truth, 1.5), 5, noise=1.0)
+    (warning,) = [w for w in identify([*noisy[:2], carrying], robot).warnings if "payload" in w]
+    assert "run_5 +" in warning
+    assert "run_1 -" in warning
+    # The same payload in all logs is part of the last link.
+    every = [recording(robot, loaded(robot, truth, 1.5), k, noise=1.0) for k in (1, 2)]
+    assert not any("payload" in w for w in identify(every, robot).warnings)
+
+
+@pytest.mark.parametrize("joint", [1, 2])
+def test_a_wrong_torque_constant_is_reported(robot, noisy, joint):
+    gain = np.ones(6)
+    gain[joint] = 1.4
+    wrong = [replace(log, current=log.current * gain) for log in noisy[:2]]
+    (warning,) = [w for w in identify(wrong, robot).warnings if "gravity" in w]
+    assert f"joint_{joint + 1}" in warning
+    assert "torque_per_ampere" in warning
+
+
+def test_right_torque_constants_are_not(result):
+    assert not any("gravity" in w or "payload" in w for w in result.warnings)
+
+
+def test_spikes_in_the_current_hardly_move_the_model(robot, noisy):
+    """Twenty samples of 50 A in each joint of a log: a drive's log has them."""
+    rng = np.random.default_rng(6)
+    current = noisy[0].current.copy()
+    for j in range(6):
+        rows = rng.choice(len(current), 20, replace=False)
+        current[rows, j] += 50.0 * rng.choice([-1.0, 1.0], 20)
+    spiked = [replace(noisy[0], current=current), noisy[1]]
+
+    def error(loss):
+        return (
+            identify(spiked, robot, noisy[3:], IdentificationConfig(loss=loss)).validation[0].rmse
+        )
+
+    clean = identify(noisy[:2], robot, noisy[3:]).validation[0].rmse
+    assert (error("huber") < 1.3 * clean).all()
+    assert (error("squares") > error("huber")).all()
+
+
+@pytest.mark.parametrize("law", ["coulomb-viscous", "stribeck", "presliding"])
+def test_each_law_predicts_what_coulomb_and_viscous_friction_made(robot, noisy, law):
+    """All of them contain it; the richer ones must not lose by it."""
+    logs = [
+        replace(log, current=log.current - OFFSET / (robot.torque_per_ampere * robot.current_sign))
+        for log in noisy
+    ]
+    found = identify(logs[:3], robot, config=IdentificationConfig(friction=law))
+    assert found.law == law
+    plain = identify(logs[:3], robot)
+    # Up to 30 % for what ten more parameters and a displacement of at least 0.03 mrad cost.
+    assert (found.held_out[law] < 1.3 * plain.held_out[plain.law]).all()
+
+
+def test_cross_validation_chooses_a_law_and_states_all(robot, noisy):
+    found = identify(noisy[:2], robot, config=IdentificationConfig(friction="best"))
+    assert set(STRUCTURES) <= set(found.held_out) <= set(LAWS)
+    assert found.law == best_law(found.held_out)
+    assert found.metrics()["friction"]["law"] == found.law
+
+
+def test_the_best_law_counts_joints_alike():
+    held_out = {"a": np.array([10.0, 1.0]), "b": np.array([9.0, 1.2]), "c": np.array([20.0, 0.4])}
+    assert best_law(held_out) == "c"
+
+
+def test_an_unknown_law_is_refused_with_a_suggestion(robot, noisy):
+    line = refusal([noisy[0]], robot, config=IdentificationConfig(friction="presliding+net"))
+    assert 'did you mean "presliding+network"' in line
+    assert "semi-parametric" in line
+
+
+def test_the_consistent_fit_is_a_robot_and_hardly_worse(robot, noisy, tmp_path):
+    config = IdentificationConfig(consistent=True)
+    plain = identify(noisy[:3], robot, noisy[3:])
+    found = identify(noisy[:3], robot, noisy[3:], config)
+    assert found.metrics()["inconsistent_links"] == []
+    assert (found.validation[0].rmse < 1.05 * plain.validation[0].rmse).all()
+    found.write(OutputFolder(tmp_path), {})
+    model = pin.buildModelFromXML((tmp_path / "robot.urdf").read_text())
+    found_inertias = np.array([model.inertias[i + 1].toDynamicParameters() for i in range(6)])
+    np.testing.assert_allclose(
+        found_inertias, found.model.inertial_parameters, rtol=1e-9, atol=1e-12
+    )
+
+
+def test_parameters_are_determined_combined_or_named_as_undetermined(result):
+    parameters = result.metrics()["parameters"]
+    assert "coulomb[joint_3]" in parameters["determined"]
+    assert parameters["determined"]["coulomb[joint_3]"]["standard_deviation"] > 0.0
+    assert "m[joint_5]" in parameters["only_in_combinations"]
+    assert "m[joint_1]" in parameters["undetermined"]
 
 
 def test_figures_for_any_number_of_joints(tmp_path):

@@ -107,6 +107,32 @@ def test_bayesian_reads_the_payload(outcome):
 
 
 @needs_data
+def test_with_the_best_law_the_reading_at_the_flange_is_closer(outcome):
+    _, result = outcome
+    bayesian = result.metrics["best"]["bayesian"]
+    for axis, target in (("x", 4.6), ("y", 5.3), ("z", 6.0)):
+        assert bayesian[f"rmse_f{axis}_n"] <= target
+
+
+@needs_data
+@pytest.mark.parametrize("method", ["bayesian", "force_only"])
+def test_where_the_load_acts_its_force_and_mass_are_read(outcome, method):
+    _, result = outcome
+    reading = result.metrics["best"]["at_load"][method]
+    for axis, target in (("x", 2.0), ("y", 3.2), ("z", 3.4)):
+        assert reading[f"rmse_f{axis}_n"] <= target
+    assert reading["mass_kg"] == pytest.approx(MASS, rel=0.01)
+
+
+@needs_data
+def test_a_prior_without_a_mean_loses_mass(outcome):
+    at_load = outcome[1].metrics["best"]["at_load"]
+    assert at_load["bayesian_zero_mean"]["mass_kg"] < 0.99 * MASS
+    # A prototype found (27, 174, 53) mm from tool0.
+    np.testing.assert_allclose(at_load["point_m"], [0.027, 0.174, 0.053], atol=0.015)
+
+
+@needs_data
 def test_the_plain_inverse_fails_and_its_flag_says_so(outcome):
     _, result = outcome
     inverse = result.metrics["inverse"]

@@ -1,5 +1,7 @@
 """The estimator diagram: ports, agreement with the batch estimator, and its use by a stranger."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
@@ -8,9 +10,11 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 from diagrams.estimator import add_estimator, make_estimator
 from models.estimator import WrenchEstimator, WrenchEstimatorConfig
+from models.friction import CoulombViscous, SemiParametricFriction
 from models.identified_model import IdentifiedModel
 from models.input_error import InputError
 from models.momentum_observer import MomentumObserverConfig
+from models.presliding_friction import PreslidingFriction
 from models.robot import Robot
 from models.wrench import WrenchReconstructionConfig
 from systems.recording_player import RecordingPlayer, Samples
@@ -196,3 +200,33 @@ def test_a_model_of_another_robot_is_refused(robot):
     other = IdentifiedModel.nominal(Robot.load("ur10e"))
     with pytest.raises(InputError, match="ur10e"):
         make_estimator(robot, other)
+
+
+@pytest.mark.parametrize("kind", ["held", "trapezoidal"])
+def test_friction_that_remembers_is_that_of_the_batch_estimator(robot, model, kind):
+    """Position, slip and the load of the tick before, also across holes."""
+    n = robot.num_joints
+    rng = np.random.default_rng(4)
+    friction = PreslidingFriction(
+        SemiParametricFriction(CoulombViscous(np.zeros(n), *rng.uniform(1, 5, (2, n)))),
+        coulomb=rng.uniform(2, 9, n),
+        stribeck=rng.uniform(-1, 1, n),
+        stribeck_velocity=np.full(n, 0.05),
+        load=rng.uniform(0.02, 0.1, n),
+        cubic=rng.normal(size=n),
+        weight=np.ones((n, 1)),
+        displacement=np.full((n, 1), 0.01),
+    )
+    remembering = replace(model, friction=friction)
+    log = synthetic_log(robot, 200)
+    for signal, row, joint in ((0, 50, 2), (1, 120, 4), (2, 150, 0)):
+        log[signal][row, joint] = np.nan
+    played = play(robot, remembering, config(kind), log)
+    estimator = WrenchEstimator(robot, remembering, config(kind))
+    batch = estimator.run(estimator.initial_state(), *log)
+    np.testing.assert_allclose(played["tau_ext"], batch.tau_ext, rtol=0.0, atol=1e-9)
+    np.testing.assert_array_equal(played["valid"][:, 0], batch.valid)
+    diagram = make_estimator(robot, remembering, config(kind))
+    current = diagram.GetInputPort("current").get_index()
+    wrench = diagram.GetOutputPort("wrench").get_index()
+    assert diagram.HasDirectFeedthrough(current, wrench) == (kind == "trapezoidal")

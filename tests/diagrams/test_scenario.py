@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from diagrams.scenario import (
+    FourierMotion,
     HoldMotion,
     JointSineMotion,
     LineMotion,
@@ -170,3 +171,16 @@ def test_a_motion_that_the_robot_cannot_do_is_one_line(robot, motion, words):
     with pytest.raises(InputError, match=words) as error:
         make_trajectory(replace(Scenario(), motion=motion), robot)
     assert "\n" not in str(error.value)
+
+
+def test_a_fourier_motion_is_its_series_over_whole_periods(robot):
+    sine, cosine = [[0.1, 0.02]] * 6, [[0.0, 0.03]] * 6
+    motion = FourierMotion(0.5, robot.home.tolist(), sine, cosine, 2)
+    trajectory = make_trajectory(Scenario(motion=motion), robot)
+    assert trajectory.duration == pytest.approx(4.0)
+    t = 1.3
+    w = np.pi
+    expected = 0.1 * np.sin(w * t) + 0.02 * np.sin(2 * w * t) + 0.03 * np.cos(2 * w * t)
+    np.testing.assert_allclose(trajectory.sample(t)[0] - robot.home, expected, atol=1e-9)
+    with pytest.raises(InputError, match="6 joints"):
+        make_trajectory(Scenario(motion=FourierMotion(0.5, [0.0], [[0.1]], [[0.1]])), robot)

@@ -15,6 +15,7 @@ from models.identified_model import IdentifiedModel
 from models.input_error import InputError
 from models.momentum_observer import MomentumObserverConfig
 from models.motors import torque_to_current
+from models.presliding_friction import PreslidingFriction
 from models.robot import Robot
 from models.wrench import METHODS, WrenchReconstructionConfig, live_prior
 
@@ -213,3 +214,58 @@ def test_model_of_another_robot_and_wrong_shapes_are_refused() -> None:
         WrenchEstimator(
             arm(), model(), WrenchEstimatorConfig(MomentumObserverConfig([1.0, 2.0], T))
         )
+
+
+@cache
+def remembering() -> WrenchEstimator:
+    """The same arm with a law that has memory and load dependence, and a network on top."""
+    rng = np.random.default_rng(3)
+    nets = FrictionNetworks(*rng.normal(size=(3, 6, 10)), rng.normal(size=6), np.full(6, 0.1))
+    near_zero = SemiParametricFriction(
+        CoulombViscous(np.zeros(6), rng.uniform(1, 10, 6), rng.normal(size=6)),
+        nets,
+        np.full(6, 0.1),
+    )
+    friction = PreslidingFriction(
+        near_zero,
+        coulomb=rng.uniform(2, 9, 6),
+        stribeck=rng.uniform(-1, 1, 6),
+        stribeck_velocity=np.full(6, 0.05),
+        load=rng.uniform(0.0, 0.1, 6),
+        cubic=rng.normal(size=6),
+        weight=np.tile([0.8, 0.2], (6, 1)),
+        displacement=np.tile([2e-4, 2e-3], (6, 1)),
+    )
+    config = WrenchEstimatorConfig(MomentumObserverConfig([20.0], T))
+    return WrenchEstimator(arm(), replace(model(), friction=friction), config)
+
+
+def test_friction_with_memory_tick_by_tick_is_the_log_in_any_split() -> None:
+    own, (q, v, current) = remembering(), log(300)
+    whole = own.run(own.initial_state(), q, v, current)
+    state = own.initial_state()
+    assert state.shape == (3 + 4, 6)
+    parts = [
+        own.run(state, q[rows], v[rows], current[rows]) for rows in (slice(0, 7), slice(7, 90))
+    ]
+    for k in range(90, 300):
+        tick = own.step(state, q[k], v[k], current[k])
+        np.testing.assert_array_equal(tick.tau_ext, whole.tau_ext[k])
+    np.testing.assert_array_equal(np.vstack([p.tau_ext for p in parts]), whole.tau_ext[:90])
+
+
+def test_the_load_is_the_torque_transmitted_at_the_sample_before() -> None:
+    """The observer fed with the law written out, L_k = tau_J,k-1 - tau_f,k-1."""
+    own, (q, v, current) = remembering(), log(200)
+    law = own.model.friction
+    tau_J = current * arm().torque_per_ampere * arm().current_sign
+    load = np.zeros_like(q)
+    for k in range(1, len(q)):
+        load[k] = tau_J[k - 1] - law.torque_along(q[:k], v[:k], load[:k])[-1]
+    tau_f = law.torque_along(q, v, load)
+    momentum, CTv, G = own.chain.momentum_terms(q, v)
+    observer = own.observer
+    expected, _ = observer.run(observer.initial_state(), momentum, CTv, G, tau_J, tau_f)
+    found = own.run(own.initial_state(), q, v, current)
+    # The same numbers in another order of additions, 1e-13 of 100 N m, times K' = 20/s over 2 ms.
+    np.testing.assert_allclose(found.tau_ext, expected, atol=1e-8)

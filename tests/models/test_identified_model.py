@@ -17,6 +17,7 @@ from models.identified_model import (
     Validity,
 )
 from models.input_error import InputError
+from models.presliding_friction import PreslidingFriction
 from models.robot import Robot
 
 
@@ -186,3 +187,62 @@ def test_no_file_a_folder_and_a_binary_file_are_refused(model, robot, tmp_path):
 def test_the_model_of_another_robot_has_no_chain_here(model):
     with pytest.raises(InputError, match="of robot 'sts_sre4_600', not of 'ur10e'"):
         model.chain(Robot.load("ur10e"))
+
+
+def with_memory(model):
+    n = len(model.joint_names)
+    rng = np.random.default_rng(8)
+    near_zero = SemiParametricFriction(
+        CoulombViscous(np.zeros(n), *rng.normal(size=(2, n))),
+        model.friction.networks,
+        rng.uniform(size=n),
+    )
+    weight = rng.uniform(0.1, 0.9, n)
+    friction = PreslidingFriction(
+        near_zero,
+        coulomb=rng.uniform(size=n),
+        stribeck=rng.normal(size=n),
+        stribeck_velocity=rng.uniform(0.1, 1.0, n),
+        load=rng.uniform(size=n),
+        cubic=rng.normal(size=n),
+        weight=np.stack([weight, 1.0 - weight], axis=1),
+        displacement=rng.uniform(size=(n, 2)) * 1e-3,
+    )
+    return replace(model, friction=friction)
+
+
+@pytest.mark.parametrize("networks", [True, False])
+def test_a_law_with_memory_makes_the_round_trip(model, robot, tmp_path, networks):
+    remembering = with_memory(model)
+    if not networks:
+        near_zero = replace(remembering.friction.velocity_law, networks=None)
+        law = replace(remembering.friction, velocity_law=near_zero)
+        remembering = replace(remembering, friction=law)
+    loaded = IdentifiedModel.load(saved(remembering, tmp_path), robot).friction
+    assert isinstance(loaded, PreslidingFriction)
+    np.testing.assert_array_equal(loaded.slip_table, remembering.friction.slip_table)
+    np.testing.assert_array_equal(
+        loaded.velocity_law.table, remembering.friction.velocity_law.table
+    )
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("load", 1.5, "load must be in"),
+        ("stribeck_velocity", 0.0, "must be positive"),
+        ("displacement", None, "presliding.displacement"),
+    ],
+)
+def test_a_broken_law_with_memory_is_one_clear_line(model, robot, tmp_path, key, value, message):
+    path = saved(with_memory(model), tmp_path)
+    content = yaml.safe_load(path.read_text())
+    block = content["friction"]["presliding"]
+    if value is None:
+        block[key] = block[key][:-1]
+    else:
+        block[key][0] = value
+    path.write_text(yaml.safe_dump(content))
+    with pytest.raises(InputError, match=message) as error:
+        IdentifiedModel.load(path, robot)
+    assert "\n" not in str(error.value)

@@ -92,9 +92,7 @@ def test_settled_once_the_start_at_zero_is_forgotten() -> None:
     """A torque that acts from the start reads short by exactly the share that the flag watches."""
     observer = MomentumObserver(MomentumObserverConfig([20.0, 45.0]), 2)
     still = np.zeros((300, 2))
-    tau_ext, fresh = observer.run(
-        observer.initial_state(), still, still, still, still - 8.0, still
-    )
+    tau_ext, fresh = observer.run(observer.initial_state(), still, still, still, still - 8.0, still)
     missing = np.max(1.0 - tau_ext / 8.0, axis=1)
     np.testing.assert_array_equal(fresh, missing <= START_SHARE + 1e-12)
     assert np.flatnonzero(fresh)[0] == 150  # 3 / K_0 of the slower joint
