@@ -16,6 +16,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import lstsq, pinvh
 
 from models.base_parameters import BaseParameters, realise, triangular_factor
 from models.friction import CoulombViscous
@@ -248,12 +249,16 @@ def solve(
     deviation = np.ones(n)
     for _ in range(num_passes):
         A = np.vstack([R / sd for R, sd in zip(joints, deviation, strict=True)])
-        values = np.linalg.lstsq(A[:, :-1] / length, A[:, -1], rcond=None)[0] / length
+        # By pivoted QR, which takes a fixed number of steps: the iteration of an SVD failed to
+        # converge once, on finite rows that other runs solved.
+        scaled = A[:, :-1] / length
+        cond = np.finfo(float).eps * max(scaled.shape)
+        values = lstsq(scaled, A[:, -1], cond=cond, lapack_driver="gelsy")[0] / length
         residual = np.array([np.linalg.norm(R[:, -1] - R[:, :-1] @ values) for R in joints])
         deviation = np.maximum(residual, floor) / np.sqrt(freedom)
     A = np.vstack([R[:, :-1] / sd for R, sd in zip(joints, deviation, strict=True)]) / length
     # Moore-Penrose: without one log, a fit may lose a direction that all logs determine.
-    variance = np.diag(np.linalg.pinv(A.T @ A)) * oversampling
+    variance = np.diag(pinvh(A.T @ A)) * oversampling
     return TorqueEstimate(values, np.sqrt(variance) / length, deviation)
 
 
