@@ -2,15 +2,14 @@
 
 The coefficients are linear and come from one least squares with the inertias. What is not linear is
 the law's shape (slip displacement and Stribeck velocity of each joint) and which joints have a
-load term; that is chosen on held-out logs (or held-out thirds of a single one) by this rule: of the
-candidates whose held-out error is within `TIE` of the lowest, the smoothest, that is the longest
-displacement, the highest Stribeck velocity, no load term. Smaller differences are those between one
-recording and the next.
+load term; that is chosen on held-out logs (or held-out thirds of a single one) by the one-standard-
+error rule (Breiman, Friedman, Olshen and Stone, Classification and Regression Trees, 1984, section
+3.4.3) on paired differences: of the candidates whose squared error exceeds the lowest by no more
+than one standard error of that difference over the folds, the smoothest, that is the longest
+displacement, the highest Stribeck velocity, no load term. The rule has no constant to tune.
 
-The tolerance, and that the shape is chosen by plain squares (Huber's weights come after), are
-settings of this rule, and they were settled with the UR10e's validation figures in sight: they are
-not blind. Its error over 14harm50sec hardly depends on them; what joints 5 and 6 leave over
-ptp_10_points does (`ur10e-identification.selection_tolerance` measures it).
+The shape is chosen by plain squares, because Huber's weights, which come after, depend on it.
+`ur10e-identification.lowest_error` measures what taking the lowest error itself would give.
 
 The load term needs the torque that the gear transmits. In the fit it is the rigid-body torque of
 the fit itself, iterated. The measured torque would let a joint that carries little but its
@@ -46,7 +45,7 @@ Array = NDArray[np.float64]
 
 DISPLACEMENTS = (3e-5, 5e-5, 7e-5, 1e-4, 1.4e-4, 2e-4, 3e-4, 5e-4, 1e-3)  # rad or m
 STRIBECK_VELOCITIES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4)  # rad/s or m/s
-TIE = 0.01  # of the lowest held-out error; see above on how it was settled
+SELECTIONS = ("one-standard-error", "lowest-error")
 LOAD_PASSES = 3
 HUBER_PASSES = 4
 STRETCHES = 3  # of a single log, to hold out one by one
@@ -96,7 +95,8 @@ class FrictionFit:
         num_passes: of weighted least squares.
         oversampling: rows per independent sample of the residual.
         loss: "huber" or "squares", see `reweigh`.
-        tie: `TIE`, or another tolerance of the rule.
+        selection: of `SELECTIONS`; the second takes the lowest held-out error, whatever the
+            others' are.
         consistent: whether `fit` returns a robot that can exist (`models.physical_consistency`).
     """
 
@@ -107,7 +107,7 @@ class FrictionFit:
     oversampling: float = 1.0
     loss: str = "squares"
     consistent: bool = False
-    tie: float = TIE
+    selection: str = SELECTIONS[0]
     _weights: dict[str, list[Array]] = field(default_factory=dict)
 
     @cached_property
@@ -175,17 +175,17 @@ class FrictionFit:
         ]
 
     def held_out(self, structure: FrictionStructure, loads: Sequence[Array]) -> Array:
-        """RMSE (n,) in N m over all folds, each predicted by a fit of the others."""
+        """Mean squared error (folds, n) in (N m)^2, each fold predicted by a fit of the others."""
         columns = self.columns(structure, loads)
         factors = self._fold_factors(columns, None)
         base = self._base(structure, factors)
-        squares, rows = np.zeros(self.robot.num_joints), 0
+        squares = np.empty((len(factors), self.robot.num_joints))
         for k, own in enumerate(factors):
             values = solve(factors[:k] + factors[k + 1 :], base, self.num_passes).values
             for j, R in enumerate(own.R):
-                squares[j] += np.sum((R[:, -1] - R[:, base.independent] @ values) ** 2)
-            rows += own.num_rows
-        return np.asarray(np.sqrt(squares / rows))
+                residual = R[:, -1] - R[:, base.independent] @ values
+                squares[k, j] = residual @ residual / own.num_rows
+        return squares
 
     def choose(self, structure: FrictionStructure) -> FrictionStructure:
         """Returns the structure with its shape chosen, by plain least squares."""
@@ -199,9 +199,10 @@ class FrictionFit:
                 structure = self._sweep(structure, "stribeck_velocity", STRIBECK_VELOCITIES, loads)
         structure = self.fit(structure).structure
         if structure.has("load"):
-            error = self.held_out(structure, loads)
-            plain = self.held_out(structure.without("load"), loads)
-            structure = structure.without("load", np.flatnonzero(plain <= (1.0 + self.tie) * error))
+            errors = np.stack(
+                [self.held_out(s, loads) for s in (structure, structure.without("load"))]
+            )
+            structure = structure.without("load", np.flatnonzero(self._smoothest(errors) == 1))
         return structure
 
     def _sweep(
@@ -212,15 +213,23 @@ class FrictionFit:
         loads: Sequence[Array],
     ) -> FrictionStructure:
         n = structure.num_joints
-        errors = np.array(
+        errors = np.stack(
             [
                 self.held_out(_with_shape(structure, key, np.full(n, value)), loads)
                 for value in candidates
             ]
         )
-        good = errors <= (1.0 + self.tie) * errors.min(axis=0)
-        smoothest = len(candidates) - 1 - np.argmax(good[::-1], axis=0)
-        return _with_shape(structure, key, np.asarray(candidates)[smoothest])
+        return _with_shape(structure, key, np.asarray(candidates)[self._smoothest(errors)])
+
+    def _smoothest(self, errors: Array) -> NDArray[np.intp]:
+        """Per joint the last candidate that the rule allows; errors (candidates, folds, n)."""
+        lowest = errors.mean(axis=1).argmin(axis=0)
+        if self.selection == "lowest-error":
+            return np.asarray(lowest)
+        excess = errors - np.take_along_axis(errors, lowest[None, None, :], axis=0)
+        standard_error = excess.std(axis=1, ddof=1) / np.sqrt(errors.shape[1])
+        good = excess.mean(axis=1) <= standard_error
+        return np.asarray(len(errors) - 1 - np.argmax(good[::-1], axis=0))
 
     def _solve(
         self,

@@ -8,7 +8,8 @@ The rule for v_crit, joint by joint: the samples' deviation from the law, counte
 the motion, is averaged over `BINS` ranges of |v| with as many samples each. v_crit is the speed at
 which the average first changes its sign: below it the law is off to one side, there it meets the
 data. Slower than `REST` of the highest speed is rest: a joint that rests carries any torque up to
-its stiction, which says nothing of the law. v_crit lies between `LEAST` and `MOST` of that speed.
+its stiction, which says nothing of the law. v_crit lies between `LEAST` and `MOST` of that speed,
+and reaches as far within them as the fewest samples that training needs.
 """
 
 from collections.abc import Callable, Iterator
@@ -110,7 +111,12 @@ def critical_velocity(v: Array, torque: Array, law: CoulombViscous) -> Array:
             crossing = middle[max(k - 1, 0)] * (1.0 - part) + middle[k] * part
         else:
             crossing = speed[-1]
-        out[j] = np.clip(crossing, LEAST * speed[-1], MOST * speed[-1])
+        directions = (speed[v[use, j][order] * way > 0.0] for way in (1.0, -1.0))
+        enough = [one[FEWEST // 4 - 1 : FEWEST // 4] for one in directions]
+        enough.append(speed[FEWEST - 1 : FEWEST])
+        least = max(LEAST * speed[-1], *np.concatenate(enough))
+        most = MOST * speed[-1]  # with fewer samples below that, the caller reports them
+        out[j] = np.clip(crossing, min(least, most), most)
     return out
 
 

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.friction_fit import TIE, FrictionFit, Motion, Solution
+from analyses.friction_fit import SELECTIONS, FrictionFit, Motion, Solution
 from analyses.identification_checks import gain_ratios, payload_differences
 from analyses.outputs import OutputFolder
 from models.base_parameters import BaseParameters
@@ -89,7 +89,7 @@ class IdentificationConfig:
     filter_regressor: bool = True  # whether each column of it goes through the low-pass (step 2)
     friction: str = "coulomb-viscous-offset"  # a law of LAWS, or "best": cross-validation chooses
     consistent: bool = False  # whether the model must be that of a robot that can exist
-    selection_tie: float = TIE  # tolerance of the shape's choice, of the held-out error
+    selection: str = SELECTIONS[0]  # rule of the shape's choice, of analyses.friction_fit
     loss: str = "huber"  # or "squares"; see analyses.friction_fit
     cross_validate: bool = True  # whether each log is predicted from the others, too
     seed: int = 0  # of the networks' training
@@ -319,7 +319,7 @@ def identify(
         max(1.0, row_rate / (2.0 * config.cutoff)),
         config.loss,
         config.consistent,
-        config.selection_tie,
+        config.selection,
     )
     progress(1.0 - 1.0 / steps, "solving")
     laws = tuple(STRUCTURES) if config.friction == "best" else (config.friction,)
@@ -500,7 +500,6 @@ def _checked_config(config: IdentificationConfig) -> IdentificationConfig:
         ("filter_order", 1),
         ("num_passes", 1),
         ("time_step", 0),
-        ("selection_tie", 0),
     ):
         value = getattr(config, key)
         if not (np.isfinite(value) and value >= least):
@@ -511,6 +510,9 @@ def _checked_config(config: IdentificationConfig) -> IdentificationConfig:
         raise InputError("--friction", "", f"no friction law is named {config.friction!r}", remedy)
     if config.friction == "best" and not config.cross_validate:
         raise InputError("--friction", "", "best is chosen by cross-validation, which is off")
+    if config.selection not in SELECTIONS:
+        found = f"expected {' or '.join(SELECTIONS)}, found {config.selection!r}"
+        raise InputError("identify", "selection", found)
     if config.loss not in ("huber", "squares"):
         raise InputError("identify", "loss", f"expected huber or squares, found {config.loss!r}")
     return config

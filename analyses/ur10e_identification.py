@@ -4,9 +4,9 @@ Fitted on three unloaded excitation runs of a UR10e, checked on two others: anot
 (14harm50sec), and a point-to-point motion with long rests (ptp_10_points), where the wrist's
 torque is mostly friction that no function of velocity expresses. Once for each friction law; `best`
 is the law with the lowest held-out error over the three fitted runs (each predicted by a fit of the
-other two). The two other runs enter no fit and no cross-validation, but they were not blind: two
-settings of the rule that chooses a law's shape (`analyses.friction_fit`) were settled while their
-figures were known. `selection_tolerance` shows what other tolerances give.
+other two). The two other runs enter no fit and no cross-validation. The rule that chooses a law's
+shape (`analyses.friction_fit`) has no constant; `lowest_error` shows what taking the lowest error
+would give.
 """
 
 from collections.abc import Callable
@@ -24,7 +24,6 @@ from analyses.experiment import (
     FigureFile,
 )
 from analyses.figures import SERIES, new_figure, save_figure
-from analyses.friction_fit import TIE
 from analyses.identification import (
     LAWS,
     IdentificationConfig,
@@ -37,7 +36,6 @@ from analyses.identification import (
 from models.recording import Recording
 from models.robot import Robot
 
-OTHER_TIES = (0.0, 0.02, 0.05)  # tolerances beside the one in use
 FOLDER = "ur10e"  # below the data folder
 FITTED = (
     "ur-20_02_10-30sec_12harm.csv",
@@ -106,20 +104,13 @@ def run(context: ExperimentContext) -> ExperimentResult:
         context.data, robot, IdentificationConfig(friction=best, consistent=True)
     )
     metrics["best"]["consistent"] = _consistency_metrics(consistent, results[best])
-    context.progress(0.85, "other tolerances of the shape's choice")
-    metrics["selection_tolerance"] = {
-        f"{tie:g}": _short_metrics(
-            identify_ur10e(
-                context.data,
-                robot,
-                IdentificationConfig(
-                    friction="presliding", selection_tie=tie, cross_validate=False
-                ),
-            ),
-            "relative_pct",
-        )
-        for tie in OTHER_TIES
-    }
+    context.progress(0.85, "the shape of the lowest held-out error")
+    lowest = IdentificationConfig(
+        friction="presliding", selection="lowest-error", cross_validate=False
+    )
+    metrics["lowest_error"] = _short_metrics(
+        identify_ur10e(context.data, robot, lowest), "relative_pct"
+    )
     context.progress(0.9, "figures")
     figures = [_figure(fit, robot.joint_names, context.out) for fit in result.validation]
     figures += [
@@ -143,6 +134,7 @@ def _notes(metrics: dict[str, Any]) -> list[str]:
 
     harmonic, rests = (metrics["validation"][name] for name in VALIDATED)
     best = metrics["best"]
+    lowest = metrics["lowest_error"]["validation"]["ptp_10_points"]
     plain_links = "inconsistent_links_of_plain_fit"
     richer, resting = (best["validation"][name] for name in VALIDATED)
     held_out = metrics["cross_validation"]["rmse_nm"]
@@ -163,16 +155,10 @@ def _notes(metrics: dict[str, Any]) -> list[str]:
         "A joint at rest carries any torque within its stiction band, which no function of "
         "velocity can express: that is what the wrist lacks in `ptp_10_points`. Joints 2 and 3 "
         "lack friction that grows with the load of the gear.",
-        "The shape's rule takes the smoothest candidate within "
-        f"{100 * TIE:g} % of the lowest held-out error; this tolerance was settled with the "
-        "validation figures in sight. With "
-        + ", ".join(
-            f"{100 * float(tie):g} % joints 5 and 6 keep "
-            f"{other['validation']['ptp_10_points']['relative_pct'][4]:.1f} % and "
-            f"{other['validation']['ptp_10_points']['relative_pct'][5]:.1f} %"
-            for tie, other in metrics["selection_tolerance"].items()
-        )
-        + " over `ptp_10_points`.",
+        "The slip displacements and Stribeck velocities are the smoothest within one standard "
+        "error of the lowest held-out error over the fitted runs; those of the lowest error "
+        f"itself would leave {lowest['relative_pct'][4]:.1f} % and "
+        f"{lowest['relative_pct'][5]:.1f} % of joints 5 and 6 over `ptp_10_points`.",
         "With every link's inertia that of a real body the held-out error is at most "
         f"{metrics['consistent']['worst_ratio_pct']:.1f} % above plain least squares', whose "
         f"parameters belong to no body in {len(metrics['consistent'][plain_links])} of 6 links.",

@@ -43,6 +43,17 @@ def test_the_band_ends_where_the_law_meets_the_data():
     np.testing.assert_allclose(found, expected, rtol=0.15)
 
 
+def test_the_band_holds_the_fewest_samples_that_training_needs():
+    """A fast motion has few slow samples: the band reaches as far as the fortieth."""
+    rng = np.random.default_rng(3)
+    v = rng.uniform(0.2, 1.0, (300, 2)) * rng.choice([-1.0, 1.0], (300, 2))
+    v[:30] *= 0.1
+    torque = LAW.torque(v) + np.sign(v) * np.where(np.abs(v) < 0.08, 1.0, -1.0)
+    found = critical_velocity(v, torque, LAW)
+    np.testing.assert_array_equal((np.abs(v) <= found).sum(axis=0), 40)
+    train_networks(v, torque, LAW, config=TrainingConfig(steps=2))
+
+
 @pytest.mark.parametrize("odd", [False, True])
 def test_friction_near_zero_is_learnt(odd, trained):
     if odd:
