@@ -532,7 +532,7 @@ def jcn_map(
 
 @app.command()
 def place(
-    task: Annotated[str, typer.Option(help="A bundled task's name, or the path of a task's YAML.")],
+    task: Annotated[str, typer.Option(help="Bundled task (such as linear_path), or a YAML file.")],
     robot: _Robot = "sts_sre4_600",
     objective: Annotated[str, typer.Option(help="What to make small: jcn or force-sd.")] = "jcn",
     solver: Annotated[str, typer.Option(help="snopt, ipopt, or the article's pso-ga.")] = "snopt",
@@ -589,7 +589,7 @@ def place(
 
 @app.command()
 def redundancy(
-    task: Annotated[Path, typer.Option(help="YAML: surface or CSV, workpiece's place, tool.")],
+    task: Annotated[str, typer.Option(help="Bundled task (blade_path), or a YAML file.")],
     robot: _Robot = "sts_sre4_600",
     out: _Out = Path("out/redundancy"),
 ) -> None:

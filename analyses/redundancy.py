@@ -1,6 +1,6 @@
 """Path on a surface: how to use the free angle about the normal (section 4.4, Figs. 11-13).
 
-Command `redundancy --task T.yaml`, and experiment `surface-path`. Three ways along one path are
+Command `redundancy --task T`, and experiment `surface-path`. Three ways along one path are
 compared: at a constant angle (initial), by the local method that the article uses, and the optimum
 (dynamic programming over a grid of angles and all branches, then refined continuously).
 
@@ -54,6 +54,7 @@ from models.redundancy import (
 )
 from models.robot import PoseConfig, Robot
 from models.surface_path import SurfacePath
+from models.task_files import task_file
 from models.workpieces import BladeSection, Plate, Surface, mesh
 from models.wrench import WrenchReconstructionConfig, live_prior
 
@@ -112,14 +113,6 @@ class RedundancyTask:
     max_joint_step_deg: float = 6.0  # from one sample to the next
     smoothness: float = 0.002  # weight of the joints' motion, objective per rad^2
     num_angles: int = 72  # of the grid
-
-
-SURFACE_PATH_TASK = RedundancyTask(
-    surface=PatchPathConfig(blade=BladeConfig(), start=[0.92, 0.2], end=[0.6, 0.8]),
-    workpiece=PoseConfig(xyz=[0.67, 0.0, 0.35], rpy=[0.0, 0.0, 0.5 * math.pi]),
-    tool_axis=[math.sqrt(0.5), 0.0, math.sqrt(0.5)],
-    joint_ranges_deg={"joint_3": [-120.0, 90.0]},  # the elbow stays above the blade
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -401,21 +394,22 @@ def _measure(robot: Robot, config: RedundancyTask, folder: Path) -> PostureMeasu
 
 
 def redundancy(
-    task_file: Path,
+    task_name: str | Path,
     robot_name: str,
     out: Path,
     progress: Callable[[float, str], None] = lambda fraction, what: None,
 ) -> RedundancyResult:
-    """The command `redundancy`: writes trajectory.csv, metrics.json, config.yaml, figures and
-    recording.html into `out`.
+    """The command `redundancy`, for a bundled task or a task's file: writes trajectory.csv,
+    metrics.json, config.yaml, figures and recording.html into `out`.
 
     Raises:
         InputError: see `find_redundancy`; or `out` cannot be written to.
     """
     folder = OutputFolder(out)
     robot = Robot.load(robot_name)
-    config = load_configuration(task_file, RedundancyTask)
-    result = find_redundancy(robot, config, task_file, progress)
+    source = task_file(task_name, "redundancy")
+    config = load_configuration(source, RedundancyTask)
+    result = find_redundancy(robot, config, source, progress)
     folder.write_text("trajectory.csv", trajectory_csv(result))
     draw(result, out)
     metrics = {**result.metrics(), "notices": list(result.notices)}
@@ -552,7 +546,7 @@ def _draw_joints(result: RedundancyResult, path: Path) -> tuple[Path, str]:
 def run(context: ExperimentContext) -> ExperimentResult:
     """The experiment `surface-path` of `study`."""
     robot = Robot.load("sts_sre4_600")
-    config = SURFACE_PATH_TASK
+    config = load_configuration(task_file("blade_path", "redundancy"), RedundancyTask)
     result = find_redundancy(robot, config, progress=context.progress)
     metrics = result.metrics()
     figures, recordings = draw(result, context.out)

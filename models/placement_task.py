@@ -2,17 +2,17 @@
 
 import math
 from dataclasses import dataclass, field
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from models.configuration import REQUIRED, load_configuration, nearest
+from models.configuration import REQUIRED, load_configuration
 from models.input_error import InputError
 from models.paths import StraightPath
 from models.placement_program import PlacementBounds
 from models.robot import PoseConfig, Robot
+from models.task_files import task_file
 
 Array = NDArray[np.float64]
 
@@ -105,25 +105,13 @@ class PlacementTask:
         )
 
 
-def bundled_tasks() -> list[str]:
-    """Names of the tasks that come with the package."""
-    return sorted(file.stem for file in _folder().glob("*.yaml"))
-
-
 def load_task(name_or_path: str | Path) -> tuple[PlacementTask, Path]:
     """Reads a bundled task by its name, or a task file; returns it and its path.
 
     Raises:
         InputError: as `load_configuration`; or numbers that contradict each other.
     """
-    text = str(name_or_path)
-    path = Path(name_or_path)
-    if text in bundled_tasks():
-        path = _folder() / f"{text}.yaml"
-    elif not path.exists() and path.suffix not in {".yaml", ".yml"}:
-        names = bundled_tasks()
-        remedy = nearest(text, names) or f"give the path of a YAML file or one of {names}"
-        raise InputError(text, "", "no such task", remedy)
+    path = task_file(name_or_path, "placement")
     task = load_configuration(path, PlacementTask)
     _check_numbers(task, path)
     return task, path
@@ -200,10 +188,6 @@ def reach_ball(robot: Robot) -> tuple[Array, float]:
     reach += float(np.sum(np.linalg.norm(chain.p_PJ[2:], axis=1)) + np.linalg.norm(chain.p_LE))
     slides = np.maximum(np.abs(robot.position_lower), np.abs(robot.position_upper))
     return centre, reach + float(np.sum(slides[chain.prismatic]))
-
-
-def _folder() -> Path:
-    return Path(str(resources.files("models"))) / "tasks"
 
 
 def _unit(direction: list[float]) -> Array:

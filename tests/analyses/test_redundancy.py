@@ -10,10 +10,11 @@ from typer.testing import CliRunner
 
 from analyses.__main__ import app
 from analyses.experiment import ExperimentContext
-from analyses.redundancy import EXPERIMENT, SURFACE_PATH_TASK, RedundancyTask, find_redundancy
-from models.configuration import save_configuration
+from analyses.redundancy import EXPERIMENT, RedundancyTask, find_redundancy
+from models.configuration import load_configuration, save_configuration
 from models.robot import Robot
 from models.surface_path import SurfacePath
+from models.task_files import task_file
 from models.workpieces import BladeSection
 
 Array = NDArray[np.float64]
@@ -87,9 +88,10 @@ def test_a_cam_file_gives_what_its_surface_gives(tmp_path: Path) -> None:
 
 
 def test_a_task_without_an_initial_trajectory_is_solved_and_says_so() -> None:
+    blade = load_configuration(task_file("blade_path", "redundancy"), RedundancyTask)
     config = RedundancyTask(
-        surface=SURFACE_PATH_TASK.surface,
-        workpiece=SURFACE_PATH_TASK.workpiece,
+        surface=blade.surface,
+        workpiece=blade.workpiece,
         tool_axis=[0.0, 0.0, 1.0],
         num_angles=8,
     )
@@ -140,5 +142,6 @@ def test_bad_tasks_end_in_one_line(tmp_path: Path, text: str, words: list[str]) 
 
 
 def test_a_task_survives_being_written(tmp_path: Path) -> None:
-    save_configuration(SURFACE_PATH_TASK, tmp_path / "task.yaml")
+    blade = load_configuration(task_file("blade_path", "redundancy"), RedundancyTask)
+    save_configuration(blade, tmp_path / "task.yaml")
     assert "blade" in (tmp_path / "task.yaml").read_text()

@@ -6,8 +6,9 @@ import pytest
 import yaml
 
 from models.input_error import InputError
-from models.placement_task import bundled_tasks, check_task, load_task, reach_ball
+from models.placement_task import check_task, load_task, reach_ball
 from models.robot import Robot
+from models.task_files import bundled_tasks
 
 GOOD = {
     "path_length": 1.0,
@@ -33,8 +34,8 @@ def write(folder: Path, changes: dict) -> Path:
 
 
 def test_the_bundled_tasks_suit_the_bundled_arm(sts: Robot) -> None:
-    assert bundled_tasks() == ["linear_path", "linear_path_table"]
-    for name in bundled_tasks():
+    assert bundled_tasks("placement") == ["linear_path", "linear_path_table"]
+    for name in bundled_tasks("placement"):
         task, source = load_task(name)
         check_task(task, source, sts)
         path = task.initial_path()
@@ -144,8 +145,3 @@ def test_no_posture_leaves_the_ball_of_reach(name: str) -> None:
     distance = np.linalg.norm(p - centre, axis=1)
     assert np.max(distance) <= radius
     assert np.max(distance) > 0.75 * radius  # and it is not far too large
-
-
-def test_a_name_that_is_none_is_answered_with_the_nearest() -> None:
-    with pytest.raises(InputError, match='did you mean "linear_path"'):
-        load_task("linear_pth")
