@@ -276,6 +276,8 @@ def test_control_c_is_one_line_and_130(tmp_path):
         [sys.executable, str(script)],
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         start_new_session=True,
+        # Not ignored, as it is by what a shell starts in the background.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         stderr=subprocess.PIPE,
         text=True,
     )
