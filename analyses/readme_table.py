@@ -10,9 +10,9 @@ import sys
 from pathlib import Path
 from typing import Any, Final
 
-from analyses.outputs import atomic_path
 from analyses.report import comparisons
 from models.input_error import InputError
+from models.whole_file import whole_file
 
 BEGIN: Final = "<!-- results: begin -->"
 END: Final = "<!-- results: end -->"
@@ -67,7 +67,7 @@ def fill(readme: Path, table: str) -> bool:
     filled = f"{before}{BEGIN}\n{table}{END}{after}"
     if filled == text:
         return False
-    with atomic_path(readme) as partial:
+    with whole_file(readme) as partial:
         partial.write_text(filled, encoding="utf-8", newline="\n")
         partial.chmod(readme.stat().st_mode)
     return True
