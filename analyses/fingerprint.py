@@ -167,7 +167,11 @@ def _imported(file: Path, changed: int) -> frozenset[str]:
     Of `from a.b import c`, c may be a module or a name in a.b: `_files_of` takes it as either.
     """
     names = set()
-    for node in ast.walk(ast.parse(file.read_bytes())):
+    try:
+        tree = ast.parse(file.read_bytes())
+    except (SyntaxError, ValueError):  # running it will say so; its content counts all the same
+        return frozenset()
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module is not None and node.level == 0:

@@ -16,6 +16,7 @@ from contextvars import ContextVar
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -84,6 +85,8 @@ def _parts(value: Any) -> Iterator[bytes]:
     elif isinstance(value, np.ndarray | np.generic) and not value.dtype.hasobject:
         yield f"{value.dtype.str}{value.shape}".encode()
         yield np.ascontiguousarray(value).tobytes()
+    elif isinstance(value, ElementTree.Element):  # its pickle varies with how it was come by
+        yield ElementTree.tostring(value)
     elif isinstance(value, Mapping):
         yield from _unordered({digest(k): v for k, v in value.items()})
     elif isinstance(value, set | frozenset):
