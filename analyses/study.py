@@ -260,7 +260,7 @@ class _Run:
         reason, no_storage, processor_seconds = content
         if no_storage:
             remedy = "free some space and run again: what is finished is kept"
-            raise InputError(self._out, "", f"{reason}, while {outcome.name} ran", remedy)
+            raise InputError(self._out, "", f"{no_storage}, while {outcome.name} ran", remedy)
         outcome.processor_seconds = processor_seconds
         return self._finish(kind, reason)
 
@@ -350,7 +350,7 @@ def _work(task: _Task, connection: Connection, log: Path) -> None:
     _die_with_parent()
     descriptor = -1
     state: State = "failed"
-    no_storage = False
+    no_storage = ""
     try:
         descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
         sys.stdout.flush()
@@ -360,7 +360,7 @@ def _work(task: _Task, connection: Connection, log: Path) -> None:
         state, reason = _run_experiment(task, connection)
     except BaseException as error:  # whatever it is, the parent is to know
         reason = str(error) if isinstance(error, InputError) else _first_line(error)
-        no_storage = _is_for_lack_of_storage(error)
+        no_storage = _lack_of_storage(error)
         with suppress(OSError):
             if descriptor >= 0:
                 traceback.print_exc()
@@ -370,12 +370,13 @@ def _work(task: _Task, connection: Connection, log: Path) -> None:
     connection.send((state, reason, no_storage, usage.ru_utime + usage.ru_stime))
 
 
-def _is_for_lack_of_storage(error: BaseException | None) -> bool:
+def _lack_of_storage(error: BaseException | None) -> str:
+    """Returns what the file system said if it had no room, in this error or behind it."""
     while error is not None:
         if isinstance(error, OSError) and error.errno in _NO_STORAGE:
-            return True
+            return error.strerror or str(error)
         error = error.__cause__ or error.__context__
-    return False
+    return ""
 
 
 def _run_experiment(task: _Task, connection: Connection) -> tuple[State, str]:
