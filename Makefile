@@ -3,7 +3,7 @@ PYTHON ?= python3.11
 OUT ?= out/study
 DATA ?= ../shared/data
 JOBS ?= 2
-STUDY_OPTIONS = $(if $(QUICK),--quick)
+STUDY_OPTIONS = $(if $(QUICK),--quick) $(if $(FRESH),--fresh)
 
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --constraint constraints.txt

@@ -6,6 +6,7 @@ Those functions are imported when their command runs: help answers at once.
 
 import errno
 import logging
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -30,7 +31,10 @@ if TYPE_CHECKING:
 
 
 class _OneLineErrors(TyperGroup):
-    """Ends what a user can cause in one line on stderr and exit code 2 (130 for an interrupt)."""
+    """Ends what a user can cause in one line on stderr and exit code 2.
+
+    After Ctrl-C the code is 130, after SIGTERM 143, as a shell expects.
+    """
 
     def invoke(self, ctx: Any) -> Any:
         try:
@@ -42,8 +46,9 @@ class _OneLineErrors(TyperGroup):
                 raise
             what = error.strerror or str(error)
             line, code = f"{error.filename}: {what}" if error.filename else what, 2
-        except KeyboardInterrupt:
-            line, code = "interrupted; what was written is whole", 130
+        except KeyboardInterrupt as error:
+            line = "interrupted; what was written is whole"
+            code = 128 + getattr(error, "signum", signal.SIGINT)
         sys.stderr.write(" ".join(line.split()) + "\n")
         raise typer.Exit(code)
 
@@ -120,11 +125,19 @@ def study(
     jobs: Annotated[
         int | None, typer.Option(min=1, help="Experiments side by side; as many as cores.")
     ] = None,
+    fresh: Annotated[
+        bool,
+        typer.Option("--fresh", help="Run also what has a result on which nothing has changed."),
+    ] = False,
     list_names: Annotated[
         bool, typer.Option("--list", help="List the experiments' names and stop.")
     ] = False,
 ) -> None:
-    """Run the article's experiments, and those on real robots' logs, and report on them."""
+    """Run the article's experiments, and those on real robots' logs, and report on them.
+
+    What is finished is kept: after an interruption, run the same again to go on. An experiment runs
+    anew when something that its result depends on has changed: options, software, recordings.
+    """
     from analyses.progress import ProgressDisplay
     from analyses.study import EXPERIMENTS, available_cores, check_names, run_study
 
@@ -140,6 +153,7 @@ def study(
             seed=seed,
             quick=quick,
             jobs=jobs or available_cores(),
+            fresh=fresh,
             watch=watch,
         )
     _print_study(result)
@@ -153,7 +167,7 @@ def _print_study(result: "StudyResult") -> None:
     table = _table("", "article", "here")
     for outcome in result.outcomes:
         if outcome.has_result:
-            earlier = " (earlier run)" if outcome.state == "earlier" else ""
+            earlier = " (kept)" if outcome.state == "earlier" else ""
             table.add_row(_plain(f"{outcome.name}{earlier}", style="bold"))
         for row in comparisons(outcome.metrics, outcome.stored.get("comparison", [])):
             label = f"  {row.label} [{row.unit}]" if row.unit else f"  {row.label}"

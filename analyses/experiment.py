@@ -62,3 +62,4 @@ class Experiment:
     section: str  # of the article, or the name of the data set
     run: Callable[[ExperimentContext], ExperimentResult]
     needs: tuple[str, ...] = ()  # folders below `data` without which it is skipped
+    uses: tuple[str, ...] = ()  # folders below `data` that it reads if they are there

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.outputs import atomic_path
+from models.whole_file import whole_file, writing_to
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -121,10 +121,11 @@ def save_figure(figure: "Figure", path: Path) -> Path:
         The path written.
 
     Raises:
-        OSError: the file cannot be written.
+        InputError: the file cannot be written.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_path(path) as partial:
+    with writing_to(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path) as partial, writing_to(path):
         # Without "Software" the file says nothing of when or with what it was made.
         figure.savefig(partial, format="png", dpi=DOTS_PER_INCH, metadata={"Software": None})
     figure.clear()

@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from analyses.friction_fit import SELECTIONS, FrictionFit, Motion, Solution
 from analyses.identification_checks import gain_ratios, payload_differences
 from analyses.outputs import OutputFolder
+from analyses.shared_results import shared
 from models.base_parameters import BaseParameters
 from models.configuration import nearest
 from models.friction_structure import STRUCTURES, FrictionStructure
@@ -274,6 +275,8 @@ def identify(
 ) -> IdentificationResult:
     """Fits a model to logs of free motion, without contact and without unmodelled payload.
 
+    Within a study the same fit is made once for all experiments, see `analyses.shared_results`.
+
     Args:
         recordings: one log or more.
         robot: the robot that they were recorded on.
@@ -286,6 +289,17 @@ def identify(
             too low for the cutoff; joints that hardly move.
     """
     config = _checked_config(IdentificationConfig() if config is None else config)
+    arguments = (tuple(recordings), robot, tuple(validation), config)
+    return shared("identify", arguments, lambda: _identify(*arguments, progress))
+
+
+def _identify(
+    recordings: Sequence[Recording],
+    robot: Robot,
+    validation: Sequence[Recording],
+    config: IdentificationConfig,
+    progress: ProgressCallback,
+) -> IdentificationResult:
     logs = [*recordings, *validation]
     if not recordings:
         raise InputError("identify", "", "no log was given", "name one log or more")

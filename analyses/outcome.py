@@ -21,7 +21,7 @@ class StudySettings:
 
     @property
     def of_results(self) -> dict[str, Any]:
-        """The settings on which an experiment's result depends."""
+        """The settings that are written beside an experiment's result."""
         return {"seed": self.seed, "quick": self.quick, "version": self.version}
 
 
@@ -30,7 +30,7 @@ class Outcome:
     """What became of one experiment.
 
     `metrics` and `stored` are empty unless `state` is done or earlier (a whole result of an earlier
-    run with the same seed, length and version).
+    run on which nothing that it depends on has changed since).
     """
 
     name: str
@@ -38,7 +38,8 @@ class Outcome:
     title: str = ""
     section: str = ""
     reason: str = ""  # why it was skipped or failed: one line
-    seconds: float | None = None
+    seconds: float | None = None  # by the clock
+    processor_seconds: float | None = None  # of all its threads
     metrics: dict[str, Any] = field(default_factory=dict)
     stored: dict[str, Any] = field(default_factory=dict)  # notes, figures, recordings, comparison
 

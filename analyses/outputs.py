@@ -14,30 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from models.input_error import InputError
+from models.whole_file import whole_file, writing_to
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 NOT_FINITE = "not_finite"  # key under which a file lists its values that are not numbers
-
-
-@contextmanager
-def atomic_path(path: Path) -> Iterator[Path]:
-    """Gives a path beside `path` to write to; renames it to `path` if the block ends without error.
-
-    Until then `path` is as it was. After an error, or an interrupt, nothing of the attempt is left.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        yield partial
-        with partial.open("rb") as file:
-            os.fsync(file.fileno())  # the content must be on the disk before its name is
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def plain(value: Any, path: str = "", not_finite: list[str] | None = None) -> Any:
@@ -116,7 +98,7 @@ class OutputFolder:
             raise InputError(in_the_way, "", "is a file where a folder is needed", remedy) from None
         except OSError as error:
             problem = f"cannot make this folder ({error.strerror})"
-            raise InputError(path, "", problem, remedy) from None
+            raise InputError(path, "", problem, remedy) from error
         if not os.access(path, os.W_OK | os.X_OK):
             raise InputError(path, "", "no permission to write in this folder", remedy)
         self.path = path
@@ -126,14 +108,23 @@ class OutputFolder:
 
     @contextmanager
     def atomic(self, name: str) -> Iterator[Path]:
-        """Gives a path to write to, which becomes file `name` if the block ends without error."""
+        """Gives a path to write to, which becomes file `name` if the block ends without error.
+
+        Raises:
+            InputError: the file cannot be written: a full disk, no permission.
+        """
         path = self.path / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_path(path) as partial:
+        with writing_to(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path) as partial, writing_to(path):
             yield partial
 
     def write_text(self, name: str, text: str) -> Path:
-        """Writes file `name` (UTF-8) and returns its path."""
+        """Writes file `name` (UTF-8) and returns its path.
+
+        Raises:
+            InputError: it cannot be written; an earlier file of that name is as it was.
+        """
         with self.atomic(name) as partial:
             partial.write_text(text, encoding="utf-8", newline="\n")
         return self.path / name

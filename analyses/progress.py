@@ -12,14 +12,21 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 _HEARTBEAT = 20.0  # s between lines in a log
-_ENDS = {"done": "done", "skipped": "skipped", "failed": "failed", "interrupted": "interrupted"}
+_ENDS = {
+    "done": "done",
+    "earlier": "kept",
+    "skipped": "skipped",
+    "failed": "failed",
+    "interrupted": "interrupted",
+}
 
 
 class ProgressDisplay:
     """Draws a bar per piece of work; use as a context manager and call with what happens.
 
     Where the console is no terminal, such as in a log of continuous integration, it writes plain
-    lines and no control characters: when work begins and ends, and three times a minute between.
+    lines and no control characters: when work begins and ends (with the seconds that it took), and
+    three times a minute between.
 
     Args:
         console: where to draw.
@@ -67,11 +74,18 @@ class ProgressDisplay:
 
     def __call__(self, progress: Progress) -> None:
         end = _ENDS.get(progress.state, "")
+        if progress.seconds is not None:
+            end = f"{end} in {progress.seconds:.1f} s"
         what = f"{end}: {progress.what}" if end and progress.what else end or progress.what
         if self._bars is not None:
             from rich.markup import escape
 
             task = self._tasks[progress.name]
+            if progress.state == "waiting":
+                if what:  # stays above the bars, which will show other things
+                    text = f"{progress.name}: {what}"
+                    self._bars.console.print(text, markup=False, soft_wrap=True)
+                return
             self._bars.start_task(task)
             self._bars.update(task, completed=progress.fraction, what=escape(what))
             if end:
@@ -82,7 +96,9 @@ class ProgressDisplay:
     def _write_line(self, progress: Progress, end: str, what: str) -> None:
         name, now = progress.name, time.monotonic()
         last = self._last_line.setdefault(name, now)
-        if end or self._states.get(name) != progress.state:
+        if progress.state == "waiting":
+            text = what
+        elif end or self._states.get(name) != progress.state:
             text = "" if self._fleeting else what if end else "started"
         elif what == ANNOUNCEMENT:
             text = what

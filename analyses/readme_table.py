@@ -2,51 +2,79 @@
 
     python -m analyses.readme_table [STUDY_FOLDER] [README]
 
-replaces what stands between the two markers; all else stays as it is.
+writes the figures that the table shows into docs/results.json beside the README, and then the table
+between the README's two markers; all else stays as it is. Both files are committed: a test compares
+them, so that a table edited by hand, or figures without their table, do not pass.
 """
 
 import json
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from analyses.outputs import atomic_path
+from analyses.outcome import look_up
+from analyses.outputs import OutputFolder, json_text
 from analyses.report import comparisons
 from models.input_error import InputError
+from models.whole_file import whole_file
 
 BEGIN: Final = "<!-- results: begin -->"
 END: Final = "<!-- results: end -->"
+RESULTS: Final = Path("docs/results.json")  # beside the README
 
 
-def results_table(study: Path) -> str:
-    """Returns the results of a study as a Markdown table.
+def collect(study: Path) -> dict[str, Any]:
+    """Returns the figures of a study that have another to be compared with.
 
     Args:
         study: folder that `wrenchsight study` wrote.
+
+    Returns:
+        `quick` and `seed` of the study, and its `experiments` in the report's order: `name`,
+        `title` and `rows`, which are `ComparisonRow`s with the figure `here`.
 
     Raises:
         InputError: the folder has no whole results.
     """
     metrics = _read(study / "metrics.json")
+    experiments, quick, seeds = [], False, set[int]()
+    # metrics.json itself is sorted by name.
+    for name in sorted(metrics, key=_place):
+        stored = _read(study / name / "result.json")
+        rows = [
+            row | {"here": look_up(metrics[name], row["key"])}
+            for row in stored["comparison"]
+            if row["article"] is not None
+        ]
+        if rows:
+            experiments.append({"name": name, "title": stored["title"], "rows": rows})
+            quick |= stored["quick"]
+            seeds.add(stored["seed"])
+    if not experiments:
+        problem = "no experiment in it compares anything"
+        raise InputError(study / "metrics.json", "", problem, "run `wrenchsight study` first")
+    return {"quick": quick, "seed": seeds.pop(), "experiments": experiments}
+
+
+def results_table(results: Mapping[str, Any]) -> str:
+    """Returns what `collect` found as Markdown; shortened runs are called that."""
     lines = [
         "| Experiment | Measure | Article | Here | Why, where they differ |",
         "|---|---|---:|---:|---|",
     ]
-    # In the order of the report; metrics.json itself is sorted by name.
-    for name in sorted(metrics, key=_place):
-        stored = _read(study / name / "result.json")
-        for index, row in enumerate(comparisons(metrics[name], stored["comparison"])):
-            stated = " ".join(row.stated) or "–"
-            if row.stated and row.source != "article":
-                stated = f"{stated} ({row.source})"
-            label = f"{row.label} [{row.unit}]" if row.unit else row.label
-            title = stored["title"] if index == 0 else ""
-            cells = (title, label, stated, " ".join(row.here), row.remark)
+    for experiment in results["experiments"]:
+        for index, row in enumerate(experiment["rows"]):
+            (text,) = comparisons({row["key"]: row["here"]}, [row])
+            stated = " ".join(text.stated)
+            if text.source != "article":
+                stated = f"{stated} ({text.source})"
+            label = f"{text.label} [{text.unit}]" if text.unit else text.label
+            title = experiment["title"] if index == 0 else ""
+            cells = (title, label, stated, " ".join(text.here), text.remark)
             lines.append("| " + " | ".join(_cell(c) for c in cells) + " |")
-    if len(lines) == 2:
-        problem = "no experiment in it compares anything"
-        raise InputError(study / "metrics.json", "", problem, "run `wrenchsight study` first")
-    return "\n".join(lines) + "\n"
+    quick = "**Of shortened runs (`--quick`)**: they show that all parts work, not how well.\n\n"
+    return (quick if results["quick"] else "") + "\n".join(lines) + "\n"
 
 
 def fill(readme: Path, table: str) -> bool:
@@ -67,7 +95,7 @@ def fill(readme: Path, table: str) -> bool:
     filled = f"{before}{BEGIN}\n{table}{END}{after}"
     if filled == text:
         return False
-    with atomic_path(readme) as partial:
+    with whole_file(readme) as partial:
         partial.write_text(filled, encoding="utf-8", newline="\n")
         partial.chmod(readme.stat().st_mode)
     return True
@@ -103,7 +131,10 @@ def main(arguments: list[str]) -> int:
         *(Path("out/study"), Path("README.md"))[len(arguments) :],
     )
     try:
-        changed = fill(readme, results_table(study))
+        results = collect(study)
+        # The README first: if it has no place for the table, both files stay as they are.
+        changed = fill(readme, results_table(results))
+        OutputFolder(readme.parent / RESULTS.parent).write_text(RESULTS.name, json_text(results))
     except InputError as error:
         sys.stderr.write(f"{error}\n")
         return 2

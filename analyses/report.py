@@ -106,7 +106,7 @@ def comparisons(metrics: Mapping[str, Any], rows: Iterable[Mapping[str, Any]]) -
         decimals = _decimals(_as_list(stated), _as_list(here))
         result.append(
             Comparison(
-                label=row["label"],
+                label=row["label"][:1].upper() + row["label"][1:],
                 unit=row["unit"],
                 stated=tuple(number(v, decimals) for v in _as_list(stated)),
                 here=tuple(number(v, decimals) for v in _as_list(here)),

@@ -29,6 +29,7 @@ from analyses.identification import (
     identify,
     torque_figure,
 )
+from analyses.shared_results import shared
 from diagrams.closed_loop import make_closed_loop
 from diagrams.scenario import Scenario
 from models.fourier_trajectory import FourierTrajectory
@@ -105,7 +106,22 @@ def simulate_motion(
     model: IdentifiedModel | None = None,
     progress: ProgressCallback = lambda fraction, what: None,
 ) -> SimulatedLog:
-    """The same for any motion of the joints; `model` is what the controller knows."""
+    """The same for any motion of the joints; `model` is what the controller knows.
+
+    Within a study the same motion is simulated once for all experiments.
+    """
+    arguments = (robot, trajectory, seed, name, model)
+    return shared("simulate_motion", arguments, lambda: _simulate_motion(*arguments, progress))
+
+
+def _simulate_motion(
+    robot: Robot,
+    trajectory: JointTrajectory,
+    seed: int,
+    name: str,
+    model: IdentifiedModel | None,
+    progress: ProgressCallback,
+) -> SimulatedLog:
     scenario = Scenario(
         robot=robot.name, duration=trajectory.duration, seed=seed, controller=TRACKING
     )

@@ -5,17 +5,21 @@ other with it, nothing that it leaves in memory can change the next one's figure
 algebra runs in one thread whatever `jobs` is, so that the same seed gives the same bytes.
 """
 
+import ctypes
+import errno
 import fcntl
 import json
 import multiprocessing
 import os
+import resource
 import shutil
+import signal
 import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib import import_module
@@ -23,21 +27,18 @@ from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as distribution_version
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from analyses.compilation import on_first_compilation
-from analyses.experiment import Experiment, ExperimentContext, ExperimentResult
-from analyses.outcome import Outcome, State, StudyResult, StudySettings, look_up
-from analyses.outputs import (
-    OutputFolder,
-    json_text,
-    plain,
-    plain_metrics,
-    recover_folder,
-    replace_folder,
-)
+from analyses.experiment import Experiment, ExperimentContext
+from analyses.fingerprint import difference, fingerprint, software_hash
+from analyses.outcome import Outcome, State, StudyResult, StudySettings
+from analyses.outputs import OutputFolder, json_text, plain, recover_folder, replace_folder
 from analyses.report import write_report
+from analyses.shared_results import sharing_in
+from analyses.stored_result import DamagedResultError, read_result, write_result
 from models.input_error import InputError
+from models.whole_file import writing_to
 
 # Name of an experiment -> the module whose EXPERIMENT it is, in the order of the report. Modules,
 # not experiments, so that listing the names imports neither Drake nor numba.
@@ -55,8 +56,28 @@ EXPERIMENTS: dict[str, str] = {
     "panda-wrench": "analyses.panda_wrench",
 }
 
-_STORED_FORMAT = 1  # of result.json; another one is not read back
-_FAILURES = "failures"
+# Seconds of a processor that experiments took at full length: the longest start first, so that
+# none runs on alone at the end. The folder's own timings.json counts before this.
+TYPICAL_SECONDS: Final[Mapping[str, float]] = {
+    "linear-path": 60,
+    "surface-path": 60,
+    "friction-laws": 90,
+    "ur10e-identification": 60,
+    "ur10e-payload": 40,
+}
+_MIDDLING_SECONDS: Final = 30.0
+
+_FAILURES: Final = "failures"
+_SHARED: Final = ".shared.partial"  # folder of what experiments have in common
+_NO_STORAGE: Final = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
+
+
+class TerminatedError(KeyboardInterrupt):
+    """The study was told to end: by `kill`, or because its terminal was closed."""
+
+    def __init__(self, signum: int) -> None:
+        super().__init__(signal.Signals(signum).name)
+        self.signum = signum
 
 
 @dataclass(frozen=True)
@@ -67,6 +88,7 @@ class Progress:
     state: State
     fraction: float = 0.0  # 0..1
     what: str = ""
+    seconds: float | None = None  # that it took, once it is done
 
 
 def run_study(
@@ -77,16 +99,22 @@ def run_study(
     seed: int = 0,
     quick: bool = False,
     jobs: int = 1,
+    fresh: bool = False,
     watch: Callable[[Progress], None] = lambda progress: None,
 ) -> StudyResult:
     """Runs experiments, `jobs` at a time, and writes what they measured below `out`.
 
-    `out/<name>/` receives metrics.json, config.yaml, result.json (what the report shows), figures
-    and recordings, at once and only when the experiment has come to its end. `out/metrics.json` has
-    one object per experiment, `out/timings.json` the seconds, `out/report.html` the report. Whole
-    results of experiments that are not in `names` stay in both if they were made with the same
-    seed, length and version. An experiment that fails leaves out/failures/<name>.txt and does not
-    stop the others. After an interrupt the files hold what had come to its end before.
+    `out/<name>/` receives metrics.json, config.yaml, result.json (what the report shows), figures,
+    recordings and their checksums, at once and only when the experiment has come to its end. An
+    experiment whose whole result is there already, with the fingerprint that it would get now (see
+    `analyses.fingerprint`), is not run again; a result that is not as it was written is.
+
+    At the end, and also after an interrupt or a full disk, `out/metrics.json` gets one object per
+    experiment, `out/timings.json` the seconds, `out/report.html` the report: of all results in
+    `out`, asked for or not, that belong together by their fingerprints, and of no others. After a
+    kill that nothing can catch they are as before the study; the next one finds the whole results.
+
+    An experiment that fails leaves out/failures/<name>.txt and does not stop the others.
 
     Args:
         names: experiments to run; empty means all of EXPERIMENTS.
@@ -95,11 +123,14 @@ def run_study(
         seed: of every random number.
         quick: whether experiments run shorter and coarser.
         jobs: processes side by side, at least 1.
+        fresh: whether to run also what has a whole result.
         watch: called in this process at every step of every experiment.
 
     Raises:
-        InputError: an unknown name, a folder that cannot be written, another study at work in it.
-        KeyboardInterrupt: passed on after the results so far were written.
+        InputError: an unknown name, a folder that cannot be written, a full disk, another study at
+            work in the folder.
+        KeyboardInterrupt: passed on after the results so far were written; a `TerminatedError`
+            for SIGTERM and SIGHUP.
     """
     settings = StudySettings(
         asked=tuple(check_names(names)),
@@ -112,23 +143,58 @@ def run_study(
     if jobs < 1:
         raise InputError("--jobs", "", f"is {jobs}, at least 1 was expected")
     folder = OutputFolder(out)
-    with _sole_writer(out):
-        for name in EXPERIMENTS:
-            recover_folder(out / name)
+    with _sole_writer(out), _ends_are_interrupts():
+        _recover(out)
         for left_over in list(out.glob(".*.partial")):  # of a study that was killed
             shutil.rmtree(left_over) if left_over.is_dir() else left_over.unlink()
-        runs = {name: _Run(name, EXPERIMENTS[name], out, settings) for name in settings.asked}
+        runs = {}
+        for name in settings.asked:
+            earlier, why = (None, "") if fresh else _earlier(out, name, settings)
+            if earlier is None:
+                runs[name] = _Run(name, EXPERIMENTS[name], out, settings)
+                if why:
+                    watch(Progress(name, "waiting", what=why))
+            else:
+                watch(Progress(name, "earlier", 1.0, "nothing has changed since its run"))
+        timings = _read_timings(folder / "timings.json")
+        first = sorted(runs.values(), key=lambda run: -_expected_seconds(run.outcome.name, timings))
         try:
-            _run_all(list(runs.values()), jobs, watch)
+            with writing_to(out):
+                (out / _SHARED).mkdir(mode=0o700)
+            _run_all(first, jobs, watch)
+        except BaseException:
+            # Whatever ended it is what the user is to hear of, not what follows from it.
+            with suppress(InputError, OSError):
+                _summarise(folder, runs, settings)
+            raise
         finally:
-            outcomes = []
-            for name in EXPERIMENTS:
-                outcome = runs[name].outcome if name in runs else None
-                if outcome is None or outcome.state == "interrupted":
-                    outcome = _earlier(out, name, settings) or outcome
-                outcomes += [outcome] if outcome else []
-            result = _write_summary(folder, outcomes, settings)
-    return result
+            shutil.rmtree(out / _SHARED, ignore_errors=True)
+        return _summarise(folder, runs, settings)
+
+
+def _summarise(
+    folder: OutputFolder, runs: Mapping[str, "_Run"], settings: StudySettings
+) -> StudyResult:
+    """Writes what all results in the folder that belong together say."""
+    _recover(folder.path)
+    outcomes = []
+    for name in EXPERIMENTS:
+        outcome = runs[name].outcome if name in runs else None
+        if outcome is None or outcome.state == "interrupted":
+            outcome = _earlier(folder.path, name, settings)[0] or outcome
+        outcomes += [outcome] if outcome else []
+    return _write_summary(folder, outcomes, settings)
+
+
+def _recover(out: Path) -> None:
+    for name in EXPERIMENTS:
+        with writing_to(out / name):
+            recover_folder(out / name)
+
+
+def _expected_seconds(name: str, timings: Mapping[str, Mapping[str, float]]) -> float:
+    typical = TYPICAL_SECONDS.get(name, _MIDDLING_SECONDS)
+    return timings.get(name, {}).get("processor_seconds", typical)
 
 
 def check_names(names: Iterable[str]) -> list[str]:
@@ -140,9 +206,9 @@ def check_names(names: Iterable[str]) -> list[str]:
     asked = list(dict.fromkeys(names)) or list(EXPERIMENTS)
     for name in asked:
         if name not in EXPERIMENTS:
-            near = get_close_matches(name, EXPERIMENTS, n=1)
-            hint = f"did you mean {near[0]}? " if near else ""
-            known = f"{hint}known are {', '.join(EXPERIMENTS)}"
+            near = get_close_matches(name, EXPERIMENTS, n=len(EXPERIMENTS), cutoff=0.0)
+            hint = f"did you mean {near[0]}? " if get_close_matches(name, near, n=1) else ""
+            known = f"{hint}known are {', '.join(near)}"
             raise InputError("study", "", f"no experiment is named {name!r}", known)
     return asked
 
@@ -161,11 +227,14 @@ class _Run:
         self.connection: Connection | None = None
 
     def start(self, threads: int) -> None:
-        self._staging.mkdir()
-        self._failure.unlink(missing_ok=True)
+        with writing_to(self._staging):
+            self._staging.mkdir()
+            self._failure.unlink(missing_ok=True)
         spawn = multiprocessing.get_context("spawn")  # a forked numba or Drake may hang
         self.connection, theirs = spawn.Pipe()
-        task = _Task(self.outcome.name, self._module, self._staging, self._settings)
+        task = _Task(
+            self.outcome.name, self._module, self._staging, self._out / _SHARED, self._settings
+        )
         with _thread_limits(threads):
             self._process = spawn.Process(
                 target=_work, args=(task, theirs, self._log), name=self.outcome.name
@@ -188,26 +257,34 @@ class _Run:
             return Progress(outcome.name, "running")
         if kind == "progress":
             return Progress(outcome.name, "running", *content)
-        return self._finish(kind, content[0])
+        reason, no_storage, processor_seconds = content
+        if no_storage:
+            remedy = "free some space and run again: what is finished is kept"
+            raise InputError(self._out, "", f"{no_storage}, while {outcome.name} ran", remedy)
+        outcome.processor_seconds = processor_seconds
+        return self._finish(kind, reason)
 
     def _finish(self, state: State, reason: str) -> Progress:
         assert self.connection is not None
         self.connection.close()
         self._process.join()
         outcome = self.outcome
-        outcome.state, outcome.reason = state, reason
         outcome.seconds = time.monotonic() - self._started
-        if state == "done":
-            replace_folder(self._staging, self._out / outcome.name)
-            outcome.metrics, outcome.stored = _read_result(self._out / outcome.name)
-        elif state == "failed":
-            self._failure.parent.mkdir(exist_ok=True)
-            if self._log.exists():
-                self._log.replace(self._failure)
-            else:
-                self._failure.write_text(reason + "\n", encoding="utf-8")
+        with writing_to(self._out):
+            if state == "done":
+                replace_folder(self._staging, self._out / outcome.name)
+                result = read_result(self._out / outcome.name)
+                outcome.metrics, outcome.stored = result.metrics, result.stored
+            elif state == "failed":
+                self._failure.parent.mkdir(exist_ok=True)
+                if self._log.exists():
+                    self._log.replace(self._failure)
+                else:
+                    self._failure.write_text(reason + "\n", encoding="utf-8")
+        outcome.state, outcome.reason = state, reason
         self._clean()
-        return Progress(outcome.name, state, 1.0, reason)
+        seconds = outcome.seconds if state == "done" else None
+        return Progress(outcome.name, state, 1.0, reason, seconds)
 
     def _how_it_died(self) -> str:
         self._process.join()
@@ -217,11 +294,8 @@ class _Run:
     def stop(self) -> None:
         """Ends the process, if it runs, and removes what it had begun to write."""
         if self._process is not None:
-            self._process.terminate()
-            self._process.join(5)
-            if self._process.is_alive():
-                self._process.kill()
-                self._process.join()
+            self._process.kill()  # it has nothing to tidy up that `_clean` does not
+            self._process.join()
         self.outcome.state = "interrupted"
         self._clean()
 
@@ -262,31 +336,47 @@ class _Task:
     name: str
     module: str
     out: Path
+    shared: Path
     settings: StudySettings
 
 
 def _work(task: _Task, connection: Connection, log: Path) -> None:
     """Runs in the experiment's own process: its output goes to `log`, its steps to `connection`."""
     import faulthandler
-    import signal
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent has it too, and ends this process
-    threading.Thread(target=_die_with_parent, args=(connection,), daemon=True).start()
-    descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-    sys.stdout.flush()
-    os.dup2(descriptor, 1)  # what Drake or numba print would tear the progress lines apart
-    os.dup2(descriptor, 2)
-    faulthandler.enable(file=descriptor)
+    # The terminal and `kill` tell the whole group; it is the parent that ends this process.
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    _die_with_parent()
+    descriptor = -1
+    state: State = "failed"
+    no_storage = ""
     try:
+        descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+        sys.stdout.flush()
+        os.dup2(descriptor, 1)  # what Drake or numba print would tear the progress lines apart
+        os.dup2(descriptor, 2)
+        faulthandler.enable(file=descriptor)
         state, reason = _run_experiment(task, connection)
-    except InputError as error:
-        traceback.print_exc()
-        state, reason = "failed", str(error)
     except BaseException as error:  # whatever it is, the parent is to know
-        traceback.print_exc()
-        state, reason = "failed", _first_line(error)
-    sys.stderr.flush()
-    connection.send((state, reason))
+        reason = str(error) if isinstance(error, InputError) else _first_line(error)
+        no_storage = _lack_of_storage(error)
+        with suppress(OSError):
+            if descriptor >= 0:
+                traceback.print_exc()
+    with suppress(OSError):
+        sys.stderr.flush()
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    connection.send((state, reason, no_storage, usage.ru_utime + usage.ru_stime))
+
+
+def _lack_of_storage(error: BaseException | None) -> str:
+    """Returns what the file system said if it had no room, in this error or behind it."""
+    while error is not None:
+        if isinstance(error, OSError) and error.errno in _NO_STORAGE:
+            return error.strerror or str(error)
+        error = error.__cause__ or error.__context__
+    return ""
 
 
 def _run_experiment(task: _Task, connection: Connection) -> tuple[State, str]:
@@ -307,7 +397,18 @@ def _run_experiment(task: _Task, connection: Connection) -> tuple[State, str]:
         quick=settings.quick,
         progress=_Throttled(connection),
     )
-    _store(task, experiment, experiment.run(context))
+    depends_on = fingerprint(
+        task.module,
+        settings.data,
+        (*experiment.needs, *experiment.uses),
+        seed=settings.seed,
+        quick=settings.quick,
+    )
+    with sharing_in(task.shared):
+        result = experiment.run(context)
+    if software_hash(task.module) != depends_on["software"]:
+        depends_on["software"] = "changed while it ran"  # who knows which part was imported when
+    write_result(task.out, experiment, result, depends_on, settings.of_results)
     return "done", ""
 
 
@@ -325,75 +426,42 @@ class _Throttled:
             self._connection.send(("progress", float(fraction), str(what)))
 
 
-def _die_with_parent(connection: Connection) -> None:
-    """Ends this process when the parent, killed, no longer holds its end of the pipe."""
-    try:
-        connection.recv()  # the parent sends nothing
-    except (EOFError, OSError):
+def _die_with_parent() -> None:
+    """Has the kernel kill this process as soon as its parent is dead, however that comes."""
+    parent = multiprocessing.parent_process()
+    with suppress(AttributeError, OSError):  # not Linux
+        ctypes.CDLL(None).prctl(1, int(signal.SIGKILL))  # 1: PR_SET_PDEATHSIG
+    if parent is not None and os.getppid() != parent.pid:  # it was faster
         os._exit(1)
 
 
-def _store(task: _Task, experiment: Experiment, result: ExperimentResult) -> None:
-    """Writes a result into the experiment's folder.
+def _earlier(out: Path, name: str, settings: StudySettings) -> tuple[Outcome | None, str]:
+    """Returns the whole result that is there already, if running again would give the same.
 
-    Raises:
-        ValueError: the result names a figure, a recording or a metric that it does not have.
+    Else None and, where there is a result, in a few words why it does not count.
     """
-    folder = OutputFolder(task.out)
-    metrics = plain_metrics(result.metrics)
-    settings = task.settings.of_results
-    stored = plain(
-        {
-            "format": _STORED_FORMAT,
-            "title": experiment.title,
-            "section": experiment.section,
-            **settings,
-            "notes": result.notes,
-            "figures": result.figures,
-            "recordings": result.recordings,
-            "comparison": result.comparison,
-        }
-    )
-    _check_whole(task.out, metrics, stored)
-    folder.write_json("metrics.json", metrics)
-    folder.write_json("result.json", stored)
-    configuration = {"experiment": task.name, **settings, "configuration": result.configuration}
-    folder.write_yaml("config.yaml", configuration)
-
-
-def _check_whole(folder: Path, metrics: dict[str, Any], stored: dict[str, Any]) -> None:
-    for file in (*stored["figures"], *stored["recordings"]):
-        path = Path(file["path"])
-        if path.is_absolute() or not (folder / path).is_file():
-            raise ValueError(f"{path} is not a file in the experiment's folder")
-    for row in stored["comparison"]:
-        look_up(metrics, row["key"])
-
-
-def _read_result(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Reads back what `_store` wrote.
-
-    Raises:
-        OSError, ValueError, KeyError, TypeError: it is not there or not whole.
-    """
-    metrics = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
-    stored = json.loads((folder / "result.json").read_text(encoding="utf-8"))
-    if stored["format"] != _STORED_FORMAT:
-        raise ValueError(f"{folder}: result of format {stored['format']}")
-    _check_whole(folder, metrics, stored)
-    return metrics, stored
-
-
-def _earlier(out: Path, name: str, settings: StudySettings) -> Outcome | None:
-    """Returns the whole result that an earlier study left, if it belongs beside this one's."""
     try:
-        metrics, stored = _read_result(out / name)
-        title, section = stored["title"], stored["section"]
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
-    if any(stored.get(key) != value for key, value in settings.of_results.items()):
-        return None
-    return Outcome(name, "earlier", title, section, metrics=metrics, stored=stored)
+        result = read_result(out / name)
+        recorded = result.stored["fingerprint"]
+        now = fingerprint(
+            EXPERIMENTS[name],
+            settings.data,
+            recorded["recordings"],  # which folders these are follows from the software
+            seed=settings.seed,
+            quick=settings.quick,
+        )
+        changed = difference(recorded, now)
+        title, section = result.stored["title"], result.stored["section"]
+    except FileNotFoundError:
+        return None, ""
+    except DamagedResultError as damage:
+        return None, f"its earlier result is damaged ({damage}): it runs again"
+    except (KeyError, TypeError, AttributeError):
+        return None, "its earlier result is damaged (result.json): it runs again"
+    if changed:
+        return None, f"{changed} since its earlier run: it runs again"
+    outcome = Outcome(name, "earlier", title, section, metrics=result.metrics, stored=result.stored)
+    return outcome, ""
 
 
 def _write_summary(
@@ -404,7 +472,10 @@ def _write_summary(
     timings = _read_timings(folder / "timings.json")
     for outcome in outcomes:
         if outcome.state == "done" and outcome.seconds is not None:
-            timings[outcome.name] = {"seconds": round(outcome.seconds, 1)}
+            timings[outcome.name] = {
+                "seconds": round(outcome.seconds, 1),
+                "processor_seconds": round(outcome.processor_seconds or 0.0, 1),
+            }
         elif outcome.state == "earlier":
             outcome.seconds = timings.get(outcome.name, {}).get("seconds")
     with_result = {name: timings[name] for name in metrics if name in timings}
@@ -416,7 +487,7 @@ def _write_summary(
 def _read_timings(path: Path) -> dict[str, dict[str, float]]:
     try:
         timings = json.loads(path.read_text(encoding="utf-8"))
-        return {str(name): {"seconds": float(t["seconds"])} for name, t in timings.items()}
+        return {str(n): {str(k): float(s) for k, s in t.items()} for n, t in timings.items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return {}
 
@@ -448,13 +519,36 @@ def _thread_limits(threads: int) -> Iterator[None]:
 @contextmanager
 def _sole_writer(out: Path) -> Iterator[None]:
     """Holds a lock on `out`: two studies in one folder would take each other's files away."""
-    with (out / ".lock").open("w") as file:
+    with writing_to(out / ".lock"):
+        file = (out / ".lock").open("w")
+    with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             problem = "another study is writing in this folder"
             raise InputError(out, "", problem, "wait for it or choose another --out") from None
         yield
+
+
+@contextmanager
+def _ends_are_interrupts() -> Iterator[None]:
+    """Raises `TerminatedError` in the block where SIGTERM or SIGHUP would end the process."""
+
+    def end(signum: int, frame: object) -> None:
+        raise TerminatedError(signum)
+
+    if threading.current_thread() is not threading.main_thread():  # which alone gets signals
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
+    for number, handler in before.items():
+        if handler == signal.SIG_DFL:  # nohup has SIGHUP ignored
+            signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def available_cores() -> int:

@@ -8,6 +8,7 @@ from pathlib import Path
 from pydrake.systems.framework import System
 
 from models.input_error import InputError
+from models.whole_file import whole_file, writing_to
 
 PICTURE_FORMATS = ("svg", "png", "pdf")
 
@@ -60,8 +61,6 @@ def write_graph(system: System, path: Path, max_depth: int | None = None) -> Pat
             reason = drawn.stderr.decode(errors="replace").strip()
             raise InputError(path, "", f"Graphviz cannot draw the diagram: {reason}")
         content = drawn.stdout
-    # Whole or not at all: a reader never meets half a picture.
-    unfinished = path.with_name(path.name + ".part")
-    unfinished.write_bytes(content)
-    unfinished.replace(path)
+    with whole_file(path) as partial, writing_to(path):
+        partial.write_bytes(content)
     return path

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from models.input_error import InputError
@@ -28,7 +28,8 @@ def whole_file(path: str | Path) -> Iterator[Path]:
                 os.fsync(file.fileno())  # the content must be on the disk before its name is
             partial.replace(path)
     finally:
-        partial.unlink(missing_ok=True)
+        with suppress(OSError):  # it is not there, or neither is its folder
+            partial.unlink()
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 import io
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -121,7 +122,7 @@ def test_version_and_list(invoke):
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (("study", "bandwith"), ("did you mean bandwidth?", ", ".join(EXPERIMENTS))),
+        (("study", "bandwith"), ("did you mean bandwidth?", *EXPERIMENTS)),
         (("study", "--out", "pyproject.toml"), ("pyproject.toml: is a file", "--out")),
         (("identify", "nowhere.csv", "--robot", "ur10e"), ("nowhere.csv",)),
         (("identify", "nowhere.csv", "--robot", "ur11e"), ("ur11e", "ur10e")),
@@ -215,7 +216,7 @@ def test_a_study_prints_progress_on_stderr_and_a_table_last(invoke, experiments,
     experiments("one")
     result = invoke("study", "--out", tmp_path / "out", "--data", tmp_path, "--seed", 3)
     assert result.exit_code == 0
-    assert result.stderr == "one  started\none  done\n"
+    assert re.fullmatch(r"one  started\none  done in \d+\.\d s\n", result.stderr)
     lines = result.stdout.splitlines()
     assert "article" in lines[0]
     assert "here" in lines[0]
@@ -251,14 +252,16 @@ def test_options_reach_the_study(invoke, monkeypatch, tmp_path):
         return StudyResult(out, (), {}, out / "report.html")
 
     monkeypatch.setattr(study, "run_study", note)
-    arguments = ("bandwidth", "--seed", 4, "--quick", "--jobs", 3, "--data", "d", "--out", tmp_path)
+    arguments = ("bandwidth", "--seed", 4, "--quick", "--jobs", 3, "--data", "d", "--fresh")
+    arguments += ("--out", tmp_path)
     assert invoke("study", *arguments).exit_code == 0
     del seen["watch"]
     expected = {"names": ["bandwidth"], "out": tmp_path, "data": Path("d")}
-    assert seen == expected | {"seed": 4, "quick": True, "jobs": 3}
+    assert seen == expected | {"seed": 4, "quick": True, "jobs": 3, "fresh": True}
 
 
-def test_control_c_is_one_line_and_130(tmp_path):
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_interrupt_is_one_line_and_its_code(tmp_path, number, code):
     (tmp_path / "fake_slow.py").write_text(
         _EXPERIMENT.format(name="slow", body="time.sleep(60)", needs=())
     )
@@ -283,9 +286,9 @@ def test_control_c_is_one_line_and_130(tmp_path):
     )
     assert process.stderr is not None
     assert process.stderr.readline() == "slow  started\n"
-    os.killpg(process.pid, signal.SIGINT)
+    os.killpg(process.pid, number)
     _, errors = process.communicate(timeout=30)
-    assert process.returncode == 130
+    assert process.returncode == code
     assert errors.splitlines() == ["slow  interrupted", "interrupted; what was written is whole"]
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
         ".lock",
@@ -293,6 +296,26 @@ def test_control_c_is_one_line_and_130(tmp_path):
         "report.html",
         "timings.json",
     ]
+
+
+def test_a_full_disk_is_one_line_and_2(invoke, experiments, tmp_path):
+    full = "raise OSError(28, 'No space left on device', str(context.out / 'figures'))"
+    experiments("full", full)
+    result = invoke("study", "--out", tmp_path / "out", "--jobs", 1)
+    assert result.exit_code == 2
+    lines = result.stderr.splitlines()
+    assert lines[-1].startswith(f"{tmp_path / 'out'}: ")
+    for text in ("No space left on device", "while full ran", "what is finished is kept"):
+        assert text in lines[-1]
+    assert "Traceback" not in result.stderr
+
+
+def test_a_folder_below_a_file_is_one_line_and_2(invoke, experiments, tmp_path):
+    experiments("one")
+    (tmp_path / "file").write_text("mine")
+    result = invoke("study", "--out", tmp_path / "file" / "out")
+    assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
+    assert "file: is a file where a folder is needed" in result.stderr
 
 
 # ---- progress ----

@@ -18,7 +18,6 @@ import yaml
 from analyses.figures import new_figure
 from analyses.outputs import (
     OutputFolder,
-    atomic_path,
     json_text,
     plain,
     recover_folder,
@@ -174,7 +173,8 @@ def test_an_error_while_writing_leaves_the_earlier_file(tmp_path):
 
 
 def test_an_interrupt_leaves_the_earlier_file(tmp_path):
-    with pytest.raises(KeyboardInterrupt), atomic_path(tmp_path / "a.txt") as partial:
+    out = OutputFolder(tmp_path)
+    with pytest.raises(KeyboardInterrupt), out.atomic("a.txt") as partial:
         partial.write_text("half")
         raise KeyboardInterrupt
     assert _names(tmp_path) == []

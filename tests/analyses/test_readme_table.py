@@ -1,12 +1,15 @@
 """The README's table of results, between its markers."""
 
+import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+from analyses import readme_table
 from analyses.outputs import OutputFolder
-from analyses.readme_table import BEGIN, END, fill, main, results_table
+from analyses.readme_table import BEGIN, END, RESULTS, collect, fill, main, results_table
 from models.input_error import InputError
 
 README = f"# Title\n\n{BEGIN}\nold\n{END}\n\nAfter ü.\n"
@@ -33,7 +36,8 @@ def study(tmp_path):
     }
     for name, comparison in rows.items():
         OutputFolder(out / name).write_json(
-            "result.json", {"title": f"The {name}", "comparison": comparison}
+            "result.json",
+            {"title": f"The {name}", "comparison": comparison, "quick": False, "seed": 0},
         )
     return out.path
 
@@ -46,23 +50,45 @@ def readme(tmp_path):
 
 
 def test_the_table_has_one_line_a_row_in_the_report_s_order(study):
-    assert results_table(study).splitlines() == [
+    assert results_table(collect(study)).splitlines() == [
         "| Experiment | Measure | Article | Here | Why, where they differ |",
         "|---|---|---:|---:|---|",
         "| The constant-wrench | Largest [N] | 24.86 | 24.70 |  |",
-        "|  | Per axis | – | 1 2 |  |",
         r"| The bandwidth | Pole [1/s] | 20.0 (eq. 30) | 20.5 | a \| b |",
     ]
+
+
+def test_shortened_runs_are_called_that(study):
+    results = collect(study)
+    assert "quick" not in results_table(results)
+    assert "shortened runs (`--quick`)" in results_table(results | {"quick": True}).splitlines()[0]
+
+
+def test_the_committed_readme_shows_the_committed_figures():
+    root = Path(readme_table.__file__).parent.parent
+    results = json.loads((root / RESULTS).read_text(encoding="utf-8"))
+    shown = (root / "README.md").read_text(encoding="utf-8").split(BEGIN)[1].split(END)[0]
+    assert shown == "\n" + results_table(results), "run `make readme` after `make study`"
+
+
+def test_the_figures_are_written_beside_the_readme(study, readme):
+    assert main([str(study), str(readme)]) == 0
+    written = json.loads((readme.parent / RESULTS).read_text(encoding="utf-8"))
+    assert written == collect(study)
+    shown = readme.read_text(encoding="utf-8").split(BEGIN)[1].split(END)[0]
+    assert shown == "\n" + results_table(written)
+    written["experiments"][0]["rows"][0]["here"] = 9.9
+    assert shown != "\n" + results_table(written)
 
 
 def test_only_what_is_between_the_markers_changes(study, readme):
     assert main([str(study), str(readme)]) == 0
     text = readme.read_text(encoding="utf-8")
-    assert text == README.replace("old\n", results_table(study))
+    assert text == README.replace("old\n", results_table(collect(study)))
 
 
 def test_filling_twice_changes_nothing(study, readme):
-    table = results_table(study)
+    table = results_table(collect(study))
     assert fill(readme, table)
     before = readme.stat().st_mtime_ns
     assert not fill(readme, table)
@@ -71,7 +97,7 @@ def test_filling_twice_changes_nothing(study, readme):
 
 def test_the_file_keeps_its_permissions(study, readme):
     readme.chmod(0o664)
-    fill(readme, results_table(study))
+    fill(readme, results_table(collect(study)))
     assert readme.stat().st_mode & 0o777 == 0o664
 
 
@@ -81,7 +107,7 @@ def test_the_file_keeps_its_permissions(study, readme):
 def test_wrong_markers_are_named_and_the_file_stays(study, readme, text):
     readme.write_text(text)
     with pytest.raises(InputError, match="results: begin"):
-        fill(readme, results_table(study))
+        fill(readme, results_table(collect(study)))
     assert readme.read_text() == text
 
 

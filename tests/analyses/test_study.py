@@ -117,8 +117,10 @@ def test_every_registered_module_has_its_experiment(name):
 def test_unknown_names_list_the_known_and_the_nearest():
     with pytest.raises(InputError) as caught:
         check_names(["bandwith"])
-    assert "did you mean bandwidth?" in str(caught.value)
-    assert ", ".join(EXPERIMENTS) in str(caught.value)
+    line = str(caught.value)
+    assert "did you mean bandwidth?" in line
+    assert set(line.partition("known are ")[2].split(", ")) == set(EXPERIMENTS)
+    assert "known are bandwidth, " in line  # the nearest first
 
 
 def test_no_names_are_all_and_repetitions_are_one():
@@ -147,6 +149,7 @@ def test_a_study_writes_every_file(experiments, run, tmp_path):
         "one/metrics.json",
         "one/config.yaml",
         "one/result.json",
+        "one/checksums.sha256",
         "one/figures/noise.png",
     }
     metrics = _read(out / "metrics.json")
@@ -171,6 +174,19 @@ def test_the_same_seed_gives_the_same_bytes_whatever_the_jobs(experiments, tmp_p
         texts.append({p.relative_to(out): p.read_bytes() for p in out.rglob("[mcr]*.[jy]*")})
     assert set(map(str, texts[0])) >= {"metrics.json", "one/config.yaml", "two/result.json"}
     assert texts[0] == texts[1] == texts[2]
+
+
+@pytest.mark.slow
+def test_real_experiments_give_the_same_bytes_whatever_the_jobs(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys.modules["__main__"], "__spec__", None)
+    monkeypatch.delattr(sys.modules["__main__"], "__file__", raising=False)
+    names = ("jcn-map", "metrics-compare")
+    for jobs in (1, 2):
+        run_study(names, tmp_path / str(jobs), tmp_path, quick=True, jobs=jobs)
+    for name in ("metrics.json", "jcn-map/result.json", "metrics-compare/result.json"):
+        one, two = ((tmp_path / jobs / name).read_bytes() for jobs in ("1", "2"))
+        assert one == two, name
+    assert set(_read(tmp_path / "1" / "metrics.json")) == set(names)
 
 
 def test_the_seed_and_the_length_reach_the_experiment(experiments, run):
@@ -229,7 +245,9 @@ def test_results_of_others_stay_if_they_belong_together(experiments, run, tmp_pa
     both = run(seed=1)
     assert list(both.metrics) == ["one", "two"]
     again = run("two", seed=1)
-    assert [(o.name, o.state) for o in again.outcomes] == [("one", "earlier"), ("two", "done")]
+    assert [(o.name, o.state) for o in again.outcomes] == [("one", "earlier"), ("two", "earlier")]
+    fresh = run("two", seed=1, fresh=True)
+    assert [(o.name, o.state) for o in fresh.outcomes] == [("one", "earlier"), ("two", "done")]
     assert _read(tmp_path / "study" / "metrics.json") == both.metrics
     assert set(_read(tmp_path / "study" / "timings.json")) == {"one", "two"}
 
@@ -245,6 +263,107 @@ def test_results_of_another_seed_or_length_are_left_out_but_not_harmed(
     assert list(run("two", **other).metrics) == ["two"]
     assert list(_read(tmp_path / "study" / "metrics.json")) == ["two"]
     assert (tmp_path / "study" / "one" / "metrics.json").read_bytes() == before
+
+
+def test_what_is_finished_and_unchanged_is_not_run_again(experiments, run):
+    experiments("one")
+    first = run("one", seed=1)
+    seen: list[Progress] = []
+    again = run("one", seed=1, watch=seen.append)
+    assert [p.state for p in seen] == ["earlier"]
+    assert again.metrics == first.metrics
+
+
+def _why(run, **options):
+    """Runs `one` again; returns what is said before it starts, and its state at the end."""
+    seen: list[Progress] = []
+    result = run("one", watch=seen.append, **options)
+    return seen[0].what, {o.name: o.state for o in result.outcomes}["one"]
+
+
+@pytest.mark.parametrize(
+    ("options", "why"), [({"seed": 2}, "the seed"), ({"quick": True}, "the length")]
+)
+def test_other_options_run_it_again(experiments, run, options, why):
+    experiments("one")
+    run("one")
+    what, state = _why(run, **options)
+    assert what.startswith(why)
+    assert state == "done"
+
+
+def test_changed_software_runs_it_again(experiments, run):
+    module = experiments("one")
+    run("one")
+    module.write_text(module.read_text() + "# changed\n")
+    what, state = _why(run)
+    assert what.startswith("the software has changed")
+    assert state == "done"
+
+
+def test_changed_recordings_run_it_again_and_only_those_it_reads(experiments, run, tmp_path):
+    experiments("one", needs=("ur10e",))
+    for name in ("ur10e", "other"):
+        (tmp_path / "data" / name).mkdir(parents=True)
+        (tmp_path / "data" / name / "log.csv").write_text("1")
+    run("one")
+    (tmp_path / "data" / "other" / "log.csv").write_text("2")
+    assert _why(run)[1] == "earlier"
+    (tmp_path / "data" / "ur10e" / "log.csv").write_text("2")
+    what, state = _why(run)
+    assert what.startswith("the recordings have changed")
+    assert state == "done"
+
+
+def test_software_that_changes_while_it_runs_does_not_count(experiments, run):
+    body = "    Path(__file__).open('a').write('# edited\\n')\n    return measured(context)"
+    experiments("one", body)
+    run("one")
+    assert _why(run)[1] == "done"
+
+
+def _truncate(path):
+    path.write_bytes(path.read_bytes()[:40])
+
+
+def _flip(path):
+    content = bytearray(path.read_bytes())
+    content[-2] ^= 1
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize("damage", [_truncate, _flip, Path.unlink])
+@pytest.mark.parametrize(
+    "name",
+    ["metrics.json", "result.json", "config.yaml", "checksums.sha256", "figures/noise.png"],
+)
+def test_a_damaged_result_is_said_in_a_line_and_run_again(experiments, run, tmp_path, name, damage):
+    experiments("one")
+    whole = run("one").metrics
+    damage(tmp_path / "study" / "one" / name)
+    seen: list[Progress] = []
+    again = run("one", watch=seen.append)
+    assert "damaged" in seen[0].what
+    assert "\n" not in seen[0].what
+    assert again.outcomes[0].state == "done"
+    assert again.metrics == whole
+
+
+def test_a_file_of_the_user_s_in_the_folder_does_no_harm(experiments, run, tmp_path):
+    experiments("one")
+    run("one")
+    (tmp_path / "study" / "one" / "my notes.txt").write_text("mine")
+    assert _why(run)[1] == "earlier"
+
+
+def test_the_longest_start_first(experiments, run, monkeypatch):
+    for name in ("one", "two", "three"):
+        experiments(name)
+    monkeypatch.setattr(study, "TYPICAL_SECONDS", {"one": 1, "two": 300})
+    seen: list[Progress] = []
+    result = run(watch=seen.append)
+    assert list(dict.fromkeys(p.name for p in seen)) == ["two", "three", "one"]
+    assert [o.name for o in result.outcomes] == ["one", "two", "three"]
 
 
 @pytest.mark.parametrize("damage", ["metrics.json", "result.json", "figures/noise.png"])
@@ -264,7 +383,7 @@ def test_files_of_an_earlier_run_do_not_mix_with_the_new(experiments, run, tmp_p
     experiments("one")
     run("one")
     (tmp_path / "study" / "one" / "figures" / "stale.png").touch()
-    run("one")
+    run("one", fresh=True)
     assert [p.name for p in (tmp_path / "study" / "one" / "figures").iterdir()] == ["noise.png"]
 
 
@@ -395,7 +514,7 @@ def test_an_interrupted_run_keeps_the_earlier_whole_result(experiments, run, tmp
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run("one", watch=interrupt)
+        run("one", watch=interrupt, fresh=True)
     assert _read(tmp_path / "study" / "metrics.json") == earlier
 
 
@@ -463,6 +582,66 @@ def test_after_a_kill_no_experiment_runs_on_and_the_next_study_tidies_up(
     module.write_text(module.read_text().replace(_SLOW, "    return measured(context)"))
     run("slow")
     assert not list((tmp_path / "study").glob(".*partial"))
+
+
+def test_a_termination_keeps_what_is_finished_and_the_next_study_goes_on(
+    experiments, run, tmp_path
+):
+    experiments("done")
+    run("done")
+    process, experiment = _start(tmp_path, experiments("slow", _SLOW).parent)
+    os.killpg(process.pid, signal.SIGTERM)  # as a batch system does
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode != 0
+    assert "TerminatedError: SIGTERM" in errors
+    assert not _is_running(experiment)
+    assert not list((tmp_path / "study").glob(".*partial"))
+    assert not (tmp_path / "study" / "failures").exists()
+    assert run("done").outcomes[0].state == "earlier"
+
+
+# ---- a full disk ----
+
+
+def test_a_full_disk_ends_the_study_in_a_line_and_harms_nothing(experiments, run, tmp_path):
+    experiments("good")
+    earlier = run("good").metrics
+    experiments("full", "    raise OSError(28, 'No space left on device')")
+    with pytest.raises(InputError) as caught:
+        run()
+    assert "No space left on device" in str(caught.value)
+    out = tmp_path / "study"
+    assert _read(out / "metrics.json") == earlier
+    assert not list(out.glob(".*partial"))
+    assert run("good").outcomes[0].state == "earlier"
+
+
+def test_a_full_disk_inside_another_error_is_found(experiments, run):
+    experiments(
+        "full",
+        """
+    try:
+        raise OSError(28, "No space left on device")
+    except OSError as error:
+        raise InputError("log.csv", "", "cannot be written (No space left)") from error""",
+    )
+    with pytest.raises(InputError, match="No space left on device, while full ran"):
+        run("full")
+
+
+def test_a_full_disk_at_the_summary_leaves_the_earlier_one(experiments, run, tmp_path, monkeypatch):
+    experiments("one")
+    run("one", seed=1)
+    before = {p: p.read_bytes() for p in (tmp_path / "study").iterdir() if p.is_file()}
+
+    def full(self, *_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(InputError, match="No space left on device"):
+        run("one", seed=1)
+    monkeypatch.undo()
+    assert {p: p.read_bytes() for p in (tmp_path / "study").iterdir() if p.is_file()} == before
 
 
 # ---- the folder ----

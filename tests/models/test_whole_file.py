@@ -34,6 +34,14 @@ def test_a_missing_folder_is_one_line(tmp_path: Path) -> None:
         raise AssertionError("the block must not run")
 
 
+def test_a_file_in_the_place_of_a_folder_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("mine")
+    line = r"a\.txt: cannot be written \(Not a directory"
+    with pytest.raises(InputError, match=line), whole_file(tmp_path / "file" / "a.txt"):
+        raise AssertionError("the block must not run")
+    assert (tmp_path / "file").read_text() == "mine"
+
+
 def test_a_full_disk_is_one_line() -> None:
     with pytest.raises(InputError, match="No space left on device"), writing_to("a.csv"):
         raise OSError(28, "No space left on device")
