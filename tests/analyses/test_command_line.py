@@ -267,7 +267,9 @@ def test_an_interrupt_is_one_line_and_its_code(tmp_path, number, code):
     )
     script = tmp_path / "script.py"
     script.write_text(
-        "import sys\n"
+        "import signal, sys\n"
+        # What a shell starts in the background ignores it.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         f"sys.path.insert(0, {str(tmp_path)!r})\n"
         "if __name__ == '__main__':\n"
         "    from analyses import __main__, study\n"
@@ -279,8 +281,6 @@ def test_an_interrupt_is_one_line_and_its_code(tmp_path, number, code):
         [sys.executable, str(script)],
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         start_new_session=True,
-        # Not ignored, as it is by what a shell starts in the background.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         stderr=subprocess.PIPE,
         text=True,
     )

@@ -520,8 +520,9 @@ def test_an_interrupted_run_keeps_the_earlier_whole_result(experiments, run, tmp
 
 def _start(tmp_path, module_folder):
     program = f"""
-import sys
+import signal, sys
 from pathlib import Path
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background ignores it
 sys.path.insert(0, {str(module_folder)!r})
 if __name__ == "__main__":
     from analyses import study
