@@ -71,6 +71,7 @@ def make_closed_loop(
     meshcat: Meshcat | None = None,
     also_log: Sequence[str] = (),
     trajectory: JointTrajectory | None = None,
+    log_only: Sequence[str] | None = None,
 ) -> ClosedLoop:
     """Builds the loop of a scenario. Controller and estimator know `model`, never the truth.
 
@@ -86,6 +87,9 @@ def make_closed_loop(
     Args:
         trajectory: of the joints, in the place of the scenario's motion.
         also_log: further output ports of the robot cell to log, such as tau_f_true.
+        log_only: which of the signals to log; None: all. What nobody asks for costs no time: a log
+            of encoders and current, to be read by `WrenchEstimator.run` later, leaves the
+            estimator's reading out.
         meshcat: draws the cell and the force at the tool, true and estimated.
 
     Raises:
@@ -145,6 +149,8 @@ def make_closed_loop(
             signals[name] = out(name)
     for name in ("tau_ext", "wrench", "covariance", "condition_number", "valid"):
         signals[name] = estimator.GetOutputPort(name)
+    if log_only is not None:
+        signals = {name: signals[name] for name in log_only}
     log, columns = _add_log(builder, signals, scenario.time_step)
     if meshcat is not None:
         add_wrench_arrows(

@@ -18,6 +18,7 @@ from models.paths import (
     TimeLaw,
     constant_speed,
     joint_trajectory,
+    steady_speed,
     there_and_back,
     thirds,
     uniform_acceleration,
@@ -69,6 +70,7 @@ class LineMotion:
     passes: int = 2  # there, back, there, ...
     start: float = 0.0  # s, at rest before
     time_law: str = "constant_speed"  # or thirds, uniform_acceleration
+    ramp: float = 0.1  # of constant_speed: share of one_way to reach the speed, and to leave it
     q_seed: list[float] = field(default_factory=list)  # rad, chooses the branch; home where empty
 
 
@@ -300,6 +302,8 @@ def _line(motion: LineMotion, robot: Robot) -> JointTrajectory:
         )
     if not motion.one_way > 0 or motion.passes < 1 or not motion.start >= 0:
         raise InputError("scenario", "motion", "one_way must be above 0, passes 1 or more")
+    if not 0 < motion.ramp <= 0.5:
+        raise InputError("scenario", "motion.ramp", f"{motion.ramp}, expected above 0, at most 0.5")
     R_home, p_home = robot.chain.pose(robot.home)
     path = StraightPath(
         np.array(motion.n_W),
@@ -309,6 +313,8 @@ def _line(motion: LineMotion, robot: Robot) -> JointTrajectory:
     )
     seed = _joints(motion.q_seed or list(robot.home), robot, "motion.q_seed")
     law = TIME_LAWS[motion.time_law]
+    if law is constant_speed:
+        law = steady_speed(motion.ramp)
     # A whole number of steps one way, so that the turning point is one of the samples.
     step = motion.one_way / max(1, round(motion.one_way / 0.01))
     if motion.passes == 1:

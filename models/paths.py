@@ -98,7 +98,17 @@ def constant_speed(u: Array) -> Progress:
 
     There the speed follows half a cosine, so that the acceleration begins and ends at zero.
     """
-    ramp = 0.1
+    return _steady(u, 0.1)
+
+
+def steady_speed(ramp: float) -> TimeLaw:
+    """Returns the law of `constant_speed` with ramps of another share of the time, in (0, 0.5]."""
+    if not 0.0 < ramp <= 0.5:
+        raise ValueError(f"ramp must be above 0 and at most 0.5, not {ramp}")
+    return lambda u: _steady(u, ramp)
+
+
+def _steady(u: Array, ramp: float) -> Progress:
     speed = 1.0 / (1.0 - ramp)
     u = np.clip(np.asarray(u, dtype=np.float64), 0.0, 1.0)
     late = u > 0.5

@@ -63,13 +63,16 @@ class HandPush:
     """A random push with nothing above `bandwidth`, as a hand gives: smooth, and never the same.
 
     A sum of sines of random frequency and phase, drawn once from the seed, so that it is a function
-    of time and can be repeated; faded in and out by a raised cosine.
+    of time and can be repeated; faded in and out by a raised cosine. With `each` it comes and
+    goes: pushes of that length, with a pause after each.
     """
 
     start: float = 0.0  # s
     duration: float = 5.0  # s
     bandwidth: float = 1.5  # Hz
     fade: float = 0.3  # s, at either end
+    each: float = 0.0  # s, length of one push; 0: a single one, as long as the duration
+    pause: float = 0.0  # s, after each push
     seed: int = 0  # the scenario's own seed is added
     force: list[float] = field(default_factory=_zero)  # N, standard deviation per axis
     moment: list[float] = field(default_factory=_zero)  # N m, standard deviation per axis
@@ -80,7 +83,8 @@ WrenchSegment = Union[WrenchStep, WrenchRamp, WrenchSine, HandPush]  # noqa: UP0
 
 @numba.njit(cache=True)
 def _sample(table: Array, tones: Array, t: float, out: Array) -> None:
-    # table rows: kind, start, end, rise or frequency or fade, phase or first tone, 6 amplitudes
+    # table rows: kind, start, end, rise or frequency or fade, phase or first tone, 6 amplitudes,
+    # length of one push, time from one to the next
     # tones: (pushes, 6 axes, tones, 2) angular frequency and phase
     out[:] = 0.0
     for i in range(table.shape[0]):
@@ -92,7 +96,10 @@ def _sample(table: Array, tones: Array, t: float, out: Array) -> None:
         if kind == _PUSH:
             push = int(table[i, 4])
             fade = table[i, 3]
-            edge = min(since, end - t)
+            within = since % table[i, 12]
+            edge = min(within, table[i, 11] - within, end - t)
+            if edge < 0.0:
+                continue
             window = 1.0
             if edge < fade:
                 window = 0.5 * (1.0 - np.cos(np.pi * edge / fade))
@@ -141,7 +148,7 @@ class WrenchScript:
         tones: list[Array] = []
         for i, segment in enumerate(segments):
             _check(segment, i, source)
-            shape, phase = 0.0, 0.0
+            shape, phase, each, every = 0.0, 0.0, 0.0, 1.0
             if isinstance(segment, WrenchStep):
                 kind = _STEP
             elif isinstance(segment, WrenchRamp):
@@ -150,14 +157,17 @@ class WrenchScript:
                 kind, shape, phase = _SINE, segment.frequency, segment.phase
             else:
                 kind, shape, phase = _PUSH, segment.fade, float(len(tones))
+                each = segment.each if segment.each > 0.0 else segment.duration
+                every = each + segment.pause
                 random = np.random.default_rng([seed, segment.seed, i])
                 tone = np.empty((6, _NUM_TONES, 2))
                 tone[..., 0] = 2 * np.pi * segment.bandwidth * random.random((6, _NUM_TONES))
                 tone[..., 1] = 2 * np.pi * random.random((6, _NUM_TONES))
                 tones.append(tone)
             end = segment.start + segment.duration
-            rows.append([kind, segment.start, end, shape, phase, *segment.moment, *segment.force])
-        self._table = np.array(rows, dtype=np.float64).reshape(-1, 11)
+            wrench = (*segment.moment, *segment.force)
+            rows.append([kind, segment.start, end, shape, phase, *wrench, each, every])
+        self._table = np.array(rows, dtype=np.float64).reshape(-1, 13)
         self._tones = np.array(tones, dtype=np.float64).reshape(-1, 6, _NUM_TONES, 2)
 
     def sample(self, t: float) -> Array:
@@ -189,6 +199,9 @@ def _check(segment: WrenchSegment, index: int, source: str) -> None:
         positive.append("frequency")
     elif isinstance(segment, HandPush):
         positive += ["bandwidth", "fade"]
+        if not (np.isfinite(segment.each + segment.pause) and min(segment.each, segment.pause) >= 0):
+            times = f"each is {segment.each}, pause {segment.pause}"
+            raise InputError(source, place, f"{times}, expected zero or more", "correct it")
     for name in positive:
         value = getattr(segment, name)
         if not (np.isfinite(value) and value > 0):
