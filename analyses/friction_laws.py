@@ -167,7 +167,7 @@ def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
     postures = np.asarray(robot.home) + np.asarray(POSTURES[-2:] if context.quick else POSTURES)
     recordings = reversal_recordings(robot, postures, seed=context.seed, progress=told(0.6, 1.0))
     separated = separate_recordings(robot, recordings[:-1], first.model, CONFIG.cutoff)
-    article, trained = _article(robot, first, separated)
+    article, trained = semi_parametric_model(robot, first, separated)
     models = {law: result.model for law, result in results.items()} | {ARTICLE: article}
     # One model separates all: its mass matrix and gravity are not what is compared.
     test = {
@@ -214,7 +214,7 @@ def real_arm(context: ExperimentContext, start: float) -> LawsOnOneArm:
         plain.model,
         joints=joints,
     )
-    article, trained = _article(robot, plain, separated)
+    article, trained = semi_parametric_model(robot, plain, separated)
     models = {law: result.model for law, result in results.items()} | {ARTICLE: article}
     near_zero = tuple(
         _one_joint(robot, recording[half:], j, models, plain.model)
@@ -228,7 +228,7 @@ def real_arm(context: ExperimentContext, start: float) -> LawsOnOneArm:
     return LawsOnOneArm(robot.joint_names, ordered, near_zero, edge, trained.v_crit, separated)
 
 
-def _article(
+def semi_parametric_model(
     robot: Robot, plain: IdentificationResult, separated: SeparatedFriction
 ) -> tuple[IdentifiedModel, TrainedNetworks]:
     """The article's way: symmetric friction by reversal; odd networks on the plain law."""

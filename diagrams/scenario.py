@@ -69,6 +69,7 @@ class LineMotion:
     one_way: float = 2.0  # s, from one end to the other
     passes: int = 2  # there, back, there, ...
     start: float = 0.0  # s, at rest before
+    lead_in: float = 0.0  # s, of a way back that goes before the first of two or more passes
     time_law: str = "constant_speed"  # or thirds, uniform_acceleration
     ramp: float = 0.1  # of constant_speed: share of one_way to reach the speed, and to leave it
     q_seed: list[float] = field(default_factory=list)  # rad, chooses the branch; home where empty
@@ -323,8 +324,18 @@ def _line(motion: LineMotion, robot: Robot) -> JointTrajectory:
         there = there_and_back(law)
         once = joint_trajectory(robot, path, there, 2 * motion.one_way, seed, step)
         count = (motion.passes + 1) // 2
-    t = np.concatenate([motion.start + k * once.duration + once.t for k in range(count)])
-    end = motion.start + motion.passes * motion.one_way
-    keep = np.concatenate([[True], np.diff(t) > 1e-9]) & (t <= end + 1e-9)
-    q, v, vdot = (np.tile(x, (count, 1))[keep] for x in (once.q, once.v, once.vdot))
+    # A lead-in is the end of one more time there and back.
+    first = -1 if motion.lead_in > 0 else 0
+    if not 0 <= motion.lead_in <= (motion.one_way if motion.passes > 1 else 0.0):
+        raise InputError(
+            "scenario",
+            "motion.lead_in",
+            f"{motion.lead_in}, expected 0 to one_way, and two passes or more",
+        )
+    begin = motion.start + motion.lead_in
+    t = np.concatenate([begin + k * once.duration + once.t for k in range(first, count)])
+    end = begin + motion.passes * motion.one_way
+    keep = np.concatenate([[True], np.diff(t) > 1e-9])
+    keep &= (t >= motion.start - 1e-9) & (t <= end + 1e-9)
+    q, v, vdot = (np.tile(x, (count - first, 1))[keep] for x in (once.q, once.v, once.vdot))
     return JointTrajectory(t[keep], q, v, vdot)

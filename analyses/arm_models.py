@@ -1,0 +1,167 @@
+"""What can be known of the simulated arm before its task? Contact-free logs in, models out.
+
+One identification as the article's (excitation 1, Coulomb-viscous friction) and passes of opposite
+direction in some postures give a model per friction law:
+
+    coulomb-viscous   the identified law
+    semi-parametric   the article's: the same, with networks near zero velocity that were trained
+                      on friction separated by reversal
+    presliding        `models.presliding_friction`, fitted with the inertias on all these logs
+
+**The stated covariance.** What a model leaves unexplained in an identification is not what its
+observer errs by in a task: an excitation is fast, a task may be slow, and near zero velocity
+friction errs the most. So Sigma_tau of each law is found from the causal observer's own output
+along contact-free logs that no model was fitted on (excitation 2, and passes in a posture of their
+own), behind the same K_0, over the samples slower than the task's planned motion:
+
+    sd_j        = RMS of tau_ext_j where |v_j| <= speed, about zero: a lasting error is an error
+    Sigma_tau   = D R D,  D = diag(sd),  R = the outputs' correlations (about zero) over all samples
+
+Nothing of it comes from a task's run. For eq. 4, where the first cycle's torque stands for the
+model, the same is found from two periods of an excitation: torque of the one minus the other's.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analyses.friction_laws import POSTURES, semi_parametric_model
+from analyses.friction_reversal import reversal_recordings, separate_recordings
+from analyses.identification import identify
+from analyses.simulated_identification import (
+    CONFIG,
+    PERIODS,
+    identify_simulated_arm,
+    simulate_excitation,
+    stored_excitation,
+)
+from analyses.task_runs import repetition_torque
+from models.estimator import WrenchEstimator, WrenchEstimatorConfig
+from models.identified_model import IdentifiedModel
+from models.momentum_observer import MomentumObserverConfig
+from models.recording import Recording
+from models.robot import Robot
+from models.wrench import WrenchReconstructionConfig
+
+Array = NDArray[np.float64]
+ProgressCallback = Callable[[float, str], None]
+
+LAWS = ("coulomb-viscous", "semi-parametric", "presliding")
+FEWEST = 200  # samples below the speed; with fewer the joint's sd is that of all its samples
+
+
+@dataclass(frozen=True, eq=False)
+class ArmModels:
+    """What the contact-free logs of an arm say.
+
+    Attributes:
+        robot: whose logs they are.
+        models: by law, as in LAWS.
+        held_out: contact-free logs that no model was fitted on.
+    """
+
+    robot: Robot
+    models: Mapping[str, IdentifiedModel]
+    held_out: tuple[Recording, ...]
+
+    def estimator(
+        self, law: str, speed: float, K_0: float, reconstruction: WrenchReconstructionConfig
+    ) -> WrenchEstimator:
+        """An estimator with a law's model and the covariance that it errs by in a task.
+
+        Args:
+            law: one of LAWS.
+            speed: rad/s, the highest joint speed of the planned task.
+            K_0: 1/s.
+            reconstruction: method and prior.
+        """
+        config = WrenchEstimatorConfig(MomentumObserverConfig([K_0]), reconstruction)
+        model = self.models[law]
+        plain = WrenchEstimator(self.robot, model, config)
+        outputs, speeds = [], []
+        for recording in self.held_out:
+            state = plain.initial_state()
+            tau_ext = plain.run(state, recording.q, recording.v, recording.current).tau_ext
+            settled = recording.t - recording.t[0] >= 3.0 / K_0
+            outputs.append(tau_ext[settled])
+            speeds.append(recording.v[settled])
+        covariance = covariance_at_speed(np.vstack(outputs), np.vstack(speeds), speed)
+        return WrenchEstimator(self.robot, replace(model, residual_covariance=covariance), config)
+
+
+def identify_arm(
+    robot: Robot,
+    seed: int = 0,
+    quick: bool = False,
+    progress: ProgressCallback = lambda fraction, what: None,
+) -> ArmModels:
+    """Simulates the contact-free logs and identifies a model per law.
+
+    Args:
+        robot: with its simulated truth.
+        seed: of the noise and of the training.
+        quick: shorter logs, fewer postures.
+        progress: told the share done.
+    """
+    result, (log, other) = identify_simulated_arm(
+        robot,
+        seed,
+        1 if quick else PERIODS,
+        replace(CONFIG, seed=seed),
+        lambda share, what: progress(0.35 * share, what),
+    )
+    postures = np.asarray(robot.home) + np.asarray(POSTURES[-2:] if quick else POSTURES)
+    passes = reversal_recordings(
+        robot,
+        postures,
+        seed=seed,
+        progress=lambda share, what: progress(0.35 + 0.5 * share, what),
+    )
+    progress(0.85, "friction laws")
+    fitted = passes[:-1]
+    separated = separate_recordings(robot, fitted, result.model, CONFIG.cutoff)
+    semi_parametric, _ = semi_parametric_model(robot, result, separated)
+    config = replace(CONFIG, friction="presliding", cross_validate=False, seed=seed)
+    progress(0.9, "presliding friction")
+    presliding = identify([log.recording, *fitted], robot, [], config).model
+    models = dict(zip(LAWS, (result.model, semi_parametric, presliding), strict=True))
+    progress(1.0, "models")
+    return ArmModels(robot, models, (other.recording, passes[-1]))
+
+
+def covariance_at_speed(tau_ext: Array, v: Array, speed: float) -> Array:
+    """Sigma_tau (n, n) in (N m)^2 by the rule at the top of this file.
+
+    Args:
+        tau_ext: (N, n) N m, the observer's output where nothing touches the arm.
+        v: (N, n) rad/s.
+        speed: rad/s.
+    """
+    slow = np.abs(v) <= speed
+    slow[:, slow.sum(axis=0) < FEWEST] = True
+    sd = np.sqrt((tau_ext**2 * slow).sum(axis=0) / slow.sum(axis=0))
+    moment = tau_ext.T @ tau_ext
+    scale = np.sqrt(np.diag(moment))
+    return np.asarray(np.outer(sd, sd) * moment / np.outer(scale, scale))
+
+
+def repetition_covariances(
+    robot: Robot,
+    gains: Sequence[float | None],
+    seed: int = 0,
+    progress: ProgressCallback = lambda fraction, what: None,
+) -> list[Array]:
+    """Sigma_tau (n, n) of eq. 4 in (N m)^2, behind each K_0 (1/s; None: raw).
+
+    From two periods of excitation 1, whose start (a quarter of a period) is left out.
+    """
+    excitation = stored_excitation(robot, 1)
+    log = simulate_excitation(robot, excitation, 2, 2 * seed, "excitation 1", progress)
+    period = round(excitation.period / log.recording.time_step)
+    out = []
+    for K_0 in gains:
+        tau_ext = repetition_torque(log.recording, robot, period, K_0)[period // 4 :]
+        out.append(np.asarray(tau_ext.T @ tau_ext / len(tau_ext)))
+    return out
