@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from analyses.friction_laws import POSTURES, semi_parametric_model
 from analyses.friction_reversal import reversal_recordings, separate_recordings
+from analyses.friction_training import TrainingConfig
 from analyses.identification import identify
 from analyses.simulated_identification import (
     CONFIG,
@@ -49,6 +50,14 @@ Array = NDArray[np.float64]
 ProgressCallback = Callable[[float, str], None]
 
 LAWS = ("coulomb-viscous", "semi-parametric", "presliding")
+# Passes as slow as a task's joints, with travel enough that the drives' own compliance does not
+# take it up. Without them networks know nothing of the speeds at which tasks are done: trained on
+# passes from 0.01 rad/s on with a period of 2 s alone, they halve neither error nor peak.
+SLOW_SPEEDS = (0.003, 0.01, 0.03)  # rad/s
+SLOW_PERIOD = 8.0  # s
+# Dry friction jumps at zero velocity. The networks start with a jump as wide as v_crit / STEEPEST,
+# 0.2 mrad/s; with the 60 of a network that is to be smooth, friction at 10 mrad/s is half its true.
+STEEPEST = 2000.0
 FEWEST = 200  # samples below the speed; with fewer the joint's sd is that of all its samples
 
 
@@ -110,25 +119,33 @@ def identify_arm(
         seed,
         1 if quick else PERIODS,
         replace(CONFIG, seed=seed),
-        lambda share, what: progress(0.35 * share, what),
+        lambda share, what: progress(0.2 * share, what),
     )
-    postures = np.asarray(robot.home) + np.asarray(POSTURES[-2:] if quick else POSTURES)
-    passes = reversal_recordings(
+    postures = np.asarray(robot.home) + np.asarray(POSTURES)
+    slow_speeds = SLOW_SPEEDS[1:] if quick else SLOW_SPEEDS
+    slow_postures = postures[-2:] if quick else postures[1:]
+    fast = reversal_recordings(
+        robot, postures[:1], seed=seed, progress=lambda s, what: progress(0.2 + 0.15 * s, what)
+    )
+    slow = reversal_recordings(
         robot,
-        postures,
-        seed=seed,
-        progress=lambda share, what: progress(0.35 + 0.5 * share, what),
+        slow_postures,
+        slow_speeds,
+        seed + 100,
+        lambda s, what: progress(0.35 + 0.5 * s, what),
+        SLOW_PERIOD,
     )
     progress(0.85, "friction laws")
-    fitted = passes[:-1]
+    fitted = [*fast, *slow[:-1]]
     separated = separate_recordings(robot, fitted, result.model, CONFIG.cutoff)
-    semi_parametric, _ = semi_parametric_model(robot, result, separated)
+    training = TrainingConfig(seed=seed, odd=True, steepest=STEEPEST)
+    semi_parametric, _ = semi_parametric_model(robot, result, separated, training)
     config = replace(CONFIG, friction="presliding", cross_validate=False, seed=seed)
     progress(0.9, "presliding friction")
     presliding = identify([log.recording, *fitted], robot, [], config).model
     models = dict(zip(LAWS, (result.model, semi_parametric, presliding), strict=True))
     progress(1.0, "models")
-    return ArmModels(robot, models, (other.recording, passes[-1]))
+    return ArmModels(robot, models, (other.recording, slow[-1]))
 
 
 def covariance_at_speed(tau_ext: Array, v: Array, speed: float) -> Array:

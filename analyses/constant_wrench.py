@@ -23,6 +23,7 @@ from analyses.experiment import (
 from analyses.figures import COLOUR, SERIES, new_figure, save_figure
 from analyses.placement import place
 from models.conditioning import condition_number
+from models.identified_model import IdentifiedModel
 from models.inverse_kinematics import follow_path
 from models.paths import StraightPath, there_and_back, thirds, uniform_acceleration
 from models.placement_task import load_task
@@ -127,14 +128,22 @@ def constant_wrench(
     return ConstantWrench(*readings)
 
 
-def found_path(robot: Robot, seed: int = 0) -> tuple[StraightPath, Array]:
+def found_path(
+    robot: Robot, seed: int = 0, model: IdentifiedModel | None = None
+) -> tuple[StraightPath, Array]:
     """The path that `linear-path` finds, and its posture at the midpoint.
 
     Its condition numbers do not change when it is turned about the first axis. A wrench in W sees
     the difference: it is turned so that its midpoint lies straight ahead, like the article's.
+
+    Args:
+        seed: of the search.
+        model: with it, the path whose Bayesian reading has the least force sd for this model's
+            residual covariance, instead of the one with the least mean condition number.
     """
     task, source = load_task("linear_path")
-    best = place(task, source, robot, seed=seed).best
+    objective = "jcn" if model is None else "force-sd"
+    best = place(task, source, robot, objective=objective, model=model, seed=seed).best
     ahead = -float(np.arctan2(best.placement.p_WM[1], best.placement.p_WM[0]))
     c, s = np.cos(ahead), np.sin(ahead)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

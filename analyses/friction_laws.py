@@ -229,12 +229,15 @@ def real_arm(context: ExperimentContext, start: float) -> LawsOnOneArm:
 
 
 def semi_parametric_model(
-    robot: Robot, plain: IdentificationResult, separated: SeparatedFriction
+    robot: Robot,
+    plain: IdentificationResult,
+    separated: SeparatedFriction,
+    training: TrainingConfig | None = None,
 ) -> tuple[IdentifiedModel, TrainedNetworks]:
     """The article's way: symmetric friction by reversal; odd networks on the plain law."""
     v, torque = separated.table(symmetric=True)
     law = plain.model.friction.coulomb_viscous
-    config = TrainingConfig(seed=plain.config.seed, odd=True)
+    config = training or TrainingConfig(seed=plain.config.seed, odd=True)
     trained = train_networks(v, torque, law, config=config, joint_names=robot.joint_names)
     friction = SemiParametricFriction(law, trained.networks, trained.v_crit)
     return replace(plain.model, friction=friction), trained

@@ -146,8 +146,14 @@ def reversal_recordings(
     speeds: Sequence[float] = SPEEDS,
     seed: int = 0,
     progress: ProgressCallback = lambda fraction, what: None,
+    period: float = PERIOD,
 ) -> list[Recording]:
-    """What the simulated arm's controller records in planned reversals; as above."""
+    """What the simulated arm's controller records in planned reversals; as above.
+
+    Args:
+        period: s, of the passes; slow ones need a long one, or the drives' own compliance takes up
+            the whole travel.
+    """
     from analyses.simulated_identification import simulate_motion
 
     recordings = []
@@ -155,7 +161,7 @@ def reversal_recordings(
     for k, posture in enumerate(postures):
         # Signs alternate, so that the tool stays where it is rather than sweeping the cell.
         way = np.where(np.arange(robot.num_joints) % 2 == 0, 1.0, -1.0)
-        motion = reversal_motion(robot, way, posture, speeds, (0.0,), PERIOD)
+        motion = reversal_motion(robot, way, posture, speeds, (0.0,), period)
 
         def part(share: float, what: str, k: int = k) -> None:
             progress((k + share) / len(postures), what)

@@ -42,6 +42,7 @@ class TrainingConfig:
 
     seed: int = 0  # of the first weights and of the split
     odd: bool = False  # f(-v) = -f(v) + constant, built in
+    steepest: float = 60.0  # of the first neuron at its start: its jump is as wide as v_crit / this
     steps: int = 1500  # of Adam, at most
     patience: int = 250  # steps without a better held-out error after which a joint is done
     learning_rate: float = 0.02
@@ -258,7 +259,7 @@ def _descend(
     draw = np.random.default_rng(config.seed + 1)
     # Kinks spread over the band, from as wide as it to as steep as the jump at zero velocity.
     steepness = np.exp(draw.uniform(np.log(2.0), np.log(60.0), (n, NEURONS)))
-    steepness[:, 0] = 60.0
+    steepness[:, 0] = config.steepest
     start = [
         steepness * draw.choice([-1.0, 1.0], (n, NEURONS)),
         np.zeros((n, NEURONS)),

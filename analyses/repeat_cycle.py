@@ -102,9 +102,7 @@ class RepeatedCycles:
 def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCycles:
     """Simulates two cycles on each path, and reads the second one with every variant."""
     robot = Robot.load(ROBOT)
-    scenario = task_scenario(
-        scenario_name, context.seed, ONE_WAY_QUICK if context.quick else None
-    )
+    scenario = task_scenario(scenario_name, context.seed, ONE_WAY_QUICK if context.quick else None)
     covariances = repetition_covariances(
         robot, (None, K_0), context.seed, lambda share, what: context.progress(0.05 * share, what)
     )
@@ -112,7 +110,6 @@ def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCyc
     motion = scenario.motion
     assert isinstance(motion, LineMotion)
     period = round(2 * motion.one_way / scenario.time_step)
-    lead_in = round(motion.lead_in / scenario.time_step)
     runs: dict[str, TaskRun] = {}
     readings: dict[str, ForceReading] = {}
     for k, path in enumerate(PATHS):
@@ -120,7 +117,8 @@ def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCyc
         def told(share: float, what: str, k: int = k) -> None:
             context.progress(0.05 + 0.85 * (k + share) / len(PATHS), what)
 
-        run = run_task(on_path(scenario, robot, path), robot, path, told).after(lead_in)
+        moved = on_path(scenario, robot, *task_path(robot, path))
+        run = run_task(moved, robot, path, told).between(motion.lead_in)
         runs[path] = run
         for variant in VARIANTS:
             if variant.path == path:

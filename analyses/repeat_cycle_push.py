@@ -64,7 +64,7 @@ def _notes(metrics: dict[str, Any]) -> list[str]:
         f"{metrics['reduction_max_y_pct']:.1f} % less); on the path found here by "
         f"{metrics['found']['rmse_y_n']:.2f} N "
         f"({metrics['found_against_initial']['reduction_rmse_y_pct']:.1f} % less than on the "
-        "initial one). The article's figures are after removing abnormal points, ours are over all.",
+        "initial one). The article's figures leave abnormal points out, ours are over all.",
         "The hand pushes for 6 s and pauses for 4 s, a random force of 15 N standard deviation per "
         "axis with nothing above 3 Hz, and 0.3 N m; the same push on every path.",
         "A hand is faster than K_0 = 20 follows: the low-pass that takes the noise away "

@@ -73,16 +73,27 @@ class TaskRun:
         wrench = self.wrench_true if self.ft_wrench is None else self.ft_wrench
         return wrench[:, 3:]
 
-    def after(self, rows: int) -> "TaskRun":
-        """The run without its first rows."""
+    def between(self, start: float, end: float = np.inf) -> "TaskRun":
+        """The part of the run from `start` to `end`, s."""
+        first, last = np.searchsorted(self.recording.t, [start - 1e-9, end + 1e-9])
+        rows = slice(int(first), int(last))
         return replace(
             self,
-            recording=self.recording[rows:],
-            wrench_true=self.wrench_true[rows:],
-            ft_wrench=None if self.ft_wrench is None else self.ft_wrench[rows:],
-            tau_f_true=self.tau_f_true[rows:],
-            condition_number=self.condition_number[rows:],
+            recording=self.recording[rows],
+            wrench_true=self.wrench_true[rows],
+            ft_wrench=None if self.ft_wrench is None else self.ft_wrench[rows],
+            tau_f_true=self.tau_f_true[rows],
+            condition_number=self.condition_number[rows],
         )
+
+
+def uniform_motion(motion: LineMotion) -> tuple[float, float]:
+    """From when to when, s, the arm moves evenly on its one pass: between the ramps.
+
+    At rest before it, dry friction holds whatever it likes, which no law of it can say.
+    """
+    ramp = motion.ramp * motion.one_way
+    return motion.start + ramp, motion.start + motion.one_way - ramp
 
 
 def task_path(robot: Robot, name: str) -> tuple[StraightPath, Array]:
@@ -94,11 +105,14 @@ def task_path(robot: Robot, name: str) -> tuple[StraightPath, Array]:
     return INITIAL_PATH, INITIAL_POSTURE
 
 
-def on_path(scenario: Scenario, robot: Robot, name: str) -> Scenario:
-    """The scenario's line motion, moved to another path; its times stay."""
+def on_path(scenario: Scenario, robot: Robot, path: StraightPath, posture: Array) -> Scenario:
+    """The scenario's line motion, moved to a path; its times stay.
+
+    Args:
+        posture: (n,) at the path's midpoint, names the branch.
+    """
     if not isinstance(scenario.motion, LineMotion):
         raise ValueError("the scenario has no line to move")
-    path, posture = task_path(robot, name)
     motion = replace(
         scenario.motion,
         n_W=path.n_W.tolist(),
@@ -164,9 +178,7 @@ def run_task(
     if scenario.force_torque_sensor is not None:
         wanted.append("ft_wrench")
     nominal = IdentifiedModel.nominal(robot)
-    loop = make_closed_loop(
-        scenario, robot, nominal, also_log=("tau_f_true",), log_only=wanted
-    )
+    loop = make_closed_loop(scenario, robot, nominal, also_log=("tau_f_true",), log_only=wanted)
     simulator = Simulator(loop.diagram)
     simulator.Initialize()
     count = max(1, round(scenario.duration / _STRETCH))
@@ -200,12 +212,10 @@ def read_run(name: str, run: TaskRun, estimator: WrenchEstimator) -> ForceReadin
     force, sd = np.empty((2, recording.num_samples, 3))
     for start in range(0, recording.num_samples, _BLOCK):
         rows = slice(start, start + _BLOCK)
-        part = estimator.run(
-            state, recording.q[rows], recording.v[rows], recording.current[rows]
-        )
+        part = estimator.run(state, recording.q[rows], recording.v[rows], recording.current[rows])
         force[rows] = part.wrench[:, 3:]
         sd[rows] = part.standard_deviation[:, 3:]
-    settled = recording.t >= 3.0 / float(estimator.observer.K_0.min())
+    settled = recording.t - recording.t[0] >= 3.0 / float(estimator.observer.K_0.min())
     return ForceReading(
         name,
         recording.t[settled],

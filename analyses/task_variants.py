@@ -90,9 +90,7 @@ def lag_alone(run: TaskRun, gain: float = K_0) -> dict[str, Any]:
 
 def _without_band(metrics: dict[str, Any]) -> dict[str, Any]:
     return {
-        key: value
-        for key, value in metrics.items()
-        if not key.startswith(("share", "mean_sd"))
+        key: value for key, value in metrics.items() if not key.startswith(("share", "mean_sd"))
     }
 
 

@@ -199,7 +199,9 @@ def _check(segment: WrenchSegment, index: int, source: str) -> None:
         positive.append("frequency")
     elif isinstance(segment, HandPush):
         positive += ["bandwidth", "fade"]
-        if not (np.isfinite(segment.each + segment.pause) and min(segment.each, segment.pause) >= 0):
+        if not (
+            np.isfinite(segment.each + segment.pause) and min(segment.each, segment.pause) >= 0
+        ):
             times = f"each is {segment.each}, pause {segment.pause}"
             raise InputError(source, place, f"{times}, expected zero or more", "correct it")
     for name in positive:
