@@ -57,6 +57,7 @@ SCENARIO = "RepeatCycle"
 ONE_WAY_QUICK = 5.0  # s
 K_0 = 20.0  # 1/s
 BEFORE, AFTER = "initial", "optimised"  # the article's two variants
+OURS = "found_bayesian"
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ VARIANTS = (
     Variant("optimised_filtered", "optimised path, K$_0$ = 20", "optimised", K_0, "inverse"),
     Variant("optimised_bayesian", "+ bayesian", "optimised", K_0, "bayesian"),
     Variant("optimised_force_only", "or force_only", "optimised", K_0, "force_only"),
-    Variant("found_bayesian", "bayesian, path found here", "found", K_0, "bayesian"),
+    Variant(OURS, "bayesian, path found here", "found", K_0, "bayesian"),
 )
 
 
@@ -143,7 +144,7 @@ def cycle_metrics(cycles: RepeatedCycles) -> dict[str, Any]:
     before, after = metrics[BEFORE], metrics[AFTER]
     metrics["found_against_initial"] = reductions(before, metrics["found"])
     metrics["filtered"] = reductions(metrics["initial_filtered"], metrics["optimised_filtered"])
-    metrics["ours_against_article"] = reductions(after, metrics["found_bayesian"])
+    metrics["ours_against_article"] = reductions(after, metrics[OURS])
     metrics["torque_sd_nm"] = cycles.torque_sd
     return {**reductions(before, after), **metrics}
 
@@ -195,7 +196,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
 
 
 def _notes(metrics: dict[str, Any]) -> list[str]:
-    before, after, ours = (metrics[key] for key in (BEFORE, AFTER, "found_bayesian"))
+    before, after, ours = (metrics[key] for key in (BEFORE, AFTER, OURS))
     laws = metrics["noise_by_time_law"]
 
     def law(name: str) -> str:
@@ -295,7 +296,7 @@ def torque_figure(cycles: RepeatedCycles) -> "Figure":
 
 def force_figure(cycles: RepeatedCycles, k: int, with_reference: bool, limit: float) -> "Figure":
     """Force along axis k before and after the optimisation (the article's Figs. 16 and 17)."""
-    shown = (BEFORE, AFTER, "found_bayesian")
+    shown = (BEFORE, AFTER, OURS)
     figure, axes = new_figure(len(shown), 1, height=2.3 * len(shown) + 0.6, share_x=True)
     for panel, key, colour in zip(
         axes[:, 0], shown, (COLOUR["before"], COLOUR["after"], COLOUR["estimate"]), strict=True
@@ -304,10 +305,11 @@ def force_figure(cycles: RepeatedCycles, k: int, with_reference: bool, limit: fl
         draw_signal(panel, reading.t, reading.force[:, k], colour, "read")
         if with_reference:
             draw_signal(panel, reading.t, reading.reference[:, k], COLOUR["truth"], "sensor")
-        draw_band(panel, reading, k, SERIES[3])
+        draw_band(panel, reading, k)
         panel.set_title(reading.name.removeprefix("+ "))
         panel.set_ylabel(f"force f{AXES[k]} [N]")
-        panel.set_ylim(-limit, limit)
+        if with_reference or key != OURS:
+            panel.set_ylim(-limit, limit)
         panel.legend(loc="upper center", ncols=3)
     axes[-1, 0].set_xlabel("time in the second cycle [s]")
     return figure

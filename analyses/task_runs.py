@@ -37,7 +37,7 @@ from models.paths import StraightPath
 from models.recording import Recording
 from models.robot import Robot
 from models.wrench import WrenchReconstruction
-from models.wrench_script import HandPush
+from models.wrench_script import HandPush, WrenchSegment
 
 Array = NDArray[np.float64]
 ProgressCallback = Callable[[float, str], None]
@@ -141,7 +141,7 @@ def task_scenario(name: str, seed: int, one_way: float | None = None) -> Scenari
     assert isinstance(motion, LineMotion)
     share = one_way / motion.one_way
     lead_in = min(motion.lead_in, 0.5 * one_way)
-    pushes = [
+    pushes: list[WrenchSegment] = [
         replace(
             push,
             start=lead_in + share * (push.start - motion.lead_in),

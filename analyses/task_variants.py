@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from analyses.arm_models import ArmModels
-from analyses.figures import COLOUR, SERIES, new_figure
+from analyses.figures import COLOUR, new_figure
 from analyses.force_errors import AXES, ForceReading, draw_band, draw_signal, force_metrics
 from analyses.task_runs import TaskRun, read_run
 from models.estimator import WrenchEstimator, WrenchEstimatorConfig
@@ -102,7 +102,7 @@ def axes_figure(reading: ForceReading, title: str, colour: str, limits: Array) -
     """
     figure, axes = new_figure(3, 1, height=6.6, share_x=True)
     for k, panel in enumerate(axes[:, 0]):
-        draw_band(panel, reading, k, SERIES[3])
+        draw_band(panel, reading, k)
         draw_signal(panel, reading.t, reading.force[:, k], colour, "read")
         draw_signal(panel, reading.t, reading.reference[:, k], COLOUR["truth"], "sensor")
         panel.set_ylim(-limits[k], limits[k])
