@@ -257,7 +257,8 @@ def _figures(
                 [variant.label for variant in VARIANTS],
                 "Pushed by hand along the path: one change per row",
             ),
-            "Errors of every variant. Grey: where the share inside an honest 95 % band lies.",
+            "Errors of every variant. A row with + changes the row above it; indented, the row "
+            "+ bayesian. Grey: where the share inside an honest 95 % band lies.",
         ),
     ):
         save_figure(figure, context.out / folder / f"{stem}.png")

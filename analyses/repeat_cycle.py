@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analyses.arm_models import repetition_covariances
+from analyses.constant_wrench import branch_start
 from analyses.experiment import (
     ComparisonRow,
     Experiment,
@@ -160,16 +161,15 @@ def noise_by_time_law(robot: Robot, torque_sd: Array) -> dict[str, Any]:
         "thirds": thirds,
         "uniform_acceleration": uniform_acceleration,
     }
+    u, even = np.linspace(0.0, 1.0, 4001), np.linspace(0.0, 1.0, 501)
     rms: dict[str, dict[str, float]] = {name: {} for name in laws}
     for path_name in ("initial", "optimised"):
         path, posture = task_path(robot, path_name)
-        middle = np.linspace(0.5, 0.0, 51)
-        start = follow_path(robot, *path.poses(middle), posture)[-1]
+        q = follow_path(robot, *path.poses(even), branch_start(robot, path, posture))
+        gain = np.linalg.inv(np.swapaxes(robot.chain.jacobian(q), 1, 2))[:, 4]
+        variance = gain**2 @ torque_sd**2
         for name, law in laws.items():
-            s = law(np.linspace(0.0, 1.0, 1001)).s
-            J = robot.chain.jacobian(follow_path(robot, *path.poses(s), start))
-            gain = np.linalg.inv(np.swapaxes(J, 1, 2))[:, 4]
-            rms[name][path_name] = float(np.sqrt(np.mean(gain**2 @ torque_sd**2)))
+            rms[name][path_name] = float(np.sqrt(np.interp(law(u).s, even, variance).mean()))
     return {
         name: {
             "initial_rmse_y_n": own["initial"],

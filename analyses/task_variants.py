@@ -83,9 +83,19 @@ def known_friction(models: ArmModels, run: TaskRun, gain: float = K_0) -> dict[s
 
 def lag_alone(run: TaskRun, gain: float = K_0) -> dict[str, Any]:
     """Errors of the true force behind K_0 / (s + K_0): what an observer cannot do better."""
-    pole = float(np.exp(-gain * run.recording.time_step))
-    force = lfilter([1.0 - pole], [1.0, -pole], run.wrench_true[:, 3:], axis=0)
+    force = _lagged(run, gain)
     return _without_band(force_metrics(force, np.zeros_like(force), run.reference))
+
+
+def against_lagged(reading: ForceReading, run: TaskRun, gain: float = K_0) -> dict[str, Any]:
+    """Errors of a reading with this gain against the true force behind K_0 / (s + K_0)."""
+    rows = np.searchsorted(run.recording.t, reading.t)
+    return _without_band(force_metrics(reading.force, reading.sd, _lagged(run, gain)[rows]))
+
+
+def _lagged(run: TaskRun, gain: float) -> Array:
+    pole = float(np.exp(-gain * run.recording.time_step))
+    return np.asarray(lfilter([1.0 - pole], [1.0, -pole], run.wrench_true[:, 3:], axis=0))
 
 
 def _without_band(metrics: dict[str, Any]) -> dict[str, Any]:

@@ -42,7 +42,7 @@ def test_the_articles_paths_have_its_condition_numbers(robot):
         trajectory = make_trajectory(on_path(scenario, robot, *task_path(robot, name)), robot)
         jcn = robot.chain.condition_number(trajectory.q)
         assert jcn.max() == pytest.approx(largest[name], abs=2e-3)
-        R_WE, p_WE = robot.chain.pose(trajectory.q[[0, -1]])
+        _, p_WE = robot.chain.pose(trajectory.q[[0, -1]])
         assert np.linalg.norm(p_WE[1] - p_WE[0]) == pytest.approx(1.0, abs=1e-6)
 
 

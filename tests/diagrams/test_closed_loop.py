@@ -180,3 +180,16 @@ def test_damping_that_would_chatter_is_refused(robot):
 def test_a_model_of_another_robot_is_refused(robot):
     with pytest.raises(InputError, match="ur10e"):
         make_closed_loop(QUIET, robot, IdentifiedModel.nominal(Robot.load("ur10e")))
+
+
+def test_what_is_not_logged_changes_nothing_of_what_is(robot):
+    scenario = replace(load_scenario("Default"), duration=0.1)
+    _, everything = run(scenario, robot)
+    wanted = ("current", "q")
+    loop = make_closed_loop(scenario, robot, IdentifiedModel.nominal(robot), log_only=wanted)
+    simulator = Simulator(loop.diagram)
+    simulator.AdvanceTo(scenario.duration)
+    _, signals = loop.logged(simulator.get_context())
+    assert tuple(signals) == wanted
+    for name in wanted:
+        np.testing.assert_array_equal(signals[name], everything[name])

@@ -184,3 +184,31 @@ def test_a_fourier_motion_is_its_series_over_whole_periods(robot):
     np.testing.assert_allclose(trajectory.sample(t)[0] - robot.home, expected, atol=1e-9)
     with pytest.raises(InputError, match="6 joints"):
         make_trajectory(Scenario(motion=FourierMotion(0.5, [0.0], [[0.1]], [[0.1]])), robot)
+
+
+def test_a_lead_in_is_the_end_of_a_way_back(robot):
+    motion = LineMotion(path_length=0.1, one_way=2.0, passes=3, start=0.5)
+    plain = make_trajectory(Scenario(motion=motion), robot)
+    led = make_trajectory(Scenario(motion=replace(motion, lead_in=1.5)), robot)
+    assert led.duration == pytest.approx(plain.duration + 1.5)
+    t = np.linspace(0.6, 6.4, 30)
+    for x, y in zip(led.sample(t + 1.5), plain.sample(t), strict=True):
+        np.testing.assert_allclose(x, y, atol=1e-9)
+    # Before: the last 1.5 s of the second pass.
+    np.testing.assert_allclose(led.sample(1.0)[0], plain.sample(0.5 + 4.0 - 1.0)[0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"lead_in": 3.0}, "lead_in"),
+        ({"lead_in": -1.0}, "lead_in"),
+        ({"lead_in": 1.0, "passes": 1}, "lead_in"),
+        ({"ramp": 0.0}, "ramp"),
+        ({"ramp": 0.7}, "ramp"),
+    ],
+)
+def test_a_line_that_cannot_be_timed_is_refused(robot, changes, words):
+    motion = replace(LineMotion(path_length=0.1, one_way=2.0), **changes)
+    with pytest.raises(InputError, match=words):
+        make_trajectory(Scenario(motion=motion), robot)

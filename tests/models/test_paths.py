@@ -8,6 +8,7 @@ from models.paths import (
     TimeLaw,
     constant_speed,
     joint_trajectory,
+    steady_speed,
     there_and_back,
     thirds,
     uniform_acceleration,
@@ -21,8 +22,15 @@ PATH = StraightPath(
     path_length=0.6,
     num_segments=4,
 )
-LAWS = [uniform_acceleration, thirds, constant_speed, there_and_back(thirds)]
-LAW_NAMES = ["uniform", "thirds", "constant", "back"]
+LAWS = [
+    uniform_acceleration,
+    thirds,
+    constant_speed,
+    there_and_back(thirds),
+    steady_speed(0.02),
+    steady_speed(0.5),
+]
+LAW_NAMES = ["uniform", "thirds", "constant", "back", "short ramps", "half"]
 
 
 def test_points_are_those_of_equation_24() -> None:
@@ -68,7 +76,7 @@ def test_a_law_runs_from_end_to_end_and_its_derivatives_are_its_own(law: TimeLaw
     # Central differences, away from the corners of the acceleration; h is 1e-6.
     h = 1e-6
     inner = (u > 2 * h) & (u < 1 - 2 * h)
-    for corner in (0.1, 1 / 6, 1 / 3, 0.5, 2 / 3, 5 / 6, 0.9):
+    for corner in (0.02, 0.98, 0.1, 1 / 6, 1 / 3, 0.5, 2 / 3, 5 / 6, 0.9):
         inner &= np.abs(u - corner) > 2 * h
     before, after = law(u[inner] - h), law(u[inner] + h)
     np.testing.assert_allclose((after.s - before.s) / (2 * h), ds[inner], atol=1e-6)
@@ -173,3 +181,14 @@ def test_the_joints_take_the_tool_along_the_path() -> None:
     np.testing.assert_allclose(
         (ahead - behind)[inner] / (2 * h), vdot[inner], atol=2e-3 * np.max(np.abs(vdot))
     )
+
+
+def test_a_steady_speed_has_the_ramps_that_are_asked_for():
+    law = steady_speed(0.02)
+    np.testing.assert_allclose(law(np.linspace(0.02, 0.98, 9)).ds_du, 1 / 0.98)
+    assert law(np.array([0.019])).ds_du[0] < 1 / 0.98
+    u = np.linspace(0.0, 1.0, 101)
+    np.testing.assert_array_equal(steady_speed(0.1)(u).s, constant_speed(u).s)
+    for ramp in (0.0, 0.6):
+        with pytest.raises(ValueError, match="ramp"):
+            steady_speed(ramp)

@@ -47,6 +47,20 @@ def test_hand_push_keeps_its_band_its_size_and_its_seed():
     assert x[0, 3] == 0  # faded in
 
 
+def test_pushes_with_pauses_are_a_single_push_that_is_gated():
+    pushes = {"start": 1.0, "duration": 11.0, "force": [5.0, 0.0, 0.0], "fade": 0.5}
+    t = np.arange(0.0, 13.0, 0.01)
+    whole = WrenchScript([HandPush(**pushes)]).sample_many(t)[:, 3]
+    parts = WrenchScript([HandPush(**pushes, each=3.0, pause=2.0)]).sample_many(t)[:, 3]
+    since = (t - 1.0) % 5.0
+    acts = (t > 1.0) & (t < 12.0) & (since < 3.0)
+    assert not parts[~acts].any()
+    inner = acts & (since > 0.5) & (since < 2.5) & (t > 1.5) & (t < 11.5)
+    np.testing.assert_array_equal(parts[inner], whole[inner])
+    # Cut off at the end of the duration, faded there as well; no step anywhere.
+    assert np.abs(np.diff(parts)).max() < 2.0 * np.abs(np.diff(whole)).max()
+
+
 def test_hand_push_axes_differ():
     x = WrenchScript([HandPush(force=[1.0, 1.0, 1.0])]).sample_many(np.arange(1, 4, 0.01))
     assert abs(np.corrcoef(x[:, 3], x[:, 4])[0, 1]) < 0.9
@@ -62,6 +76,7 @@ def test_hand_push_axes_differ():
         (WrenchSine(frequency=0.0), "frequency"),
         (HandPush(bandwidth=float("inf")), "bandwidth"),
         (HandPush(start=float("nan")), "start"),
+        (HandPush(each=1.0, pause=-1.0), "pause"),
     ],
 )
 def test_bad_segment_is_one_line(segment, words):

@@ -1,0 +1,128 @@
+"""The four experiments of force estimation, each in a tiny run: whole results, repeatable ones.
+
+Times are cut to a second and the identification to a known model: what is tested is what is made of
+the runs. That the article's figures come out is what the studies themselves show.
+"""
+
+import numpy as np
+import pytest
+
+from analyses import combined, friction_estimate, repeat_cycle, repeat_cycle_push
+from analyses.arm_models import LAWS, ArmModels
+from analyses.experiment import ExperimentContext
+from analyses.outcome import look_up
+from analyses.outputs import json_text, plain_metrics
+from analyses.simulation import known_model
+from analyses.study import EXPERIMENTS
+from analyses.task_runs import run_task, task_path, task_scenario
+
+MODULES = {
+    module.EXPERIMENT.name: module
+    for module in (repeat_cycle, repeat_cycle_push, friction_estimate, combined)
+}
+
+
+def known_arm(robot, seed=0, quick=False, progress=None):
+    """Models without an identification: what a Coulomb-viscous law can know at best."""
+    scenario = task_scenario("Combined", seed, one_way=1.0)
+    model = known_model(robot, scenario)
+    held_out = run_task(task_scenario("RepeatCycle", seed, one_way=0.3), robot).recording
+    return ArmModels(robot, dict.fromkeys(LAWS, model), (held_out,))
+
+
+def sigma(robot, gains, seed=0, progress=None):
+    return [np.diag(robot.torque_per_ampere * robot.current_noise_sd) ** 2 for _ in gains]
+
+
+def run_small(name, out, monkeypatch):
+    module = MODULES[name]
+    if name.startswith("repeat-cycle"):
+        monkeypatch.setattr(repeat_cycle, "ONE_WAY_QUICK", 0.8)
+        monkeypatch.setattr(repeat_cycle, "task_path", known_path)
+        monkeypatch.setattr(repeat_cycle, "repetition_covariances", sigma)
+    else:
+        monkeypatch.setattr(module, "ONE_WAY_QUICK", 0.8)
+        monkeypatch.setattr(module, "identify_arm", known_arm)
+        if name == "combined":
+            monkeypatch.setattr(module, "task_path", known_path)
+            monkeypatch.setattr(module, "found_path", lambda *_: known_path(None, "optimised"))
+    return module.run(ExperimentContext(out=out, data=out, quick=True))
+
+
+def known_path(robot, name):
+    """No search for a path: its tests are elsewhere."""
+    return task_path(robot, "optimised" if name == "found" else name)
+
+
+# Pushed cycles share all but figures and notes with those that are not.
+CASES = ["combined", "friction", "repeat-cycle"]
+CASES.append(pytest.param("repeat-cycle-push", marks=pytest.mark.slow))
+
+
+@pytest.fixture(scope="module", params=CASES)
+def result(request, tmp_path_factory):
+    out = tmp_path_factory.mktemp(request.param)
+    with pytest.MonkeyPatch.context() as patch:
+        return request.param, run_small(request.param, out, patch), out
+
+
+def test_the_study_knows_it_and_its_figures_exist(result):
+    name, found, out = result
+    assert EXPERIMENTS[name] == MODULES[name].__name__
+    assert found.figures
+    for figure in found.figures:
+        assert (out / figure.path).stat().st_size > 10_000
+    assert all(note.strip() for note in found.notes)
+
+
+def test_every_row_of_the_comparison_is_a_finite_metric(result):
+    _, found, _ = result
+    metrics = plain_metrics(found.metrics)
+    for row in found.comparison:
+        assert np.isfinite(look_up(metrics, row.key)), row.key
+
+
+def test_reductions_are_those_of_the_articles_two_variants(result):
+    name, found, _ = result
+    keys = (
+        ("coulomb_viscous", "semi_parametric") if name == "friction" else ("initial", "optimised")
+    )
+    before, after = (found.metrics[key] for key in keys)
+    for axis in "xyz":
+        expected = 100.0 * (1.0 - after[f"rmse_{axis}_n"] / before[f"rmse_{axis}_n"])
+        # The known model's laws are one: nothing falls there, and 0 is compared with 0.
+        assert found.metrics[f"reduction_rmse_{axis}_pct"] == pytest.approx(expected, abs=1e-9)
+
+
+def test_every_variant_states_how_often_its_bands_hold(result):
+    name, found, _ = result
+    for variant in MODULES[name].VARIANTS:
+        own = found.metrics[variant.key]
+        for axis in "xyz":
+            assert 0.0 <= own[f"share_in_68_band_{axis}"] <= own[f"share_in_95_band_{axis}"] <= 1.0
+            assert (f"correlation_{axis}" in own) == (name != "repeat-cycle")
+
+
+def test_the_error_is_the_initial_paths_and_the_low_pass_takes_noise_away(result):
+    name, found, _ = result
+    if name == "repeat-cycle":
+        metrics = found.metrics
+        assert metrics["initial"]["max_error_y_n"] > metrics["optimised"]["max_error_y_n"]
+        assert metrics["initial_filtered"]["rmse_y_n"] < metrics["initial"]["rmse_y_n"]
+
+
+@pytest.mark.slow
+def test_the_same_seed_gives_the_same_bytes(result, tmp_path, monkeypatch):
+    name, found, _ = result
+    again = run_small(name, tmp_path, monkeypatch)
+    assert json_text(plain_metrics(found.metrics)) == json_text(plain_metrics(again.metrics))
+
+
+def test_noise_by_time_law_grows_with_the_time_at_the_paths_ends():
+    from models.robot import Robot
+
+    robot = Robot.load("sts_sre4_600")
+    table = repeat_cycle.noise_by_time_law(robot, np.ones(6))
+    order = ("ramps_of_half_a_percent", "ramps_of_a_tenth", "thirds", "uniform_acceleration")
+    reductions = [table[name]["reduction_rmse_y_pct"] for name in order]
+    assert sorted(reductions) == reductions
