@@ -57,11 +57,13 @@ VARIANTS = (
     EstimatorVariant("optimised_coulomb_viscous", "or optimised path", "optimised", CV),
     EstimatorVariant(AFTER, "article: both", "optimised", SP),
     EstimatorVariant("faster", f"+ K$_0$ = {FAST:g}", "optimised", SP, "inverse", FAST),
-    EstimatorVariant("bayesian", "+ bayesian", "optimised", SP, "bayesian", FAST),
-    EstimatorVariant("force_only", "   or force_only", "optimised", SP, "force_only", FAST),
-    EstimatorVariant("presliding", "   or presliding", "optimised", "presliding", "bayesian", FAST),
-    EstimatorVariant("least_jcn", "   + path of least JCN", "found", SP, "bayesian", FAST),
-    EstimatorVariant(OURS, "   + path of least force sd", "placed", SP, "bayesian", FAST),
+    EstimatorVariant("bayesian", "+ bayesian (B)", "optimised", SP, "bayesian", FAST),
+    EstimatorVariant(
+        "force_only", "B with force_only instead", "optimised", SP, "force_only", FAST
+    ),
+    EstimatorVariant("presliding", "B, presliding", "optimised", "presliding", "bayesian", FAST),
+    EstimatorVariant("least_jcn", "B, path of least JCN", "found", SP, "bayesian", FAST),
+    EstimatorVariant(OURS, "B, path of least force sd: ours", "placed", SP, "bayesian", FAST),
 )
 
 
@@ -257,8 +259,8 @@ def _figures(
                 [variant.label for variant in VARIANTS],
                 "Pushed by hand along the path: one change per row",
             ),
-            "Errors of every variant. A row with + changes the row above it; indented, the row "
-            "+ bayesian. Grey: where the share inside an honest 95 % band lies.",
+            "Errors of every variant. A row with + changes the row above it, one with B the row "
+            "marked (B). Grey: where the share inside an honest 95 % band lies.",
         ),
     ):
         save_figure(figure, context.out / folder / f"{stem}.png")

@@ -75,12 +75,20 @@ class Variant:
 VARIANTS = (
     Variant(BEFORE, "article: initial path", "initial", None, "inverse"),
     Variant(AFTER, "article: optimised path", "optimised", None, "inverse"),
-    Variant("found", "+ path found here", "found", None, "inverse"),
+    Variant("found", "path found here", "found", None, "inverse"),
     Variant("initial_filtered", "initial path, K$_0$ = 20", "initial", K_0, "inverse"),
     Variant("optimised_filtered", "optimised path, K$_0$ = 20", "optimised", K_0, "inverse"),
-    Variant("optimised_bayesian", "+ bayesian", "optimised", K_0, "bayesian"),
-    Variant("optimised_force_only", "or force_only", "optimised", K_0, "force_only"),
-    Variant(OURS, "bayesian, path found here", "found", K_0, "bayesian"),
+    Variant(
+        "optimised_bayesian", "optimised path, K$_0$ = 20, bayesian", "optimised", K_0, "bayesian"
+    ),
+    Variant(
+        "optimised_force_only",
+        "optimised path, K$_0$ = 20, force_only",
+        "optimised",
+        K_0,
+        "force_only",
+    ),
+    Variant(OURS, "path found here, K$_0$ = 20, bayesian", "found", K_0, "bayesian"),
 )
 
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 K_0 = 20.0  # 1/s, the article's
-FAST = 60.0  # 1/s, ours: follows a hand of 3 Hz; the noise of eq. 22 stays below 1 N
+FAST = 60.0  # 1/s, ours: follows a hand of 3 Hz; the currents' noise then costs tenths of a newton
 
 
 @dataclass(frozen=True)
