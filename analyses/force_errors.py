@@ -50,6 +50,17 @@ class ForceReading:
         """(T, 3) N, reading minus reference."""
         return np.asarray(self.force - self.reference)
 
+    def part(self, rows: slice | NDArray[np.bool_]) -> "ForceReading":
+        """Some of its rows."""
+        return ForceReading(
+            self.name,
+            self.t[rows],
+            self.force[rows],
+            self.sd[rows],
+            self.reference[rows],
+            self.condition_number[rows],
+        )
+
     def metrics(self) -> dict[str, Any]:
         """One number per axis and figure; correlation only where the reference varies."""
         return force_metrics(self.force, self.sd, self.reference)

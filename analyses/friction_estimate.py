@@ -72,14 +72,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     middle = 0.5 * motion.one_way
     for key, own in readings.items():
         near = np.abs(own.t - middle) <= NEAR * motion.one_way
-        part = ForceReading(
-            own.name,
-            own.t[near],
-            own.force[near],
-            own.sd[near],
-            own.reference[near],
-            own.condition_number[near],
-        ).metrics()
+        part = own.part(near).metrics()
         metrics[key]["near_reversal"] = {
             name: value for name, value in part.items() if name.startswith(("rmse", "max"))
         }

@@ -314,7 +314,7 @@ def force_figure(cycles: RepeatedCycles, k: int, with_reference: bool, limit: fl
         if with_reference:
             draw_signal(panel, reading.t, reading.reference[:, k], COLOUR["truth"], "sensor")
         draw_band(panel, reading, k)
-        panel.set_title(reading.name.removeprefix("+ "))
+        panel.set_title(reading.name)
         panel.set_ylabel(f"force f{AXES[k]} [N]")
         if with_reference or key != OURS:
             panel.set_ylim(-limit, limit)

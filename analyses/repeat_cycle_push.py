@@ -5,7 +5,9 @@ are held against a force/torque sensor with noise of its own, low-passed at 18 H
 """
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from analyses.experiment import (
     ComparisonRow,
@@ -14,11 +16,12 @@ from analyses.experiment import (
     ExperimentResult,
     FigureFile,
 )
-from analyses.figures import save_figure
-from analyses.force_errors import force_metrics, variants_figure
+from analyses.figures import COLOUR, new_figure, save_figure
+from analyses.force_errors import draw_signal, force_metrics, variants_figure
 from analyses.repeat_cycle import (
     AFTER,
     BEFORE,
+    OURS,
     VARIANTS,
     RepeatedCycles,
     cycle_metrics,
@@ -26,6 +29,9 @@ from analyses.repeat_cycle import (
     repeat_cycles,
 )
 from analyses.task_runs import PATHS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SCENARIO = "RepeatCyclePush"
 
@@ -55,7 +61,7 @@ def _sensor(cycles: RepeatedCycles) -> dict[str, Any]:
 
 
 def _notes(metrics: dict[str, Any]) -> list[str]:
-    before, after, ours = (metrics[key] for key in (BEFORE, AFTER, "found_bayesian"))
+    before, after, ours = (metrics[key] for key in (BEFORE, AFTER, OURS))
     filtered = metrics["optimised_filtered"]
     return [
         f"With a hand pushing, eq. 4 on raw torques errs in Y by {before['rmse_y_n']:.2f} N RMS on "
@@ -121,6 +127,35 @@ def _comparison() -> list[ComparisonRow]:
     ]
 
 
+def close_figure(cycles: RepeatedCycles) -> "Figure":
+    """Some seconds at the path's end and in its middle: what pushes look like in each reading."""
+    shown = (
+        (BEFORE, COLOUR["before"]),
+        (AFTER, COLOUR["after"]),
+        (OURS, COLOUR["estimate"]),
+    )
+    figure, axes = new_figure(len(shown), 2, height=7.0, share_y=True)
+    for row, (key, colour) in enumerate(shown):
+        reading = cycles.readings[key]
+        length = float(reading.t[-1])
+        width = max(0.03 * length, 2.0)
+        for panel, at, where in (
+            (axes[row, 0], 0.5 * length, "at the path's end"),
+            (axes[row, 1], 0.25 * length, "in its middle"),
+        ):
+            rows = slice(*np.searchsorted(reading.t, [at - 0.5 * width, at + 0.5 * width]))
+            part = reading.part(rows)
+            draw_signal(panel, part.t, part.force[:, 1], colour, "read", alpha=0.8)
+            panel.plot(part.t, part.reference[:, 1], color=COLOUR["truth"], label="sensor")
+            panel.set_title(f"{reading.name}:\n{where}", fontsize=8.5)
+            panel.set_ylim(-60.0, 60.0)
+        axes[row, 0].set_ylabel("force fy [N]")
+        axes[row, 0].legend(loc="lower left", ncols=2)
+    for panel in axes[-1]:
+        panel.set_xlabel("time in the second cycle [s]")
+    return figure
+
+
 def _figures(
     context: ExperimentContext, cycles: RepeatedCycles, metrics: dict[str, Any]
 ) -> list[FigureFile]:
@@ -132,6 +167,12 @@ def _figures(
             force_figure(cycles, 1, True, 1.1 * metrics[BEFORE]["max_error_y_n"]),
             "Force in Y read in the second cycle and the sensor's (Fig. 17). On the initial path "
             "the push is drowned where the arm is near the path's ends (0, 200 and 400 s).",
+        ),
+        (
+            "force-y-close",
+            close_figure(cycles),
+            "The same, some seconds of it: at the path's end, where the initial path is bad, and "
+            "in the middle.",
         ),
         (
             "variants",
