@@ -122,7 +122,9 @@ def test_noise_by_time_law_grows_with_the_time_at_the_paths_ends():
     from models.robot import Robot
 
     robot = Robot.load("sts_sre4_600")
-    table = repeat_cycle.noise_by_time_law(robot, np.ones(6))
+    table = repeat_cycle.noise_alone(robot, np.ones(6))
     order = ("ramps_of_half_a_percent", "ramps_of_a_tenth", "thirds", "uniform_acceleration")
     reductions = [table[name]["reduction_rmse_y_pct"] for name in order]
     assert sorted(reductions) == reductions
+    # Independent errors: the joints' shares add up to all of it.
+    assert sum(table["one_joint_alone"]["share_of_initial_variance_pct"]) == pytest.approx(100.0)
