@@ -142,7 +142,7 @@ def _notes(metrics: dict[str, Any]) -> list[str]:
         "What is left between that and ours is what no law here contains, ripple over position and "
         f"load dependence. `presliding` does not help ({_three(metrics['presliding'])} N): dry "
         "friction of the simulated arm has no elastic creep, unlike the UR10e's.",
-        f"`force_only` ({_three(metrics['force_only'])} N) suffers from the same: it trusts the "
+        f"`force_only` ({_three(metrics['force_only'])} N) errs more: it trusts the "
         "light wrist joints most, and these hardly move on the article's paths (joint 4 rests on "
         "the optimised one), where a joint keeps back part of a push within its stiction.",
         f"The path of least mean condition number trades Z for X and Y "
