@@ -122,16 +122,23 @@ def draw_signal(axis: Any, t: Array, x: Array, colour: str, label: str, **style:
     axis.fill_between(at, low, high, color=colour, lw=0.6, label=label, **style)
 
 
-def draw_band(axis: Any, reading: ForceReading, k: int) -> None:
-    """Draws the stated 95 % band around the reference: where readings should lie."""
+def draw_band(axis: Any, reading: ForceReading, k: int, edges: bool = False) -> None:
+    """Draws the stated 95 % band around the reference: where readings should lie.
+
+    Args:
+        edges: on top, too, for a noisy reading of a quiet reference, which fills the band.
+    """
     at, _, sd = envelope(reading.t, reading.sd[:, k])
     _, low, high = envelope(reading.t, reading.reference[:, k])
     low, high = low - BAND_95 * sd, high + BAND_95 * sd
-    # Edges, too, and on top: a noisy reading fills the band.
-    axis.fill_between(at, low, high, color=SERIES[3], alpha=BAND_ALPHA, lw=0, zorder=0.9)
-    style = {"color": SERIES[3], "lw": 1.0, "zorder": 5}
-    axis.plot(at, low, label="stated 95 % band", **style)
-    axis.plot(at, high, **style)
+    label = "stated 95 % band"
+    if edges:
+        style = {"color": SERIES[3], "lw": 1.0, "zorder": 5}
+        axis.plot(at, low, label=label, **style)
+        axis.plot(at, high, **style)
+    else:
+        style = {"alpha": 2 * BAND_ALPHA, "lw": 0, "zorder": 0.9}
+        axis.fill_between(at, low, high, color=SERIES[3], label=label, **style)
 
 
 def variants_figure(

@@ -374,7 +374,7 @@ def force_figure(cycles: RepeatedCycles, k: int, with_reference: bool, limit: fl
         draw_signal(panel, reading.t, reading.force[:, k], colour, "read")
         if with_reference:
             draw_signal(panel, reading.t, reading.reference[:, k], COLOUR["truth"], "sensor")
-        draw_band(panel, reading, k)
+        draw_band(panel, reading, k, edges=not with_reference)
         panel.set_title(reading.name)
         panel.set_ylabel(f"force f{AXES[k]} [N]")
         if with_reference or key != OURS:
