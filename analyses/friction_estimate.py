@@ -1,4 +1,4 @@
-"""Experiment `friction`: forces read where joints turn round (section 4.6, Figs. 18 and 19).
+"""Experiment `friction`: forces read where joints turn round (section 4.6, Fig. 19).
 
 The arm goes along the initial path in 100 s while a hand pushes. By symmetry three joints turn
 round at the path's middle, near 50 s: friction there changes its sign, and with it any error of
@@ -243,6 +243,6 @@ def _figures(
 EXPERIMENT = Experiment(
     name="friction",
     title="Forces at the reversal of joints, by friction law",
-    section="4.6, Figs. 18-19",
+    section="4.6, Fig. 19",
     run=run,
 )
