@@ -8,8 +8,8 @@ import pytest
 from analyses.experiment import ExperimentContext
 from analyses.friction_laws import ARTICLE, EXPERIMENT, PLAIN, NearZero
 from analyses.identification import LAWS
+from analyses.outcome import look_up
 from analyses.outputs import plain_metrics
-from analyses.study import look_up
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 

@@ -7,8 +7,8 @@ import pytest
 
 from analyses.experiment import ExperimentContext
 from analyses.identification import LAWS
+from analyses.outcome import look_up
 from analyses.outputs import plain_metrics
-from analyses.study import look_up
 from analyses.ur10e_identification import EXPERIMENT, FOLDER
 from models.identified_model import IdentifiedModel
 from models.robot import Robot

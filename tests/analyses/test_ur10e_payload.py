@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from analyses.experiment import ExperimentContext
-from analyses.study import look_up
+from analyses.outcome import look_up
 from analyses.ur10e_payload import (
     EXPERIMENT,
     FOLDER,
