@@ -25,9 +25,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from models.base_parameters import BaseParameters, find_base_parameters
+from models.base_parameters import BaseParameters, find_base_parameters, independent_columns
 from models.friction_structure import LARGEST_LOAD, FrictionStructure
 from models.physical_consistency import fit_consistent
+from models.presliding_friction import slip_path
 from models.robot import Robot
 from models.serial_chain import SerialChain
 from models.torque_regression import (
@@ -38,6 +39,7 @@ from models.torque_regression import (
     parameter_prior,
     realisation,
     solve,
+    solve_values,
     split_terms,
 )
 
@@ -84,6 +86,39 @@ class Solution:
         return split_terms(self.x, [len(own) for own in self.structure.terms])
 
 
+class _LogColumns:
+    """The friction columns of one log, low-passed, at the rows of its regression.
+
+    Sweeps, passes and laws ask for the same columns again and again: all are kept, those of the
+    load term as long as the load stays the same array.
+    """
+
+    def __init__(self, motion: Motion, regression: RegressionRows) -> None:
+        self._motion = motion
+        self._regression = regression
+        self._rows: dict[tuple[str, int, tuple[float, ...]], Array] = {}
+        self._load: Array | None = None
+
+    def of(self, structure: FrictionStructure, load: Array | None) -> list[Array]:
+        """Columns (m, terms) per joint; the load (N, n) N m, None for zero."""
+        if load is None or load is not self._load:
+            self._rows = {key: rows for key, rows in self._rows.items() if key[0] != "load"}
+            self._load = load
+        keys = [
+            [(term, j, structure.column_shape(term, j)) for term in own]
+            for j, own in enumerate(structure.terms)
+        ]
+        missing = list(dict.fromkeys(key for own in keys for key in own if key not in self._rows))
+        if missing:
+            q, v = self._motion.q, self._motion.v
+            load = np.zeros_like(v) if load is None else load
+            z = slip_path(structure.displacement, q, v)
+            columns = [structure.column(term, j, z, v, load) for term, j, _ in missing]
+            (rows,) = self._regression.friction_rows([np.stack(columns, axis=1)])
+            self._rows.update(zip(missing, rows.T, strict=True))
+        return [np.stack([self._rows[key] for key in own], axis=1) for own in keys]
+
+
 @dataclass(frozen=True, eq=False)
 class FrictionFit:
     """Logs that one model is to explain.
@@ -94,10 +129,11 @@ class FrictionFit:
         regressions: of the same logs.
         num_passes: of weighted least squares.
         oversampling: rows per independent sample of the residual.
-        loss: "huber" or "squares", see `reweigh`.
+        loss: "huber" or "squares", see `reweighed`.
         selection: of `SELECTIONS`; the second takes the lowest held-out error, whatever the
             others' are.
         consistent: whether `fit` returns a robot that can exist (`models.physical_consistency`).
+        weights: per log (m, n), of the squared residuals; None for one.
     """
 
     robot: Robot
@@ -108,7 +144,8 @@ class FrictionFit:
     loss: str = "squares"
     consistent: bool = False
     selection: str = SELECTIONS[0]
-    _weights: dict[str, list[Array]] = field(default_factory=dict)
+    weights: Sequence[Array] | None = None
+    _kept: dict[int, _LogColumns] = field(default_factory=dict, repr=False)  # by log
 
     @cached_property
     def folds(self) -> list[list[tuple[int, slice]]]:
@@ -167,23 +204,23 @@ class FrictionFit:
         self, structure: FrictionStructure, loads: Sequence[Array] | None
     ) -> list[list[Array]]:
         """Friction columns per log and joint, low-passed, at the rows."""
-        if loads is None:
-            loads = [np.zeros_like(m.q) for m in self.motions]
+        for k in range(len(self._kept), len(self.regressions)):
+            self._kept[k] = _LogColumns(self.motions[k], self.regressions[k])
         return [
-            r.friction_rows(structure.columns(m.q, m.v, load))
-            for r, m, load in zip(self.regressions, self.motions, loads, strict=True)
+            self._kept[k].of(structure, None if loads is None else loads[k])
+            for k in range(len(self.regressions))
         ]
 
     def held_out(self, structure: FrictionStructure, loads: Sequence[Array]) -> Array:
         """Mean squared error (folds, n) in (N m)^2, each fold predicted by a fit of the others."""
         columns = self.columns(structure, loads)
         factors = self._fold_factors(columns, None)
-        base = self._base(structure, factors)
+        independent = independent_columns(np.vstack([f.regressor for f in factors]))
         squares = np.empty((len(factors), self.robot.num_joints))
         for k, own in enumerate(factors):
-            values = solve(factors[:k] + factors[k + 1 :], base, self.num_passes).values
+            values = solve_values(factors[:k] + factors[k + 1 :], independent, self.num_passes)
             for j, R in enumerate(own.R):
-                residual = R[:, -1] - R[:, base.independent] @ values
+                residual = R[:, -1] - R[:, independent] @ values
                 squares[k, j] = residual @ residual / own.num_rows
         return squares
 
@@ -253,7 +290,7 @@ class FrictionFit:
         return find_base_parameters(np.vstack([f.regressor for f in factors]), names)
 
     def _fold_factors(
-        self, columns: list[list[Array]], weights: list[Array] | None
+        self, columns: list[list[Array]], weights: Sequence[Array] | None
     ) -> list[TorqueFactors]:
         return [
             self.regressions[k].factors(columns[k], rows, None if weights is None else weights[k])
@@ -261,13 +298,10 @@ class FrictionFit:
             for k, rows in fold
         ]
 
-    @property
-    def weights(self) -> list[Array] | None:
-        """Per log (m, n) weights of the squared residuals, those of the last `reweigh`."""
-        return self._weights.get(self.loss)
+    def reweighed(self, structure: FrictionStructure) -> "FrictionFit":
+        """Returns the same fit with the weights that iteration with this structure finds.
 
-    def reweigh(self, structure: FrictionStructure) -> None:
-        """Finds `weights` by iteration with this structure: Huber's, min(1, HUBER s / |r|).
+        They are Huber's, min(1, HUBER s / |r|), and begin at the weights that this fit has.
 
         s is 1.4826 times the joint's median absolute residual. Huber's and not Tukey's loss: what
         no friction law explains at reversals lies far outside the bulk too, and Tukey's, which
@@ -275,19 +309,20 @@ class FrictionFit:
         costs a plain law 2 % of its held-out error, Huber's nothing).
         """
         if self.loss == "squares":
-            return
+            return self
+        found = self
         for _ in range(HUBER_PASSES):
-            solution = self.fit(structure)
-            columns = self.columns(solution.structure, self.loads(solution))
+            solution = found.fit(structure)
+            columns = found.columns(solution.structure, found.loads(solution))
             residuals = [
                 r.residual(own, solution.x)
                 for r, own in zip(self.regressions, columns, strict=True)
             ]
             scale = 1.4826 * np.median(np.abs(np.vstack(residuals)), axis=0)
             limit = HUBER * np.maximum(scale, 1e-9)
-            self._weights[self.loss] = [
-                np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-300)) for r in residuals
-            ]
+            weights = [np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-300)) for r in residuals]
+            found = replace(found, weights=weights)
+        return found
 
 
 def _with_shape(structure: FrictionStructure, key: str, value: Array) -> FrictionStructure:

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from analyses.friction_fit import SELECTIONS, FrictionFit, Motion, Solution
 from analyses.identification_checks import gain_ratios, payload_differences
 from analyses.outputs import OutputFolder
-from analyses.shared_results import shared
+from analyses.shared_results import digest, shared
 from models.base_parameters import BaseParameters
 from models.configuration import nearest
 from models.friction_structure import STRUCTURES, FrictionStructure
@@ -275,7 +275,8 @@ def identify(
 ) -> IdentificationResult:
     """Fits a model to logs of free motion, without contact and without unmodelled payload.
 
-    Within a study the same fit is made once for all experiments, see `analyses.shared_results`.
+    Within a study the same fit is made once for all experiments, and what fits of the same logs
+    have in common as well: see `analyses.shared_results`.
 
     Args:
         recordings: one log or more.
@@ -307,44 +308,35 @@ def _identify(
         _check_recording(recording, robot)
     if config.time_step == 0.0:
         config = replace(config, time_step=_median_step(recordings))
-    names = _names(logs)
-    steps = len(logs) + len(recordings) + 1
-    runs = []
-    for k, (name, recording) in enumerate(zip(names, logs, strict=True)):
-        progress(k / steps, f"filtering {name}")
-        runs.append(_filtered(name, recording, robot, config))
-    fitted, kept = runs[: len(recordings)], runs[len(recordings) :]
-    _check_motion(fitted, robot)
-
-    decimation = _decimation(fitted[0].low_pass)
-    regressions = []
-    for k, run in enumerate(fitted):
-        progress((len(logs) + k) / steps, f"regressor of {run.name}")
-        rows = np.flatnonzero(run.used)[::decimation]
-        regressions.append(
-            RegressionRows.of(robot.chain, run.q, run.v, run.vdot, run.tau, run.match, rows)
-        )
-    row_rate = 1.0 / (decimation * fitted[0].low_pass.time_step)
+    filtering = (config.time_step, config.cutoff, config.filter_order, config.filter_regressor)
+    given = shared(
+        "low_passed_logs",
+        (tuple(recordings), robot, tuple(validation), *filtering),
+        lambda: _low_passed(recordings, robot, validation, config, progress),
+    )
+    fitted, kept = given.fitted, given.kept
+    row_rate = 1.0 / (_decimation(fitted[0].low_pass) * fitted[0].low_pass.time_step)
     problem = FrictionFit(
         robot,
         [Motion(run.q, run.v, run.vdot) for run in fitted],
-        regressions,
+        given.regressions,
         config.num_passes,
         max(1.0, row_rate / (2.0 * config.cutoff)),
         config.loss,
         config.consistent,
         config.selection,
     )
-    progress(1.0 - 1.0 / steps, "solving")
+    progress(0.9, "solving")
     laws = tuple(STRUCTURES) if config.friction == "best" else (config.friction,)
-    candidates = [_fit_law(law, problem, fitted, config) for law in laws]
+    fits = _LawFits(problem, fitted, config, digest((tuple(recordings), robot, filtering)))
+    candidates = [fits.candidate(law) for law in laws]
     chosen = best_law({c.law: c.cross_validated_rmse for c in candidates})
     if config.friction == "best":
         # A network on top is tried on the law that won, not on those that lost.
         for law, below in WITH_NETWORK.items():
             if below == chosen:
                 with suppress(InputError):  # too few samples near zero velocity for a network
-                    candidates.append(_fit_law(law, problem, fitted, config))
+                    candidates.append(fits.candidate(law))
         chosen = best_law({c.law: c.cross_validated_rmse for c in candidates})
     choice = next(c for c in candidates if c.law == chosen)
     solution, chain, friction = choice.solution, choice.chain, choice.friction
@@ -386,7 +378,7 @@ def _identify(
         validation=tuple(run.predict(chain, friction) for run in kept),
         warnings=(
             *_repeated(recordings, validation),
-            *_contradictions(problem, solution, fitted, robot),
+            *_contradictions(replace(problem, weights=choice.weights), solution, fitted, robot),
             *_doubts(fit, base, model),
         ),
         config=config,
@@ -659,10 +651,46 @@ def _decimation(low_pass: ZeroPhaseLowPass) -> int:
 
 
 @dataclass(frozen=True, eq=False)
+class _Logs:
+    """What all fits of the same logs begin with."""
+
+    fitted: tuple[_Run, ...]
+    kept: tuple[_Run, ...]
+    regressions: tuple[RegressionRows, ...]  # of the fitted ones
+
+
+def _low_passed(
+    recordings: Sequence[Recording],
+    robot: Robot,
+    validation: Sequence[Recording],
+    config: IdentificationConfig,
+    progress: ProgressCallback,
+) -> _Logs:
+    logs = [*recordings, *validation]
+    steps = len(logs) + len(recordings) + 1
+    runs = []
+    for k, (name, recording) in enumerate(zip(_names(logs), logs, strict=True)):
+        progress(k / steps, f"filtering {name}")
+        runs.append(_filtered(name, recording, robot, config))
+    fitted, kept = tuple(runs[: len(recordings)]), tuple(runs[len(recordings) :])
+    _check_motion(fitted, robot)
+    decimation = _decimation(fitted[0].low_pass)
+    regressions = []
+    for k, run in enumerate(fitted):
+        progress((len(logs) + k) / steps, f"regressor of {run.name}")
+        rows = np.flatnonzero(run.used)[::decimation]
+        regressions.append(
+            RegressionRows.of(robot.chain, run.q, run.v, run.vdot, run.tau, run.match, rows)
+        )
+    return _Logs(fitted, kept, tuple(regressions))
+
+
+@dataclass(frozen=True, eq=False)
 class _Candidate:
     """One law, fitted."""
 
     law: str
+    weights: Sequence[Array] | None  # of the squared residuals
     solution: Solution
     chain: SerialChain
     friction: FrictionLaw
@@ -674,40 +702,96 @@ class _Candidate:
         return _pooled_rmse(self.cross_validation or self.fit)
 
 
-def _fit_law(
-    law: str, problem: FrictionFit, runs: Sequence[_Run], config: IdentificationConfig
-) -> _Candidate:
-    linear = WITH_NETWORK.get(law, law)
-    structure = FrictionStructure.of(linear, problem.robot.num_joints)
-    if structure.has("stribeck"):  # the others have no shape
-        structure = problem.choose(structure)
-    problem.reweigh(structure)
+@dataclass(frozen=True, eq=False)
+class _LinearFit:
+    """One law of STRUCTURES, its shape chosen, on all logs."""
 
-    def realised(solution: Solution, logs: Sequence[_Run]) -> tuple[SerialChain, FrictionLaw]:
+    structure: FrictionStructure  # as chosen; that of the solution may have fewer load terms
+    weights: Sequence[Array] | None
+    solution: Solution
+
+
+class _LawFits:
+    """Fits of laws to the same logs: none depends on which were fitted before."""
+
+    def __init__(
+        self, problem: FrictionFit, runs: Sequence[_Run], config: IdentificationConfig, logs: str
+    ) -> None:
+        """Args: `logs` is a digest of the logs, their robot and the filters."""
+        self._problem = problem
+        self._runs = runs
+        self._config = config
+        self._source = (
+            logs,
+            config.num_passes,
+            config.loss,
+            config.consistent,
+            config.selection,
+        )
+        self._linear: dict[str, _LinearFit] = {}
+
+    def candidate(self, law: str) -> _Candidate:
+        """Fits one of LAWS, and cross-validates it where the configuration says so."""
+        runs = self._runs
+        fit = self._linear_fit(WITH_NETWORK.get(law, law))
+        chain, friction = self._realised(law, fit.solution, range(len(runs)))
+        cross_validation: tuple[TorqueFit, ...] = ()
+        if len(runs) > 1 and self._config.cross_validate:
+            cross_validation = tuple(
+                run.predict(*self._realised(law, solution, others))
+                for run, solution, others in zip(
+                    runs, self._held_out(fit), _others(len(runs)), strict=True
+                )
+            )
+        predicted = tuple(run.predict(chain, friction) for run in runs)
+        return _Candidate(
+            law, fit.weights, fit.solution, chain, friction, predicted, cross_validation
+        )
+
+    def _linear_fit(self, law: str) -> _LinearFit:
+        if law not in self._linear:
+            self._linear[law] = shared(
+                "friction_fit", (*self._source, law), lambda: self._chosen_and_fitted(law)
+            )
+        return self._linear[law]
+
+    def _chosen_and_fitted(self, law: str) -> _LinearFit:
+        problem = self._problem
+        structure = FrictionStructure.of(law, problem.robot.num_joints)
+        if structure.has("stribeck"):  # the others have no shape
+            structure = problem.choose(structure)
+        problem = problem.reweighed(structure)
+        return _LinearFit(structure, problem.weights, problem.fit(structure))
+
+    def _held_out(self, fit: _LinearFit) -> list[Solution]:
+        """Of each log in turn, the fit of the others."""
+        problem = replace(self._problem, weights=fit.weights)
+        return shared(
+            "friction_fit_held_out",
+            (*self._source, fit.structure, fit.weights),
+            lambda: [problem.fit(fit.structure, others) for others in _others(len(self._runs))],
+        )
+
+    def _realised(
+        self, law: str, solution: Solution, logs: Sequence[int]
+    ) -> tuple[SerialChain, FrictionLaw]:
         inertial, rotor, coefficients = solution.parts()
-        chain = problem.robot.chain.with_inertial_parameters(inertial, rotor)
+        chain = self._problem.robot.chain.with_inertial_parameters(inertial, rotor)
         friction = solution.structure.law(coefficients)
         if law in WITH_NETWORK:
-            friction = _with_networks(
-                solution.structure, coefficients, friction, chain, logs, config
+            runs = [self._runs[k] for k in logs]
+            friction = shared(
+                "friction_networks",
+                (*self._source, tuple(logs), solution.structure, solution.x, self._config.seed),
+                lambda: _with_networks(
+                    solution.structure, coefficients, friction, chain, runs, self._config
+                ),
             )
         return chain, friction
 
-    solution = problem.fit(structure)
-    chain, friction = realised(solution, runs)
-    cross_validation: tuple[TorqueFit, ...] = ()
-    if len(runs) > 1 and config.cross_validate:
-        cross_validation = tuple(
-            run.predict(
-                *realised(
-                    problem.fit(structure, [i for i in range(len(runs)) if i != k]),
-                    [*runs[:k], *runs[k + 1 :]],
-                )
-            )
-            for k, run in enumerate(runs)
-        )
-    fit = tuple(run.predict(chain, friction) for run in runs)
-    return _Candidate(law, solution, chain, friction, fit, cross_validation)
+
+def _others(count: int) -> list[list[int]]:
+    return [[i for i in range(count) if i != k] for k in range(count)]
 
 
 def _with_networks(

@@ -55,6 +55,12 @@ def triangular_factor(W: Array) -> Array:
     return np.asarray(qr(W, mode="r", check_finite=False)[0][: min(W.shape)])
 
 
+def independent_columns(W: Array, tolerance: float = TOLERANCE) -> NDArray[np.intp]:
+    """Returns `BaseParameters.independent` of a regressor W (m, p) that is finite and not zero."""
+    _, _, present, order, _, pivots = _pivoted(W, tolerance)
+    return np.sort(present[order[: int((pivots > tolerance).sum())]])
+
+
 def find_base_parameters(
     W: Array, names: Sequence[str], tolerance: float = TOLERANCE
 ) -> BaseParameters:
@@ -74,17 +80,9 @@ def find_base_parameters(
         raise ValueError(f"regressor {W.shape} does not fit {len(names)} names")
     if not np.isfinite(W).all():
         raise ValueError("regressor has values that are not finite")
-    length = np.linalg.norm(W, axis=0)
-    if not length.any():
+    if not W.any():
         raise ValueError("regressor is zero: nothing moves and nothing weighs")
-    present = np.flatnonzero(length > tolerance * length.max())
-    # Of two columns that are multiples of each other the longer one shall stand for both, so that
-    # a moment of inertia is not written as 1000 times some mass; without this, rounding decides.
-    favour = (length[present] / length.max()) ** 0.05
-    R, order = qr(
-        W[:, present] / length[present] * favour, mode="r", pivoting=True, check_finite=False
-    )
-    pivots = np.abs(np.diag(R)) / np.abs(R[0, 0])
+    R, length, present, order, favour, pivots = _pivoted(W, tolerance)
     b = int((pivots > tolerance).sum())
     kept, dropped = present[order[:b]], present[order[b:]]
     R = R / favour[order]
@@ -108,6 +106,21 @@ def find_base_parameters(
         smallest_kept=float(pivots[b - 1]),
         largest_dropped=float(pivots[b]) if b < len(pivots) else 0.0,
     )
+
+
+def _pivoted(
+    W: Array, tolerance: float
+) -> tuple[Array, Array, NDArray[np.intp], NDArray[np.intp], Array, Array]:
+    """R, all columns' lengths, which of them count, R's order of those, favours, pivots."""
+    length = np.linalg.norm(W, axis=0)
+    present = np.flatnonzero(length > tolerance * length.max())
+    # Of two columns that are multiples of each other the longer one shall stand for both, so that
+    # a moment of inertia is not written as 1000 times some mass; without this, rounding decides.
+    favour = (length[present] / length.max()) ** 0.05
+    R, order = qr(
+        W[:, present] / length[present] * favour, mode="r", pivoting=True, check_finite=False
+    )
+    return R, length, present, order, favour, np.abs(np.diag(R)) / np.abs(R[0, 0])
 
 
 def realise(base: BaseParameters, values: Array, prior: Array, spread: Array) -> Array:

@@ -84,18 +84,39 @@ class FrictionStructure:
             load: (N, n) transmitted torque, N m.
         """
         z = slip_path(self.displacement, q, v)
-        every = {
-            "coulomb": z,
-            "viscous": v,
-            "offset": np.ones_like(v),
-            "stribeck": z * np.exp(-((v / self.stribeck_velocity) ** 2)),
-            "load": z * np.abs(load),
-            "cubic": v**3,
-        }
         return [
-            np.stack([every[term][:, j] for term in own], axis=1)
+            np.stack([self.column(term, j, z, v, load) for term in own], axis=1)
             for j, own in enumerate(self.terms)
         ]
+
+    def column(self, term: str, joint: int, z: Array, v: Array, load: Array) -> Array:
+        """Returns one term's column (N,) of one joint.
+
+        Args:
+            term: of `STRUCTURES`.
+            joint: its index.
+            z: (N, n) slip, of `slip_path`.
+            v: (N, n) rad/s.
+            load: (N, n) transmitted torque, N m.
+        """
+        v = v[:, joint]
+        if term == "coulomb":
+            return z[:, joint]
+        if term == "viscous":
+            return v
+        if term == "offset":
+            return np.ones_like(v)
+        if term == "stribeck":
+            fading = np.exp(-((v / self.stribeck_velocity[joint]) ** 2))
+            return np.asarray(z[:, joint] * fading)
+        if term == "load":
+            return np.asarray(z[:, joint] * np.abs(load[:, joint]))
+        return np.asarray(v**3)  # cubic
+
+    def column_shape(self, term: str, joint: int) -> tuple[float, ...]:
+        """Returns what of the shape the joint's column of this term depends on."""
+        z, speed = float(self.displacement[joint]), float(self.stribeck_velocity[joint])
+        return {"coulomb": (z,), "stribeck": (z, speed), "load": (z,)}.get(term, ())
 
     def law(
         self,

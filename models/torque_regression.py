@@ -236,11 +236,29 @@ def solve(
         num_passes: one or more.
         oversampling: rows per independent sample of the residual.
     """
+    values, deviation, joints, length = _weighted(factors, base.independent, num_passes)
+    A = np.vstack([R[:, :-1] / sd for R, sd in zip(joints, deviation, strict=True)]) / length
+    # Moore-Penrose: without one log, a fit may lose a direction that all logs determine.
+    variance = np.diag(pinvh(A.T @ A)) * oversampling
+    return TorqueEstimate(values, np.sqrt(variance) / length, deviation)
+
+
+def solve_values(
+    factors: Sequence[TorqueFactors], independent: NDArray[np.intp], num_passes: int
+) -> Array:
+    """Returns `solve`'s values (b,) alone, of the columns `independent`."""
+    return _weighted(factors, independent, num_passes)[0]
+
+
+def _weighted(
+    factors: Sequence[TorqueFactors], independent: NDArray[np.intp], num_passes: int
+) -> tuple[Array, Array, list[Array], Array]:
+    """Values, residual sds, what is left of each joint's rows, and their columns' lengths."""
     n = len(factors[0].R)
-    b = len(base.names)
+    b = len(independent)
     # What the fit needs of a joint: [kept columns, torque] of all logs, reduced once more.
     stacked = [np.vstack([f.R[j] for f in factors]) for j in range(n)]
-    joints = [triangular_factor(np.hstack([R[:, base.independent], R[:, -1:]])) for R in stacked]
+    joints = [triangular_factor(np.hstack([R[:, independent], R[:, -1:]])) for R in stacked]
     num_rows = sum(f.num_rows for f in factors)
     freedom = max(1.0, num_rows - b / n)
     torque = np.array([np.linalg.norm(R[:, -1]) for R in joints])
@@ -256,10 +274,7 @@ def solve(
         values = lstsq(scaled, A[:, -1], cond=cond, lapack_driver="gelsy")[0] / length
         residual = np.array([np.linalg.norm(R[:, -1] - R[:, :-1] @ values) for R in joints])
         deviation = np.maximum(residual, floor) / np.sqrt(freedom)
-    A = np.vstack([R[:, :-1] / sd for R, sd in zip(joints, deviation, strict=True)]) / length
-    # Moore-Penrose: without one log, a fit may lose a direction that all logs determine.
-    variance = np.diag(pinvh(A.T @ A)) * oversampling
-    return TorqueEstimate(values, np.sqrt(variance) / length, deviation)
+    return values, deviation, joints, length
 
 
 def realisation(

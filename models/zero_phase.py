@@ -1,6 +1,7 @@
 """Filtering of whole logs, where the future is known: no delay, no phase."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,8 +32,13 @@ class ZeroPhaseLowPass:
         Raises:
             ValueError: x is shorter than the filter's own run-in (about 3 order samples).
         """
-        sections = butter(self.order, self.cutoff, fs=1.0 / self.time_step, output="sos")
+        sections = _sections(self.order, self.cutoff, self.time_step)
         return np.ascontiguousarray(sosfiltfilt(sections, x, axis=0))
+
+
+@lru_cache(maxsize=32)  # the design takes as long as filtering a log's column
+def _sections(order: int, cutoff: float, time_step: float) -> Array:
+    return np.asarray(butter(order, cutoff, fs=1.0 / time_step, output="sos"))
 
 
 def derivative(x: Array, time_step: float) -> Array:
