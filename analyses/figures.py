@@ -123,10 +123,15 @@ def save_figure(figure: "Figure", path: Path) -> Path:
     Raises:
         InputError: the file cannot be written.
     """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
     with writing_to(path):
         path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as partial, writing_to(path):
-        # Without "Software" the file says nothing of when or with what it was made.
-        figure.savefig(partial, format="png", dpi=DOTS_PER_INCH, metadata={"Software": None})
+        # Without "Software" the file says nothing of when or with what it was made. Not `savefig`,
+        # which draws everything once more before, for the layout.
+        figure.dpi = DOTS_PER_INCH
+        canvas: Any = FigureCanvasAgg(figure)
+        canvas.print_png(partial, metadata={"Software": None})
     figure.clear()
     return path

@@ -12,11 +12,12 @@ its stiction, which says nothing of the law. v_crit lies between `LEAST` and `MO
 and reaches as far within them as the fewest samples that training needs.
 """
 
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +25,9 @@ from numpy.typing import ArrayLike, NDArray
 from models.friction import CoulombViscous, SemiParametricFriction
 from models.friction_network import FrictionNetworks
 from models.input_error import InputError
+
+if TYPE_CHECKING:
+    import torch
 
 Array = NDArray[np.float64]
 
@@ -34,6 +38,7 @@ FEWEST = 40  # samples in the band of each joint, and ten in each direction
 MOST_SAMPLES = 600  # of a joint that are trained on; more of the same teach nothing
 HELD_OUT = 0.2
 NEURONS = 10
+LEAST_RATE = 1e-4  # of Adam, at the last step
 
 
 @dataclass
@@ -244,6 +249,34 @@ def _one_thread() -> Iterator[None]:
         torch.set_num_threads(before)
 
 
+class _Adam:
+    """Adam (Kingma and Ba, ICLR 2015) with a rate that falls along half a cosine to LEAST_RATE.
+
+    `torch.optim` does the same, number for number; to import it takes as long as a training.
+    """
+
+    def __init__(self, parameters: "list[torch.Tensor]", rate: float, steps: int) -> None:
+        self._parameters = parameters
+        self._means = [p.detach().clone().zero_() for p in parameters]
+        self._squares = [p.detach().clone().zero_() for p in parameters]
+        self._rate, self._steps, self._done = rate, steps, 0
+
+    def step(self, gradients: "Sequence[torch.Tensor]") -> None:
+        self._done += 1
+        scale = (1.0 - 0.999**self._done) ** 0.5
+        size = self._rate / (1.0 - 0.9**self._done)
+        for p, gradient, mean, square in zip(
+            self._parameters, gradients, self._means, self._squares, strict=True
+        ):
+            mean.lerp_(gradient, 1.0 - 0.9)
+            square.mul_(0.999).addcmul_(gradient, gradient, value=1.0 - 0.999)
+            p.addcdiv_(mean, (square.sqrt() / scale).add_(1e-8), value=-size)
+        before, now = (
+            1.0 + math.cos(math.pi * k / self._steps) for k in (self._done - 1, self._done)
+        )
+        self._rate = now / before * (self._rate - LEAST_RATE) + LEAST_RATE
+
+
 def _descend(
     x: Array,
     z: Array,
@@ -270,14 +303,12 @@ def _descend(
     start[1][:, 0] = 0.0  # one jump is at zero
     parameters = [torch.tensor(a, dtype=torch.float64, requires_grad=True) for a in start]
     X, Z, T, H = (torch.tensor(a, dtype=torch.float64) for a in (x, z, train, held))
-    optimiser = torch.optim.Adam(parameters, lr=config.learning_rate)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, config.steps, 1e-4)
+    optimiser = _Adam(parameters, config.learning_rate, config.steps)
     best = [p.detach().clone() for p in parameters]
     lowest = torch.full((n,), torch.inf, dtype=torch.float64)
     errors = torch.zeros((2, n), dtype=torch.float64)
     when = torch.zeros(n, dtype=torch.int64)
     for step in range(config.steps):
-        optimiser.zero_grad()
         W1, b1, W2, b2 = parameters
         hidden = torch.tanh(W1[:, None, :] * X[:, :, None] + b1[:, None, :])
         square = ((hidden * W2[:, None, :]).sum(dim=2) + b2[:, None] - Z) ** 2
@@ -291,11 +322,11 @@ def _descend(
                 kept[better] = now[better]
             if int((step - when).min()) > config.patience:
                 break
-        fitted.sum().backward()
+        gradients = torch.autograd.grad(fitted.sum(), parameters)
         if config.odd:
-            parameters[1].grad.zero_()  # tanh(W v) is odd
-        optimiser.step()
-        schedule.step()
+            gradients[1].zero_()  # tanh(W v) is odd
+        with torch.no_grad():
+            optimiser.step(gradients)
         if step % 50 == 0:
             progress(step / config.steps, f"training, step {step}")
     return [p.numpy() for p in best], errors.numpy(), when.numpy()
