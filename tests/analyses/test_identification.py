@@ -401,6 +401,11 @@ def test_cross_validation_chooses_a_law_and_states_all(robot, noisy):
     assert set(STRUCTURES) <= set(found.held_out) <= set(LAWS)
     assert found.law == best_law(found.held_out)
     assert found.metrics()["friction"]["law"] == found.law
+    # No fit depends on those made before it: to the last bit what the law gives alone.
+    alone = identify(noisy[:2], robot, config=IdentificationConfig(friction="load-dependent"))
+    np.testing.assert_array_equal(
+        found.held_out["load-dependent"], alone.held_out["load-dependent"]
+    )
 
 
 def test_the_best_law_counts_joints_alike():
