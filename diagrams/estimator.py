@@ -1,12 +1,13 @@
 """The wrench estimator as a Diagram, to be dropped into any other."""
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortDataType
+from pydrake.systems.primitives import Demultiplexer
 
 from models.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.identified_model import IdentifiedModel
 from models.robot import Robot
 from systems.generalized_momentum_observer import GeneralizedMomentumObserver
-from systems.jacobian_wrench_reconstruction import JacobianWrenchReconstruction
+from systems.jacobian_wrench_reconstruction import READING_SIZES, JacobianWrenchReconstruction
 from systems.motor_current_torque_source import MotorCurrentTorqueSource
 from systems.presliding_friction import PreslidingFrictionSystem
 from systems.rigid_body_terms import RigidBodyTermsSystem
@@ -44,7 +45,8 @@ def make_estimator(
     "held" no output but feeds through from `current`, so that a controller may use the wrench. The
     estimator starts by itself at its first update.
 
-    Inside are `terms`, `motor`, `friction`, `observer` and `reconstruction`, whose numeric
+    Inside are `terms`, `motor`, `friction`, `observer` and `reconstruction` (and two
+    demultiplexers of their readings), whose numeric
     parameters (torque_per_ampere; coulomb, viscous, offset, v_crit, or the slip elements of a law
     with memory; K_0; the prior's sds, the torque covariance) are changed through their Contexts.
 
@@ -75,15 +77,21 @@ def make_estimator(
             estimator.config.reconstruction, estimator.reconstruction.torque_covariance
         ),
     )
-    for source, output, target, input_port in (
-        (terms, "terms", observer, "terms"),
-        (motor, "tau_J", observer, "tau_J"),
-        (friction, "tau_f", observer, "tau_f"),
-        (terms, "terms", reconstruction, "terms"),
-        (observer, "tau_ext", reconstruction, "tau_ext"),
-        (observer, "valid", reconstruction, "tau_ext_valid"),
+    # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
+    observed = builder.AddNamedSystem("observed", Demultiplexer([estimator.num_joints, 1]))
+    reading = builder.AddNamedSystem("reading", Demultiplexer(READING_SIZES))
+    builder.Connect(observer.GetOutputPort("reading"), observed.get_input_port())
+    builder.Connect(reconstruction.GetOutputPort("reading"), reading.get_input_port())
+    tau_ext, tau_ext_valid = (observed.get_output_port(i) for i in range(2))
+    for output, target, input_port in (
+        (terms.GetOutputPort("terms"), observer, "terms"),
+        (motor.GetOutputPort("tau_J"), observer, "tau_J"),
+        (friction.GetOutputPort("tau_f"), observer, "tau_f"),
+        (terms.GetOutputPort("terms"), reconstruction, "terms"),
+        (tau_ext, reconstruction, "tau_ext"),
+        (tau_ext_valid, reconstruction, "tau_ext_valid"),
     ):
-        builder.Connect(source.GetOutputPort(output), target.GetInputPort(input_port))
+        builder.Connect(output, target.GetInputPort(input_port))
 
     position = builder.ExportInput(terms.GetInputPort("q"), "q")
     velocity = builder.ExportInput(terms.GetInputPort("v"), "v")
@@ -92,9 +100,9 @@ def make_estimator(
         builder.ConnectInput(position, friction.GetInputPort("q"))
         builder.Connect(motor.GetOutputPort("tau_J"), friction.GetInputPort("tau_J"))
     builder.ExportInput(motor.GetInputPort("current"), "current")
-    builder.ExportOutput(observer.GetOutputPort("tau_ext"), "tau_ext")
-    for port in ("wrench", "covariance", "condition_number", "valid"):
-        builder.ExportOutput(reconstruction.GetOutputPort(port), port)
+    builder.ExportOutput(tau_ext, "tau_ext")
+    for i, name_of_part in enumerate(("wrench", "covariance", "condition_number", "valid")):
+        builder.ExportOutput(reading.get_output_port(i), name_of_part)
     builder.ExportOutput(terms.GetOutputPort("terms"), "terms")
     diagram = builder.Build()
     diagram.set_name(name)

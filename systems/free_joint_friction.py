@@ -2,8 +2,8 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.value import AbstractValue, Value
-from pydrake.systems.framework import BasicVector, Context, LeafSystem, ValueProducer
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from models.dry_friction import DryFriction, explicit_friction, holding_torque
 from systems.joint_friction import HOLDING_DAMPING
@@ -50,21 +50,16 @@ class FreeJointFriction(LeafSystem):
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._tau_J = self.DeclareVectorInputPort("tau_J", n)
         self._tau_ext = self.DeclareVectorInputPort("tau_ext", n)
-        self._dry = self.DeclareCacheEntry(
-            "dry friction",
-            ValueProducer(allocate=lambda: AbstractValue.Make(np.zeros(n)), calc=self._calc_dry),
-            {
-                self._terms.ticket(),
-                self._tau_J.ticket(),
-                self._tau_ext.ticket(),
-                self.all_parameters_ticket(),
-            },
-        )
-        ticket = {self._dry.ticket()}
-        self.DeclareVectorOutputPort("torque", n, self._calc_torque, ticket)
-        self.DeclareVectorOutputPort("tau_f_true", n, self._calc_tau_f_true, ticket)
+        tickets = {
+            self._terms.ticket(),
+            self._tau_J.ticket(),
+            self._tau_ext.ticket(),
+            self.all_parameters_ticket(),
+        }
+        self._torque = self.DeclareVectorOutputPort("torque", n, self._calc_torque, tickets)
+        self.DeclareVectorOutputPort("tau_f_true", n, self._calc_tau_f_true, tickets)
 
-    def _calc_dry(self, context: Context, value: Value) -> None:
+    def _calc_torque(self, context: Context, output: BasicVector) -> None:
         terms, tau_J = self._terms.Eval(context), self._tau_J.Eval(context)
         table = context.get_numeric_parameter(self._table).value().reshape(self._n, 7)
         explicit, held = np.empty(self._n), np.empty(self._n)
@@ -78,12 +73,9 @@ class FreeJointFriction(LeafSystem):
             terms.v,
             held,
         )
-        value.set_value(held + explicit)
-
-    def _calc_torque(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(-self._dry.Eval(context))
+        output.SetFromVector(-(held + explicit))
 
     def _calc_tau_f_true(self, context: Context, output: BasicVector) -> None:
         table = context.get_numeric_parameter(self._table).value().reshape(self._n, 7)
         viscous = table[:, 3] * self._terms.Eval(context).v
-        output.SetFromVector(self._dry.Eval(context) + viscous)
+        output.SetFromVector(viscous - self._torque.Eval(context))

@@ -42,8 +42,8 @@ class GeneralizedMomentumObserver(LeafSystem):
 
                     +-----------------------------+
       terms    -->  |                             | --> tau_ext
-      tau_J    -->  | GeneralizedMomentumObserver |
-      tau_f    -->  |                             | --> valid
+      tau_J    -->  | GeneralizedMomentumObserver | --> valid
+      tau_f    -->  |                             | --> reading
                     +-----------------------------+
 
     Inputs:     terms    RigidBodyTerms (abstract): momentum, CTv, G of the model
@@ -55,6 +55,8 @@ class GeneralizedMomentumObserver(LeafSystem):
                          controller may close a loop over it; with "trapezoidal" it does
                 valid    (1,) 1, or 0 where tau_ext is the last one, held, and for the first 3 / K_0
                          seconds, in which it is still on its way from zero
+                reading  (n + 1,) these two, one after the other: who wants both has them from one
+                         port
     State:      (3 n,) momentum_hat, kg m^2/s, what the model predicts for the coming tick (inf
                 before the first update, NaN after an unusable one); tau_ext, N m; the share of
                 tau_ext that is still its start at zero
@@ -108,18 +110,11 @@ class GeneralizedMomentumObserver(LeafSystem):
         if self._feeds_through:
             prerequisites.add(self._tau_J.ticket())
         self._unread = np.zeros(num_joints)
-        self._reading = self.DeclareCacheEntry(
-            "reading",
-            ValueProducer(
-                allocate=lambda: AbstractValue.Make((np.zeros(num_joints), True)),
-                calc=self._calc_reading,
-            ),
-            prerequisites,
+        self.DeclareVectorOutputPort("tau_ext", num_joints, self._calc_tau_ext, prerequisites)
+        self.DeclareVectorOutputPort("valid", 1, self._calc_valid, prerequisites)
+        self._reading = self.DeclareVectorOutputPort(
+            "reading", num_joints + 1, self._calc_reading, prerequisites
         )
-        self.DeclareVectorOutputPort(
-            "tau_ext", num_joints, self._calc_tau_ext, {self._reading.ticket()}
-        )
-        self.DeclareVectorOutputPort("valid", 1, self._calc_valid, {self._reading.ticket()})
 
     def _calc_table(self, context: Context, value: Value) -> None:
         K_0: ArrayLike = context.get_numeric_parameter(self._K_0).value()
@@ -130,10 +125,10 @@ class GeneralizedMomentumObserver(LeafSystem):
         )
         value.set_value(MomentumObserver(config, self._n).table)
 
-    def _calc_reading(self, context: Context, value: Value) -> None:
+    def _calc_reading(self, context: Context, output: BasicVector) -> None:
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        tau_ext = np.empty(self._n)
-        fresh = observer_output(
+        reading = np.empty(self._n + 1)
+        reading[-1] = observer_output(
             self._table.Eval(context),
             context.get_discrete_state(self._state).value().reshape(3, self._n),
             terms.momentum,
@@ -141,15 +136,15 @@ class GeneralizedMomentumObserver(LeafSystem):
             terms.G,
             self._tau_J.Eval(context) if self._feeds_through else self._unread,
             self._tau_f.Eval(context),
-            tau_ext,
+            reading[:-1],
         )
-        value.set_value((tau_ext, fresh))
+        output.SetFromVector(reading)
 
     def _calc_tau_ext(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._reading.Eval(context)[0])
+        output.SetFromVector(self._reading.Eval(context)[:-1])
 
     def _calc_valid(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, float(self._reading.Eval(context)[1]))
+        output.SetAtIndex(0, self._reading.Eval(context)[-1])
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
@@ -162,6 +157,6 @@ class GeneralizedMomentumObserver(LeafSystem):
             terms.G,
             self._tau_J.Eval(context),
             self._tau_f.Eval(context),
-            self._reading.Eval(context)[0],
+            self._reading.Eval(context)[:-1],
         )
         discrete_state.set_value(self._state, state)

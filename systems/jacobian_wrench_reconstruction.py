@@ -18,7 +18,10 @@ from models.serial_chain import RigidBodyTerms
 from models.wrench import WrenchReconstruction, WrenchReconstructionConfig, reconstruct
 
 Array = NDArray[np.float64]
-Reading = tuple[Array, Array, Array]  # wrench (6,), covariance (6, 6), condition number and valid
+
+READING_SIZES = (6, 36, 1, 1)
+"""Entries of the port `reading`: wrench, covariance, condition number, valid."""
+_WRENCH, _COVARIANCE, _CONDITION, _VALID = slice(6), slice(6, 42), 42, 43
 
 
 class JacobianWrenchReconstruction(LeafSystem):
@@ -31,9 +34,9 @@ class JacobianWrenchReconstruction(LeafSystem):
 
                          +------------------------------+ --> wrench
       terms         -->  |                              | --> covariance
-      tau_ext       -->  | JacobianWrenchReconstruction |
-      tau_ext_valid -->  |                              | --> condition_number
-                         +------------------------------+ --> valid
+      tau_ext       -->  | JacobianWrenchReconstruction | --> condition_number
+      tau_ext_valid -->  |                              | --> valid
+                         +------------------------------+ --> reading
 
     Inputs:      terms              RigidBodyTerms (abstract): J at E in axes of W
                  tau_ext            (n,) N m, positive along the motion it causes
@@ -44,6 +47,8 @@ class JacobianWrenchReconstruction(LeafSystem):
                  condition_number   (1,) of J in m and rad; inf where J is singular
                  valid              (1,) 1, or 0 where the reading says less than the prior did, J
                                     is singular (method "inverse") or an input cannot be used
+                 reading            (44,) these four, one after the other (READING_SIZES): who
+                                    wants all of them has them from one port
                  All with direct feedthrough, all from one computation.
     State:       none
     Parameters:  prior_sd           (2,) force, N, and moment, N m; inf where nothing is known
@@ -100,24 +105,19 @@ class JacobianWrenchReconstruction(LeafSystem):
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._tau_ext = self.DeclareVectorInputPort("tau_ext", self._n)
         self._tau_ext_valid = self.DeclareVectorInputPort("tau_ext_valid", 1)
-        self._reading = self.DeclareCacheEntry(
-            "reading",
-            ValueProducer(
-                allocate=lambda: AbstractValue.Make((np.zeros(6), np.zeros((6, 6)), np.zeros(2))),
-                calc=self._calc_reading,
-            ),
-            {
-                self._terms.ticket(),
-                self._tau_ext.ticket(),
-                self._tau_ext_valid.ticket(),
-                self._table.ticket(),
-            },
+        tickets = {
+            self._terms.ticket(),
+            self._tau_ext.ticket(),
+            self._tau_ext_valid.ticket(),
+            self._table.ticket(),
+        }
+        self.DeclareVectorOutputPort("wrench", 6, self._calc_wrench, tickets)
+        self.DeclareVectorOutputPort("covariance", 36, self._calc_covariance, tickets)
+        self.DeclareVectorOutputPort("condition_number", 1, self._calc_condition_number, tickets)
+        self.DeclareVectorOutputPort("valid", 1, self._calc_valid, tickets)
+        self._reading = self.DeclareVectorOutputPort(
+            "reading", sum(READING_SIZES), self._calc_reading, tickets
         )
-        ticket = {self._reading.ticket()}
-        self.DeclareVectorOutputPort("wrench", 6, self._calc_wrench, ticket)
-        self.DeclareVectorOutputPort("covariance", 36, self._calc_covariance, ticket)
-        self.DeclareVectorOutputPort("condition_number", 1, self._calc_condition_number, ticket)
-        self.DeclareVectorOutputPort("valid", 1, self._calc_valid, ticket)
 
     def _calc_table(self, context: Context, value: Value) -> None:
         force_sd, moment_sd = context.get_numeric_parameter(self._prior_sd).value()
@@ -132,29 +132,29 @@ class JacobianWrenchReconstruction(LeafSystem):
         covariance = covariance.reshape(self._n, self._n)
         value.set_value(WrenchReconstruction(config, covariance).table)
 
-    def _calc_reading(self, context: Context, value: Value) -> None:
-        wrench, covariance, quality = np.empty(6), np.empty((6, 6)), np.empty(2)
+    def _calc_reading(self, context: Context, output: BasicVector) -> None:
+        reading = np.empty(sum(READING_SIZES))
         reconstruct(
             self._table.Eval(context),
             cast(RigidBodyTerms, self._terms.Eval(context)).J,
             self._tau_ext.Eval(context),
-            wrench,
-            covariance,
-            quality,
+            reading[_WRENCH],
+            reading[_COVARIANCE].reshape(6, 6),
+            reading[_CONDITION:],
             np.empty(self._work_shape),
         )
         if self._tau_ext_valid.HasValue(context) and self._tau_ext_valid.Eval(context)[0] != 1.0:
-            quality[1] = 0.0
-        value.set_value((wrench, covariance, quality))
+            reading[_VALID] = 0.0
+        output.SetFromVector(reading)
 
     def _calc_wrench(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._reading.Eval(context)[0])
+        output.SetFromVector(self._reading.Eval(context)[_WRENCH])
 
     def _calc_covariance(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._reading.Eval(context)[1].ravel())
+        output.SetFromVector(self._reading.Eval(context)[_COVARIANCE])
 
     def _calc_condition_number(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, self._reading.Eval(context)[2][0])
+        output.SetAtIndex(0, self._reading.Eval(context)[_CONDITION])
 
     def _calc_valid(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, self._reading.Eval(context)[2][1])
+        output.SetAtIndex(0, self._reading.Eval(context)[_VALID])
