@@ -22,13 +22,51 @@ from models.whole_file import whole_file
 BEGIN: Final = "<!-- results: begin -->"
 END: Final = "<!-- results: end -->"
 RESULTS: Final = Path("docs/results.json")  # beside the README
+# The rows that the README shows, by experiment and key; the report has them all.
+SHOWN: Final[Mapping[str, tuple[str, ...]]] = {
+    "identification": ("cross_validation.rmse_nm",),
+    "jcn-map": ("min", "above_11_pct"),
+    "linear-path": (
+        "initial.max_jcn",
+        "optimised.max_jcn",
+        "optimised.mean_jcn_along_path",
+        "pso_ga.best_mean_jcn",
+    ),
+    "constant-wrench": ("initial.max_error_y_n", "optimised.max_error_y_n"),
+    "surface-path": ("initial.mean_jcn", "optimised.mean_jcn"),
+    "repeat-cycle": ("reduction_rmse_y_pct", "reduction_max_y_pct"),
+    "repeat-cycle-push": ("reduction_rmse_y_pct", "reduction_max_y_pct"),
+    "friction": ("reduction_rmse_z_pct", "reduction_max_z_pct"),
+    "combined": (
+        "optimised.rmse_x_n",
+        "reduction_rmse_x_pct",
+        "ours_against_article.reduction_rmse_x_pct",
+        "optimised.rmse_y_n",
+        "reduction_rmse_y_pct",
+        "ours_against_article.reduction_rmse_y_pct",
+        "optimised.rmse_z_n",
+        "reduction_rmse_z_pct",
+        "ours_against_article.reduction_rmse_z_pct",
+        "ours.share_in_95_band",
+    ),
+    "bandwidth": ("max_amplitude_error_pct", "max_phase_error_deg"),
+    "ur10e-identification": ("best.validation.14harm50sec.rmse_nm",),
+    "ur10e-payload": (
+        "best.bayesian.rmse_fx_n",
+        "best.bayesian.rmse_fy_n",
+        "best.bayesian.rmse_fz_n",
+        "best.at_load.force_only.mass_kg",
+    ),
+    "panda-wrench": ("inverse.mean_rmse_n", "bayesian.mean_rmse_n"),
+}
 
 
-def collect(study: Path) -> dict[str, Any]:
-    """Returns the figures of a study that have another to be compared with.
+def collect(study: Path, shown: Mapping[str, tuple[str, ...]] = SHOWN) -> dict[str, Any]:
+    """Returns the figures of a study that the README shows.
 
     Args:
         study: folder that `wrenchsight study` wrote.
+        shown: keys by experiment.
 
     Returns:
         `quick` and `seed` of the study, and its `experiments` in the report's order: `name`,
@@ -45,14 +83,14 @@ def collect(study: Path) -> dict[str, Any]:
         rows = [
             row | {"here": look_up(metrics[name], row["key"])}
             for row in stored["comparison"]
-            if row["article"] is not None
+            if row["key"] in shown.get(name, ())
         ]
         if rows:
             experiments.append({"name": name, "title": stored["title"], "rows": rows})
             quick |= stored["quick"]
             seeds.add(stored["seed"])
     if not experiments:
-        problem = "no experiment in it compares anything"
+        problem = "no experiment in it has a figure for the README"
         raise InputError(study / "metrics.json", "", problem, "run `wrenchsight study` first")
     return {"quick": quick, "seed": seeds.pop(), "experiments": experiments}
 

@@ -9,7 +9,16 @@ import pytest
 
 from analyses import readme_table
 from analyses.outputs import OutputFolder
-from analyses.readme_table import BEGIN, END, RESULTS, collect, fill, main, results_table
+from analyses.readme_table import (
+    BEGIN,
+    END,
+    RESULTS,
+    SHOWN,
+    collect,
+    fill,
+    main,
+    results_table,
+)
 from models.input_error import InputError
 
 README = f"# Title\n\n{BEGIN}\nold\n{END}\n\nAfter ü.\n"
@@ -19,8 +28,8 @@ README = f"# Title\n\n{BEGIN}\nold\n{END}\n\nAfter ü.\n"
 def study(tmp_path):
     out = OutputFolder(tmp_path / "study")
     metrics = {
-        "bandwidth": {"pole": 20.5},
-        "constant-wrench": {"max_n": 24.7, "rmse": [1.0, 2.0]},
+        "bandwidth": {"max_phase_error_deg": 20.5},
+        "constant-wrench": {"initial": {"max_error_y_n": 24.7}, "rmse": [1.0, 2.0]},
         "silent": {},
     }
     out.write_json("metrics.json", metrics)
@@ -30,8 +39,11 @@ def study(tmp_path):
         return dict(zip(names, (label, key, unit, article, remark, source), strict=True))
 
     rows = {
-        "bandwidth": [row("Pole", "pole", "1/s", 20, "a | b", "eq. 30")],
-        "constant-wrench": [row("Largest", "max_n", "N", 24.86), row("Per axis", "rmse")],
+        "bandwidth": [row("Pole", "max_phase_error_deg", "1/s", 20, "a | b", "eq. 30")],
+        "constant-wrench": [
+            row("Largest", "initial.max_error_y_n", "N", 24.86),
+            row("Per axis", "rmse"),
+        ],
         "silent": [],
     }
     for name, comparison in rows.items():
@@ -67,6 +79,9 @@ def test_shortened_runs_are_called_that(study):
 def test_the_committed_readme_shows_the_committed_figures():
     root = Path(readme_table.__file__).parent.parent
     results = json.loads((root / RESULTS).read_text(encoding="utf-8"))
+    keys = {e["name"]: {row["key"] for row in e["rows"]} for e in results["experiments"]}
+    assert keys == {name: set(rows) for name, rows in SHOWN.items()}
+    assert not results["quick"]
     shown = (root / "README.md").read_text(encoding="utf-8").split(BEGIN)[1].split(END)[0]
     assert shown == "\n" + results_table(results), "run `make readme` after `make study`"
 
