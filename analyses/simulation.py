@@ -22,12 +22,15 @@ from scipy.optimize import nnls
 from analyses.outputs import OutputFolder
 from diagrams.closed_loop import ClosedLoop, make_closed_loop
 from diagrams.graph import write_graph
+from diagrams.machining import longest_duration, make_machining_path
 from diagrams.recording import make_meshcat, start_recording, write_recording
 from diagrams.robot_cell import true_friction
 from diagrams.scenario import Scenario, check_scenario, load_scenario, make_trajectory
 from models.friction import CoulombViscous, SemiParametricFriction
 from models.identified_model import IdentifiedModel
 from models.input_error import InputError
+from models.machining_phases import FAULT_SENTENCES, Fault, Phase
+from models.paths import JointTrajectory
 from models.recording import Recording
 from models.robot import Robot
 from systems.impedance_controller import ImpedanceConfig
@@ -72,6 +75,7 @@ class SimulationResult:
         valid: (T,) whether the estimate may be trusted, as it says itself.
         ft_wrench: (T, 6) of the force/torque sensor, where there is one.
         pose_error: (T, 6) rad and m, under impedance control.
+        phase: (T,) of models.machining_phases, and fault: why it retreated; of a machining pass.
         force_setpoint: (T,) N, under force control.
         real_time_factor: simulated over elapsed time.
         notices: what the reader of the result should know, one sentence each.
@@ -97,6 +101,8 @@ class SimulationResult:
     pose_error: Array | None
     force_setpoint: Array | None
     real_time_factor: float
+    phase: Array | None = None
+    fault: Fault = Fault.NONE
     notices: tuple[str, ...] = ()
     files: tuple[Path, ...] = ()
 
@@ -128,7 +134,16 @@ class SimulationResult:
         if self.pose_error is not None:
             metrics["pose_rmse_m"] = float(np.sqrt(np.mean(self.pose_error[:, 3:] ** 2) * 3))
             metrics["pose_rmse_rad"] = float(np.sqrt(np.mean(self.pose_error[:, :3] ** 2) * 3))
-        if self.force_setpoint is not None:
+        if self.force_setpoint is not None and self.phase is not None:
+            error = self.pressing_force() - self.force_setpoint
+            work = error[self.phase == Phase.WORK]
+            metrics["machining"] = {
+                "fault": "none" if self.fault == Fault.NONE else FAULT_SENTENCES[self.fault],
+                "work_s": float(len(work) * self.scenario.time_step),
+                "normal_force_rmse_n": float(np.sqrt(np.mean(work**2))) if len(work) else None,
+                "max_normal_force_n": float(self.pressing_force().max()),
+            }
+        elif self.force_setpoint is not None:
             error = self.pressing_force() - self.force_setpoint
             metrics["force_control_rmse_n"] = _rms(error)
             metrics["force_control_max_error_n"] = float(np.abs(error).max())
@@ -233,7 +248,11 @@ def simulate_scenario(
         seed=scenario.seed if seed is None else seed,
         duration=scenario.duration if duration is None else duration,
     )
-    if quick:
+    if quick and scenario.machining is not None:
+        # The phases before and after the feed are kept: only then is anything touched.
+        machining = replace(scenario.machining, one_way=_QUICK_DURATION)
+        scenario = replace(scenario, machining=machining)
+    elif quick:
         scenario = replace(scenario, duration=min(scenario.duration, _QUICK_DURATION))
     robot = Robot.load(scenario.robot)
     model = None if model_path is None else IdentifiedModel.load(Path(model_path), robot)
@@ -296,8 +315,15 @@ def simulate(
         InputError: scenario, robot and model do not fit; or the motion diverges.
     """
     notices: list[str] = []
+    plan = None
+    if scenario.machining is not None:
+        check_scenario(scenario)
+        plan = make_machining_path(scenario, robot)
+        longest = longest_duration(plan, scenario.machining.phases)
+        scenario = replace(scenario, duration=min(scenario.duration, longest))
+    trajectory = make_trajectory(scenario, robot) if plan is None else plan.trajectory
     if model is None:
-        model = known_model(robot, scenario)
+        model = known_model(robot, scenario, trajectory)
         known = "the arm's true inertias"
         if scenario.friction != "none":
             known += " and a Coulomb-viscous fit of its true friction"
@@ -307,10 +333,11 @@ def simulate(
         )
     meshcat = None
     if recording is not None:
-        trajectory = make_trajectory(scenario, robot)
         _, p_WE = robot.chain.pose(trajectory.q[len(trajectory.q) // 2])
         meshcat = make_meshcat(robot, p_WE)
-    loop = make_closed_loop(scenario, robot, model, meshcat)
+    loop = make_closed_loop(
+        scenario, robot, model, meshcat, trajectory=trajectory, machining_path=plan
+    )
     files: list[Path] = []
     if graph is not None:
         files.append(write_graph(loop.diagram, graph))
@@ -323,6 +350,13 @@ def simulate(
         write_recording(meshcat, recording, title)
         files.append(recording)
     t, signals = loop.logged(simulator.get_context())
+    signals.pop("progress", None)
+    phase, fault = signals.pop("phase", None), Fault.NONE
+    if phase is not None:
+        fault = Fault(int(signals.pop("fault")[-1, 0]))
+        if fault != Fault.NONE:
+            left = t[int(np.argmax(phase[:, 0] == Phase.RETREAT))]
+            notices.append(f"{FAULT_SENTENCES[fault]} at {left:.3f} s: the tool retreated")
     return SimulationResult(
         scenario=scenario,
         robot=robot,
@@ -334,13 +368,17 @@ def simulate(
         pose_error=signals.pop("pose_error", None),
         force_setpoint=_first_column(signals.pop("force_setpoint", None)),
         real_time_factor=float(t[-1]) / elapsed,
+        phase=_first_column(phase),
+        fault=fault,
         notices=tuple(notices),
         files=tuple(files),
         **signals,
     )
 
 
-def known_model(robot: Robot, scenario: Scenario) -> IdentifiedModel:
+def known_model(
+    robot: Robot, scenario: Scenario, trajectory: JointTrajectory | None = None
+) -> IdentifiedModel:
     """What a Coulomb-viscous model can know at best: true inertias, and the true friction fitted.
 
     The fit is over the velocities and loads of the scenario's own motion (over 0.02 to 0.5 rad/s
@@ -351,7 +389,7 @@ def known_model(robot: Robot, scenario: Scenario) -> IdentifiedModel:
     friction = true_friction(scenario, robot)
     if friction is None:
         return model
-    trajectory = make_trajectory(scenario, robot)
+    trajectory = trajectory or make_trajectory(scenario, robot)
     q, v, vdot = trajectory.sample(np.linspace(0.0, scenario.duration, _FIT_SAMPLES))
     moving = np.abs(v) > _FIT_RANGE[0]
     at_rest = ~moving.any(axis=0)

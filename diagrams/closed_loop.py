@@ -17,11 +17,13 @@ from pydrake.systems.primitives import (
 from pydrake.trajectories import PiecewisePolynomial
 
 from diagrams.estimator import add_estimator
+from diagrams.machining import add_machining_reference, make_machining_path
 from diagrams.recording import add_wrench_arrows
 from diagrams.robot_cell import RobotCell, make_robot_cell
 from diagrams.scenario import ForceSetpoint, Scenario, check_scenario, make_trajectory
 from models.identified_model import IdentifiedModel
 from models.input_error import InputError
+from models.machining_path import MachiningPath
 from models.motors import motor_gain
 from models.paths import JointTrajectory
 from models.robot import Robot
@@ -71,6 +73,7 @@ def make_closed_loop(
     meshcat: Meshcat | None = None,
     also_log: Sequence[str] = (),
     trajectory: JointTrajectory | None = None,
+    machining_path: MachiningPath | None = None,
     log_only: Sequence[str] | None = None,
 ) -> ClosedLoop:
     """Builds the loop of a scenario. Controller and estimator know `model`, never the truth.
@@ -82,10 +85,11 @@ def make_closed_loop(
 
     Logged at every tick: reference, tau_command, q, v, current, tau_ext, wrench, covariance,
     condition_number, valid; of the truth tau_ext_true and wrench_true; where they exist ft_wrench,
-    pose_error, force_setpoint.
+    pose_error, force_setpoint; of a machining scenario phase, fault and progress.
 
     Args:
         trajectory: of the joints, in the place of the scenario's motion.
+        machining_path: of a machining scenario, planned before: the workpiece may stand elsewhere.
         also_log: further output ports of the robot cell to log, such as tau_f_true.
         log_only: which of the signals to log; None: all. What nobody asks for costs no time: a log
             of encoders and current, to be read by `WrenchEstimator.run` later, leaves the
@@ -96,10 +100,14 @@ def make_closed_loop(
         InputError: the scenario does not fit the robot, or the model is of another robot.
     """
     check_scenario(scenario)
-    if trajectory is None:
-        trajectory = make_trajectory(scenario, robot)
+    if scenario.machining is not None:
+        machining_path = machining_path or make_machining_path(scenario, robot)
+        trajectory, q_0 = machining_path.trajectory, machining_path.q_start
+    else:
+        trajectory = trajectory or make_trajectory(scenario, robot)
+        q_0 = trajectory.q[0]
     builder = DiagramBuilder()
-    cell = make_robot_cell(scenario, robot, trajectory.q[0], meshcat)
+    cell = make_robot_cell(scenario, robot, q_0, meshcat)
     builder.AddSystem(cell.diagram)
     out = cell.diagram.GetOutputPort
     estimator = add_estimator(
@@ -114,16 +122,24 @@ def make_closed_loop(
         v=out("v"),
         current=out("current"),
     )
-    reference = builder.AddNamedSystem("path_reference", PathReference(trajectory))
-    signals: dict[str, OutputPort] = {"reference": reference.get_output_port()}
+    signals: dict[str, OutputPort] = {}
     feedback = (
         out("ft_wrench")
         if scenario.feedback == "sensor" and scenario.force_torque_sensor is not None
         else estimator.GetOutputPort("wrench")
     )
+    if machining_path is not None:
+        signals |= _add_machining(
+            builder, scenario, robot, model, machining_path, estimator, feedback
+        )
+    else:
+        reference = builder.AddNamedSystem("path_reference", PathReference(trajectory))
+        signals["reference"] = reference.get_output_port()
     if isinstance(scenario.controller, ImpedanceConfig):
+        if machining_path is None:
+            _add_path(builder, scenario, robot, model, signals)
         controller = _add_impedance(
-            builder, scenario, robot, model, reference, estimator, feedback, signals
+            builder, scenario, robot, model, q_0, estimator, feedback, signals
         )
     else:
         controller = builder.AddNamedSystem(
@@ -136,7 +152,7 @@ def make_closed_loop(
             ),
         )
         builder.Connect(estimator.GetOutputPort("terms"), controller.GetInputPort("terms"))
-        builder.Connect(reference.get_output_port(), controller.GetInputPort("reference"))
+        builder.Connect(signals["reference"], controller.GetInputPort("reference"))
     tau_command = controller.GetOutputPort("tau_command")
     drive_gain = motor_gain(robot.torque_per_ampere, robot.current_sign)
     to_current = builder.AddNamedSystem("torque_to_current", Gain(1.0 / drive_gain))
@@ -169,12 +185,53 @@ def make_closed_loop(
     return ClosedLoop(diagram, cell, estimator, controller, trajectory, log, columns)
 
 
+def _add_machining(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    robot: Robot,
+    model: IdentifiedModel,
+    plan: MachiningPath,
+    estimator: Diagram,
+    feedback: OutputPort,
+) -> dict[str, OutputPort]:
+    assert scenario.machining is not None
+    return add_machining_reference(
+        builder,
+        robot,
+        model,
+        plan,
+        scenario.machining.phases,
+        scenario.time_step,
+        estimator.GetOutputPort("terms"),
+        feedback,
+    )
+
+
+def _add_path(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    robot: Robot,
+    model: IdentifiedModel,
+    signals: dict[str, OutputPort],
+) -> None:
+    """What an impedance controller follows along a motion of the joints."""
+    pose = builder.AddNamedSystem("pose_reference", PoseReference(model.chain(robot)))
+    builder.Connect(signals["reference"], pose.get_input_port())
+    signals["pose_reference"] = pose.get_output_port()
+    assert isinstance(scenario.controller, ImpedanceConfig)
+    if scenario.controller.force is not None:
+        setpoint = builder.AddNamedSystem(
+            "force_setpoint", TrajectorySource(_setpoint_trajectory(scenario))
+        )
+        signals["force_setpoint"] = setpoint.get_output_port()
+
+
 def _add_impedance(
     builder: DiagramBuilder,
     scenario: Scenario,
     robot: Robot,
     model: IdentifiedModel,
-    reference: PathReference,
+    q_0: Array,
     estimator: Diagram,
     feedback: OutputPort,
     signals: dict[str, OutputPort],
@@ -185,7 +242,8 @@ def _add_impedance(
         model.friction.feedforward, robot.effort_limit, scenario.time_step, config
     )
     builder.AddNamedSystem("controller", controller)
-    start = model.chain(robot).terms(reference.trajectory.q[0], np.zeros(robot.num_joints))
+    # By the stated inertias: those of a wrist, where rotors count most, are identified poorly.
+    start = robot.chain.terms(q_0, np.zeros(robot.num_joints))
     share = controller.damping_per_tick(start.M, start.J, start.R_WE)
     if share > 1.0:
         raise InputError(
@@ -194,19 +252,16 @@ def _add_impedance(
             f"takes off {share:.1f} times the tool's velocity in one time step: it would chatter",
             "lower the damping (for a light wrist the rotational one), or the time_step",
         )
-    pose = builder.AddNamedSystem("pose_reference", PoseReference(model.chain(robot)))
-    builder.Connect(reference.get_output_port(), pose.get_input_port())
-    builder.Connect(pose.get_output_port(), controller.GetInputPort("pose_reference"))
-    builder.Connect(reference.get_output_port(), controller.GetInputPort("reference"))
+    # The pose is known from the joints' reference: it need not be in the log.
+    builder.Connect(signals.pop("pose_reference"), controller.GetInputPort("pose_reference"))
+    builder.Connect(signals["reference"], controller.GetInputPort("reference"))
     builder.Connect(estimator.GetOutputPort("terms"), controller.GetInputPort("terms"))
     signals["pose_error"] = controller.GetOutputPort("pose_error")
     if config.force is not None:
-        setpoint = builder.AddNamedSystem(
-            "force_setpoint", TrajectorySource(_setpoint_trajectory(scenario))
-        )
-        builder.Connect(setpoint.get_output_port(), controller.GetInputPort("force_setpoint"))
+        builder.Connect(signals["force_setpoint"], controller.GetInputPort("force_setpoint"))
         builder.Connect(feedback, controller.GetInputPort("wrench"))
-        signals["force_setpoint"] = setpoint.get_output_port()
+    if "force_active" in signals:
+        builder.Connect(signals.pop("force_active"), controller.GetInputPort("force_active"))
     return controller
 
 

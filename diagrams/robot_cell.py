@@ -1,28 +1,25 @@
 """The robot cell: the true robot in its drives, and whatever stands around it."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import (
-    AddContactMaterial,
     Box,
     CollisionFilterDeclaration,
     GeometrySet,
     Meshcat,
     MeshcatVisualizer,
     MeshcatVisualizerParams,
-    ProximityProperties,
     Role,
     RoleAssign,
     SceneGraph,
+    Sphere,
 )
-from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.math import RigidTransform
 from pydrake.multibody.plant import (
     AddMultibodyPlant,
     ApplyMultibodyPlantConfig,
-    CoulombFriction,
     MultibodyPlant,
     MultibodyPlantConfig,
 )
@@ -37,9 +34,11 @@ from pydrake.systems.primitives import (
     Saturation,
 )
 
-from diagrams.scenario import PlateConfig, Scenario
+from diagrams.scenario import BladeConfig, PlateConfig, Scenario
+from diagrams.workpiece import add_blade, contact_material, pose_of_workpiece, soft_tip
 from models.dry_friction import DryFriction
 from models.input_error import InputError
+from models.machining_process import MachiningProcess
 from models.motors import motor_gain
 from models.robot import Robot, RobotInPlant
 from models.wrench_script import WrenchScript
@@ -49,6 +48,7 @@ from systems.force_torque_sensor import ForceTorqueSensor
 from systems.free_joint_friction import FreeJointFriction
 from systems.gaussian_noise_source import GaussianNoiseSource
 from systems.joint_friction import JointFriction, add_holding_actuators
+from systems.machining_process import MachiningProcessSystem
 from systems.motor_current_sensor import MotorCurrentSensor, add_motor_current_sensor
 from systems.rigid_body_terms import RigidBodyTermsSystem
 
@@ -95,7 +95,8 @@ def make_robot_cell(
         (n,) A           |            | --> tau_J_true       (n,) N m
                          |            | --> tau_f_true       (n,) N m, where there is friction
                          |            | --> tau_ext_true     (n,) N m
-                         +------------+ --> wrench_true      (6,) F_E_W, N m, N
+                         |            | --> wrench_true      (6,) F_E_W, N m, N
+                         +------------+ --> wrench_unbalance (6,) of a spindle, when machining
 
     The ports `*_true` are for measuring errors: no estimator may see them. Every 6-vector is
     rotation first. The plant is discrete at the scenario's time step and does not sample its
@@ -125,7 +126,9 @@ def make_robot_cell(
     else:
         for i, joint in enumerate(parts.joints):
             joint.set_default_damping(0.0 if friction is None else friction.viscous[i])
-    if scenario.workpiece is not None:
+    if isinstance(scenario.workpiece, BladeConfig):
+        add_blade(plant, scenario.workpiece)
+    elif scenario.workpiece is not None:
         _add_plate(plant, scenario.workpiece)
     if scene_graph is not None:
         _add_floor(plant, solid=scenario.floor)
@@ -147,7 +150,7 @@ def make_robot_cell(
     tau_J = _add_drives(builder, scenario, robot)
     builder.ExportOutput(tau_J, "tau_J_true")
     script = WrenchScript(scenario.wrench, scenario.seed, "scenario")
-    tau_ext = _add_environment(builder, plant, parts, script, terms.get_output_port(), touches)
+    tau_ext = _add_environment(builder, scenario, robot, plant, parts, script, terms, touches)
     if friction is not None and with_brakes:
         _connect_with_brakes(builder, plant, parts, tau_J)
         _add_friction(builder, plant, parts, friction, tau_J)
@@ -176,14 +179,16 @@ def make_robot_cell(
 
 def _add_environment(
     builder: DiagramBuilder,
+    scenario: Scenario,
+    robot: Robot,
     plant: MultibodyPlant,
     parts: RobotInPlant,
     script: WrenchScript,
-    terms: OutputPort,
+    true_terms: RigidBodyTermsSystem,
     touches: bool,
 ) -> OutputPort:
     """What acts on the robot from outside; exports the truth of it, and returns tau_ext_true."""
-    n = len(parts.actuators)
+    n, terms = len(parts.actuators), true_terms.get_output_port()
     if not script.segments and not touches:
         for name, size in (("wrench_true", 6), ("tau_ext_true", n)):
             nothing = builder.AddNamedSystem(f"no_{name}", ConstantVectorSource(np.zeros(size)))
@@ -193,14 +198,34 @@ def _add_environment(
     source = builder.AddNamedSystem(
         "external_wrench", ExternalWrenchSource(script, tool.index(), _p_BE(plant, parts))
     )
-    if script.segments:
-        builder.Connect(
-            source.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port()
+    geometries = plant.GetCollisionGeometriesForBody(tool)
+    truth = builder.AddNamedSystem("truth", EnvironmentTruth(n, tool.index(), geometries))
+    applied, forces = source.GetOutputPort("wrench_true"), source.GetOutputPort("spatial_forces")
+    if scenario.machining is not None:
+        process = builder.AddNamedSystem(
+            "process",
+            MachiningProcessSystem(
+                MachiningProcess(scenario.machining.process),
+                tool.index(),
+                geometries,
+                _p_BE(plant, parts),
+                tip_radius(robot),
+                scenario.time_step,
+            ),
         )
-    truth = builder.AddNamedSystem("truth", EnvironmentTruth(n, tool.index()))
+        builder.Connect(terms, process.GetInputPort("terms"))
+        builder.Connect(
+            plant.get_contact_results_output_port(), process.GetInputPort("contact_results")
+        )
+        if script.segments:
+            builder.Connect(applied, process.GetInputPort("wrench_applied"))
+        applied, forces = process.GetOutputPort("wrench"), process.GetOutputPort("spatial_forces")
+        builder.ExportOutput(process.GetOutputPort("wrench_unbalance"), "wrench_unbalance")
+    if script.segments or scenario.machining is not None:
+        builder.Connect(forces, plant.get_applied_spatial_force_input_port())
     builder.Connect(terms, truth.GetInputPort("terms"))
-    builder.Connect(source.GetOutputPort("wrench_true"), truth.GetInputPort("wrench_applied"))
-    wrench_true = source.GetOutputPort("wrench_true")
+    builder.Connect(applied, truth.GetInputPort("wrench_applied"))
+    wrench_true = applied
     if touches:
         wrench_true = truth.GetOutputPort("wrench_true")
         builder.Connect(
@@ -222,6 +247,7 @@ def _add_plant(
     config = MultibodyPlantConfig(
         time_step=scenario.time_step,
         discrete_contact_approximation="lagged",
+        contact_model="hydroelastic_with_fallback",  # patches with a blade, else points
         use_sampled_output_ports=False,
     )
     if with_scene:
@@ -239,6 +265,24 @@ def tool_body(plant: MultibodyPlant, parts: RobotInPlant) -> RigidBody:
     if parts.tool_weld is None:
         return parts.frame_E.body()
     return plant.get_joint(parts.tool_weld).child_body()
+
+
+def tip_radius(robot: Robot) -> float:
+    """Radius of the ball at the tool's tip, m.
+
+    Raises:
+        InputError: the tool has none.
+    """
+    tool = robot.config.tool
+    balls = [shape.sphere for shape in tool.collision if shape.sphere is not None] if tool else []
+    if len(balls) != 1:
+        raise InputError(
+            robot.source,
+            "tool.collision",
+            f"holds {len(balls)} spheres, and machining needs one: the tool's tip",
+            "give the tool a ball at E",
+        )
+    return float(balls[0])
 
 
 def _p_BE(plant: MultibodyPlant, parts: RobotInPlant) -> Array:
@@ -267,23 +311,11 @@ def true_friction(scenario: Scenario, robot: Robot) -> DryFriction | None:
     )
 
 
-def _contact_material(stiffness: float, dissipation: float, friction: float) -> Any:
-    """Of one of two alike materials that meet with this stiffness: each gives way by half."""
-    properties = ProximityProperties()
-    AddContactMaterial(
-        dissipation=dissipation,
-        point_stiffness=2.0 * stiffness,
-        friction=CoulombFriction(friction, friction),
-        properties=properties,
-    )
-    return properties
-
-
 def _add_plate(plant: MultibodyPlant, plate: PlateConfig) -> None:
-    X_WP = RigidTransform(RollPitchYaw(plate.rpy), plate.centre)
+    X_WP = pose_of_workpiece(plate)
     X_WG = X_WP @ RigidTransform([0.0, 0.0, -0.5 * plate.size[2]])
     body, shape = plant.world_body(), Box(*plate.size)
-    material = _contact_material(plate.stiffness, plate.dissipation, plate.friction)
+    material = contact_material(plate.stiffness, plate.dissipation, plate.friction)
     plant.RegisterCollisionGeometry(body, X_WG, shape, "workpiece", material)
     plant.RegisterVisualGeometry(body, X_WG, shape, "workpiece", _PLATE_COLOUR)
     # What it stands on, for the eye.
@@ -301,22 +333,36 @@ def _add_floor(plant: MultibodyPlant, solid: bool) -> None:
     plant.RegisterVisualGeometry(body, X_WV, slab, "floor", _FLOOR_COLOUR)
     if solid:
         X_WG = RigidTransform([0.0, 0.0, -0.1])
-        material = _contact_material(FLOOR_STIFFNESS, 100.0, 0.5)
+        material = contact_material(FLOOR_STIFFNESS, 100.0, 0.5)
         plant.RegisterCollisionGeometry(body, X_WG, Box(4.0, 4.0, 0.2), "floor", material)
 
 
 def _prepare_contact(
     plant: MultibodyPlant, scene_graph: SceneGraph, parts: RobotInPlant, scenario: Scenario
 ) -> None:
-    """Links do not touch each other; they meet the workpiece with the workpiece's own material."""
+    """Links do not touch each other; they meet the workpiece with the workpiece's own material.
+
+    Of a robot at a blade only the ball at the tool's tip is felt: links pass through it unseen.
+    """
     inspector = scene_graph.model_inspector()
     touches = scenario.workpiece is not None or scenario.floor
-    plate = scenario.workpiece or PlateConfig()
-    material = _contact_material(plate.stiffness, plate.dissipation, plate.friction)
+    workpiece = scenario.workpiece
+    blade = workpiece if isinstance(workpiece, BladeConfig) else None
+    plate = workpiece if isinstance(workpiece, PlateConfig) else PlateConfig()
+    material = contact_material(plate.stiffness, plate.dissipation, plate.friction)
     source, links = plant.get_source_id(), GeometrySet()
     for index in plant.GetBodyIndices(parts.model_instance):
         for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(index)):
-            if touches:
+            if blade is not None:
+                # A mesh is touched by patches alone: only the tip has a shape that makes them.
+                shape = inspector.GetShape(geometry)
+                if isinstance(shape, Sphere) and index == tool_body(plant, parts).index():
+                    tip = soft_tip(blade, shape.radius())
+                    scene_graph.AssignRole(source, geometry, tip, RoleAssign.kReplace)
+                    links.Add(geometry)
+                else:
+                    scene_graph.RemoveRole(source, geometry, Role.kProximity)
+            elif touches:
                 scene_graph.AssignRole(source, geometry, material, RoleAssign.kReplace)
                 links.Add(geometry)
             else:

@@ -12,6 +12,9 @@ from models.configuration import load_configuration, nearest
 from models.estimator import WrenchEstimatorConfig
 from models.fourier_trajectory import FourierCoefficients, FourierTrajectory
 from models.input_error import InputError
+from models.machining_path import NormalForceConfig
+from models.machining_phases import PhasesConfig, check_phases
+from models.machining_process import MachiningProcess, ProcessConfig
 from models.paths import (
     JointTrajectory,
     StraightPath,
@@ -114,6 +117,48 @@ class PlateConfig:
 
 
 @dataclass
+class BladeConfig:
+    """A section of a wind turbine blade (models.workpieces), fixed in W, touched at a patch."""
+
+    centre: list[float] = field(default_factory=lambda: [0.6, 0.0, 0.2])  # m, of its frame P
+    rpy: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # rad; span along P's y
+    span: float = 0.5  # m
+    root_chord: float = 0.34  # m
+    tip_chord: float = 0.26  # m
+    root_twist_deg: float = 10.0
+    tip_twist_deg: float = 2.0
+    thickness: float = 0.24  # of the chord
+    camber: float = 0.05  # of the chord
+    mesh_size: float = 0.006  # m, edges of the triangles that are touched
+    friction: float = 0.2  # Coulomb, static and dynamic
+    modulus: float = 1e7  # Pa, hydroelastic, of the tool's tip
+    dissipation: float = 20.0  # s/m, Hunt and Crossley
+
+
+WorkpieceConfig = Union[PlateConfig, BladeConfig, None]  # noqa: UP007
+
+
+@dataclass
+class MachiningConfig:
+    """A pass over the workpiece with a tool whose tip is a ball: polishing, grinding."""
+
+    # (u, v) of the path's ends on the workpiece, each 0 to 1: along x and y of a plate; round the
+    # profile (suction side above .5) and along the span of a blade
+    start: list[float] = field(default_factory=lambda: [0.5, 0.2])
+    end: list[float] = field(default_factory=lambda: [0.5, 0.8])
+    num_samples: int = 61  # of the path
+    # deg about the normal, at the start; without it the angle that reads forces best at each sample
+    angle_deg: float | None = None
+    turn_deg: float = 0.0  # by which the angle grows along the path: so the wrist keeps moving
+    joint_ranges_deg: dict[str, list[float]] = field(default_factory=dict)  # narrower limits
+    one_way: float = 15.0  # s, from one end to the other
+    passes: int = 2  # there, back, there, ...
+    force: NormalForceConfig = field(default_factory=NormalForceConfig)
+    phases: PhasesConfig = field(default_factory=PhasesConfig)
+    process: ProcessConfig = field(default_factory=ProcessConfig)
+
+
+@dataclass
 class RecordingConfig:
     """The picture of the run."""
 
@@ -127,7 +172,7 @@ class Scenario:
 
     description: str = ""
     robot: str = "sts_sre4_600"  # bundled name, or path of a robot.yaml
-    duration: float = 5.0  # s
+    duration: float = 5.0  # s; machining ends earlier, when the pass is done
     time_step: float = 1e-3  # s, of the plant, the drives and every block
     seed: int = 0  # of all noise and pushes
     motion: MotionConfig = field(default_factory=HoldMotion)
@@ -137,7 +182,8 @@ class Scenario:
     friction: str = "full"  # of the true robot; or coulomb_viscous, none
     current_noise: bool = True  # noise, resolution and bandwidth of the drives' measurement
     wrench: list[WrenchSegment] = field(default_factory=list)  # on the tool at E
-    workpiece: PlateConfig | None = None
+    workpiece: WorkpieceConfig = None
+    machining: MachiningConfig | None = None  # of the workpiece; in the place of the motion
     floor: bool = False  # a solid floor at z = 0
     force_torque_sensor: ForceTorqueSensorConfig | None = None
     # Its observer's time_step is the scenario's, whatever is written here.
@@ -212,14 +258,50 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
             "force control feeds back a sensor that the scenario does not have",
             "add force_torque_sensor, or feed back the estimate",
         )
-    plate = scenario.workpiece
-    if plate is not None:
-        if len(plate.centre) != 3 or len(plate.rpy) != 3 or len(plate.size) != 3:
-            raise InputError(source, "workpiece", "centre, rpy and size take three numbers each")
-        if min(plate.size) <= 0 or min(plate.stiffness, plate.dissipation, plate.friction) < 0:
-            raise InputError(source, "workpiece", "a size or a contact parameter is negative")
-        if plate.stiffness == 0:
+    _check_workpiece(scenario.workpiece, source)
+    if scenario.machining is not None:
+        _check_machining(scenario, source)
+
+
+def _check_workpiece(workpiece: PlateConfig | BladeConfig | None, source: str) -> None:
+    if workpiece is None:
+        return
+    if len(workpiece.centre) != 3 or len(workpiece.rpy) != 3:
+        raise InputError(source, "workpiece", "centre and rpy take three numbers each")
+    if min(workpiece.dissipation, workpiece.friction) < 0:
+        raise InputError(source, "workpiece", "a contact parameter is negative")
+    if isinstance(workpiece, PlateConfig):
+        if len(workpiece.size) != 3 or min(workpiece.size) <= 0:
+            raise InputError(
+                source, "workpiece.size", "expected three numbers, none negative or zero"
+            )
+        if not workpiece.stiffness > 0:
             raise InputError(source, "workpiece.stiffness", "expected more than 0 N/m")
+    elif not workpiece.modulus > 0:
+        raise InputError(source, "workpiece.modulus", "expected more than 0 Pa")
+
+
+def _check_machining(scenario: Scenario, source: str) -> None:
+    machining = scenario.machining
+    assert machining is not None
+    if scenario.workpiece is None:
+        raise InputError(source, "machining", "there is no workpiece", "add workpiece")
+    controller = scenario.controller
+    if not isinstance(controller, ImpedanceConfig) or controller.force is None:
+        raise InputError(
+            source,
+            "controller",
+            "machining needs impedance control with a force",
+            "write controller: !ImpedanceConfig {axes: E, force: {direction: [0, 0, -1], axes: E}}",
+        )
+    if len(machining.start) != 2 or len(machining.end) != 2:
+        raise InputError(source, "machining", "start and end take two numbers each, u and v")
+    if not machining.one_way > 0:
+        raise InputError(
+            source, "machining.one_way", f"{machining.one_way:g} s, expected more than 0"
+        )
+    check_phases(machining.phases, f"{source}: machining")
+    MachiningProcess(machining.process, f"{source}: machining.process")
 
 
 def make_trajectory(scenario: Scenario, robot: Robot) -> JointTrajectory:

@@ -1,13 +1,18 @@
 """What the environment really does to the simulated robot."""
 
+from collections.abc import Collection
+
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue, Value
+from pydrake.geometry import GeometryId
 from pydrake.multibody.plant import ContactResults
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 Array = NDArray[np.float64]
+
+_NO_MOMENT = np.zeros(3)
 
 
 class EnvironmentTruth(LeafSystem):
@@ -36,12 +41,18 @@ class EnvironmentTruth(LeafSystem):
     Args:
         num_joints: n.
         tool_body: the body that E is fixed to.
+        tool_geometries: its collision geometries; needed where contacts are patches.
     """
 
-    def __init__(self, num_joints: int, tool_body: BodyIndex) -> None:
+    def __init__(
+        self,
+        num_joints: int,
+        tool_body: BodyIndex,
+        tool_geometries: Collection[GeometryId] = (),
+    ) -> None:
         LeafSystem.__init__(self)
         n = num_joints
-        self._tool_body = tool_body
+        self._tool_body, self._tool_geometries = tool_body, frozenset(tool_geometries)
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._applied = self.DeclareVectorInputPort("wrench_applied", 6)
         self._tau_contact = self.DeclareVectorInputPort("tau_contact", n)
@@ -63,28 +74,52 @@ class EnvironmentTruth(LeafSystem):
         wrench = self._applied.Eval(context)
         if self._contact.HasValue(context):
             results = self._contact.Eval(context)
-            count = results.num_point_pair_contacts()
-            if count:
-                wrench = wrench + self._contact_wrench(
-                    results, count, self._terms.Eval(context).p_WE
-                )
+            contacts = tool_contacts(results, self._tool_body, self._tool_geometries)
+            if contacts:
+                p_WE = self._terms.Eval(context).p_WE
+                wrench = wrench.copy()
+                for force, moment, p_WC in contacts:
+                    x, y, z = p_WC - p_WE
+                    fx, fy, fz = force
+                    wrench[:3] += moment
+                    wrench[0] += y * fz - z * fy
+                    wrench[1] += z * fx - x * fz
+                    wrench[2] += x * fy - y * fx
+                    wrench[3:] += force
         output.SetFromVector(wrench)
-
-    def _contact_wrench(self, results: ContactResults, count: int, p_WE: Array) -> Array:
-        total = np.zeros(6)
-        for i in range(count):
-            contact = results.point_pair_contact_info(i)
-            force = contact.contact_force()  # on body B
-            if contact.bodyA_index() == self._tool_body:
-                force = -force
-            elif contact.bodyB_index() != self._tool_body:
-                continue
-            total[:3] += np.cross(contact.contact_point() - p_WE, force)
-            total[3:] += force
-        return total
 
     def _calc_tau_ext_true(self, context: Context, output: BasicVector) -> None:
         tau = self._applied.Eval(context) @ self._terms.Eval(context).J
         if self._tau_contact.HasValue(context):
             tau = tau + self._tau_contact.Eval(context)
         output.SetFromVector(tau)
+
+
+def tool_contacts(
+    results: ContactResults, tool_body: BodyIndex, tool_geometries: Collection[GeometryId] = ()
+) -> list[tuple[Array, Array, Array]]:
+    """What touches the tool: force (3,) N and moment (3,) N m on it, and where (3,) m, all in W.
+
+    A contact at a point has no moment; of a patch (hydroelastic contact) the place is the centroid.
+
+    Args:
+        results: of the plant.
+        tool_body: whose contacts count.
+        tool_geometries: its collision geometries, by which patches name it.
+    """
+    contacts = []
+    for i in range(results.num_point_pair_contacts()):
+        contact = results.point_pair_contact_info(i)
+        if contact.bodyB_index() == tool_body:
+            contacts.append((contact.contact_force(), _NO_MOMENT, contact.contact_point()))
+        elif contact.bodyA_index() == tool_body:
+            contacts.append((-contact.contact_force(), _NO_MOMENT, contact.contact_point()))
+    for i in range(results.num_hydroelastic_contacts()):
+        patch = results.hydroelastic_contact_info(i)
+        surface = patch.contact_surface()
+        wrench = patch.F_Ac_W().get_coeffs()  # on the body of geometry M, at the centroid
+        if surface.id_M() in tool_geometries:
+            contacts.append((wrench[3:], wrench[:3], surface.centroid()))
+        elif surface.id_N() in tool_geometries:
+            contacts.append((-wrench[3:], -wrench[:3], surface.centroid()))
+    return contacts

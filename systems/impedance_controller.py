@@ -14,6 +14,8 @@ from systems.pose_reference import POSE_REFERENCE_SIZE
 
 Array = NDArray[np.float64]
 
+_NOWHERE = np.zeros(3)
+
 
 @dataclass
 class ForceControlConfig:
@@ -66,6 +68,7 @@ class ImpedanceController(LeafSystem):
       reference      -->  | ImpedanceController |
       wrench         -->  |                     | --> pose_error
       force_setpoint -->  |                     |
+      force_active   -->  |                     |
                           +---------------------+
 
     Inputs:      terms           RigidBodyTerms (abstract) of the model
@@ -74,6 +77,9 @@ class ImpedanceController(LeafSystem):
                  wrench          (6,) F_E_W from a sensor or an estimate, environment on robot,
                                  rotation first; for force control
                  force_setpoint  (1,) N along d, for force control
+                 force_active    (1,) 1 or 0; optional: without it force control is active. While it
+                                 is not, the spring acts along d as well, and the integral follows
+                                 it, so that force control takes over without a jump
     Outputs:     tau_command     (n,) N m on the joint side, within effort_limit; direct feedthrough
                  pose_error      (6,) rotation vector rad, translation m, from D to E, in the axes
                                  of the stiffness
@@ -137,6 +143,7 @@ class ImpedanceController(LeafSystem):
         self._reference = self.DeclareVectorInputPort("reference", 3 * n)
         self._wrench = self.DeclareVectorInputPort("wrench", 6)
         self._force_setpoint = self.DeclareVectorInputPort("force_setpoint", 1)
+        self._force_active = self.DeclareVectorInputPort("force_active", 1)
         self.DeclareDiscreteState(1)
         if self._has_force:
             self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
@@ -154,6 +161,7 @@ class ImpedanceController(LeafSystem):
                 self._reference.ticket(),
                 self._wrench.ticket(),
                 self._force_setpoint.ticket(),
+                self._force_active.ticket(),
                 self.xd_ticket(),
             },
         )
@@ -177,10 +185,16 @@ class ImpedanceController(LeafSystem):
     def _direction_W(self, R_WE: Array) -> Array:
         return R_WE @ self._direction if self._direction_in_E else self._direction
 
-    def _calc_tau_command(self, context: Context, output: BasicVector) -> None:
+    def _presses(self, context: Context) -> bool:
+        if not self._has_force:
+            return False
+        port = self._force_active
+        return not port.HasValue(context) or bool(port.Eval(context)[0] > 0.5)
+
+    def _spring_and_damper(self, context: Context, d_W: Array) -> Array:
+        """The wrench (6,), the spring blind along d_W."""
         terms = self._terms.Eval(context)
         desired = self._pose_reference.Eval(context)
-        d_W = self._direction_W(terms.R_WE) if self._has_force else np.zeros(3)
         wrench = np.empty(6)
         impedance_wrench(
             self._in_E,
@@ -195,9 +209,17 @@ class ImpedanceController(LeafSystem):
             d_W,
             wrench,
         )
-        if self._has_force:
+        return wrench
+
+    def _calc_tau_command(self, context: Context, output: BasicVector) -> None:
+        terms = self._terms.Eval(context)
+        if self._presses(context):
+            d_W = self._direction_W(terms.R_WE)
+            wrench = self._spring_and_damper(context, d_W)
             press, _ = self._press(context, d_W)
             wrench[3:] -= press * d_W
+        else:
+            wrench = self._spring_and_damper(context, _NOWHERE)
         has_reference = self._reference.HasValue(context)
         tau = np.empty(self._n)
         impedance_torque(
@@ -227,13 +249,22 @@ class ImpedanceController(LeafSystem):
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         integral = context.get_discrete_state(0).GetAtIndex(0)
-        _, error = self._press(context, self._direction_W(self._terms.Eval(context).R_WE))
+        d_W = self._direction_W(self._terms.Eval(context).R_WE)
         _, ki, limit = context.get_numeric_parameter(self._force_gains).value()
-        tau = self._tau_command.Eval(context)
-        saturated = bool(np.any(np.abs(tau) >= self._effort_limit))
-        if not (saturated and error * integral > 0.0):
-            integral += self._time_step * error
         bound = limit / ki if ki > 0.0 else 0.0
+        if self._presses(context):
+            _, error = self._press(context, d_W)
+            tau = self._tau_command.Eval(context)
+            saturated = bool(np.any(np.abs(tau) >= self._effort_limit))
+            if not (saturated and error * integral > 0.0):
+                integral += self._time_step * error
+        elif ki > 0.0:
+            # The push of the spring, less the contact force with which force control will begin.
+            spring = self._spring_and_damper(context, _NOWHERE) - self._spring_and_damper(
+                context, d_W
+            )
+            force = max(0.0, float(d_W @ self._wrench.Eval(context)[3:]))
+            integral = (-float(d_W @ spring[3:]) - force) / ki
         discrete_state.set_value([min(max(integral, -bound), bound)])
 
 

@@ -5,10 +5,12 @@ import numpy as np
 import pytest
 
 from diagrams.scenario import (
+    BladeConfig,
     FourierMotion,
     HoldMotion,
     JointSineMotion,
     LineMotion,
+    MachiningConfig,
     Scenario,
     bundled_scenarios,
     check_scenario,
@@ -16,6 +18,8 @@ from diagrams.scenario import (
     make_trajectory,
 )
 from models.input_error import InputError
+from models.machining_phases import PhasesConfig
+from models.machining_process import ProcessConfig
 from models.robot import Robot
 from models.wrench_script import HandPush
 from systems.impedance_controller import ForceControlConfig, ImpedanceConfig
@@ -184,6 +188,24 @@ def test_a_fourier_motion_is_its_series_over_whole_periods(robot):
     np.testing.assert_allclose(trajectory.sample(t)[0] - robot.home, expected, atol=1e-9)
     with pytest.raises(InputError, match="6 joints"):
         make_trajectory(Scenario(motion=FourierMotion(0.5, [0.0], [[0.1]], [[0.1]])), robot)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"workpiece": None}, "there is no workpiece"),
+        ({"controller": ImpedanceConfig()}, "needs impedance control with a force"),
+        ({"workpiece": BladeConfig(modulus=0.0)}, "modulus"),
+        ({"machining": MachiningConfig(one_way=-1.0)}, "one_way"),
+        ({"machining": MachiningConfig(start=[0.5])}, "u and v"),
+        ({"machining": MachiningConfig(process=ProcessConfig(lag=0.0))}, "lag"),
+        ({"machining": MachiningConfig(phases=PhasesConfig(rise=0.0))}, "rise"),
+    ],
+)
+def test_machining_that_cannot_be_is_refused(changes, words):
+    scenario = replace(load_scenario("Polishing"), **changes)
+    with pytest.raises(InputError, match=words):
+        check_scenario(scenario)
 
 
 def test_a_lead_in_is_the_end_of_a_way_back(robot):

@@ -343,3 +343,28 @@ def test_stiffness_through_the_context(robot):
 def test_bad_configuration(changes, words):
     with pytest.raises(InputError, match=words):
         ImpedanceController(no_friction(6), np.ones(6), T, ImpedanceConfig(**changes))
+
+
+def test_force_control_takes_over_from_the_spring_without_a_jump(robot):
+    """After a stretch under position control the torque is the same in the tick of the change."""
+    force = ForceControlConfig(direction=[0.0, 0.0, 1.0], proportional=0.6, integral=60.0)
+    config = ImpedanceConfig(force=force)
+    block = ImpedanceController(no_friction(6), robot.effort_limit, T, config)
+    context = block.CreateDefaultContext()
+    terms = robot.chain.terms(robot.home, np.zeros(6))
+    below = terms.p_WE - [0.0, 0.0, 0.01]
+    pushed = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 7.0])
+    block.GetInputPort("terms").FixValue(context, AbstractValue.Make(terms))
+    block.GetInputPort("pose_reference").FixValue(context, pose(terms.R_WE, below))
+    block.GetInputPort("wrench").FixValue(context, pushed)
+    block.GetInputPort("force_setpoint").FixValue(context, [0.0])
+    active = block.GetInputPort("force_active").FixValue(context, [0.0])
+    before = block.GetOutputPort("tau_command").Eval(context).copy()
+    # The spring presses with 2000 N/m times 10 mm.
+    np.testing.assert_allclose(before - terms.G, terms.J[5] * -20.0, atol=1e-9)
+    values = block.EvalUniquePeriodicDiscreteUpdate(context)
+    context.SetDiscreteState(0, values.get_vector(0).CopyToVector())
+    active.GetMutableData().set_value([1.0])
+    block.GetInputPort("force_setpoint").FixValue(context, [7.0])  # the force that is there
+    after = block.GetOutputPort("tau_command").Eval(context)
+    np.testing.assert_allclose(after, before, atol=1e-9)

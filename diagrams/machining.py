@@ -1,0 +1,168 @@
+"""Machining in the closed loop: the pass that a scenario asks for, and who leads it."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.primitives import Demultiplexer
+
+from diagrams.robot_cell import tip_radius
+from diagrams.scenario import MachiningConfig, Scenario
+from diagrams.workpiece import pose_of_workpiece, surface_of
+from models.branches import all_branches
+from models.identified_model import IdentifiedModel
+from models.input_error import InputError
+from models.inverse_kinematics import follow_path
+from models.machining_path import MachiningPath, check_curvature, plan_machining
+from models.machining_phases import RAMP, PhasesConfig
+from models.posture_measures import ForceSd
+from models.redundancy import RedundancyProblem, best_on_grid, candidates, refine
+from models.robot import Robot
+from models.surface_path import SurfacePath
+from models.wrench import WrenchReconstructionConfig
+from systems.machining_reference import MachiningReference
+
+Array = NDArray[np.float64]
+
+NUM_ANGLES = 36
+_MAX_STEP = math.radians(8.0)  # of a joint from one sample to the next
+_MARGIN = math.radians(5.0)  # kept from every joint limit
+_SMOOTHNESS = 0.05  # N per rad^2: a calm motion is worth more here than the last millinewton
+AFTER = 0.2  # s at rest, after the pass
+
+
+def make_machining_path(
+    scenario: Scenario, robot: Robot, source: str = "scenario: machining"
+) -> MachiningPath:
+    """Plans the pass of a scenario, where the workpiece stands as the scenario says.
+
+    Raises:
+        InputError: a path off the workpiece, over too sharp an edge or out of reach; and as
+            `plan_machining`.
+    """
+    machining = scenario.machining
+    assert machining is not None and scenario.workpiece is not None
+    radius = tip_radius(robot)
+    X_WP = pose_of_workpiece(scenario.workpiece)
+    path = SurfacePath.on_surface(
+        surface_of(scenario.workpiece),
+        (machining.start[0], machining.start[1]),
+        (machining.end[0], machining.end[1]),
+        machining.num_samples,
+        X_WP.rotation().matrix(),
+        X_WP.translation(),
+        source,
+    )
+    check_curvature(path, radius)
+    return plan_machining(
+        robot,
+        path,
+        postures(robot, path, machining, source),
+        machining.one_way,
+        machining.passes,
+        machining.force,
+        machining.phases,
+        radius,
+        source,
+    )
+
+
+def posture_problem(
+    robot: Robot, path: SurfacePath, machining: MachiningConfig, source: str
+) -> RedundancyProblem:
+    """What is small: the stated sd of the force, read at a point, of a robot not yet identified."""
+    lower, upper = robot.position_lower + _MARGIN, robot.position_upper - _MARGIN
+    for joint, limits in machining.joint_ranges_deg.items():
+        if joint not in robot.joint_names or len(limits) != 2 or not limits[0] < limits[1]:
+            raise InputError(
+                source,
+                f"joint_ranges_deg.{joint}",
+                "expected [lower, upper]",
+                f"joints are {', '.join(robot.joint_names)}",
+            )
+        j = robot.joint_names.index(joint)
+        lower[j] = max(lower[j], math.radians(limits[0]))
+        upper[j] = min(upper[j], math.radians(limits[1]))
+    return RedundancyProblem(
+        robot=robot,
+        path=path,
+        tool_axis_E=np.array([0.0, 0.0, 1.0]),
+        measure=ForceSd(
+            robot.chain,
+            IdentifiedModel.nominal(robot).residual_covariance,
+            WrenchReconstructionConfig(method="inverse"),
+        ),
+        lower=lower,
+        upper=upper,
+        max_step=np.full(robot.num_joints, _MAX_STEP),
+        smoothness=_SMOOTHNESS,
+        num_angles=NUM_ANGLES,
+        first_angle=math.radians(machining.angle_deg or 0.0),
+    )
+
+
+def postures(robot: Robot, path: SurfacePath, machining: MachiningConfig, source: str) -> Array:
+    """(N, n) a posture at each sample: at the angle that is asked for, or where forces read best.
+
+    Raises:
+        InputError: a sample is out of reach.
+    """
+    problem = posture_problem(robot, path, machining, source)
+    if machining.angle_deg is None:
+        found = best_on_grid(problem, candidates(problem))
+        return refine(problem, found.q).q
+    turn = math.radians(machining.turn_deg) * np.linspace(0.0, 1.0, path.num_samples)
+    R_WE = path.orientations(problem.first_angle + turn)
+    best = None
+    for q_first in all_branches(robot, R_WE[:1], path.p_WS[:1])[0]:
+        if not np.all((q_first >= problem.lower) & (q_first <= problem.upper)):
+            continue
+        try:
+            q = follow_path(robot, R_WE, path.p_WS, q_first)
+        except InputError:
+            continue
+        if problem.violation(q) > 0.0:
+            continue
+        cost = problem.cost(q)
+        if best is None or cost < best[0]:
+            best = cost, q
+    if best is None:
+        raise InputError(
+            source,
+            "angle_deg",
+            f"{robot.name} cannot keep this angle from one end of the path to the other",
+            "leave angle_deg out, or move the workpiece",
+        )
+    return best[1]
+
+
+def longest_duration(plan: MachiningPath, phases: PhasesConfig) -> float:
+    """Seconds within which a pass is done, whatever happens."""
+    approach = (phases.standoff + phases.search) / phases.approach_speed
+    lift = phases.lift / phases.lift_speed
+    held = phases.rise + phases.settle + plan.trajectory.duration + phases.release
+    return approach + held + lift + 2.0 * RAMP + AFTER
+
+
+def add_machining_reference(
+    builder: DiagramBuilder,
+    robot: Robot,
+    model: IdentifiedModel,
+    plan: MachiningPath,
+    phases: PhasesConfig,
+    time_step: float,
+    terms: OutputPort,
+    wrench: OutputPort,
+) -> dict[str, OutputPort]:
+    """Adds a MachiningReference and takes its plan apart; returns the parts by their names."""
+    leader = builder.AddNamedSystem(
+        "machining_reference",
+        MachiningReference(robot, model.chain(robot), plan, phases, time_step),
+    )
+    builder.Connect(terms, leader.GetInputPort("terms"))
+    builder.Connect(wrench, leader.GetInputPort("wrench"))
+    sizes = leader.sizes(robot.num_joints)
+    split = builder.AddNamedSystem("machining_plan", Demultiplexer(list(sizes.values())))
+    builder.Connect(leader.get_output_port(), split.get_input_port())
+    return {name: split.get_output_port(i) for i, name in enumerate(sizes)}

@@ -1,0 +1,104 @@
+"""Workpieces in the cell: where they stand, their exact surface, their contact geometry."""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common import MemoryFile
+from pydrake.geometry import (
+    AddCompliantHydroelasticProperties,
+    AddContactMaterial,
+    AddRigidHydroelasticProperties,
+    InMemoryMesh,
+    Mesh,
+    ProximityProperties,
+)
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
+
+from diagrams.scenario import BladeConfig, PlateConfig
+from models.input_error import InputError
+from models.workpieces import BladeSection, Plate, Surface, mesh
+
+Array = NDArray[np.float64]
+
+_BLADE_COLOUR = np.array([0.36, 0.50, 0.60, 1.0])
+_TIP_RESOLUTION = 1.0  # of the tip's radius: some twenty faces a patch, as smooth as a hundred
+
+
+def surface_of(workpiece: PlateConfig | BladeConfig) -> Surface:
+    """The exact surface, in the workpiece's frame P.
+
+    Raises:
+        InputError: a shape that is none.
+    """
+    if isinstance(workpiece, PlateConfig):
+        return Plate(workpiece.size[0], workpiece.size[1])
+    return BladeSection(
+        workpiece.span,
+        workpiece.root_chord,
+        workpiece.tip_chord,
+        math.radians(workpiece.root_twist_deg),
+        math.radians(workpiece.tip_twist_deg),
+        workpiece.thickness,
+        workpiece.camber,
+    )
+
+
+def pose_of_workpiece(workpiece: PlateConfig | BladeConfig) -> RigidTransform:
+    """X_WP; of a plate P lies in the middle of its top face."""
+    return RigidTransform(RollPitchYaw(workpiece.rpy), workpiece.centre)
+
+
+def contact_material(stiffness: float, dissipation: float, friction: float) -> ProximityProperties:
+    """Of one of two alike materials that meet with this stiffness: each gives way by half."""
+    properties = ProximityProperties()
+    AddContactMaterial(
+        dissipation=dissipation,
+        point_stiffness=2.0 * stiffness,
+        friction=CoulombFriction(friction, friction),
+        properties=properties,
+    )
+    return properties
+
+
+def soft_tip(blade: BladeConfig, radius: float) -> ProximityProperties:
+    """Of a ball that gives way where it meets the blade: contact is a patch, and smooth."""
+    properties = _patch_material(blade)
+    AddCompliantHydroelasticProperties(_TIP_RESOLUTION * radius, blade.modulus, properties)
+    return properties
+
+
+def add_blade(plant: MultibodyPlant, blade: BladeConfig) -> None:
+    """Fixes a blade in the world: a rigid surface of triangles, for the eye and for contact."""
+    if not blade.mesh_size > 0.0:
+        raise InputError("workpiece", "mesh_size", f"{blade.mesh_size:g} m, expected more than 0")
+    surface, X_WP = surface_of(blade), pose_of_workpiece(blade)
+    count = [
+        int(np.clip(math.ceil(length / blade.mesh_size), 8, 600))
+        for length in (2.1 * blade.root_chord, blade.span)
+    ]
+    shape = _mesh(surface, count[0] + 1, count[1] + 1)
+    properties = _patch_material(blade)
+    AddRigidHydroelasticProperties(properties)
+    body = plant.world_body()
+    plant.RegisterCollisionGeometry(body, X_WP, shape, "workpiece", properties)
+    plant.RegisterVisualGeometry(body, X_WP, _mesh(surface, 121, 41), "workpiece", _BLADE_COLOUR)
+
+
+def _patch_material(blade: BladeConfig) -> Any:
+    properties = ProximityProperties()
+    AddContactMaterial(
+        dissipation=blade.dissipation,
+        friction=CoulombFriction(blade.friction, blade.friction),
+        properties=properties,
+    )
+    return properties
+
+
+def _mesh(surface: Surface, num_u: int, num_v: int) -> Mesh:
+    vertices, triangles = mesh(surface, num_u, num_v)
+    lines = [f"v {x:.9f} {y:.9f} {z:.9f}" for x, y, z in vertices]
+    lines += [f"f {a} {b} {c}" for a, b, c in triangles + 1]
+    return Mesh(InMemoryMesh(mesh_file=MemoryFile("\n".join(lines) + "\n", ".obj", "workpiece")))
