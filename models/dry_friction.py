@@ -163,6 +163,34 @@ def holding_torque(
 
 
 @numba.njit(cache=True)
+def free_friction(
+    table: Array,
+    damping: float,
+    time_step: float,
+    M: Array,
+    Cv: Array,
+    G: Array,
+    q: Array,
+    v: Array,
+    tau_J: Array,
+    tau_ext: Array,
+    out: Array,
+) -> None:
+    """Writes minus (explicit + held) (n,), N m, of a robot that nothing but tau_ext touches.
+
+    The load of the gears is tau_J; M, Cv, G of the true robot at q, v.
+    """
+    n = v.shape[0]
+    explicit, force = np.empty(n), np.empty(n)
+    explicit_friction(table, q, v, tau_J, explicit)
+    for i in range(n):
+        force[i] = tau_J[i] + tau_ext[i] - Cv[i] - G[i] - explicit[i]
+    holding_torque(table, damping, time_step, M, force, v, out)
+    for i in range(n):
+        out[i] = -(out[i] + explicit[i])
+
+
+@numba.njit(cache=True)
 def _potential(
     table: Array, damping: float, A: Array, b: Array, v: Array, gradient: Array
 ) -> float:

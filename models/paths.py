@@ -195,8 +195,8 @@ class JointTrajectory:
 
     def reference(self, t: float) -> Array:
         """q, v and vdot at one time, one after the other: (3 n,)."""
-        out = np.empty((1, 3, self.num_joints))
-        _quintic(self.t, self.q, self.v, self.vdot, np.array([t]), out)
+        out = np.empty((3, self.q.shape[1]))
+        _quintic_at(self.t, self.q, self.v, self.vdot, t, out)
         return out.reshape(-1)
 
     def sample(self, t: Array | float) -> "tuple[Array, Array, Array]":
@@ -213,36 +213,41 @@ class JointTrajectory:
 
 
 @njit(cache=True)
-def _quintic(t: Array, q: Array, v: Array, vdot: Array, times: Array, out: Array) -> None:
-    """Quintic Hermite interpolation; out (N, 3, n) takes q, v, vdot."""
+def _quintic_at(t: Array, q: Array, v: Array, vdot: Array, time: float, out: Array) -> None:
+    """Quintic Hermite interpolation at one time; out (3, n) takes q, v, vdot."""
     last = t.shape[0] - 1
-    for i in range(times.shape[0]):
-        time = times[i]
-        if time <= t[0] or time >= t[last]:
-            end = 0 if time <= t[0] else last
-            at_the_end = time == t[end]
-            for j in range(q.shape[1]):
-                out[i, 0, j] = q[end, j]
-                out[i, 1, j] = v[end, j] if at_the_end else 0.0
-                out[i, 2, j] = vdot[end, j] if at_the_end else 0.0
-            continue
-        k = np.searchsorted(t, time, side="right") - 1
-        h = t[k + 1] - t[k]
-        x = (time - t[k]) / h
+    if time <= t[0] or time >= t[last]:
+        end = 0 if time <= t[0] else last
+        at_the_end = time == t[end]
         for j in range(q.shape[1]):
-            # q = c0 + c1 x + ... + c5 x^5 on [0, 1]; c3 to c5 meet the far end.
-            c0, c1, c2 = q[k, j], h * v[k, j], 0.5 * h * h * vdot[k, j]
-            a = q[k + 1, j] - c0 - c1 - c2
-            b = h * v[k + 1, j] - c1 - 2.0 * c2
-            c = h * h * vdot[k + 1, j] - 2.0 * c2
-            c3 = 10.0 * a - 4.0 * b + 0.5 * c
-            c4 = -15.0 * a + 7.0 * b - c
-            c5 = 6.0 * a - 3.0 * b + 0.5 * c
-            out[i, 0, j] = c0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * c5))))
-            out[i, 1, j] = (
-                c1 + x * (2.0 * c2 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5)))
-            ) / h
-            out[i, 2, j] = (2.0 * c2 + x * (6.0 * c3 + x * (12.0 * c4 + x * 20.0 * c5))) / (h * h)
+            out[0, j] = q[end, j]
+            out[1, j] = v[end, j] if at_the_end else 0.0
+            out[2, j] = vdot[end, j] if at_the_end else 0.0
+        return
+    k = np.searchsorted(t, time, side="right") - 1
+    h = t[k + 1] - t[k]
+    x = (time - t[k]) / h
+    for j in range(q.shape[1]):
+        # q = c0 + c1 x + ... + c5 x^5 on [0, 1]; c3 to c5 meet the far end.
+        c0, c1, c2 = q[k, j], h * v[k, j], 0.5 * h * h * vdot[k, j]
+        a = q[k + 1, j] - c0 - c1 - c2
+        b = h * v[k + 1, j] - c1 - 2.0 * c2
+        c = h * h * vdot[k + 1, j] - 2.0 * c2
+        c3 = 10.0 * a - 4.0 * b + 0.5 * c
+        c4 = -15.0 * a + 7.0 * b - c
+        c5 = 6.0 * a - 3.0 * b + 0.5 * c
+        out[0, j] = c0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * c5))))
+        out[1, j] = (
+            c1 + x * (2.0 * c2 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5)))
+        ) / h
+        out[2, j] = (2.0 * c2 + x * (6.0 * c3 + x * (12.0 * c4 + x * 20.0 * c5))) / (h * h)
+
+
+@njit(cache=True)
+def _quintic(t: Array, q: Array, v: Array, vdot: Array, times: Array, out: Array) -> None:
+    """The same at many times; out (N, 3, n)."""
+    for i in range(times.shape[0]):
+        _quintic_at(t, q, v, vdot, times[i], out[i])
 
 
 def joint_trajectory(

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from models.dry_friction import DryFriction, explicit_friction, holding_torque
+from models.dry_friction import DryFriction, free_friction
 from systems.joint_friction import HOLDING_DAMPING
 
 Array = NDArray[np.float64]
@@ -60,20 +60,22 @@ class FreeJointFriction(LeafSystem):
         self.DeclareVectorOutputPort("tau_f_true", n, self._calc_tau_f_true, tickets)
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
-        terms, tau_J = self._terms.Eval(context), self._tau_J.Eval(context)
-        table = context.get_numeric_parameter(self._table).value().reshape(self._n, 7)
-        explicit, held = np.empty(self._n), np.empty(self._n)
-        explicit_friction(table, terms.q, terms.v, tau_J, explicit)
-        holding_torque(
-            table,
+        terms = self._terms.Eval(context)
+        torque = np.empty(self._n)
+        free_friction(
+            context.get_numeric_parameter(self._table).value().reshape(self._n, 7),
             HOLDING_DAMPING,
             self._time_step,
             terms.M,
-            tau_J + self._tau_ext.Eval(context) - terms.Cv - terms.G - explicit,
+            terms.Cv,
+            terms.G,
+            terms.q,
             terms.v,
-            held,
+            self._tau_J.Eval(context),
+            self._tau_ext.Eval(context),
+            torque,
         )
-        output.SetFromVector(-(held + explicit))
+        output.SetFromVector(torque)
 
     def _calc_tau_f_true(self, context: Context, output: BasicVector) -> None:
         table = context.get_numeric_parameter(self._table).value().reshape(self._n, 7)
