@@ -131,6 +131,7 @@ def _simulate_motion(
         IdentifiedModel.nominal(robot) if model is None else model,
         also_log=("tau_f_true",),
         trajectory=trajectory,
+        with_estimator=False,
     )
     simulator = Simulator(loop.diagram)
     simulator.Initialize()

@@ -31,6 +31,7 @@ from systems.impedance_controller import ImpedanceConfig, ImpedanceController
 from systems.joint_tracking_controller import JointTrackingController
 from systems.path_reference import PathReference
 from systems.pose_reference import PoseReference
+from systems.rigid_body_terms import RigidBodyTermsSystem
 
 Array = NDArray[np.float64]
 
@@ -42,7 +43,7 @@ class ClosedLoop:
     Attributes:
         diagram: everything; the subsystems are named robot_cell, estimator, controller, ...
         cell: the robot cell.
-        estimator: the estimator's diagram.
+        estimator: the estimator's diagram; None in a loop without one.
         controller: JointTrackingController or ImpedanceController.
         trajectory: the reference motion of the joints.
         log: what happened, one entry a tick; `signals` says where in an entry each signal is.
@@ -51,7 +52,7 @@ class ClosedLoop:
 
     diagram: Diagram
     cell: RobotCell
-    estimator: Diagram
+    estimator: Diagram | None
     controller: LeafSystem
     trajectory: JointTrajectory
     log: VectorLogSink
@@ -75,6 +76,7 @@ def make_closed_loop(
     trajectory: JointTrajectory | None = None,
     machining_path: MachiningPath | None = None,
     log_only: Sequence[str] | None = None,
+    with_estimator: bool = True,
 ) -> ClosedLoop:
     """Builds the loop of a scenario. Controller and estimator know `model`, never the truth.
 
@@ -95,8 +97,12 @@ def make_closed_loop(
             of encoders and current, to be read by `WrenchEstimator.run` later, leaves the
             estimator's reading out.
         meshcat: draws the cell and the force at the tool, true and estimated.
+        with_estimator: without it the tracking controller has the model's terms from a block of
+            their own, and there is no tau_ext, wrench, covariance, condition_number and valid: for
+            who wants the motion alone, in two thirds of the time.
 
     Raises:
+        ValueError: no estimator for impedance control or a drawing, which need its wrench.
         InputError: the scenario does not fit the robot, or the model is of another robot.
     """
     check_scenario(scenario)
@@ -110,33 +116,44 @@ def make_closed_loop(
     cell = make_robot_cell(scenario, robot, q_0, meshcat)
     builder.AddSystem(cell.diagram)
     out = cell.diagram.GetOutputPort
-    estimator = add_estimator(
-        builder,
-        robot,
-        model,
-        replace(
-            scenario.estimator,
-            observer=replace(scenario.estimator.observer, time_step=scenario.time_step),
-        ),
-        q=out("q"),
-        v=out("v"),
-        current=out("current"),
-    )
-    signals: dict[str, OutputPort] = {}
-    feedback = (
-        out("ft_wrench")
-        if scenario.feedback == "sensor" and scenario.force_torque_sensor is not None
-        else estimator.GetOutputPort("wrench")
-    )
-    if machining_path is not None:
-        signals |= _add_machining(
-            builder, scenario, robot, model, machining_path, estimator, feedback
+    estimator = None
+    if with_estimator:
+        estimator = add_estimator(
+            builder,
+            robot,
+            model,
+            replace(
+                scenario.estimator,
+                observer=replace(scenario.estimator.observer, time_step=scenario.time_step),
+            ),
+            q=out("q"),
+            v=out("v"),
+            current=out("current"),
         )
+        terms = estimator.GetOutputPort("terms")
+    elif isinstance(scenario.controller, ImpedanceConfig) or meshcat is not None:
+        raise ValueError("closed loop: impedance control and drawings need the estimator")
     else:
-        reference = builder.AddNamedSystem("path_reference", PathReference(trajectory))
-        signals["reference"] = reference.get_output_port()
+        model_terms = RigidBodyTermsSystem(model.chain(robot))
+        builder.AddNamedSystem("terms", model_terms)
+        for name in ("q", "v"):
+            builder.Connect(out(name), model_terms.GetInputPort(name))
+        terms = model_terms.get_output_port()
+    signals: dict[str, OutputPort] = {}
     if isinstance(scenario.controller, ImpedanceConfig):
-        if machining_path is None:
+        assert estimator is not None
+        feedback = (
+            out("ft_wrench")
+            if scenario.feedback == "sensor" and scenario.force_torque_sensor is not None
+            else estimator.GetOutputPort("wrench")
+        )
+        if machining_path is not None:
+            signals |= _add_machining(
+                builder, scenario, robot, model, machining_path, estimator, feedback
+            )
+        else:
+            reference = builder.AddNamedSystem("path_reference", PathReference(trajectory))
+            signals["reference"] = reference.get_output_port()
             _add_path(builder, scenario, robot, model, signals)
         controller = _add_impedance(
             builder, scenario, robot, model, q_0, estimator, feedback, signals
@@ -151,8 +168,10 @@ def make_closed_loop(
                 scenario.controller,
             ),
         )
-        builder.Connect(estimator.GetOutputPort("terms"), controller.GetInputPort("terms"))
-        builder.Connect(signals["reference"], controller.GetInputPort("reference"))
+        reference = builder.AddNamedSystem("path_reference", PathReference(trajectory))
+        signals["reference"] = reference.get_output_port()
+        builder.Connect(terms, controller.GetInputPort("terms"))
+        builder.Connect(reference.get_output_port(), controller.GetInputPort("reference"))
     tau_command = controller.GetOutputPort("tau_command")
     drive_gain = motor_gain(robot.torque_per_ampere, robot.current_sign)
     to_current = builder.AddNamedSystem("torque_to_current", Gain(1.0 / drive_gain))
@@ -163,16 +182,17 @@ def make_closed_loop(
     for name in ("q", "v", "current", "tau_ext_true", "wrench_true", "ft_wrench", *also_log):
         if cell.diagram.HasOutputPort(name):
             signals[name] = out(name)
-    for name in ("tau_ext", "wrench", "covariance", "condition_number", "valid"):
-        signals[name] = estimator.GetOutputPort(name)
+    if estimator is not None:
+        for name in ("tau_ext", "wrench", "covariance", "condition_number", "valid"):
+            signals[name] = estimator.GetOutputPort(name)
     if log_only is not None:
         signals = {name: signals[name] for name in log_only}
     log, columns = _add_log(builder, signals, scenario.time_step)
-    if meshcat is not None:
+    if meshcat is not None and estimator is not None:
         add_wrench_arrows(
             builder,
             meshcat,
-            estimator.GetOutputPort("terms"),
+            terms,
             {
                 "force true": out("wrench_true"),
                 "force estimated": estimator.GetOutputPort("wrench"),

@@ -237,9 +237,7 @@ def _quintic_at(t: Array, q: Array, v: Array, vdot: Array, time: float, out: Arr
         c4 = -15.0 * a + 7.0 * b - c
         c5 = 6.0 * a - 3.0 * b + 0.5 * c
         out[0, j] = c0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * c5))))
-        out[1, j] = (
-            c1 + x * (2.0 * c2 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5)))
-        ) / h
+        out[1, j] = (c1 + x * (2.0 * c2 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5)))) / h
         out[2, j] = (2.0 * c2 + x * (6.0 * c3 + x * (12.0 * c4 + x * 20.0 * c5))) / (h * h)
 
 

@@ -193,3 +193,35 @@ def test_what_is_not_logged_changes_nothing_of_what_is(robot):
     assert tuple(signals) == wanted
     for name in wanted:
         np.testing.assert_array_equal(signals[name], everything[name])
+
+
+def test_without_the_estimator_the_motion_is_the_same(robot):
+    """A tracking loop does not see the estimate, so that not one bit of the motion may change."""
+    scenario = Scenario(controller=JointTrackingConfig(), duration=0.1)
+    model = IdentifiedModel.nominal(robot)
+    logs = []
+    for with_estimator in (True, False):
+        loop = make_closed_loop(scenario, robot, model, with_estimator=with_estimator)
+        assert (loop.estimator is not None) == with_estimator
+        simulator = Simulator(loop.diagram)
+        simulator.AdvanceTo(scenario.duration)
+        logs.append(loop.logged(simulator.get_context())[1])
+    full, plain = logs
+    estimates = {"tau_ext", "wrench", "covariance", "condition_number", "valid"}
+    assert set(full) - set(plain) == estimates
+    for name, signal in plain.items():
+        np.testing.assert_array_equal(signal, full[name])
+    assert np.ptp(plain["current"], axis=0).all()
+
+
+def test_what_needs_the_estimator_is_refused_without_it(robot):
+    scenario = replace(QUIET, controller=ImpedanceConfig())
+    with pytest.raises(ValueError, match="need the estimator"):
+        make_closed_loop(scenario, robot, IdentifiedModel.nominal(robot), with_estimator=False)
+    with pytest.raises(InputError, match="ur10e"):
+        make_closed_loop(
+            Scenario(controller=JointTrackingConfig()),
+            robot,
+            IdentifiedModel.nominal(Robot.load("ur10e")),
+            with_estimator=False,
+        )
