@@ -178,7 +178,14 @@ def run_task(
     if scenario.force_torque_sensor is not None:
         wanted.append("ft_wrench")
     nominal = IdentifiedModel.nominal(robot)
-    loop = make_closed_loop(scenario, robot, nominal, also_log=("tau_f_true",), log_only=wanted)
+    loop = make_closed_loop(
+        scenario,
+        robot,
+        nominal,
+        also_log=("tau_f_true",),
+        log_only=wanted,
+        with_estimator=False,  # the variants read the log
+    )
     simulator = Simulator(loop.diagram)
     simulator.Initialize()
     count = max(1, round(scenario.duration / _STRETCH))
