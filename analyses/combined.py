@@ -27,6 +27,7 @@ from analyses.task_runs import (
     TaskRun,
     highest_speed,
     on_path,
+    record_runs,
     run_task,
     task_path,
     task_scenario,
@@ -107,6 +108,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=_figures(context, readings, metrics),
+        recordings=[record_runs(robot, runs, 1, context.out, "Pushed by hand along the path")],
         comparison=_comparison(),
         notes=_notes(metrics),
         configuration={

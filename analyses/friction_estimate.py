@@ -21,7 +21,14 @@ from analyses.experiment import (
 from analyses.figures import COLOUR, SERIES, new_figure, save_figure
 from analyses.force_errors import ForceReading, draw_signal, envelope, reductions, variants_figure
 from analyses.simulated_identification import ROBOT
-from analyses.task_runs import TaskRun, highest_speed, run_task, task_scenario, uniform_motion
+from analyses.task_runs import (
+    TaskRun,
+    highest_speed,
+    record_runs,
+    run_task,
+    task_scenario,
+    uniform_motion,
+)
 from analyses.task_variants import (
     FAST,
     EstimatorVariant,
@@ -95,6 +102,11 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=_figures(context, run, readings, metrics, middle),
+        recordings=[
+            record_runs(
+                robot, {"initial": run}, 1, context.out, "Joints turning round under a hand"
+            )
+        ],
         comparison=_comparison(),
         notes=_notes(metrics),
         configuration={"scenario": scenario, "variants": VARIANTS, "speed_rad_per_s": speed},

@@ -39,6 +39,7 @@ from analyses.task_runs import (
     TaskRun,
     on_path,
     read_repetition,
+    record_runs,
     repetition_torque,
     run_task,
     task_path,
@@ -234,6 +235,11 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=_figures(context, cycles, metrics),
+        recordings=[
+            record_runs(
+                Robot.load(ROBOT), cycles.runs, 4, context.out, "Repeated cycles without contact"
+            )
+        ],
         comparison=_comparison(),
         notes=_notes(metrics),
         configuration={"scenario": cycles.scenario, "paths": list(PATHS), "variants": VARIANTS},

@@ -28,7 +28,9 @@ from analyses.repeat_cycle import (
     force_figure,
     repeat_cycles,
 )
-from analyses.task_runs import PATHS
+from analyses.simulated_identification import ROBOT
+from analyses.task_runs import PATHS, record_runs
+from models.robot import Robot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,6 +47,11 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=_figures(context, cycles, metrics),
+        recordings=[
+            record_runs(
+                Robot.load(ROBOT), cycles.runs, 4, context.out, "Repeated cycles, pushed by hand"
+            )
+        ],
         comparison=_comparison(),
         notes=_notes(metrics),
         configuration={"scenario": cycles.scenario, "paths": list(PATHS), "variants": VARIANTS},

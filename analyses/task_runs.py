@@ -11,8 +11,9 @@ finds, turned about the first axis to lie straight ahead.
 """
 
 import gc
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +28,10 @@ from analyses.constant_wrench import (
     branch_start,
     found_path,
 )
+from analyses.experiment import FigureFile
 from analyses.force_errors import ForceReading
 from diagrams.closed_loop import make_closed_loop
+from diagrams.path_recording import PathMotion, record_paths
 from diagrams.scenario import LineMotion, Scenario, load_scenario, make_trajectory
 from models.estimator import WrenchEstimator
 from models.identified_model import IdentifiedModel
@@ -44,6 +47,7 @@ ProgressCallback = Callable[[float, str], None]
 
 PATHS = ("initial", "optimised", "found")
 _BLOCK = 50_000  # rows read at a time: a covariance a row is much memory
+_FRAMES = 200  # of a pass in a recording
 _STRETCH = 0.5  # s between two reports of progress
 
 
@@ -210,6 +214,27 @@ def run_task(
         signals["tau_f_true"],
         np.asarray(robot.chain.condition_number(signals["q"])),
     )
+
+
+def record_runs(
+    robot: Robot, runs: Mapping[str, TaskRun], passes: int, out: Path, title: str
+) -> FigureFile:
+    """Writes recording.html below `out`: the arm on the first pass of each run.
+
+    Args:
+        runs: by the path's name.
+        passes: that each run holds.
+        title: of the page.
+    """
+    motions = []
+    for name, run in runs.items():
+        length = run.recording.num_samples // passes
+        rows = np.linspace(0, length - 1, min(length, _FRAMES)).astype(int)
+        motions.append(PathMotion(name, run.recording.q[rows], run.condition_number[rows]))
+    record_paths(robot, motions, out / "recording.html", title)
+    names = ", ".join(runs)
+    caption = f"The arm as it went once along each path ({names}); the path's colour: JCN."
+    return FigureFile(Path("recording.html"), caption)
 
 
 def read_run(name: str, run: TaskRun, estimator: WrenchEstimator) -> ForceReading:
