@@ -8,14 +8,16 @@
     DONE      at rest above the workpiece
     RETREAT   instead of all that: out along the normal, fast; then DONE. Its reason is the fault
 
-The state is one (7,) array, so that a controller of any kind can hold it. All times are of the
-controller; the force is what its force feedback says, positive out of the surface.
+The state is one (7,) array, so that a controller of any kind can hold it, and the numbers of a
+PhasesConfig are one as well (`table`), for the kernels. All times are of the controller; the force
+is what its force feedback says, positive out of the surface.
 """
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from enum import IntEnum
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from models.input_error import InputError
@@ -51,8 +53,6 @@ FAULT_SENTENCES = {
     Fault.JOINT_LIMIT: "a joint came to its limit",
     Fault.NOTHING_TOUCHED: "the approach met nothing",
 }
-FORCE_CONTROLLED = (Phase.TOUCH, Phase.WORK, Phase.RELEASE)
-
 PHASE, SINCE, FAULT, BASELINE, ABOVE, LOST, FORCE_THERE = range(7)  # entries of the state
 STATE_SIZE = 7
 RAMP = 0.15  # s, in which an approach or a lift reaches its speed
@@ -81,6 +81,31 @@ class PhasesConfig:
     max_force: float = 100.0  # N
     joint_margin: float = 0.02  # rad or m, from a joint's limit
 
+    @property
+    def table(self) -> Array:
+        """(15,) the numbers in their order: what the kernels read."""
+        return np.array(astuple(self), dtype=np.float64)
+
+
+# Entries of PhasesConfig.table.
+(
+    _STANDOFF,
+    _APPROACH_SPEED,
+    _SEARCH,
+    _TOUCH_FORCE,
+    _TOUCH_TIME,
+    _RISE,
+    _SETTLE,
+    _RELEASE,
+    _RELEASE_FORCE,
+    _LIFT,
+    _LIFT_SPEED,
+    _LOST_SHARE,
+    _LOST_TIME,
+    _MAX_FORCE,
+    _JOINT_MARGIN,
+) = range(15)
+
 
 def check_phases(config: PhasesConfig, source: str) -> None:
     """Raises InputError, naming `source`, for a number out of range."""
@@ -101,7 +126,14 @@ def initial_state() -> Array:
     return np.zeros(STATE_SIZE)
 
 
-def travelled(t: float, speed: float, distance: float) -> tuple[float, float]:
+@njit(cache=True)
+def force_controlled(phase):  # type: ignore[no-untyped-def]
+    """Whether force is controlled in a phase: from the touch to the release."""
+    return bool(Phase.TOUCH <= phase <= Phase.RELEASE)
+
+
+@njit(cache=True)
+def travelled(t, speed, distance):  # type: ignore[no-untyped-def]
     """How far (m) and how fast (m/s) t seconds after starting towards `distance`, m.
 
     The speed rises and falls evenly over RAMP, or less where the distance is short.
@@ -120,46 +152,69 @@ def travelled(t: float, speed: float, distance: float) -> tuple[float, float]:
     return distance, 0.0
 
 
-def travel_time(speed: float, distance: float) -> float:
+@njit(cache=True)
+def travel_time(speed, distance):  # type: ignore[no-untyped-def]
     """Seconds until `travelled` is at its end."""
     return distance / speed + min(RAMP, distance / speed)
 
 
-def setpoint(
-    config: PhasesConfig, state: Array, t: float, at_start: float, here: float, at_end: float
-) -> float:
+@njit(cache=True)
+def outward_travel(table, state, t):  # type: ignore[no-untyped-def]
+    """How far (m) and how fast (m/s) out of the surface, where force is not controlled.
+
+    Args:
+        table: of PhasesConfig.
+    """
+    phase, since = int(state[PHASE]), t - state[SINCE]
+    if phase == Phase.APPROACH:
+        distance, speed = travelled(
+            since, table[_APPROACH_SPEED], table[_STANDOFF] + table[_SEARCH]
+        )
+        return -distance, -speed
+    if phase == Phase.LIFT:
+        return travelled(since, table[_LIFT_SPEED], table[_LIFT])
+    if phase == Phase.RETREAT:
+        return travelled(since, 2.0 * table[_LIFT_SPEED], table[_LIFT])
+    return table[_LIFT], 0.0
+
+
+@njit(cache=True)
+def work_time(state, t, duration):  # type: ignore[no-untyped-def]
+    """Seconds since the feed started: 0 before, the whole `duration` (s) after."""
+    phase = int(state[PHASE])
+    if phase == Phase.WORK:
+        return min(t - state[SINCE], duration)
+    return 0.0 if phase <= Phase.TOUCH else duration
+
+
+@njit(cache=True)
+def setpoint(table, state, t, at_start, here, at_end):  # type: ignore[no-untyped-def]
     """The normal force to press with, N.
 
     Args:
+        table: of PhasesConfig.
         at_start, here, at_end: of the path: where it begins, at this place, where it ends, N.
     """
-    phase, since = int(state[PHASE]), t - float(state[SINCE])
+    phase, since = int(state[PHASE]), t - state[SINCE]
     if phase == Phase.TOUCH:
-        share = min(1.0, since / config.rise)
+        share = min(1.0, since / table[_RISE])
         share = share * share * (3.0 - 2.0 * share)
-        start = min(max(float(state[FORCE_THERE]), 0.0), at_start)
+        start = min(max(state[FORCE_THERE], 0.0), at_start)
         return start + share * (at_start - start)
     if phase == Phase.WORK:
         return here
     if phase == Phase.RELEASE:
-        share = min(1.0, since / config.release)
-        return at_end + share * (min(config.release_force, at_end) - at_end)
+        share = min(1.0, since / table[_RELEASE])
+        return at_end + share * (min(table[_RELEASE_FORCE], at_end) - at_end)
     return 0.0
 
 
-def advance(
-    config: PhasesConfig,
-    state: Array,
-    time_step: float,
-    t: float,
-    force: float,
-    setpoint_now: float,
-    work_duration: float,
-    joint_room: float,
-) -> bool:
+@njit(cache=True)
+def advance(table, state, time_step, t, force, setpoint_now, work_duration, joint_room):  # type: ignore[no-untyped-def]
     """Takes one tick, changing `state` in place; returns whether the phase has changed.
 
     Args:
+        table: of PhasesConfig.
         time_step: s.
         t: s, the end of the tick.
         force: N, of the feedback, out of the surface.
@@ -167,53 +222,58 @@ def advance(
         work_duration: s, along the path and back.
         joint_room: smallest distance of a joint from its limits, rad or m.
     """
-    phase = Phase(int(state[PHASE]))
+    phase = int(state[PHASE])
     since = t - state[SINCE]
-    if phase in (Phase.DONE, Phase.LIFT, Phase.RETREAT):
-        if phase != Phase.DONE and since >= travel_time(
-            config.lift_speed * (2.0 if phase == Phase.RETREAT else 1.0), config.lift
-        ):
-            return _enter(state, Phase.DONE, t)
+    if phase == Phase.DONE:
         return False
-    if not np.isfinite(force) or force > config.max_force:
-        return _retreat(state, Fault.OVER_FORCE, t)
-    if joint_room < config.joint_margin:
-        return _retreat(state, Fault.JOINT_LIMIT, t)
+    if phase in (Phase.LIFT, Phase.RETREAT):
+        speed = table[_LIFT_SPEED] * (2.0 if phase == Phase.RETREAT else 1.0)
+        if since < travel_time(speed, table[_LIFT]):
+            return False
+        return _enter(state, Phase.DONE.value, t)
+    if not np.isfinite(force) or force > table[_MAX_FORCE]:
+        return _retreat(state, Fault.OVER_FORCE.value, t)
+    if joint_room < table[_JOINT_MARGIN]:
+        return _retreat(state, Fault.JOINT_LIMIT.value, t)
     if phase == Phase.APPROACH:
         # What free motion reads is no contact: an estimate jumps by the friction of joints that
         # start to move. It is followed fast before contact can be, slowly after: contact is faster.
         rise = force - state[BASELINE]
-        way = travelled(since, config.approach_speed, config.standoff + config.search)[0]
-        near = way >= config.standoff - config.search
-        above = near and rise > config.touch_force
+        whole_way = table[_STANDOFF] + table[_SEARCH]
+        way = travelled(since, table[_APPROACH_SPEED], whole_way)[0]
+        near = way >= table[_STANDOFF] - table[_SEARCH]
+        above = near and rise > table[_TOUCH_FORCE]
         state[ABOVE] = state[ABOVE] + time_step if above else 0.0
         state[BASELINE] += time_step / _BASELINE_TIME[int(near)] * rise
-        if state[ABOVE] >= config.touch_time:
+        if state[ABOVE] >= table[_TOUCH_TIME]:
             state[FORCE_THERE] = force
-            return _enter(state, Phase.TOUCH, t)
-        if since >= travel_time(config.approach_speed, config.standoff + config.search):
-            return _retreat(state, Fault.NOTHING_TOUCHED, t)
+            return _enter(state, Phase.TOUCH.value, t)
+        if since >= travel_time(table[_APPROACH_SPEED], whole_way):
+            return _retreat(state, Fault.NOTHING_TOUCHED.value, t)
         return False
-    ready = phase == Phase.WORK or (phase == Phase.TOUCH and since > config.rise)
-    lost = ready and force < config.lost_share * setpoint_now
+    ready = phase == Phase.WORK or (phase == Phase.TOUCH and since > table[_RISE])
+    lost = ready and force < table[_LOST_SHARE] * setpoint_now
     state[LOST] = state[LOST] + time_step if lost else 0.0
-    if state[LOST] >= config.lost_time:
-        return _retreat(state, Fault.CONTACT_LOST, t)
-    length = {
-        Phase.TOUCH: config.rise + config.settle,
-        Phase.WORK: work_duration,
-        Phase.RELEASE: config.release,
-    }[phase]
+    if state[LOST] >= table[_LOST_TIME]:
+        return _retreat(state, Fault.CONTACT_LOST.value, t)
+    if phase == Phase.TOUCH:
+        length = table[_RISE] + table[_SETTLE]
+    elif phase == Phase.WORK:
+        length = work_duration
+    else:
+        length = table[_RELEASE]
     if since >= length:
-        return _enter(state, Phase(phase + 1), t)
+        return _enter(state, phase + 1, t)
     return False
 
 
-def _enter(state: Array, phase: Phase, t: float) -> bool:
-    state[PHASE], state[SINCE], state[ABOVE], state[LOST] = float(phase), t, 0.0, 0.0
+@njit(cache=True)
+def _enter(state, phase, t):  # type: ignore[no-untyped-def]
+    state[PHASE], state[SINCE], state[ABOVE], state[LOST] = phase, t, 0.0, 0.0
     return True
 
 
-def _retreat(state: Array, fault: Fault, t: float) -> bool:
-    state[FAULT] = float(fault)
-    return _enter(state, Phase.RETREAT, t)
+@njit(cache=True)
+def _retreat(state, fault, t):  # type: ignore[no-untyped-def]
+    state[FAULT] = fault
+    return _enter(state, Phase.RETREAT.value, t)

@@ -196,7 +196,7 @@ class JointTrajectory:
     def reference(self, t: float) -> Array:
         """q, v and vdot at one time, one after the other: (3 n,)."""
         out = np.empty((3, self.q.shape[1]))
-        _quintic_at(self.t, self.q, self.v, self.vdot, t, out)
+        quintic_at(self.t, self.q, self.v, self.vdot, t, out)
         return out.reshape(-1)
 
     def sample(self, t: Array | float) -> "tuple[Array, Array, Array]":
@@ -213,7 +213,7 @@ class JointTrajectory:
 
 
 @njit(cache=True)
-def _quintic_at(t: Array, q: Array, v: Array, vdot: Array, time: float, out: Array) -> None:
+def quintic_at(t: Array, q: Array, v: Array, vdot: Array, time: float, out: Array) -> None:
     """Quintic Hermite interpolation at one time; out (3, n) takes q, v, vdot."""
     last = t.shape[0] - 1
     if time <= t[0] or time >= t[last]:
@@ -245,7 +245,7 @@ def _quintic_at(t: Array, q: Array, v: Array, vdot: Array, time: float, out: Arr
 def _quintic(t: Array, q: Array, v: Array, vdot: Array, times: Array, out: Array) -> None:
     """The same at many times; out (N, 3, n)."""
     for i in range(times.shape[0]):
-        _quintic_at(t, q, v, vdot, times[i], out[i])
+        quintic_at(t, q, v, vdot, times[i], out[i])
 
 
 def joint_trajectory(

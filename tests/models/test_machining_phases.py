@@ -19,6 +19,7 @@ from models.machining_phases import (
 )
 
 CONFIG = PhasesConfig()
+TABLE = CONFIG.table
 STEP = 1e-3
 CONTACT = CONFIG.standoff / CONFIG.approach_speed + 0.1  # s
 
@@ -27,10 +28,10 @@ def play(force_of, config=CONFIG, work=0.5, room=lambda t: 1.0, end=12.0):
     """Phases met, and the fault, with a feedback force(t, phase, set-point)."""
     state, met, t = initial_state(), [Phase.APPROACH], 0.0
     while t < end:
-        target = setpoint(config, state, t, 40.0, 40.0, 40.0)
+        target = setpoint(config.table, state, t, 40.0, 40.0, 40.0)
         force = force_of(t, Phase(int(state[PHASE])), target)
         t += STEP
-        if advance(config, state, STEP, t, force, target, work, room(t)):
+        if advance(config.table, state, STEP, t, force, target, work, room(t)):
             met.append(Phase(int(state[PHASE])))
     return met, Fault(int(state[FAULT]))
 
@@ -88,15 +89,15 @@ def test_a_moment_without_contact_is_forgiven():
 def test_the_setpoint_joins_the_force_that_is_there_to_the_path():
     state = initial_state()
     state[:] = [Phase.TOUCH, 1.0, 0.0, 0.0, 0.0, 0.0, 7.0]
-    values = [setpoint(CONFIG, state, 1.0 + x, 40.0, 99.0, 55.0) for x in (0.0, 0.5, 1.0, 2.0)]
+    values = [setpoint(TABLE, state, 1.0 + x, 40.0, 99.0, 55.0) for x in (0.0, 0.5, 1.0, 2.0)]
     np.testing.assert_allclose(values, [7.0, 23.5, 40.0, 40.0])
     state[PHASE] = Phase.WORK
-    assert setpoint(CONFIG, state, 1.5, 40.0, 99.0, 55.0) == 99.0
+    assert setpoint(TABLE, state, 1.5, 40.0, 99.0, 55.0) == 99.0
     state[PHASE] = Phase.RELEASE
-    values = [setpoint(CONFIG, state, 1.0 + x, 40.0, 99.0, 55.0) for x in (0.0, CONFIG.release)]
+    values = [setpoint(TABLE, state, 1.0 + x, 40.0, 99.0, 55.0) for x in (0.0, CONFIG.release)]
     np.testing.assert_allclose(values, [55.0, CONFIG.release_force])
     state[PHASE] = Phase.LIFT
-    assert setpoint(CONFIG, state, 1.5, 40.0, 99.0, 55.0) == 0.0
+    assert setpoint(TABLE, state, 1.5, 40.0, 99.0, 55.0) == 0.0
 
 
 @pytest.mark.parametrize(("speed", "distance"), [(0.01, 0.03), (0.5, 0.02)])
