@@ -24,6 +24,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from models import tool_contact
 from models.input_error import InputError
 
 Array = NDArray[np.float64]
@@ -31,6 +32,10 @@ Array = NDArray[np.float64]
 _REST = 2e-3  # m/s, below which the direction of the feed fades
 # Entries of MachiningProcess.table.
 _RATIO, _EXPONENT, _REFERENCE, _LAG, _OMEGA, _UNBALANCE, _NUM = range(7)
+
+PROCESS_STATE_SIZE = 7
+NORMAL_FORCE, NORMAL, FEED = 0, slice(1, 4), slice(4, 7)
+"""Entries of the state of a process: N, the surface's normal in W, and the lagged feed in m/s."""
 
 
 @dataclass
@@ -115,9 +120,27 @@ def advance_feed(table: Array, time_step: float, n: Array, v: Array, feed: Array
 
 
 @njit(cache=True)
-def unbalance_force(table: Array, t: float, R_WE: Array, force: Array) -> None:
-    """Writes the force (3,) N, axes of W, of a spindle along E's z that turns evenly."""
+def advance_process(
+    table: Array, time_step: float, contact: Array, V_WE: Array, state: Array
+) -> None:
+    """Moves the state (7,) on by a tick, in place; without contact the normal stays.
+
+    Args:
+        time_step: s.
+        contact: (10,) of models.tool_contact.
+        V_WE: (6,) of the tool, rotation first.
+    """
+    state[NORMAL_FORCE] = contact[tool_contact.NORMAL_FORCE]
+    normal = contact[tool_contact.NORMAL]
+    if np.any(normal != 0.0):
+        state[NORMAL] = normal
+    advance_feed(table, time_step, state[NORMAL], V_WE[3:], state[FEED])
+
+
+@njit(cache=True)
+def add_unbalance_force(table: Array, t: float, R_WE: Array, force: Array) -> None:
+    """Adds to `force` (3,) N, axes of W, that of a spindle along E's z which turns evenly."""
     size = table[_UNBALANCE] * table[_OMEGA] ** 2
     c, s = size * math.cos(table[_OMEGA] * t), size * math.sin(table[_OMEGA] * t)
     for i in range(3):
-        force[i] = c * R_WE[i, 0] + s * R_WE[i, 1]
+        force[i] += c * R_WE[i, 0] + s * R_WE[i, 1]

@@ -7,9 +7,10 @@ from models.input_error import InputError
 from models.machining_process import (
     MachiningProcess,
     ProcessConfig,
+    add_unbalance_force,
     advance_feed,
+    advance_process,
     cutting_force,
-    unbalance_force,
 )
 
 
@@ -54,12 +55,25 @@ def test_the_feed_follows_the_tangential_velocity_with_its_lag():
     np.testing.assert_allclose(feed, (1 - math.exp(-1)) * np.array([0.03, -0.01, 0]), atol=1e-12)
 
 
+def test_a_tick_takes_the_contact_and_keeps_the_last_normal():
+    constants, T = table(lag=0.02), 1e-3
+    V_WE = np.array([9.0, 9.0, 9.0, 0.03, -0.01, 0.02])
+    state = np.array([50.0, 0.0, 0.0, 1.0, 0.0, 0.01, 0.0])
+    contact = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 31.0, 0.0, 0.6, 0.8])
+    for normal_force, n in ((31.0, contact[7:]), (0.0, contact[7:].copy())):
+        feed = state[4:].copy()
+        advance_feed(constants, T, n, V_WE[3:], feed)
+        advance_process(constants, T, contact, V_WE, state)
+        np.testing.assert_array_equal(state, [normal_force, *n, *feed])
+        contact[:] = 0.0
+
+
 def test_unbalance_turns_across_the_spindle():
     constants = table(spindle_frequency=50.0, unbalance=2e-5)
     R_WE = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
-    forces = np.empty((4, 3))
+    forces = np.zeros((4, 3))
     for k in range(4):
-        unbalance_force(constants, k * 0.005, R_WE, forces[k])
+        add_unbalance_force(constants, k * 0.005, R_WE, forces[k])
     size = 2e-5 * (2 * math.pi * 50.0) ** 2
     np.testing.assert_allclose(np.linalg.norm(forces, axis=1), size, rtol=1e-12)
     np.testing.assert_allclose(forces @ R_WE[:, 2], 0.0, atol=1e-12)

@@ -1,13 +1,12 @@
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.multibody.tree import BodyIndex
 
 from models.robot import Robot
 from systems.environment_truth import EnvironmentTruth
 
 
 def block_with(terms, wrench, **more):
-    block = EnvironmentTruth(6, BodyIndex(8))
+    block = EnvironmentTruth(6)
     context = block.CreateDefaultContext()
     block.GetInputPort("terms").FixValue(context, AbstractValue.Make(terms))
     block.GetInputPort("wrench_applied").FixValue(context, wrench)
@@ -22,9 +21,10 @@ def terms():
 
 
 def test_ports():
-    block = EnvironmentTruth(6, BodyIndex(8))
+    block = EnvironmentTruth(6)
     assert block.GetOutputPort("wrench_true").size() == 6
     assert block.GetOutputPort("tau_ext_true").size() == 6
+    assert block.GetOutputPort("truth").size() == 12
 
 
 def test_without_contact_it_is_what_is_applied():
@@ -40,6 +40,19 @@ def test_contact_torque_is_added():
     block, context = block_with(t, F, tau_contact=tau_contact)
     tau = block.GetOutputPort("tau_ext_true").Eval(context)
     np.testing.assert_allclose(tau, t.J.T @ F + tau_contact, atol=1e-14)
+
+
+def test_contact_of_the_tool_is_added_to_the_wrench():
+    t, F = terms(), np.arange(1.0, 7.0)
+    contact = np.array([0.1, 0.2, 0.3, 10.0, 20.0, 30.0, 36.0, 0.0, 0.0, 1.0])
+    tau_contact = t.J.T @ contact[:6]
+    block, context = block_with(t, F, contact=contact, tau_contact=tau_contact)
+    wrench = block.GetOutputPort("wrench_true").Eval(context)
+    tau = block.GetOutputPort("tau_ext_true").Eval(context)
+    np.testing.assert_allclose(wrench, F + contact[:6], rtol=1e-14)
+    np.testing.assert_allclose(tau, t.J.T @ wrench, atol=1e-12)
+    truth = block.GetOutputPort("truth").Eval(context)
+    np.testing.assert_array_equal(truth, np.concatenate([wrench, tau]))
 
 
 def test_a_push_along_a_joints_motion_is_positive():

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
-from pydrake.common.value import AbstractValue, Value
-from pydrake.multibody.plant import ContactResults
+from pydrake.common.value import AbstractValue
 from pydrake.multibody.tree import BodyIndex
 
 from models.machining_process import MachiningProcess, ProcessConfig
@@ -19,12 +18,10 @@ def terms():
 
 
 def block_with(terms, **more):
-    block = MachiningProcessSystem(
-        MachiningProcess(CONFIG), BodyIndex(8), (), [0.0, 0.0, 0.07], 0.012, T
-    )
+    block = MachiningProcessSystem(MachiningProcess(CONFIG), BodyIndex(8), [0.0, 0.0, 0.07], T)
     context = block.CreateDefaultContext()
     block.GetInputPort("terms").FixValue(context, AbstractValue.Make(terms))
-    block.GetInputPort("contact_results").FixValue(context, Value(ContactResults()))
+    block.GetInputPort("contact").FixValue(context, np.zeros(10))
     for name, value in more.items():
         block.GetInputPort(name).FixValue(context, value)
     return block, context
@@ -34,7 +31,7 @@ def test_ports(terms):
     block, _ = block_with(terms)
     assert block.GetOutputPort("wrench").size() == 6
     assert block.GetOutputPort("wrench_unbalance").size() == 6
-    assert not block.HasDirectFeedthrough(block.GetInputPort("contact_results").get_index(), 0)
+    assert not block.HasDirectFeedthrough(block.GetInputPort("contact").get_index(), 0)
 
 
 def test_a_known_contact_cuts_against_the_feed(terms):
@@ -67,3 +64,12 @@ def test_without_contact_the_force_ends_and_the_feed_follows(terms):
     share = 1.0 - np.exp(-T / CONFIG.lag)
     expected = share * terms.V_WE[3:] * [1.0, 1.0, 0.0]
     np.testing.assert_allclose(updated[4:], expected, atol=1e-12)
+
+
+def test_contact_is_felt_a_tick_late(terms):
+    n = np.array([0.0, 0.6, 0.8])
+    contact = np.concatenate([np.zeros(6), [25.0], n])
+    block, context = block_with(terms, contact=contact)
+    np.testing.assert_array_equal(block.GetOutputPort("wrench").Eval(context), np.zeros(6))
+    values = block.EvalUniquePeriodicDiscreteUpdate(context)
+    np.testing.assert_array_equal(values.get_vector(0).CopyToVector()[:4], [25.0, *n])

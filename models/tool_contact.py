@@ -1,0 +1,70 @@
+"""What touches the tool, in one array of ten: wrench at E, normal force and normal.
+
+The tip is a ball with its centre on E's z axis and E on its surface: the normal points from the
+contact to its centre, exact on any smooth surface.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+CONTACT_SIZE = 10
+WRENCH, NORMAL_FORCE, NORMAL = slice(6), 6, slice(7, 10)  # of the array
+_SHORTEST = 1e-9  # m, of a way that has a direction
+
+
+@njit(cache=True)
+def add_contact(
+    p_WE: Array,
+    R_WE: Array,
+    tip_radius: float,
+    force: Array,
+    moment: Array,
+    p_WC: Array,
+    contact: Array,
+) -> None:
+    """Adds a contact to those in `contact` (10,), in place; the normal is that of the last.
+
+    Args:
+        tip_radius: m, of the ball at the tool's tip.
+        force: (3,) N, on the tool, axes of W.
+        moment: (3,) N m, on the tool about C.
+        p_WC: (3,) m, where it touches.
+    """
+    r = p_WC - p_WE
+    contact[0] += moment[0] + r[1] * force[2] - r[2] * force[1]
+    contact[1] += moment[1] + r[2] * force[0] - r[0] * force[2]
+    contact[2] += moment[2] + r[0] * force[1] - r[1] * force[0]
+    length = 0.0
+    for i in range(3):
+        contact[3 + i] += force[i]
+        contact[7 + i] = -tip_radius * R_WE[i, 2] - r[i]
+        length += contact[7 + i] ** 2
+    length = max(np.sqrt(length), _SHORTEST)
+    push = 0.0
+    for i in range(3):
+        contact[7 + i] /= length
+        push += contact[7 + i] * force[i]
+    contact[6] += max(0.0, push)
+
+
+@njit(cache=True)
+def sum_with_contact(
+    applied: Array, contact: Array, J: Array, tau_contact: Array, out: Array
+) -> None:
+    """Writes wrench and joint torque of an environment that pushes and touches: (6 + n,).
+
+    Args:
+        applied: (6,) F_E_W of all but contact, rotation first, N m, N.
+        contact: (10,) of the tool.
+        J: (6, n).
+        tau_contact: (n,) N m, of contact.
+    """
+    for i in range(6):
+        out[i] = applied[i] + contact[i]
+    for j in range(J.shape[1]):
+        out[6 + j] = tau_contact[j]
+        for i in range(6):
+            out[6 + j] += applied[i] * J[i, j]
