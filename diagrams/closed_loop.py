@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, OutputPort
 from pydrake.systems.primitives import (
+    Demultiplexer,
     Gain,
     LogVectorOutput,
     Multiplexer,
@@ -155,7 +156,7 @@ def make_closed_loop(
             reference = builder.AddNamedSystem("path_reference", PathReference(trajectory))
             signals["reference"] = reference.get_output_port()
             _add_path(builder, scenario, robot, model, signals)
-        controller = _add_impedance(
+        controller, tau_command = _add_impedance(
             builder, scenario, robot, model, q_0, estimator, feedback, signals
         )
     else:
@@ -172,7 +173,7 @@ def make_closed_loop(
         signals["reference"] = reference.get_output_port()
         builder.Connect(terms, controller.GetInputPort("terms"))
         builder.Connect(reference.get_output_port(), controller.GetInputPort("reference"))
-    tau_command = controller.GetOutputPort("tau_command")
+        tau_command = controller.GetOutputPort("tau_command")
     drive_gain = motor_gain(robot.torque_per_ampere, robot.current_sign)
     to_current = builder.AddNamedSystem("torque_to_current", Gain(1.0 / drive_gain))
     builder.Connect(tau_command, to_current.get_input_port())
@@ -255,7 +256,8 @@ def _add_impedance(
     estimator: Diagram,
     feedback: OutputPort,
     signals: dict[str, OutputPort],
-) -> ImpedanceController:
+) -> tuple[ImpedanceController, OutputPort]:
+    """Adds the controller and its signals; returns it and the torque that it commands."""
     config = scenario.controller
     assert isinstance(config, ImpedanceConfig)
     controller = ImpedanceController(
@@ -276,13 +278,16 @@ def _add_impedance(
     builder.Connect(signals.pop("pose_reference"), controller.GetInputPort("pose_reference"))
     builder.Connect(signals["reference"], controller.GetInputPort("reference"))
     builder.Connect(estimator.GetOutputPort("terms"), controller.GetInputPort("terms"))
-    signals["pose_error"] = controller.GetOutputPort("pose_error")
+    # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
+    action = builder.AddNamedSystem("action", Demultiplexer(controller.sizes(robot.num_joints)))
+    builder.Connect(controller.GetOutputPort("action"), action.get_input_port())
+    signals["pose_error"] = action.get_output_port(1)
     if config.force is not None:
         builder.Connect(signals["force_setpoint"], controller.GetInputPort("force_setpoint"))
         builder.Connect(feedback, controller.GetInputPort("wrench"))
     if "force_active" in signals:
         builder.Connect(signals.pop("force_active"), controller.GetInputPort("force_active"))
-    return controller
+    return controller, action.get_output_port(0)
 
 
 def _add_log(

@@ -56,3 +56,16 @@ def report_current(noise_sd, resolution, current_true, noise, current):  # type:
         if resolution[i] > 0.0:
             value = np.rint(value / resolution[i]) * resolution[i]
         current[i] = value
+
+
+@njit(cache=True)
+def measure_current(  # type: ignore[no-untyped-def]
+    bandwidth, time_step, noise_sd, resolution, current_true, noise, state, current
+):
+    """Single-sample kernel: writes the reported current; the lagged one in `state` stays as it is.
+
+    Arguments as in `update_lag` and `report_current`.
+    """
+    current[:] = state
+    update_lag(bandwidth, time_step, current_true, current)
+    report_current(noise_sd, resolution, current_true, noise, current)

@@ -220,3 +220,104 @@ def impedance_torque(
                 tau[i] -= J[k, i] * through[k]
     for i in range(n):
         tau[i] = min(max(tau[i], -effort_limit[i]), effort_limit[i])
+
+
+@numba.njit(cache=True)
+def impedance_action(
+    in_E: bool,
+    stiffness: Array,
+    damping: Array,
+    force_gains: Array,
+    direction: Array,
+    direction_in_E: bool,
+    time_step: float,
+    effort_limit: Array,
+    null_space_damping: float,
+    friction: Array,
+    friction_velocity: float,
+    M: Array,
+    Cv: Array,
+    G: Array,
+    J: Array,
+    R_WE: Array,
+    p_WE: Array,
+    V_WE: Array,
+    v: Array,
+    pose_reference: Array,
+    reference: Array,
+    has_force: bool,
+    presses: bool,
+    setpoint: float,
+    wrench: Array,
+    integral: float,
+    action: Array,
+) -> None:
+    """Writes what ImpedanceController does in a tick: torque (n,), pose error (6,), integral (1,).
+
+    Args:
+        in_E: whether stiffness and damping are in axes of E (else of W).
+        stiffness, damping: (36,) row by row, rotation first.
+        force_gains: (3,) proportional, integral, integral_limit.
+        direction: (3,) unit vector, in E with direction_in_E, else in W.
+        time_step: s.
+        pose_reference: (18,) R_WD row by row, p_WD, V_WD.
+        has_force: whether there is force control at all; without it the integral stays.
+        presses: whether force is controlled now.
+        setpoint: N.
+        wrench: (6,) F_E_W of the feedback.
+        integral: N s, of the force error so far; that at the end of the tick is written.
+        The others as in impedance_wrench and impedance_torque.
+    """
+    n = v.shape[0]
+    K, B = stiffness.reshape(6, 6), damping.reshape(6, 6)
+    R_WD = pose_reference[:9].reshape(3, 3)
+    p_WD, V_WD = pose_reference[9:12], pose_reference[12:]
+    d_W, nowhere, commanded = direction.copy(), np.zeros(3), np.empty(6)
+    if direction_in_E:
+        for i in range(3):
+            d_W[i] = 0.0
+            for k in range(3):
+                d_W[i] += R_WE[i, k] * direction[k]
+    push = 0.0
+    for k in range(3):
+        push += d_W[k] * wrench[3 + k]
+    free = d_W if presses else nowhere
+    impedance_wrench(in_E, K, B, R_WE, p_WE, V_WE, R_WD, p_WD, V_WD, free, commanded)
+    error = setpoint - push
+    kp, ki, limit = force_gains
+    bound = limit / ki if ki > 0.0 else 0.0
+    if presses:
+        press = setpoint + kp * error + ki * integral
+        for k in range(3):
+            commanded[3 + k] -= press * d_W[k]
+    tau = action[:n]
+    impedance_torque(
+        effort_limit,
+        null_space_damping,
+        friction,
+        friction_velocity,
+        M,
+        Cv,
+        G,
+        J,
+        v,
+        reference,
+        commanded,
+        tau,
+    )
+    pose_error(in_E, R_WE, p_WE, R_WD, p_WD, action[n : n + 6])
+    if presses:
+        saturated = False
+        for j in range(n):
+            saturated = saturated or abs(tau[j]) >= effort_limit[j]
+        if not (saturated and error * integral > 0.0):
+            integral += time_step * error
+    elif has_force and ki > 0.0:
+        # The push of the spring, less the contact force with which force control will begin.
+        blind = np.empty(6)
+        impedance_wrench(in_E, K, B, R_WE, p_WE, V_WE, R_WD, p_WD, V_WD, d_W, blind)
+        spring = 0.0
+        for k in range(3):
+            spring += d_W[k] * (commanded[3 + k] - blind[3 + k])
+        integral = (-spring - max(0.0, push)) / ki
+    action[n + 6] = min(max(integral, -bound), bound) if has_force else integral

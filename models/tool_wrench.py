@@ -4,6 +4,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from models.low_pass import low_pass_update
+
 Array = NDArray[np.float64]
 
 # Rows of the table of constants, (_NUM_ROWS, 3).
@@ -122,3 +124,39 @@ def contact_wrench(
     _add_cross(1.0, com, force, moment)
     _turn(R_WE, moment, out[:3])
     _turn(R_WE, force, out[3:])
+
+
+@numba.njit(cache=True)
+def measure_contact_wrench(
+    table: Array,
+    A: Array,
+    B: Array,
+    C: Array,
+    J: Array,
+    R_WE: Array,
+    V_WE: Array,
+    v: Array,
+    vdot: Array,
+    reaction: Array,
+    noise_sd: Array,
+    noise: Array,
+    wrench: Array,
+    state: Array,
+) -> None:
+    """Takes a sample of the contact's wrench: `wrench` (6,) is written, `state` moved on.
+
+    Args:
+        table, reaction: as in `contact_wrench`.
+        A, B, C: of the sensor's LowPass.
+        J, R_WE, V_WE, v: of E and the joints.
+        vdot: (n,) rad/s^2.
+        noise_sd: (6,) N m, N.
+        noise: (6,) unit Gaussian draws.
+        state: (6 order,) of the filter.
+    """
+    A_WE = np.empty(6)
+    tool_acceleration(J, v, vdot, A_WE)
+    contact_wrench(table, R_WE, V_WE[:3], A_WE, reaction, wrench)
+    for i in range(6):
+        wrench[i] += noise_sd[i] * noise[i]
+    low_pass_update(A, B, C, wrench, state)

@@ -1,6 +1,7 @@
 """A force/torque sensor between flange and tool."""
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +18,13 @@ from pydrake.systems.framework import (
 )
 
 from models.input_error import InputError
-from models.low_pass import LowPass, low_pass_update
-from models.tool_wrench import contact_wrench, tool_acceleration, tool_table
+from models.low_pass import LowPass
+from models.serial_chain import RigidBodyTerms
+from models.tool_wrench import measure_contact_wrench, tool_table
 
 Array = NDArray[np.float64]
+
+_SILENCE = np.zeros(6)
 
 
 @dataclass
@@ -101,18 +105,23 @@ class ForceTorqueSensor(LeafSystem):
         self.DeclareStateOutputPort("wrench", filtered)
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        terms = self._terms.Eval(context)
-        A_WE, sample = np.empty(6), np.empty(6)
-        tool_acceleration(terms.J, terms.v, self._vdot.Eval(context), A_WE)
-        reaction = self._reaction.Eval(context)[self._weld].get_coeffs()
-        contact_wrench(self._tool, terms.R_WE, terms.V_WE, A_WE, reaction, sample)
-        if self._noise.HasValue(context):
-            sd = context.get_numeric_parameter(self._noise_sd).value()
-            sample += sd * self._noise.Eval(context)
-        state = context.get_discrete_state(1).CopyToVector()
-        low_pass_update(self._filter.A, self._filter.B, self._filter.C, sample, state)
-        discrete_state.set_value(0, sample)
-        discrete_state.set_value(1, state)
+        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        measure_contact_wrench(
+            self._tool,
+            self._filter.A,
+            self._filter.B,
+            self._filter.C,
+            terms.J,
+            terms.R_WE,
+            terms.V_WE,
+            terms.v,
+            self._vdot.Eval(context),
+            self._reaction.Eval(context)[self._weld].get_coeffs(),
+            context.get_numeric_parameter(self._noise_sd).value(),
+            self._noise.Eval(context) if self._noise.HasValue(context) else _SILENCE,
+            discrete_state.get_mutable_value(0),
+            discrete_state.get_mutable_value(1),
+        )
 
 
 def _tool_constants(

@@ -127,7 +127,7 @@ class GeneralizedMomentumObserver(LeafSystem):
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        reading = np.empty(self._n + 1)
+        reading = output.get_mutable_value()
         reading[-1] = observer_output(
             self._table.Eval(context),
             context.get_discrete_state(self._state).value().reshape(3, self._n),
@@ -138,7 +138,6 @@ class GeneralizedMomentumObserver(LeafSystem):
             self._tau_f.Eval(context),
             reading[:-1],
         )
-        output.SetFromVector(reading)
 
     def _calc_tau_ext(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._reading.Eval(context)[:-1])
@@ -148,10 +147,9 @@ class GeneralizedMomentumObserver(LeafSystem):
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        state = context.get_discrete_state(self._state).CopyToVector()
         observer_update(
             self._table.Eval(context),
-            state.reshape(3, self._n),
+            discrete_state.get_mutable_value(self._state).reshape(3, self._n),
             terms.momentum,
             terms.CTv,
             terms.G,
@@ -159,4 +157,3 @@ class GeneralizedMomentumObserver(LeafSystem):
             self._tau_f.Eval(context),
             self._reading.Eval(context)[:-1],
         )
-        discrete_state.set_value(self._state, state)

@@ -1,6 +1,7 @@
 """Impedance of the tool, with a controlled force along one direction."""
 
 from dataclasses import dataclass, field
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -8,13 +9,14 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from models.friction import SemiParametricFriction
-from models.impedance import impedance_torque, impedance_wrench, pose_error
+from models.impedance import impedance_action
 from models.input_error import InputError
+from models.serial_chain import RigidBodyTerms
 from systems.pose_reference import POSE_REFERENCE_SIZE
 
 Array = NDArray[np.float64]
 
-_NOWHERE = np.zeros(3)
+_NO_WRENCH = np.zeros(6)
 
 
 @dataclass
@@ -68,7 +70,7 @@ class ImpedanceController(LeafSystem):
       reference      -->  | ImpedanceController |
       wrench         -->  |                     | --> pose_error
       force_setpoint -->  |                     |
-      force_active   -->  |                     |
+      force_active   -->  |                     | --> action
                           +---------------------+
 
     Inputs:      terms           RigidBodyTerms (abstract) of the model
@@ -83,6 +85,8 @@ class ImpedanceController(LeafSystem):
     Outputs:     tau_command     (n,) N m on the joint side, within effort_limit; direct feedthrough
                  pose_error      (6,) rotation vector rad, translation m, from D to E, in the axes
                                  of the stiffness
+                 action          (n + 6 + 1,) these two and the integral at the end of the tick, one
+                                 after the other: who wants both has them from one port
     State:       (1,) integral of the force error, N s; it stands still while a drive is at its
                  limit, and ki ∫ never exceeds integral_limit
     Parameters:  stiffness       (36,) row by row, rotation first
@@ -150,22 +154,23 @@ class ImpedanceController(LeafSystem):
         prerequisites = {
             self._terms.ticket(),
             self._pose_reference.ticket(),
+            self._reference.ticket(),
+            self._wrench.ticket(),
+            self._force_setpoint.ticket(),
+            self._force_active.ticket(),
             self.all_parameters_ticket(),
+            self.xd_ticket(),
         }
-        self._tau_command = self.DeclareVectorOutputPort(
-            "tau_command",
-            n,
-            self._calc_tau_command,
-            prerequisites
-            | {
-                self._reference.ticket(),
-                self._wrench.ticket(),
-                self._force_setpoint.ticket(),
-                self._force_active.ticket(),
-                self.xd_ticket(),
-            },
-        )
+        self.DeclareVectorOutputPort("tau_command", n, self._calc_tau_command, prerequisites)
         self.DeclareVectorOutputPort("pose_error", 6, self._calc_pose_error, prerequisites)
+        self._action = self.DeclareVectorOutputPort(
+            "action", sum(self.sizes(n)), self._calc_action, prerequisites
+        )
+
+    @staticmethod
+    def sizes(num_joints: int) -> tuple[int, int, int]:
+        """The parts of `action`, in their order."""
+        return num_joints, 6, 1
 
     def damping_per_tick(self, M: Array, J: Array, R_WE: Array) -> float:
         """The largest share of a velocity that the damper takes off in one tick, at M, J, R_WE."""
@@ -174,55 +179,23 @@ class ImpedanceController(LeafSystem):
         rates = np.linalg.eigvals(J @ np.linalg.solve(M, J.T) @ turn @ B @ turn.T)
         return float(self._time_step * np.abs(rates).max())
 
-    def _press(self, context: Context, d_W: Array) -> tuple[float, float]:
-        """The commanded press, N, and the force error, N."""
-        setpoint = float(self._force_setpoint.Eval(context)[0])
-        error = setpoint - float(d_W @ self._wrench.Eval(context)[3:])
-        kp, ki, _ = context.get_numeric_parameter(self._force_gains).value()
-        integral = context.get_discrete_state(0).GetAtIndex(0)
-        return setpoint + kp * error + ki * integral, error
-
-    def _direction_W(self, R_WE: Array) -> Array:
-        return R_WE @ self._direction if self._direction_in_E else self._direction
-
     def _presses(self, context: Context) -> bool:
         if not self._has_force:
             return False
         port = self._force_active
         return not port.HasValue(context) or bool(port.Eval(context)[0] > 0.5)
 
-    def _spring_and_damper(self, context: Context, d_W: Array) -> Array:
-        """The wrench (6,), the spring blind along d_W."""
-        terms = self._terms.Eval(context)
-        desired = self._pose_reference.Eval(context)
-        wrench = np.empty(6)
-        impedance_wrench(
+    def _calc_action(self, context: Context, output: BasicVector) -> None:
+        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        has_reference, has_force = self._reference.HasValue(context), self._has_force
+        impedance_action(
             self._in_E,
-            context.get_numeric_parameter(self._stiffness).value().reshape(6, 6),
-            context.get_numeric_parameter(self._damping).value().reshape(6, 6),
-            terms.R_WE,
-            terms.p_WE,
-            terms.V_WE,
-            desired[:9].reshape(3, 3),
-            desired[9:12],
-            desired[12:],
-            d_W,
-            wrench,
-        )
-        return wrench
-
-    def _calc_tau_command(self, context: Context, output: BasicVector) -> None:
-        terms = self._terms.Eval(context)
-        if self._presses(context):
-            d_W = self._direction_W(terms.R_WE)
-            wrench = self._spring_and_damper(context, d_W)
-            press, _ = self._press(context, d_W)
-            wrench[3:] -= press * d_W
-        else:
-            wrench = self._spring_and_damper(context, _NOWHERE)
-        has_reference = self._reference.HasValue(context)
-        tau = np.empty(self._n)
-        impedance_torque(
+            context.get_numeric_parameter(self._stiffness).value(),
+            context.get_numeric_parameter(self._damping).value(),
+            context.get_numeric_parameter(self._force_gains).value(),
+            self._direction,
+            self._direction_in_E,
+            self._time_step,
             self._effort_limit,
             self._null_space_damping,
             self._friction,
@@ -231,41 +204,28 @@ class ImpedanceController(LeafSystem):
             terms.Cv,
             terms.G,
             terms.J,
+            terms.R_WE,
+            terms.p_WE,
+            terms.V_WE,
             terms.v,
+            self._pose_reference.Eval(context),
             self._reference.Eval(context) if has_reference else self._at_rest,
-            wrench,
-            tau,
+            has_force,
+            self._presses(context),
+            self._force_setpoint.Eval(context)[0] if has_force else 0.0,
+            self._wrench.Eval(context) if has_force else _NO_WRENCH,
+            context.get_discrete_state(0).GetAtIndex(0),
+            output.get_mutable_value(),
         )
-        output.SetFromVector(tau)
+
+    def _calc_tau_command(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._action.Eval(context)[: self._n])
 
     def _calc_pose_error(self, context: Context, output: BasicVector) -> None:
-        terms = self._terms.Eval(context)
-        desired = self._pose_reference.Eval(context)
-        error = np.empty(6)
-        pose_error(
-            self._in_E, terms.R_WE, terms.p_WE, desired[:9].reshape(3, 3), desired[9:12], error
-        )
-        output.SetFromVector(error)
+        output.SetFromVector(self._action.Eval(context)[self._n : -1])
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        integral = context.get_discrete_state(0).GetAtIndex(0)
-        d_W = self._direction_W(self._terms.Eval(context).R_WE)
-        _, ki, limit = context.get_numeric_parameter(self._force_gains).value()
-        bound = limit / ki if ki > 0.0 else 0.0
-        if self._presses(context):
-            _, error = self._press(context, d_W)
-            tau = self._tau_command.Eval(context)
-            saturated = bool(np.any(np.abs(tau) >= self._effort_limit))
-            if not (saturated and error * integral > 0.0):
-                integral += self._time_step * error
-        elif ki > 0.0:
-            # The push of the spring, less the contact force with which force control will begin.
-            spring = self._spring_and_damper(context, _NOWHERE) - self._spring_and_damper(
-                context, d_W
-            )
-            force = max(0.0, float(d_W @ self._wrench.Eval(context)[3:]))
-            integral = (-float(d_W @ spring[3:]) - force) / ki
-        discrete_state.set_value([min(max(integral, -bound), bound)])
+        discrete_state.set_value(self._action.Eval(context)[-1:])
 
 
 def _in_E(axes: str, place: str) -> bool:

@@ -1,7 +1,7 @@
 """The drive's own current measurement."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -11,10 +11,8 @@ from pydrake.systems.framework import (
     NumericParameterIndex,
 )
 
-from models.current_measurement import report_current, update_lag
+from models.current_measurement import measure_current, update_lag
 from systems.gaussian_noise_source import GaussianNoiseSource
-
-Array = NDArray[np.float64]
 
 
 class MotorCurrentSensor(LeafSystem):
@@ -103,24 +101,25 @@ class MotorCurrentSensor(LeafSystem):
         """Period of the update, s."""
         return self._time_step
 
-    def _lagged(self, context: Context) -> tuple[Array, Array]:
-        """The true current, and the lagged current after this tick."""
-        current_true = self._current_true.Eval(context)
-        state = context.get_discrete_state(0).CopyToVector()
-        bandwidth = context.get_numeric_parameter(self._bandwidth).value()
-        update_lag(bandwidth, self._time_step, current_true, state)
-        return current_true, state
-
     def _calc_current(self, context: Context, output: BasicVector) -> None:
-        current_true, current = self._lagged(context)
-        noise = self._noise.Eval(context) if self._noise.HasValue(context) else self._silence
-        noise_sd = context.get_numeric_parameter(self._noise_sd).value()
-        resolution = context.get_numeric_parameter(self._resolution).value()
-        report_current(noise_sd, resolution, current_true, noise, current)
-        output.SetFromVector(current)
+        measure_current(
+            context.get_numeric_parameter(self._bandwidth).value(),
+            self._time_step,
+            context.get_numeric_parameter(self._noise_sd).value(),
+            context.get_numeric_parameter(self._resolution).value(),
+            self._current_true.Eval(context),
+            self._noise.Eval(context) if self._noise.HasValue(context) else self._silence,
+            context.get_discrete_state(0).value(),
+            output.get_mutable_value(),
+        )
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        discrete_state.set_value(self._lagged(context)[1])
+        update_lag(
+            context.get_numeric_parameter(self._bandwidth).value(),
+            self._time_step,
+            self._current_true.Eval(context),
+            discrete_state.get_mutable_value(),
+        )
 
 
 def add_motor_current_sensor(

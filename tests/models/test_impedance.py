@@ -4,7 +4,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from models.impedance import impedance_torque, impedance_wrench, pose_error, rotation_vector
+from models.friction import CoulombViscous, SemiParametricFriction
+from models.impedance import (
+    impedance_action,
+    impedance_torque,
+    impedance_wrench,
+    pose_error,
+    rotation_vector,
+)
 
 RANDOM = np.random.default_rng(4)
 COUPLED = RANDOM.normal(size=(6, 6))
@@ -118,3 +125,69 @@ def test_null_space_damping_does_not_reach_the_tool():
     assert tau @ v < -1e-3
     Jbar = np.linalg.solve(M, J.T) @ np.linalg.inv(J @ np.linalg.solve(M, J.T))
     np.testing.assert_allclose(tau, (np.eye(n) - J.T @ Jbar.T) @ (-4.0 * v), atol=1e-6)
+
+
+@pytest.mark.parametrize("presses", [False, True])
+@pytest.mark.parametrize("in_E", [False, True])
+def test_an_action_is_torque_error_and_integral(presses, in_E):
+    rng, n, T = np.random.default_rng(3), 6, 1e-3
+    A, B, M = (x @ x.T for x in rng.normal(size=(3, 6, 6)))
+    Cv, G, v, wrench = rng.normal(size=(4, n))
+    J, reference = rng.normal(size=(6, n)), rng.normal(size=3 * n)
+    R_WE, R_WD = Rotation.random(2, random_state=4).as_matrix()
+    R_WE, R_WD = np.ascontiguousarray(R_WE), np.ascontiguousarray(R_WD)
+    p_WE, p_WD, direction = rng.normal(size=(3, 3))
+    V_WE, V_WD = rng.normal(size=(2, 6))
+    direction /= np.linalg.norm(direction)
+    gains, integral, setpoint = np.array([0.6, 60.0, 1e3]), 0.2, 40.0
+    law = CoulombViscous(np.ones(n), np.ones(n), np.zeros(n))
+    friction = SemiParametricFriction(law).table
+    pose = np.concatenate([R_WD.ravel(), p_WD, V_WD])
+    limit = np.full(n, 1e6)
+    action = np.empty(n + 7)
+    impedance_action(
+        in_E,
+        A.ravel(),
+        B.ravel(),
+        gains,
+        direction,
+        True,
+        T,
+        limit,
+        0.0,
+        friction,
+        0.005,
+        M,
+        Cv,
+        G,
+        J,
+        R_WE,
+        p_WE,
+        V_WE,
+        v,
+        pose,
+        reference,
+        True,
+        presses,
+        setpoint,
+        wrench,
+        integral,
+        action,
+    )
+    d_W = R_WE @ direction
+    free, blind = np.empty(6), np.empty(6)
+    for out, along in ((free, np.zeros(3)), (blind, d_W)):
+        impedance_wrench(in_E, A, B, R_WE, p_WE, V_WE, R_WD, p_WD, V_WD, along, out)
+    error = setpoint - d_W @ wrench[3:]
+    if presses:
+        blind[3:] -= (setpoint + 0.6 * error + 60.0 * integral) * d_W
+        total, after = blind, integral + T * error
+    else:
+        push = max(0.0, d_W @ wrench[3:])
+        total, after = free, (-d_W @ (free - blind)[3:] - push) / 60.0
+    v_d, vdot_d = reference[n : 2 * n], reference[2 * n :]
+    feed = (np.sign(v_d) + v_d) * np.abs(v_d) / np.hypot(v_d, 0.005)
+    tau = J.T @ total + Cv + G + M @ vdot_d + feed
+    e = np.empty(6)
+    pose_error(in_E, R_WE, p_WE, R_WD, p_WD, e)
+    np.testing.assert_allclose(action, np.concatenate([tau, e, [after]]), atol=1e-11)
