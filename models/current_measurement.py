@@ -59,13 +59,13 @@ def report_current(noise_sd, resolution, current_true, noise, current):  # type:
 
 
 @njit(cache=True)
-def measure_current(  # type: ignore[no-untyped-def]
-    bandwidth, time_step, noise_sd, resolution, current_true, noise, state, current
-):
+def measure_current(table, time_step, current_true, noise, state, current):  # type: ignore[no-untyped-def]
     """Single-sample kernel: writes the reported current; the lagged one in `state` stays as it is.
 
-    Arguments as in `update_lag` and `report_current`.
+    Args:
+        table: (3, n) rows bandwidth, noise_sd, resolution.
+        The others as in `update_lag` and `report_current`.
     """
     current[:] = state
-    update_lag(bandwidth, time_step, current_true, current)
-    report_current(noise_sd, resolution, current_true, noise, current)
+    update_lag(table[0], time_step, current_true, current)
+    report_current(table[1], table[2], current_true, noise, current)

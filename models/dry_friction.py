@@ -93,6 +93,15 @@ def explicit_friction(table: Array, q: Array, v: Array, load: Array, out: Array)
 
 
 @numba.njit(cache=True)
+def explicit_torque(table: Array, state: Array, load: Array, out: Array) -> None:
+    """Writes minus the explicit part (n,), N m, at state (2n,): q, then v."""
+    n = load.shape[0]
+    explicit_friction(table, state[:n], state[n:], load, out)
+    for i in range(n):
+        out[i] = -out[i]
+
+
+@numba.njit(cache=True)
 def total_friction(
     table: Array, q: Array, v: Array, load: Array, holding: Array, out: Array
 ) -> None:

@@ -130,7 +130,7 @@ class GeneralizedMomentumObserver(LeafSystem):
         reading = output.get_mutable_value()
         reading[-1] = observer_output(
             self._table.Eval(context),
-            context.get_discrete_state(self._state).value().reshape(3, self._n),
+            context.get_discrete_state(0).value().reshape(3, self._n),
             terms.momentum,
             terms.CTv,
             terms.G,
@@ -149,7 +149,7 @@ class GeneralizedMomentumObserver(LeafSystem):
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
         observer_update(
             self._table.Eval(context),
-            discrete_state.get_mutable_value(self._state).reshape(3, self._n),
+            discrete_state.get_mutable_value().reshape(3, self._n),
             terms.momentum,
             terms.CTv,
             terms.G,

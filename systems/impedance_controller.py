@@ -5,8 +5,14 @@ from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiscreteValues,
+    LeafSystem,
+    ValueProducer,
+)
 
 from models.friction import SemiParametricFriction
 from models.impedance import impedance_action
@@ -151,6 +157,12 @@ class ImpedanceController(LeafSystem):
         self.DeclareDiscreteState(1)
         if self._has_force:
             self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
+        # The gains change only with the parameters, not at every tick.
+        self._gains = self.DeclareCacheEntry(
+            "gains",
+            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_gains),
+            {self.all_parameters_ticket()},
+        )
         prerequisites = {
             self._terms.ticket(),
             self._pose_reference.ticket(),
@@ -158,7 +170,7 @@ class ImpedanceController(LeafSystem):
             self._wrench.ticket(),
             self._force_setpoint.ticket(),
             self._force_active.ticket(),
-            self.all_parameters_ticket(),
+            self._gains.ticket(),
             self.xd_ticket(),
         }
         self.DeclareVectorOutputPort("tau_command", n, self._calc_tau_command, prerequisites)
@@ -185,14 +197,16 @@ class ImpedanceController(LeafSystem):
         port = self._force_active
         return not port.HasValue(context) or bool(port.Eval(context)[0] > 0.5)
 
+    def _calc_gains(self, context: Context, value: Value) -> None:
+        indices = (self._stiffness, self._damping, self._force_gains)
+        value.set_value(tuple(context.get_numeric_parameter(i).CopyToVector() for i in indices))
+
     def _calc_action(self, context: Context, output: BasicVector) -> None:
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
         has_reference, has_force = self._reference.HasValue(context), self._has_force
         impedance_action(
             self._in_E,
-            context.get_numeric_parameter(self._stiffness).value(),
-            context.get_numeric_parameter(self._damping).value(),
-            context.get_numeric_parameter(self._force_gains).value(),
+            *cast(tuple[Array, Array, Array], self._gains.Eval(context)),
             self._direction,
             self._direction_in_E,
             self._time_step,

@@ -9,7 +9,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JointActuator, PdControllerGains
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from models.dry_friction import DryFriction, explicit_friction, total_friction
+from models.dry_friction import DryFriction, explicit_torque, total_friction
 
 Array = NDArray[np.float64]
 
@@ -72,13 +72,12 @@ class JointFriction(LeafSystem):
         )
 
     def _calc_explicit_torque(self, context: Context, output: BasicVector) -> None:
-        state = self._state.Eval(context)
-        table = context.get_numeric_parameter(self._table).value().reshape(self._n, 7)
-        torque = np.empty(self._n)
-        explicit_friction(
-            table, state[: self._n], state[self._n :], self._tau_J.Eval(context), torque
+        explicit_torque(
+            context.get_numeric_parameter(self._table).value().reshape(self._n, 7),
+            self._state.Eval(context),
+            self._tau_J.Eval(context),
+            output.get_mutable_value(),
         )
-        output.SetFromVector(-torque)
 
     def _calc_tau_f_true(self, context: Context, output: BasicVector) -> None:
         state = self._state.Eval(context)

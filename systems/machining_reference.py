@@ -7,7 +7,6 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    DiscreteStateIndex,
     DiscreteValues,
     LeafSystem,
 )
@@ -75,10 +74,10 @@ class MachiningReference(LeafSystem):
         self._time_step = time_step
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._wrench = self.DeclareVectorInputPort("wrench", 6)
-        self._phases = DiscreteStateIndex(self.DeclareDiscreteState(initial_state()))
+        self._phases = int(self.DeclareDiscreteState(initial_state()))
         R_WD, p_WD = chain.pose(plan.q_start)
         anchor = np.concatenate([R_WD.ravel(), p_WD, -R_WD[:, 2]])
-        self._anchor = DiscreteStateIndex(self.DeclareDiscreteState(anchor))
+        self._anchor = int(self.DeclareDiscreteState(anchor))
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
         self._plan = self.DeclareVectorOutputPort(
             "plan",

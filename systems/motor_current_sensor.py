@@ -1,7 +1,10 @@
 """The drive's own current measurement."""
 
+from typing import cast
+
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -9,10 +12,13 @@ from pydrake.systems.framework import (
     DiscreteValues,
     LeafSystem,
     NumericParameterIndex,
+    ValueProducer,
 )
 
 from models.current_measurement import measure_current, update_lag
 from systems.gaussian_noise_source import GaussianNoiseSource
+
+Array = NDArray[np.float64]
 
 
 class MotorCurrentSensor(LeafSystem):
@@ -68,9 +74,15 @@ class MotorCurrentSensor(LeafSystem):
         for key, value in values.items():
             if not np.all(value >= 0.0) or (key == "bandwidth" and np.any(value == 0.0)):
                 raise ValueError(f"current sensor: {key} {value} is out of range")
-        self._bandwidth, self._noise_sd, self._resolution = (
+        self._parameters = [
             NumericParameterIndex(self.DeclareNumericParameter(BasicVector(value)))
             for value in values.values()
+        ]
+        # Read when they change, not at every tick.
+        self._table = self.DeclareCacheEntry(
+            "parameters",
+            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_table),
+            {self.all_parameters_ticket()},
         )
         self._current_true = self.DeclareVectorInputPort("current_true", n)
         self._noise = self.DeclareVectorInputPort("noise", n)
@@ -84,10 +96,7 @@ class MotorCurrentSensor(LeafSystem):
                 self._current_true.ticket(),
                 self._noise.ticket(),
                 self.discrete_state_ticket(state),
-                *(
-                    self.numeric_parameter_ticket(index)
-                    for index in (self._bandwidth, self._noise_sd, self._resolution)
-                ),
+                self._table.ticket(),
             },
         )
 
@@ -101,12 +110,14 @@ class MotorCurrentSensor(LeafSystem):
         """Period of the update, s."""
         return self._time_step
 
+    def _calc_table(self, context: Context, value: Value) -> None:
+        rows = [context.get_numeric_parameter(index).value() for index in self._parameters]
+        value.set_value(np.stack(rows))
+
     def _calc_current(self, context: Context, output: BasicVector) -> None:
         measure_current(
-            context.get_numeric_parameter(self._bandwidth).value(),
+            cast(Array, self._table.Eval(context)),
             self._time_step,
-            context.get_numeric_parameter(self._noise_sd).value(),
-            context.get_numeric_parameter(self._resolution).value(),
             self._current_true.Eval(context),
             self._noise.Eval(context) if self._noise.HasValue(context) else self._silence,
             context.get_discrete_state(0).value(),
@@ -115,7 +126,7 @@ class MotorCurrentSensor(LeafSystem):
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         update_lag(
-            context.get_numeric_parameter(self._bandwidth).value(),
+            cast(Array, self._table.Eval(context))[0],
             self._time_step,
             self._current_true.Eval(context),
             discrete_state.get_mutable_value(),
