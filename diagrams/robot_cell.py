@@ -51,7 +51,6 @@ from systems.joint_friction import JointFriction, add_holding_actuators
 from systems.machining_process import MachiningProcessSystem
 from systems.motor_current_sensor import MotorCurrentSensor, add_motor_current_sensor
 from systems.rigid_body_terms import RigidBodyTermsSystem
-from systems.tool_contact import ToolContact
 
 Array = NDArray[np.float64]
 
@@ -200,14 +199,12 @@ def _add_environment(
         "external_wrench", ExternalWrenchSource(script, tool.index(), _p_BE(plant, parts))
     )
     geometries = plant.GetCollisionGeometriesForBody(tool)
-    truth = builder.AddNamedSystem("truth", EnvironmentTruth(n))
-    if touches:
-        radius = tip_radius(robot) if scenario.machining is not None else 0.0
-        contact = builder.AddNamedSystem("contact", ToolContact(tool.index(), geometries, radius))
-        builder.Connect(terms, contact.GetInputPort("terms"))
-        builder.Connect(
-            plant.get_contact_results_output_port(), contact.GetInputPort("contact_results")
-        )
+    radius = tip_radius(robot) if scenario.machining is not None else 0.0
+    truth = builder.AddNamedSystem("truth", EnvironmentTruth(n, tool.index(), geometries, radius))
+    # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
+    parts_of_truth = builder.AddNamedSystem("truth_parts", Demultiplexer(truth.sizes(n)))
+    builder.Connect(truth.GetOutputPort("truth"), parts_of_truth.get_input_port())
+    wrench_true, tau_ext_true, contact = (parts_of_truth.get_output_port(i) for i in range(3))
     applied, forces = source.GetOutputPort("wrench_true"), source.GetOutputPort("spatial_forces")
     if scenario.machining is not None:
         process = builder.AddNamedSystem(
@@ -220,7 +217,7 @@ def _add_environment(
             ),
         )
         builder.Connect(terms, process.GetInputPort("terms"))
-        builder.Connect(contact.get_output_port(), process.GetInputPort("contact"))
+        builder.Connect(contact, process.GetInputPort("contact"))
         if script.segments:
             builder.Connect(applied, process.GetInputPort("wrench_applied"))
         applied, forces = process.GetOutputPort("wrench"), process.GetOutputPort("spatial_forces")
@@ -229,20 +226,14 @@ def _add_environment(
         builder.Connect(forces, plant.get_applied_spatial_force_input_port())
     builder.Connect(terms, truth.GetInputPort("terms"))
     builder.Connect(applied, truth.GetInputPort("wrench_applied"))
-    if not touches:
-        tau_ext_true = truth.GetOutputPort("tau_ext_true")
-        builder.ExportOutput(tau_ext_true, "tau_ext_true")
-        builder.ExportOutput(applied, "wrench_true")
-        return tau_ext_true
-    builder.Connect(
-        plant.get_generalized_contact_forces_output_port(parts.model_instance),
-        truth.GetInputPort("tau_contact"),
-    )
-    builder.Connect(contact.get_output_port(), truth.GetInputPort("contact"))
-    # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
-    both = builder.AddNamedSystem("wrench_and_torque", Demultiplexer([6, n]))
-    builder.Connect(truth.GetOutputPort("truth"), both.get_input_port())
-    wrench_true, tau_ext_true = (both.get_output_port(i) for i in range(2))
+    if touches:
+        builder.Connect(
+            plant.get_generalized_contact_forces_output_port(parts.model_instance),
+            truth.GetInputPort("tau_contact"),
+        )
+        builder.Connect(
+            plant.get_contact_results_output_port(), truth.GetInputPort("contact_results")
+        )
     builder.ExportOutput(tau_ext_true, "tau_ext_true")
     builder.ExportOutput(wrench_true, "wrench_true")
     return tau_ext_true

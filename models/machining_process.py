@@ -24,7 +24,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from models import tool_contact
 from models.input_error import InputError
 
 Array = NDArray[np.float64]
@@ -127,11 +126,10 @@ def advance_process(
 
     Args:
         time_step: s.
-        contact: (10,) of models.tool_contact.
+        contact: (4,) normal force, N, and normal of the surface, zero without contact.
         V_WE: (6,) of the tool, rotation first.
     """
-    state[NORMAL_FORCE] = contact[tool_contact.NORMAL_FORCE]
-    normal = contact[tool_contact.NORMAL]
+    state[NORMAL_FORCE], normal = contact[0], contact[1:]
     if np.any(normal != 0.0):
         state[NORMAL] = normal
     advance_feed(table, time_step, state[NORMAL], V_WE[3:], state[FEED])

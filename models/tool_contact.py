@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-CONTACT_SIZE = 10
+CONTACT_SIZE, NORMAL_SIZE = 10, 4
 WRENCH, NORMAL_FORCE, NORMAL = slice(6), 6, slice(7, 10)  # of the array
 _SHORTEST = 1e-9  # m, of a way that has a direction
 
@@ -54,7 +54,7 @@ def add_contact(
 def sum_with_contact(
     applied: Array, contact: Array, J: Array, tau_contact: Array, out: Array
 ) -> None:
-    """Writes wrench and joint torque of an environment that pushes and touches: (6 + n,).
+    """Writes (6 + n + 4,) wrench and joint torque of all that acts, normal force and normal.
 
     Args:
         applied: (6,) F_E_W of all but contact, rotation first, N m, N.
@@ -64,7 +64,9 @@ def sum_with_contact(
     """
     for i in range(6):
         out[i] = applied[i] + contact[i]
-    for j in range(J.shape[1]):
+    n = J.shape[1]
+    out[6 + n :] = contact[6:]
+    for j in range(n):
         out[6 + j] = tau_contact[j]
         for i in range(6):
             out[6 + j] += applied[i] * J[i, j]

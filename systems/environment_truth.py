@@ -1,74 +1,145 @@
 """What the environment really does to the simulated robot."""
 
+from collections.abc import Collection
 from typing import cast
 
 import numpy as np
-from pydrake.common.value import AbstractValue
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue, Value
+from pydrake.geometry import GeometryId
+from pydrake.multibody.plant import ContactResults
+from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from models.serial_chain import RigidBodyTerms
-from models.tool_contact import CONTACT_SIZE, sum_with_contact
+from models.tool_contact import CONTACT_SIZE, NORMAL_SIZE, add_contact, sum_with_contact
+
+Array = NDArray[np.float64]
+
+_NO_MOMENT = np.zeros(3)
 
 
 class EnvironmentTruth(LeafSystem):
     """Sums what acts on the robot from outside: the truth that an estimate is held against.
 
-        wrench_true  = wrench_applied + wrench of contact
+        wrench_true  = wrench_applied + Σ contacts of the tool [m_C + (p_C - p_E) × f_C; f_C]
         tau_ext_true = Jᵀ wrench_applied + tau_contact
+        normal_force = Σ max(0, n . f_C),   n from C to the centre of the ball at the tool's tip
 
-                          +------------------+
-      terms           --> |                  | --> wrench_true
-      wrench_applied  --> |                  |
-                          | EnvironmentTruth | --> tau_ext_true
-      tau_contact     --> |                  |
-      contact         --> |                  | --> truth
-                          +------------------+
+                          +------------------+ --> wrench_true
+      terms           --> |                  |
+      wrench_applied  --> |                  | --> tau_ext_true
+                          | EnvironmentTruth |
+      tau_contact     --> |                  | --> contact
+      contact_results --> |                  |
+                          +------------------+ --> truth
 
-    Inputs:   terms            RigidBodyTerms (abstract) of the true robot: J
+    Inputs:   terms            RigidBodyTerms (abstract) of the true robot: J, R_WE, p_WE
               wrench_applied   (6,) F_E_W, scripted, rotation first, N m, N
               tau_contact      (n,) generalized contact forces of the plant, N m; optional
-              contact          (10,) of ToolContact; optional
+              contact_results  ContactResults (abstract) of the plant, at points, which have no
+                               moment, or patches (hydroelastic contact), whose C is the centroid;
+                               optional
     Outputs:  wrench_true      (6,) F_E_W, environment on robot at E, axes of W, rotation first. A
                                contact of another link than the tool is not in it
               tau_ext_true     (n,) N m, positive along the motion it causes; contacts of all links
-              truth            (6 + n,) these two, one after the other: who wants both has them
-                               from one port
+              contact          (4,) of the tool: normal_force, N, and the last contact's n in W,
+                               zero without contact
+              truth            (6 + n + 4,) these three, one after the other: who wants more than
+                               one has them from one port
     State:    none. For diagrams' truth ports only: no estimator may see them.
 
     Args:
         num_joints: n.
+        tool_body: the body that E is fixed to.
+        tool_geometries: its collision geometries; needed where contacts are patches.
+        tip_radius: m, of the ball at the tool's tip, E on its surface; 0 where there is none: then
+            n is from C to E.
     """
 
-    def __init__(self, num_joints: int) -> None:
+    def __init__(
+        self,
+        num_joints: int,
+        tool_body: BodyIndex,
+        tool_geometries: Collection[GeometryId] = (),
+        tip_radius: float = 0.0,
+    ) -> None:
         LeafSystem.__init__(self)
         n = num_joints
-        self._no_contact, self._no_torque = np.zeros(CONTACT_SIZE), np.zeros(n)
+        self._n, self._no_torque = n, np.zeros(n)
+        self._tool_body, self._tool_geometries = int(tool_body), frozenset(tool_geometries)
+        self._tip_radius = tip_radius
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._applied = self.DeclareVectorInputPort("wrench_applied", 6)
         self._tau_contact = self.DeclareVectorInputPort("tau_contact", n)
-        self._contact = self.DeclareVectorInputPort("contact", CONTACT_SIZE)
+        self._results = self.DeclareAbstractInputPort("contact_results", Value[ContactResults]())
         prerequisites = {
             self._terms.ticket(),
             self._applied.ticket(),
             self._tau_contact.ticket(),
-            self._contact.ticket(),
+            self._results.ticket(),
         }
         self.DeclareVectorOutputPort("wrench_true", 6, self._calc_wrench_true, prerequisites)
         self.DeclareVectorOutputPort("tau_ext_true", n, self._calc_tau_ext_true, prerequisites)
-        self._truth = self.DeclareVectorOutputPort("truth", 6 + n, self._calc_truth, prerequisites)
+        self.DeclareVectorOutputPort("contact", NORMAL_SIZE, self._calc_contact, prerequisites)
+        self._truth = self.DeclareVectorOutputPort(
+            "truth", sum(self.sizes(n)), self._calc_truth, prerequisites
+        )
+
+    @staticmethod
+    def sizes(num_joints: int) -> tuple[int, int, int]:
+        """The parts of `truth`, in their order."""
+        return 6, num_joints, NORMAL_SIZE
 
     def _calc_truth(self, context: Context, output: BasicVector) -> None:
-        contact, torque = self._contact, self._tau_contact
+        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        contact = np.zeros(CONTACT_SIZE)
+        if self._results.HasValue(context):
+            results = cast(ContactResults, self._results.Eval(context))
+            self._add_points(results, terms, contact)
+            self._add_patches(results, terms, contact)
+        torque = self._tau_contact
         sum_with_contact(
             self._applied.Eval(context),
-            contact.Eval(context) if contact.HasValue(context) else self._no_contact,
-            cast(RigidBodyTerms, self._terms.Eval(context)).J,
+            contact,
+            terms.J,
             torque.Eval(context) if torque.HasValue(context) else self._no_torque,
             output.get_mutable_value(),
         )
+
+    def _add_points(self, results: ContactResults, terms: RigidBodyTerms, contact: Array) -> None:
+        for i in range(results.num_point_pair_contacts()):
+            point = results.point_pair_contact_info(i)
+            if int(point.bodyB_index()) == self._tool_body:
+                force = point.contact_force()
+            elif int(point.bodyA_index()) == self._tool_body:
+                force = -point.contact_force()
+            else:
+                continue
+            p_WC = point.contact_point()
+            self._add(terms, force, _NO_MOMENT, p_WC, contact)
+
+    def _add_patches(self, results: ContactResults, terms: RigidBodyTerms, contact: Array) -> None:
+        for i in range(results.num_hydroelastic_contacts()):
+            patch = results.hydroelastic_contact_info(i)
+            surface = patch.contact_surface()
+            wrench = patch.F_Ac_W().get_coeffs()  # on the body of geometry M, at the centroid
+            if surface.id_N() in self._tool_geometries:
+                wrench = -wrench
+            elif surface.id_M() not in self._tool_geometries:
+                continue
+            self._add(terms, wrench[3:], wrench[:3], surface.centroid(), contact)
+
+    def _add(
+        self, terms: RigidBodyTerms, force: Array, moment: Array, p_WC: Array, contact: Array
+    ) -> None:
+        add_contact(terms.p_WE, terms.R_WE, self._tip_radius, force, moment, p_WC, contact)
 
     def _calc_wrench_true(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._truth.Eval(context)[:6])
 
     def _calc_tau_ext_true(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._truth.Eval(context)[6:])
+        output.SetFromVector(self._truth.Eval(context)[6 : 6 + self._n])
+
+    def _calc_contact(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._truth.Eval(context)[6 + self._n :])

@@ -24,7 +24,7 @@ from models.machining_process import (
     cutting_force,
 )
 from models.serial_chain import RigidBodyTerms
-from models.tool_contact import CONTACT_SIZE
+from models.tool_contact import NORMAL_SIZE
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ class MachiningProcessSystem(LeafSystem):
                          +------------------------+
 
     Inputs:  terms             RigidBodyTerms (abstract) of the true robot: R_WE, V_WE
-             contact           (10,) of ToolContact, with the radius of the tool's tip
+             contact           (4,) of EnvironmentTruth: normal force, N, and normal in W
              wrench_applied    (6,) F_E_W, scripted; optional
     Outputs: spatial_forces    list of one ExternallyAppliedSpatialForce (abstract), all together
              wrench            (6,) F_E_W of the environment: applied and cutting, at E in axes of
@@ -70,7 +70,7 @@ class MachiningProcessSystem(LeafSystem):
         self._at_E.body_index = tool_body
         self._at_E.p_BoBq_B = np.array(p_BE, dtype=np.float64)
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
-        self._contact = self.DeclareVectorInputPort("contact", CONTACT_SIZE)
+        self._contact = self.DeclareVectorInputPort("contact", NORMAL_SIZE)
         self._applied = self.DeclareVectorInputPort("wrench_applied", 6)
         self.DeclareDiscreteState(PROCESS_STATE_SIZE)
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)

@@ -34,7 +34,8 @@ def test_a_contact_in_the_balls_centre_has_no_direction_and_no_nan():
 def test_what_is_applied_and_contact_are_summed():
     rng = np.random.default_rng(2)
     applied, contact, J, tau = rng.normal(size=6), rng.normal(size=10), rng.normal(size=(6, 7)), 3.0
-    out = np.empty(13)
+    out = np.empty(17)
     sum_with_contact(applied, contact, J, np.full(7, tau), out)
     np.testing.assert_allclose(out[:6], applied + contact[:6], atol=1e-14)
-    np.testing.assert_allclose(out[6:], J.T @ applied + tau, atol=1e-13)
+    np.testing.assert_array_equal(out[13:], contact[6:])
+    np.testing.assert_allclose(out[6:13], J.T @ applied + tau, atol=1e-13)

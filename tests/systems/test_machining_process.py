@@ -21,7 +21,7 @@ def block_with(terms, **more):
     block = MachiningProcessSystem(MachiningProcess(CONFIG), BodyIndex(8), [0.0, 0.0, 0.07], T)
     context = block.CreateDefaultContext()
     block.GetInputPort("terms").FixValue(context, AbstractValue.Make(terms))
-    block.GetInputPort("contact").FixValue(context, np.zeros(10))
+    block.GetInputPort("contact").FixValue(context, np.zeros(4))
     for name, value in more.items():
         block.GetInputPort(name).FixValue(context, value)
     return block, context
@@ -68,7 +68,7 @@ def test_without_contact_the_force_ends_and_the_feed_follows(terms):
 
 def test_contact_is_felt_a_tick_late(terms):
     n = np.array([0.0, 0.6, 0.8])
-    contact = np.concatenate([np.zeros(6), [25.0], n])
+    contact = np.array([25.0, *n])
     block, context = block_with(terms, contact=contact)
     np.testing.assert_array_equal(block.GetOutputPort("wrench").Eval(context), np.zeros(6))
     values = block.EvalUniquePeriodicDiscreteUpdate(context)
