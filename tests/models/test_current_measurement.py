@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from models.current_measurement import report_current, update_lag
+from models.current_measurement import measure_current, report_current, update_lag
 
 
 def lag(bandwidth, time_step, current_true):
@@ -49,3 +49,17 @@ def test_noise_is_scaled_then_the_sum_is_rounded_to_the_resolution():
         current,
     )
     np.testing.assert_allclose(current, [0.8, 0.9, 1.25], rtol=0.0, atol=1e-15)
+
+
+def test_a_measurement_is_lag_noise_and_resolution_and_leaves_the_state():
+    rng, T = np.random.default_rng(5), 1e-3
+    table = np.array([[100.0, np.inf, 30.0], [0.1, 0.0, 0.2], [0.01, 0.5, 0.0]])
+    true, noise, state = rng.normal(size=(3, 3))
+    before, current = state.copy(), np.empty(3)
+    measure_current(table, T, true, noise, state, current)
+    np.testing.assert_array_equal(state, before)
+    pole = np.exp(-2.0 * np.pi * table[0] * T)
+    value = pole * before + (1.0 - pole) * true + table[1] * noise
+    steps = np.array([0.01, 0.5, 1.0])
+    expected = np.where(table[2] > 0.0, np.rint(value / steps) * steps, value)
+    np.testing.assert_allclose(current, expected, atol=1e-14)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from models.dry_friction import DryFriction, explicit_friction, total_friction
+from models.dry_friction import DryFriction, explicit_friction, explicit_torque, total_friction
 
 LAW = {
     "stiction": [6.0, 2.0],
@@ -58,3 +58,12 @@ def test_sliding_torque_between_stiction_and_coulomb():
 def test_bad_parameters(name, value):
     with pytest.raises(ValueError, match="true friction"):
         DryFriction(**LAW | {name: value})
+
+
+def test_the_torque_on_the_plant_is_minus_the_explicit_part():
+    rng = np.random.default_rng(6)
+    table, (q, v, load) = rng.uniform(0.5, 2.0, size=(6, 7)), rng.normal(size=(3, 6))
+    friction, torque = np.empty(6), np.empty(6)
+    explicit_friction(table, q, v, load, friction)
+    explicit_torque(table, np.concatenate([q, v]), load, torque)
+    np.testing.assert_array_equal(torque, -friction)

@@ -1,8 +1,14 @@
 import numpy as np
 import pytest
 
+from models.low_pass import LowPass, low_pass_update
 from models.robot import Robot
-from models.tool_wrench import contact_wrench, tool_acceleration, tool_table
+from models.tool_wrench import (
+    contact_wrench,
+    measure_contact_wrench,
+    tool_acceleration,
+    tool_table,
+)
 
 
 @pytest.mark.parametrize("name", ["sts_sre4_600", "ur10e"])
@@ -50,3 +56,24 @@ def test_a_tool_at_rest_weighs_what_the_mount_carries():
     reaction[5] -= 5.0
     contact_wrench(table, np.eye(3), np.zeros(3), np.zeros(6), reaction, out)
     assert out[5] == pytest.approx(5.0)
+
+
+def test_a_measurement_is_the_wrench_with_noise_through_the_filter():
+    rng, n = np.random.default_rng(7), 6
+    table = tool_table(1.3, rng.normal(size=3), np.eye(3), [0, 0, -9.81], np.eye(3), np.ones(3))
+    J, (v, vdot, V_WE, reaction, sd, noise) = rng.normal(size=(6, n)), rng.normal(size=(6, n))
+    R_WE = np.eye(3)[[1, 2, 0]]
+    low_pass = LowPass.butterworth(50.0, 2, 1e-3)
+    state, wrench = rng.normal(size=12), np.empty(6)
+    expected_state = state.copy()
+    A_WE, sample = np.empty(6), np.empty(6)
+    tool_acceleration(J, v, vdot, A_WE)
+    contact_wrench(table, R_WE, V_WE[:3], A_WE, reaction, sample)
+    sample += sd * noise
+    A, B, C = low_pass.A, low_pass.B, low_pass.C
+    low_pass_update(A, B, C, sample, expected_state)
+    measure_contact_wrench(
+        table, A, B, C, J, R_WE, V_WE, v, vdot, reaction, sd, noise, wrench, state
+    )
+    np.testing.assert_allclose(wrench, sample, atol=1e-13)
+    np.testing.assert_allclose(state, expected_state, atol=1e-13)
