@@ -381,7 +381,10 @@ def simulate(
 
 def _print_simulation(result: "SimulationResult") -> None:
     metrics = result.metrics()
-    sources = {"estimate": metrics} | ({"sensor": s} if (s := metrics.get("sensor")) else {})
+    sources = {"estimate": metrics}
+    for name, title in (("valid", "where valid"), ("sensor", "sensor")):
+        if name in metrics:
+            sources[title] = metrics[name]
     table = _table("error of", *(f"{s}\n{what}" for s in sources for what in ("rmse", "largest")))
     for axis, unit in (*((f"f{k}", "N") for k in "xyz"), *((f"m{k}", "N m") for k in "xyz")):
         suffix = f"{axis}_{unit.replace(' ', '').lower()}"

@@ -22,6 +22,7 @@ from diagrams.machining import add_machining_reference, make_machining_path
 from diagrams.recording import add_wrench_arrows
 from diagrams.robot_cell import RobotCell, make_robot_cell
 from diagrams.scenario import ForceSetpoint, Scenario, check_scenario, make_trajectory
+from models.air_pass import TaughtTorque
 from models.identified_model import IdentifiedModel
 from models.input_error import InputError
 from models.machining_path import MachiningPath
@@ -33,6 +34,7 @@ from systems.joint_tracking_controller import JointTrackingController
 from systems.path_reference import PathReference
 from systems.pose_reference import PoseReference
 from systems.rigid_body_terms import RigidBodyTermsSystem
+from systems.taught_torque import TaughtTorqueSource
 
 Array = NDArray[np.float64]
 
@@ -78,6 +80,7 @@ def make_closed_loop(
     machining_path: MachiningPath | None = None,
     log_only: Sequence[str] | None = None,
     with_estimator: bool = True,
+    taught: TaughtTorque | None = None,
 ) -> ClosedLoop:
     """Builds the loop of a scenario. Controller and estimator know `model`, never the truth.
 
@@ -88,7 +91,7 @@ def make_closed_loop(
 
     Logged at every tick: reference, tau_command, q, v, current, tau_ext, wrench, covariance,
     condition_number, valid; of the truth tau_ext_true and wrench_true; where they exist ft_wrench,
-    pose_error, force_setpoint; of a machining scenario phase, fault and progress.
+    pose_error, force_setpoint; of a machining scenario phase, fault, progress and feed_time.
 
     Args:
         trajectory: of the joints, in the place of the scenario's motion.
@@ -98,15 +101,20 @@ def make_closed_loop(
             of encoders and current, to be read by `WrenchEstimator.run` later, leaves the
             estimator's reading out.
         meshcat: draws the cell and the force at the tool, true and estimated.
+        taught: of a machining scenario: what an air pass along the same path taught; the estimator
+            reads with it.
         with_estimator: without it the tracking controller has the model's terms from a block of
             their own, and there is no tau_ext, wrench, covariance, condition_number and valid: for
             who wants the motion alone, in two thirds of the time.
 
     Raises:
-        ValueError: no estimator for impedance control or a drawing, which need its wrench.
+        ValueError: no estimator for impedance control or a drawing, which need its wrench; taught
+            torque without machining.
         InputError: the scenario does not fit the robot, or the model is of another robot.
     """
     check_scenario(scenario)
+    if taught is not None and scenario.machining is None:
+        raise ValueError("closed loop: taught torque is of a machining scenario")
     if scenario.machining is not None:
         machining_path = machining_path or make_machining_path(scenario, robot)
         trajectory, q_0 = machining_path.trajectory, machining_path.q_start
@@ -130,6 +138,7 @@ def make_closed_loop(
             q=out("q"),
             v=out("v"),
             current=out("current"),
+            taught=taught is not None,
         )
         terms = estimator.GetOutputPort("terms")
     elif isinstance(scenario.controller, ImpedanceConfig) or meshcat is not None:
@@ -143,14 +152,10 @@ def make_closed_loop(
     signals: dict[str, OutputPort] = {}
     if isinstance(scenario.controller, ImpedanceConfig):
         assert estimator is not None
-        feedback = (
-            out("ft_wrench")
-            if scenario.feedback == "sensor" and scenario.force_torque_sensor is not None
-            else estimator.GetOutputPort("wrench")
-        )
+        feedback = out("ft_wrench") if uses_sensor(scenario) else estimator.GetOutputPort("wrench")
         if machining_path is not None:
             signals |= _add_machining(
-                builder, scenario, robot, model, machining_path, estimator, feedback
+                builder, scenario, robot, model, machining_path, estimator, feedback, taught
             )
         else:
             reference = builder.AddNamedSystem("path_reference", PathReference(trajectory))
@@ -214,9 +219,10 @@ def _add_machining(
     plan: MachiningPath,
     estimator: Diagram,
     feedback: OutputPort,
+    taught: TaughtTorque | None,
 ) -> dict[str, OutputPort]:
     assert scenario.machining is not None
-    return add_machining_reference(
+    signals = add_machining_reference(
         builder,
         robot,
         model,
@@ -225,7 +231,23 @@ def _add_machining(
         scenario.time_step,
         estimator.GetOutputPort("terms"),
         feedback,
+        reads_at_rest=uses_sensor(scenario),
     )
+    if taught is not None:
+        source = builder.AddNamedSystem("taught_torque", TaughtTorqueSource(taught))
+        builder.Connect(signals["feed_time"], source.get_input_port())
+        for name in ("tau_correction", "counts"):
+            builder.Connect(source.GetOutputPort(name), estimator.GetInputPort(name))
+        n = robot.num_joints
+        planned = builder.AddNamedSystem("v_planned", Demultiplexer([n, n, n]))
+        builder.Connect(signals["reference"], planned.get_input_port())
+        builder.Connect(planned.get_output_port(1), estimator.GetInputPort("v_planned"))
+    return signals
+
+
+def uses_sensor(scenario: Scenario) -> bool:
+    """Whether force control feeds back a sensor's wrench; else the estimator's."""
+    return scenario.feedback == "sensor" and scenario.force_torque_sensor is not None
 
 
 def _add_path(
@@ -285,8 +307,9 @@ def _add_impedance(
     if config.force is not None:
         builder.Connect(signals["force_setpoint"], controller.GetInputPort("force_setpoint"))
         builder.Connect(feedback, controller.GetInputPort("wrench"))
-    if "force_active" in signals:
-        builder.Connect(signals.pop("force_active"), controller.GetInputPort("force_active"))
+    for name in ("force_active", "feedback_valid"):
+        if name in signals:
+            builder.Connect(signals.pop(name), controller.GetInputPort(name))
     return controller, action.get_output_port(0)
 
 

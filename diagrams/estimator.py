@@ -1,7 +1,7 @@
 """The wrench estimator as a Diagram, to be dropped into any other."""
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortDataType
-from pydrake.systems.primitives import Demultiplexer
+from pydrake.systems.primitives import Adder, ConstantVectorSource, Demultiplexer
 
 from models.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.identified_model import IdentifiedModel
@@ -19,6 +19,7 @@ def make_estimator(
     model: IdentifiedModel,
     config: WrenchEstimatorConfig | None = None,
     name: str = "estimator",
+    taught: bool = False,
 ) -> Diagram:
     """Builds the estimator: what a controller measures in, the wrench at the tool out.
 
@@ -32,6 +33,11 @@ def make_estimator(
     Inputs:   q                 (n,) rad (m for a prismatic joint)
               v                 (n,) rad/s (m/s)
               current           (n,) A, as the drives report it
+              tau_correction    (n,) N m, added to what the observer reads (systems.taught_torque)
+              v_planned         (n,) rad/s, at which friction is taken: as on the air pass, whatever
+                                sign the speed of a joint has that all but rests
+              counts            (1,) 1 where what is so corrected is to be believed, else 0
+                                these three with `taught` only
     Outputs:  tau_ext           (n,) N m, positive along the motion it causes
               wrench            (6,) F_E_W = [mx my mz fx fy fz], N m and N: exerted by the
                                 environment on the robot, at E, in axes of W
@@ -50,6 +56,9 @@ def make_estimator(
     parameters (torque_per_ampere; coulomb, viscous, offset, v_crit, or the slip elements of a law
     with memory; K_0; the prior's sds, the torque covariance) are changed through their Contexts.
 
+    Args:
+        taught: whether there are inputs tau_correction, v_planned and counts.
+
     Raises:
         InputError: the model belongs to another robot.
         ValueError: as `models.estimator.WrenchEstimator`.
@@ -60,12 +69,15 @@ def make_estimator(
     motor = builder.AddNamedSystem(
         "motor", MotorCurrentTorqueSource(robot.torque_per_ampere, robot.current_sign)
     )
-    remembers = model.friction.state_rows > 0
+    # At planned speeds friction needs no memory: it slides.
+    remembers = model.friction.state_rows > 0 and not taught
     friction = builder.AddNamedSystem(
         "friction",
         PreslidingFrictionSystem(model.friction, estimator.config.observer.time_step)
         if remembers
-        else SemiParametricFrictionSystem(model.friction.velocity_law),
+        else SemiParametricFrictionSystem(
+            model.friction.feedforward if taught else model.friction.velocity_law
+        ),
     )
     observer = builder.AddNamedSystem(
         "observer",
@@ -83,6 +95,18 @@ def make_estimator(
     builder.Connect(observer.GetOutputPort("reading"), observed.get_input_port())
     builder.Connect(reconstruction.GetOutputPort("reading"), reading.get_input_port())
     tau_ext, tau_ext_valid = (observed.get_output_port(i) for i in range(2))
+    if taught:
+        total = builder.AddNamedSystem("corrected", Adder(2, estimator.num_joints))
+        builder.Connect(tau_ext, total.get_input_port(0))
+        builder.ExportInput(total.get_input_port(1), "tau_correction")
+        tau_ext = total.get_output_port()
+        # 1 if both are, by Drake's own blocks.
+        both = builder.AddNamedSystem("both_valid", Adder(3, 1))
+        minus_one = builder.AddNamedSystem("minus_one", ConstantVectorSource([-1.0]))
+        builder.Connect(tau_ext_valid, both.get_input_port(0))
+        builder.Connect(minus_one.get_output_port(), both.get_input_port(1))
+        builder.ExportInput(both.get_input_port(2), "counts")
+        tau_ext_valid = both.get_output_port()
     for output, target, input_port in (
         (terms.GetOutputPort("terms"), observer, "terms"),
         (motor.GetOutputPort("tau_J"), observer, "tau_J"),
@@ -95,7 +119,10 @@ def make_estimator(
 
     position = builder.ExportInput(terms.GetInputPort("q"), "q")
     velocity = builder.ExportInput(terms.GetInputPort("v"), "v")
-    builder.ConnectInput(velocity, friction.GetInputPort("v"))
+    if taught:
+        builder.ExportInput(friction.GetInputPort("v"), "v_planned")
+    else:
+        builder.ConnectInput(velocity, friction.GetInputPort("v"))
     if remembers:
         builder.ConnectInput(position, friction.GetInputPort("q"))
         builder.Connect(motor.GetOutputPort("tau_J"), friction.GetInputPort("tau_J"))
@@ -119,11 +146,13 @@ def add_estimator(
     v: OutputPort | None = None,
     current: OutputPort | None = None,
     name: str = "estimator",
+    taught: bool = False,
 ) -> Diagram:
     """Adds `make_estimator` to `builder` and wires its inputs to the ports that are given.
 
     Args:
         q, v, current: output ports of systems in `builder`, (n,) each; None is left unconnected.
+        taught: as `make_estimator`; these inputs are left unconnected.
 
     Returns:
         the estimator, a subsystem of `builder`.
@@ -144,7 +173,7 @@ def add_estimator(
                 f"{name}: {signal} must have {robot.num_joints} entries, one a joint of "
                 f"{robot.name}, and {label} has {port.size()}"
             )
-    estimator = builder.AddSystem(make_estimator(robot, model, config, name))
+    estimator = builder.AddSystem(make_estimator(robot, model, config, name, taught))
     for signal, port in sources.items():
         if port is not None:
             builder.Connect(port, estimator.GetInputPort(signal))

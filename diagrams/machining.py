@@ -64,6 +64,7 @@ def make_machining_path(
         machining.force,
         machining.phases,
         radius,
+        machining.ramp,
         source,
     )
 
@@ -145,6 +146,16 @@ def longest_duration(plan: MachiningPath, phases: PhasesConfig) -> float:
     return approach + held + lift + 2.0 * RAMP + AFTER
 
 
+def view_of(path: SurfacePath) -> Array:
+    """(3,) from where to look at the tool on a path: at the arm in profile, over the surface."""
+    middle = path.num_samples // 2
+    n, p = path.n_W[middle], path.p_WS[middle]
+    outward = np.array([p[0], p[1], 0.0])
+    across = np.cross(outward, n)
+    across = np.cross([0.0, 0.0, 1.0], outward) if np.linalg.norm(across) < 1e-3 else across
+    return np.asarray(across / np.linalg.norm(across) + 0.5 * n + [0.0, 0.0, 0.3])
+
+
 def add_machining_reference(
     builder: DiagramBuilder,
     robot: Robot,
@@ -154,11 +165,17 @@ def add_machining_reference(
     time_step: float,
     terms: OutputPort,
     wrench: OutputPort,
+    reads_at_rest: bool = True,
 ) -> dict[str, OutputPort]:
-    """Adds a MachiningReference and takes its plan apart; returns the parts by their names."""
+    """Adds a MachiningReference and takes its plan apart; returns the parts by their names.
+
+    Args:
+        terms, wrench: what it reads; see MachiningReference.
+        reads_at_rest: whether `wrench` is right where joints rest, as a sensor's is.
+    """
     leader = builder.AddNamedSystem(
         "machining_reference",
-        MachiningReference(robot, model.chain(robot), plan, phases, time_step),
+        MachiningReference(robot, model.chain(robot), plan, phases, time_step, reads_at_rest),
     )
     builder.Connect(terms, leader.GetInputPort("terms"))
     builder.Connect(wrench, leader.GetInputPort("wrench"))

@@ -21,12 +21,14 @@ FORCE_ARROWS: dict[str, ArrowStyle] = {
 }
 
 
-def make_meshcat(robot: Robot, p_WE: ArrayLike) -> Meshcat:
+def make_meshcat(robot: Robot, p_WE: ArrayLike, away: ArrayLike | None = None) -> Meshcat:
     """Starts Meshcat without a browser, on a white ground, looking at arm and tool from the side.
 
     Args:
         robot: sets the distance, by the size of its arm.
         p_WE: (3,) where the tool will be, m.
+        away: (3,) direction from the tool to the camera, in W; by default from ahead and to one
+            side of where the tool stands, a little above.
     """
     # Its greeting names a web address that nobody will visit.
     log = logging.getLogger("drake")
@@ -44,10 +46,13 @@ def make_meshcat(robot: Robot, p_WE: ArrayLike) -> Meshcat:
     _, home = robot.chain.pose(robot.home)
     size = max(0.5, float(np.linalg.norm(home)), float(np.linalg.norm(tool)))
     target = np.array([0.45 * tool[0], 0.45 * tool[1], 0.5 * size])
-    # From ahead and to one side of where the tool stands, a little above.
-    azimuth = np.arctan2(tool[1], tool[0]) - 1.0
-    away = np.array([np.cos(azimuth), np.sin(azimuth), 0.35])
-    meshcat.SetCameraPose(target + 1.1 * size * away, target)
+    if away is None:
+        azimuth = np.arctan2(tool[1], tool[0]) - 1.0
+        direction = np.array([np.cos(azimuth), np.sin(azimuth), 0.35])
+    else:
+        direction = np.array(away, dtype=np.float64) / np.linalg.norm(away)
+    distance = 1.1 if away is None else 1.3
+    meshcat.SetCameraPose(target + distance * size * direction, target)
     return meshcat
 
 

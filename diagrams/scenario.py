@@ -152,7 +152,11 @@ class MachiningConfig:
     turn_deg: float = 0.0  # by which the angle grows along the path: so the wrist keeps moving
     joint_ranges_deg: dict[str, list[float]] = field(default_factory=dict)  # narrower limits
     one_way: float = 15.0  # s, from one end to the other
+    ramp: float = 0.25  # s, in which the feed comes up to its speed, and down again
     passes: int = 2  # there, back, there, ...
+    # m above the surface, of a pass through the air beforehand, that teaches the estimator what its
+    # model gets wrong along the path (models.air_pass); 0: none
+    air_pass: float = 0.0
     force: NormalForceConfig = field(default_factory=NormalForceConfig)
     phases: PhasesConfig = field(default_factory=PhasesConfig)
     process: ProcessConfig = field(default_factory=ProcessConfig)
@@ -296,9 +300,12 @@ def _check_machining(scenario: Scenario, source: str) -> None:
         )
     if len(machining.start) != 2 or len(machining.end) != 2:
         raise InputError(source, "machining", "start and end take two numbers each, u and v")
-    if not machining.one_way > 0:
+    for name, value in (("one_way", machining.one_way), ("ramp", machining.ramp)):
+        if not (np.isfinite(value) and value > 0):
+            raise InputError(source, f"machining.{name}", f"{value:g} s, expected more than 0")
+    if not (np.isfinite(machining.air_pass) and machining.air_pass >= 0):
         raise InputError(
-            source, "machining.one_way", f"{machining.one_way:g} s, expected more than 0"
+            source, "machining.air_pass", f"{machining.air_pass:g} m, expected 0 or more"
         )
     check_phases(machining.phases, f"{source}: machining")
     MachiningProcess(machining.process, f"{source}: machining.process")

@@ -247,6 +247,7 @@ def impedance_action(
     reference: Array,
     has_force: bool,
     presses: bool,
+    feedback_valid: bool,
     setpoint: float,
     wrench: Array,
     integral: float,
@@ -263,7 +264,8 @@ def impedance_action(
         pose_reference: (18,) R_WD row by row, p_WD, V_WD.
         has_force: whether there is force control at all; without it the integral stays.
         presses: whether force is controlled now.
-        setpoint: N.
+        feedback_valid: whether by the feedback; else the press is the set-point and the integral.
+        setpoint: N; while force is not controlled, that which is there already.
         wrench: (6,) F_E_W of the feedback.
         integral: N s, of the force error so far; that at the end of the tick is written.
         The others as in impedance_wrench and impedance_torque.
@@ -283,7 +285,7 @@ def impedance_action(
         push += d_W[k] * wrench[3 + k]
     free = d_W if presses else nowhere
     impedance_wrench(in_E, K, B, R_WE, p_WE, V_WE, R_WD, p_WD, V_WD, free, commanded)
-    error = setpoint - push
+    error = setpoint - push if feedback_valid else 0.0
     kp, ki, limit = force_gains
     bound = limit / ki if ki > 0.0 else 0.0
     if presses:
@@ -313,11 +315,11 @@ def impedance_action(
         if not (saturated and error * integral > 0.0):
             integral += time_step * error
     elif has_force and ki > 0.0:
-        # The push of the spring, less the contact force with which force control will begin.
+        # The push of the spring, less the set-point with which force control will begin.
         blind = np.empty(6)
         impedance_wrench(in_E, K, B, R_WE, p_WE, V_WE, R_WD, p_WD, V_WD, d_W, blind)
         spring = 0.0
         for k in range(3):
             spring += d_W[k] * (commanded[3 + k] - blind[3 + k])
-        integral = (-spring - max(0.0, push)) / ki
+        integral = (-spring - setpoint) / ki
     action[n + 6] = min(max(integral, -bound), bound) if has_force else integral

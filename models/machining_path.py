@@ -15,13 +15,14 @@ from scipy.interpolate import make_interp_spline
 from models.input_error import InputError
 from models.inverse_kinematics import follow_path
 from models.machining_phases import PhasesConfig, check_phases
-from models.paths import JointTrajectory, constant_speed
+from models.paths import JointTrajectory, steady_speed
 from models.robot import Robot
 from models.surface_path import SurfacePath
 
 Array = NDArray[np.float64]
 
 _STEP = 0.01  # s between the times that the trajectory holds
+_SETTLED = 0.4  # s of even feed, after which joints slide and an observer has settled
 _MOST_TORQUE = 0.9  # of a drive's limit may be needed at rest
 
 
@@ -47,6 +48,8 @@ class MachiningPath:
         trajectory: of the joints, from rest to rest, there and back as often as asked.
         s: (T,) place on the path, 0 to 1, at the times of the trajectory.
         setpoint: (T,) N, of the normal force there.
+        steady: (T,) 1 where the feed has kept its full speed for a while (0.4 s), else 0: where
+            friction is as it was on an air pass, and an estimate of the force can be used.
         q_start: (n,) above the path's first point, where the approach begins.
     """
 
@@ -54,6 +57,7 @@ class MachiningPath:
     trajectory: JointTrajectory
     s: Array
     setpoint: Array
+    steady: Array
     q_start: Array
 
 
@@ -66,6 +70,7 @@ def plan_machining(
     force: NormalForceConfig,
     phases: PhasesConfig,
     tool_radius: float,
+    ramp: float,
     source: str = "machining",
 ) -> MachiningPath:
     """Plans a pass.
@@ -73,9 +78,11 @@ def plan_machining(
     Args:
         path: N points with normals in W.
         q: (N, n) postures there.
-        one_way: s from one end of the path to the other, at constant speed but for the ends.
+        one_way: s from one end of the path to the other, at constant speed but for the ramps.
         passes: 1 there, 2 there and back, ...
         tool_radius: m, of the tool's tip.
+        ramp: s in which the feed comes up to its speed, and down again at the other end; half of
+            one_way at most. Short ones keep the joints from creeping, where friction is unknown.
         source: what an error names.
 
     Raises:
@@ -85,6 +92,8 @@ def plan_machining(
     check_phases(phases, source)
     if not (math.isfinite(one_way) and one_way > 0.0):
         raise InputError(source, "one_way", f"{one_way:g} s, expected more than 0")
+    if not (math.isfinite(ramp) and ramp > 0.0):
+        raise InputError(source, "ramp", f"{ramp:g} s, expected more than 0")
     if passes < 1:
         raise InputError(source, "passes", f"{passes}, expected 1 or more")
     least = force.value - abs(force.amplitude)
@@ -106,7 +115,7 @@ def plan_machining(
     spline = make_interp_spline(s, q, k=5 if len(s) > 5 else 1)
     count = max(2, round(one_way / _STEP))
     u = np.arange(count + 1) / count
-    law = constant_speed(u)
+    law = steady_speed(min(0.5, ramp / one_way))(u)
     parts = []
     for k in range(passes):
         back = k % 2 == 1
@@ -137,7 +146,16 @@ def plan_machining(
             f"{robot.name} cannot start {phases.standoff:g} m above the path's first point",
             "move the workpiece, or start elsewhere",
         ) from error
-    return MachiningPath(path, trajectory, place, force.at(place), q_start)
+    steady = _kept(np.abs(ds[:, 0]) > 0.999 * np.abs(ds[:, 0]).max(), t, _SETTLED)
+    return MachiningPath(path, trajectory, place, force.at(place), steady, q_start)
+
+
+def _kept(holds: NDArray[np.bool_], t: Array, duration: float) -> Array:
+    """1 where a condition has held for `duration`, else 0; (T,) over times t."""
+    since = np.where(holds, np.nan, t)
+    since[0] = t[0]
+    last = np.maximum.accumulate(np.where(np.isnan(since), -np.inf, since))
+    return np.asarray(holds & (t - last > duration), dtype=np.float64)
 
 
 def check_curvature(path: SurfacePath, tool_radius: float) -> None:

@@ -189,17 +189,19 @@ def work_time(state, t, duration):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def setpoint(table, state, t, at_start, here, at_end):  # type: ignore[no-untyped-def]
-    """The normal force to press with, N.
+    """The normal force to press with, N; in the approach that which is there.
 
     Args:
         table: of PhasesConfig.
         at_start, here, at_end: of the path: where it begins, at this place, where it ends, N.
     """
     phase, since = int(state[PHASE]), t - state[SINCE]
+    if phase == Phase.APPROACH:
+        return state[FORCE_THERE]
     if phase == Phase.TOUCH:
         share = min(1.0, since / table[_RISE])
         share = share * share * (3.0 - 2.0 * share)
-        start = min(max(state[FORCE_THERE], 0.0), at_start)
+        start = min(state[FORCE_THERE], at_start)
         return start + share * (at_start - start)
     if phase == Phase.WORK:
         return here
@@ -210,7 +212,9 @@ def setpoint(table, state, t, at_start, here, at_end):  # type: ignore[no-untype
 
 
 @njit(cache=True)
-def advance(table, state, time_step, t, force, setpoint_now, work_duration, joint_room):  # type: ignore[no-untyped-def]
+def advance(  # type: ignore[no-untyped-def]
+    table, state, time_step, t, force, setpoint_now, work_duration, joint_room, trusted
+):
     """Takes one tick, changing `state` in place; returns whether the phase has changed.
 
     Args:
@@ -221,6 +225,8 @@ def advance(table, state, time_step, t, force, setpoint_now, work_duration, join
         setpoint_now: N, that this force should be.
         work_duration: s, along the path and back.
         joint_room: smallest distance of a joint from its limits, rad or m.
+        trusted: whether the feedback can be used now; else it does not say that the force is too
+            high or that contact is lost.
     """
     phase = int(state[PHASE])
     since = t - state[SINCE]
@@ -231,7 +237,7 @@ def advance(table, state, time_step, t, force, setpoint_now, work_duration, join
         if since < travel_time(speed, table[_LIFT]):
             return False
         return _enter(state, Phase.DONE.value, t)
-    if not np.isfinite(force) or force > table[_MAX_FORCE]:
+    if trusted and not force <= table[_MAX_FORCE]:  # also what is no number
         return _retreat(state, Fault.OVER_FORCE.value, t)
     if joint_room < table[_JOINT_MARGIN]:
         return _retreat(state, Fault.JOINT_LIMIT.value, t)
@@ -245,14 +251,14 @@ def advance(table, state, time_step, t, force, setpoint_now, work_duration, join
         above = near and rise > table[_TOUCH_FORCE]
         state[ABOVE] = state[ABOVE] + time_step if above else 0.0
         state[BASELINE] += time_step / _BASELINE_TIME[int(near)] * rise
+        state[FORCE_THERE] = max(0.0, force - state[BASELINE])
         if state[ABOVE] >= table[_TOUCH_TIME]:
-            state[FORCE_THERE] = force
             return _enter(state, Phase.TOUCH.value, t)
         if since >= travel_time(table[_APPROACH_SPEED], whole_way):
             return _retreat(state, Fault.NOTHING_TOUCHED.value, t)
         return False
     ready = phase == Phase.WORK or (phase == Phase.TOUCH and since > table[_RISE])
-    lost = ready and force < table[_LOST_SHARE] * setpoint_now
+    lost = ready and trusted and force < table[_LOST_SHARE] * setpoint_now
     state[LOST] = state[LOST] + time_step if lost else 0.0
     if state[LOST] >= table[_LOST_TIME]:
         return _retreat(state, Fault.CONTACT_LOST.value, t)

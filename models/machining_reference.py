@@ -38,6 +38,8 @@ def machining_reference(
     vdot_path: Array,
     place: Array,
     force: Array,
+    trusted: Array,
+    pushes_on: float,
     t: float,
     state: Array,
     anchor: Array,
@@ -46,13 +48,17 @@ def machining_reference(
     scratch: Array,
     out: Array,
 ) -> None:
-    """Writes the reference (18 + 3n + 5,) of MachiningReference at time t.
+    """Writes the reference (18 + 3n + 7,) of MachiningReference at time t.
 
     Args:
         phases: table of PhasesConfig.
         chain: table of SerialChain, of the model.
         t_path, q_path, v_path, vdot_path: the planned JointTrajectory, its times evenly spaced.
         place, force: (T,) place on the path and N to press with, at these times.
+        trusted: (T,) 1 where the force feedback can be used at work, else 0.
+        pushes_on: m/s; above 0 without a feedback that is right at rest. Then in the touch v_d is
+            that of going on into the surface at this speed: the press is fed forward through the
+            stiction of joints that rest, and so must their friction be.
         t: s.
         state: (7,) of models.machining_phases.
         anchor: (15,).
@@ -74,6 +80,11 @@ def machining_reference(
             pose[12 + i] = 0.0
             for j in range(n):
                 pose[12 + i] += J_D[i, j] * reference[n + j]
+        if phase == Phase.TOUCH and pushes_on > 0.0:
+            into = np.zeros(6)
+            for i in range(3):
+                into[3 + i] = pushes_on * R_WD[i, 2]
+            _joint_velocity(J_D, into, reference[n : 2 * n])
     else:
         distance, speed = outward_travel(phases, state, t)
         pose[:9] = anchor[:9]
@@ -84,10 +95,12 @@ def machining_reference(
         reference[:n] = q
         _joint_velocity(J, pose[12:], reference[n : 2 * n])
         reference[2 * n :] = 0.0
-    out[-5] = _setpoint_now(phases, t_path, force, state, t)
-    out[-4] = 1.0 if presses else 0.0
-    out[-3], out[-2] = state[PHASE], state[FAULT]
-    out[-1] = _on_path(t_path, place, time)
+    out[-7] = _setpoint_now(phases, t_path, force, state, t)
+    out[-6] = 1.0 if presses else 0.0
+    out[-5], out[-4] = state[PHASE], state[FAULT]
+    out[-3] = _on_path(t_path, place, time)
+    out[-2] = time if phase == Phase.WORK else -1.0
+    out[-1] = 1.0 if _trusts(t_path, trusted, pushes_on, state, t) else 0.0
 
 
 @njit(cache=True)
@@ -97,6 +110,8 @@ def advance_reference(
     upper: Array,
     t_path: Array,
     force: Array,
+    trusted: Array,
+    pushes_on: float,
     time_step: float,
     t: float,
     q: Array,
@@ -124,12 +139,22 @@ def advance_reference(
         push -= R_WE[i, 2] * wrench[3 + i]
     wanted = _setpoint_now(phases, t_path, force, state, t)
     duration = t_path[-1] - t_path[0]
-    changed = advance(phases, state, time_step, t + time_step, push, wanted, duration, room)
+    trusts = _trusts(t_path, trusted, pushes_on, state, t)
+    changed = advance(phases, state, time_step, t + time_step, push, wanted, duration, room, trusts)
     phase = int(state[PHASE])
     if changed and phase in (Phase.LIFT, Phase.RETREAT):
         anchor[:9] = R_WE.ravel()
         anchor[9:12] = p_WE
         anchor[12:] = -R_WE[:, 2]
+
+
+@njit(cache=True)
+def _trusts(t_path, trusted, pushes_on, state, t):  # type: ignore[no-untyped-def]
+    """Whether the force feedback can be used now."""
+    if pushes_on <= 0.0:
+        return True
+    time = work_time(state, t, t_path[-1] - t_path[0])
+    return int(state[PHASE]) == Phase.WORK and _on_path(t_path, trusted, time) == 1.0
 
 
 @njit(cache=True)

@@ -10,6 +10,7 @@ from pydrake.systems.framework import (
     BasicVector,
     Context,
     DiscreteValues,
+    InputPort,
     LeafSystem,
     ValueProducer,
 )
@@ -77,6 +78,7 @@ class ImpedanceController(LeafSystem):
       wrench         -->  |                     | --> pose_error
       force_setpoint -->  |                     |
       force_active   -->  |                     | --> action
+      feedback_valid -->  |                     |
                           +---------------------+
 
     Inputs:      terms           RigidBodyTerms (abstract) of the model
@@ -87,7 +89,10 @@ class ImpedanceController(LeafSystem):
                  force_setpoint  (1,) N along d, for force control
                  force_active    (1,) 1 or 0; optional: without it force control is active. While it
                                  is not, the spring acts along d as well, and the integral follows
-                                 it, so that force control takes over without a jump
+                                 what it presses with beyond force_setpoint, so that force control
+                                 takes over without a jump
+                 feedback_valid  (1,) 1 or 0; optional: without it the wrench is always used. While
+                                 it is 0 the press is the set-point and the integral as it stands
     Outputs:     tau_command     (n,) N m on the joint side, within effort_limit; direct feedthrough
                  pose_error      (6,) rotation vector rad, translation m, from D to E, in the axes
                                  of the stiffness
@@ -154,6 +159,7 @@ class ImpedanceController(LeafSystem):
         self._wrench = self.DeclareVectorInputPort("wrench", 6)
         self._force_setpoint = self.DeclareVectorInputPort("force_setpoint", 1)
         self._force_active = self.DeclareVectorInputPort("force_active", 1)
+        self._feedback_valid = self.DeclareVectorInputPort("feedback_valid", 1)
         self.DeclareDiscreteState(1)
         if self._has_force:
             self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
@@ -170,6 +176,7 @@ class ImpedanceController(LeafSystem):
             self._wrench.ticket(),
             self._force_setpoint.ticket(),
             self._force_active.ticket(),
+            self._feedback_valid.ticket(),
             self._gains.ticket(),
             self.xd_ticket(),
         }
@@ -192,10 +199,7 @@ class ImpedanceController(LeafSystem):
         return float(self._time_step * np.abs(rates).max())
 
     def _presses(self, context: Context) -> bool:
-        if not self._has_force:
-            return False
-        port = self._force_active
-        return not port.HasValue(context) or bool(port.Eval(context)[0] > 0.5)
+        return self._has_force and _is_on(self._force_active, context)
 
     def _calc_gains(self, context: Context, value: Value) -> None:
         indices = (self._stiffness, self._damping, self._force_gains)
@@ -226,6 +230,7 @@ class ImpedanceController(LeafSystem):
             self._reference.Eval(context) if has_reference else self._at_rest,
             has_force,
             self._presses(context),
+            _is_on(self._feedback_valid, context),
             self._force_setpoint.Eval(context)[0] if has_force else 0.0,
             self._wrench.Eval(context) if has_force else _NO_WRENCH,
             context.get_discrete_state(0).GetAtIndex(0),
@@ -240,6 +245,11 @@ class ImpedanceController(LeafSystem):
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         discrete_state.set_value(self._action.Eval(context)[-1:])
+
+
+def _is_on(port: InputPort, context: Context) -> bool:
+    """Whether a switch is on; one that nothing is connected to is."""
+    return not port.HasValue(context) or bool(port.Eval(context)[0] > 0.5)
 
 
 def _in_E(axes: str, place: str) -> bool:

@@ -34,7 +34,7 @@ class MachiningReference(LeafSystem):
 
     Inputs:  terms   RigidBodyTerms (abstract) of the model
              wrench  (6,) F_E_W, the force feedback, environment on robot, rotation first
-    Output:  plan    (18 + 3n + 5,), one after another; no feedthrough from wrench:
+    Output:  plan    (18 + 3n + 7,), one after another; no feedthrough from wrench:
                        pose_reference  (18,) as PoseReference
                        reference       (3n,) q_d, v_d, vdot_d: rad, rad/s, rad/s^2
                        force_setpoint  (1,) N out of the surface
@@ -42,6 +42,9 @@ class MachiningReference(LeafSystem):
                        phase           (1,) a Phase
                        fault           (1,) a Fault
                        progress        (1,) place on the path, 0 to 1
+                       feed_time       (1,) s since the feed started; -1 but for the work itself
+                       feedback_valid  (1,) 1 where the force feedback can be used, else 0: always
+                                       with a sensor, with an estimate while the feed is steady
     State:   (7,) of models.machining_phases, and (15,) R_WD, p_WD and the outward direction from
              which approach, lift and retreat start
 
@@ -51,6 +54,8 @@ class MachiningReference(LeafSystem):
         plan: what to do.
         config: when.
         time_step: s.
+        reads_at_rest: whether the force feedback is right where joints rest or turn round: a
+            sensor's is, an estimate's is not.
     """
 
     def __init__(
@@ -60,6 +65,7 @@ class MachiningReference(LeafSystem):
         plan: MachiningPath,
         config: PhasesConfig,
         time_step: float,
+        reads_at_rest: bool = True,
     ) -> None:
         LeafSystem.__init__(self)
         n = robot.num_joints
@@ -71,6 +77,8 @@ class MachiningReference(LeafSystem):
         path = plan.trajectory
         self._path = (path.t, path.q, path.v, path.vdot)
         self._place, self._setpoint = plan.s, plan.setpoint
+        self._trusted = plan.steady
+        self._pushes_on = 0.0 if reads_at_rest else config.approach_speed
         self._time_step = time_step
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._wrench = self.DeclareVectorInputPort("wrench", 6)
@@ -97,6 +105,8 @@ class MachiningReference(LeafSystem):
             "phase": 1,
             "fault": 1,
             "progress": 1,
+            "feed_time": 1,
+            "feedback_valid": 1,
         }
 
     def _calc_plan(self, context: Context, output: BasicVector) -> None:
@@ -107,6 +117,8 @@ class MachiningReference(LeafSystem):
             *self._path,
             self._place,
             self._setpoint,
+            self._trusted,
+            self._pushes_on,
             context.get_time(),
             context.get_discrete_state(self._phases).value(),
             context.get_discrete_state(self._anchor).value(),
@@ -125,6 +137,8 @@ class MachiningReference(LeafSystem):
             self._upper,
             self._path[0],
             self._setpoint,
+            self._trusted,
+            self._pushes_on,
             self._time_step,
             context.get_time(),
             terms.q,

@@ -1,0 +1,40 @@
+"""What an air pass has taught, played back along the path."""
+
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from models.air_pass import TaughtTorque
+
+
+class TaughtTorqueSource(LeafSystem):
+    """The model's error at a place of the motion, as `models.air_pass` learnt it, with minus sign.
+
+                      +--------------------+ --> tau_correction
+      feed_time  -->  | TaughtTorqueSource |
+                      +--------------------+ --> counts
+
+    Input:   feed_time       (1,) s since the feed started; below 0 while it has not
+    Outputs: tau_correction  (n,) N m, to be added to the observer's tau_ext; zero before the feed
+                             and after its end
+             counts          (1,) 1 where a reading that is so corrected is to be believed, else 0:
+                             where joints rest, start or turn round
+             Both with direct feedthrough
+    State:   none
+
+    Args:
+        taught: by an air pass along the same motion, read behind the same observer.
+    """
+
+    def __init__(self, taught: TaughtTorque) -> None:
+        LeafSystem.__init__(self)
+        self._taught = taught
+        self._feed_time = self.DeclareVectorInputPort("feed_time", 1)
+        self.DeclareVectorOutputPort(
+            "tau_correction", taught.num_joints, self._calc, {self._feed_time.ticket()}
+        )
+        self.DeclareVectorOutputPort("counts", 1, self._calc_counts, {self._feed_time.ticket()})
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(-self._taught.at(self._feed_time.Eval(context)[0]))
+
+    def _calc_counts(self, context: Context, output: BasicVector) -> None:
+        output.SetAtIndex(0, float(self._taught.counts_at(self._feed_time.Eval(context)[0])))
