@@ -31,6 +31,7 @@ from analyses.friction_laws import POSTURES, semi_parametric_model
 from analyses.friction_reversal import reversal_recordings, separate_recordings
 from analyses.friction_training import TrainingConfig
 from analyses.identification import identify
+from analyses.shared_results import shared
 from analyses.simulated_identification import (
     CONFIG,
     PERIODS,
@@ -88,7 +89,21 @@ class ArmModels:
         """
         config = WrenchEstimatorConfig(MomentumObserverConfig([K_0]), reconstruction)
         model = self.models[law]
-        plain = WrenchEstimator(self.robot, model, config)
+        tau_ext, v = self.held_out_errors(law, K_0)
+        covariance = covariance_at_speed(tau_ext, v, speed)
+        return WrenchEstimator(self.robot, replace(model, residual_covariance=covariance), config)
+
+    def held_out_errors(self, law: str, K_0: float) -> tuple[Array, Array]:
+        """tau_ext (N, n) N m that an observer reads of the held-out logs, and v (N, n) rad/s.
+
+        Args:
+            law: one of LAWS.
+            K_0: 1/s.
+        """
+        config = WrenchEstimatorConfig(
+            MomentumObserverConfig([K_0]), WrenchReconstructionConfig("inverse")
+        )
+        plain = WrenchEstimator(self.robot, self.models[law], config)
         outputs, speeds = [], []
         for recording in self.held_out:
             state = plain.initial_state()
@@ -96,8 +111,7 @@ class ArmModels:
             settled = recording.t - recording.t[0] >= 3.0 / K_0
             outputs.append(tau_ext[settled])
             speeds.append(recording.v[settled])
-        covariance = covariance_at_speed(np.vstack(outputs), np.vstack(speeds), speed)
-        return WrenchEstimator(self.robot, replace(model, residual_covariance=covariance), config)
+        return np.vstack(outputs), np.vstack(speeds)
 
 
 def identify_arm(
@@ -114,6 +128,16 @@ def identify_arm(
         quick: shorter logs, fewer postures.
         progress: told the share done.
     """
+    models, held_out = shared(
+        "identify_arm", (robot, seed, quick), lambda: _identify_arm(robot, seed, quick, progress)
+    )
+    progress(1.0, "models")
+    return ArmModels(robot, models, held_out)
+
+
+def _identify_arm(
+    robot: Robot, seed: int, quick: bool, progress: ProgressCallback
+) -> tuple[dict[str, IdentifiedModel], tuple[Recording, ...]]:
     result, (log, other) = identify_simulated_arm(
         robot,
         seed,
@@ -144,8 +168,7 @@ def identify_arm(
     progress(0.9, "presliding friction")
     presliding = identify([log.recording, *fitted], robot, [], config).model
     models = dict(zip(LAWS, (result.model, semi_parametric, presliding), strict=True))
-    progress(1.0, "models")
-    return ArmModels(robot, models, (other.recording, slow[-1]))
+    return models, (other.recording, slow[-1])
 
 
 def covariance_at_speed(tau_ext: Array, v: Array, speed: float) -> Array:

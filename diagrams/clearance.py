@@ -12,6 +12,8 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
 from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.framework import DiagramBuilder
 
+from diagrams.scenario import BladeConfig, PlateConfig
+from diagrams.workpiece import add_blade, add_plate
 from models.robot import Robot
 
 Array = NDArray[np.float64]
@@ -227,6 +229,51 @@ class Clearance:
 
     def _requirement(self, pair: Any) -> float:
         return self._required.get((pair.id_A, pair.id_B), self.margin)
+
+
+def workpiece_clearance(robot: Robot, workpiece: PlateConfig | BladeConfig, q: ArrayLike) -> float:
+    """Smallest distance (m) of the links, but for the tool, from a workpiece, over q (N, n).
+
+    A blade counts as its convex hull. Negative where they overlap.
+    """
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+    parts = robot.add_to_plant(plant)
+    if isinstance(workpiece, BladeConfig):
+        add_blade(plant, workpiece)
+    else:
+        add_plate(plant, workpiece)
+    plant.Finalize()
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    plant_context = plant.GetMyMutableContextFromRoot(context)
+    inspector = scene_graph.model_inspector()
+    tool = parts.frame_E.body() if parts.tool_weld is None else None
+    if tool is None:
+        tool = plant.get_joint(parts.tool_weld).child_body()
+    links = [
+        geometry
+        for index in plant.GetBodyIndices(parts.model_instance)
+        if index != tool.index()
+        for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(index))
+    ]
+    piece = [
+        geometry
+        for geometry in inspector.GetAllGeometryIds(Role.kProximity)
+        if inspector.GetName(geometry).endswith("workpiece")
+    ]
+    order = [joint.position_start() for joint in parts.joints]
+    positions = np.zeros(plant.num_positions())
+    nearest = np.inf
+    for row in np.atleast_2d(np.asarray(q, np.float64)):
+        positions[order] = row
+        plant.SetPositions(plant_context, positions)
+        query = plant.get_geometry_query_input_port().Eval(plant_context)
+        for link in links:
+            for other in piece:
+                pair = query.ComputeSignedDistancePairClosestPoints(link, other)
+                nearest = min(nearest, pair.distance)
+    return float(nearest)
 
 
 def _speed_radius(robot: Robot) -> Array:

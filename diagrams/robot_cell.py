@@ -35,7 +35,7 @@ from pydrake.systems.primitives import (
 )
 
 from diagrams.scenario import BladeConfig, PlateConfig, Scenario
-from diagrams.workpiece import add_blade, contact_material, pose_of_workpiece, soft_tip
+from diagrams.workpiece import add_blade, add_plate, contact_material, soft_tip
 from models.dry_friction import DryFriction
 from models.input_error import InputError
 from models.machining_process import MachiningProcess
@@ -55,8 +55,6 @@ from systems.rigid_body_terms import RigidBodyTermsSystem
 Array = NDArray[np.float64]
 
 FLOOR_STIFFNESS = 1e6  # N/m
-_PLATE_COLOUR = np.array([0.62, 0.68, 0.72, 1.0])
-_STAND_COLOUR = np.array([0.42, 0.45, 0.48, 1.0])
 _FLOOR_COLOUR = np.array([0.86, 0.87, 0.88, 1.0])
 
 
@@ -129,7 +127,7 @@ def make_robot_cell(
     if isinstance(scenario.workpiece, BladeConfig):
         add_blade(plant, scenario.workpiece)
     elif scenario.workpiece is not None:
-        _add_plate(plant, scenario.workpiece)
+        add_plate(plant, scenario.workpiece)
     if scene_graph is not None:
         _add_floor(plant, solid=scenario.floor)
     plant.Finalize()
@@ -308,21 +306,6 @@ def true_friction(scenario: Scenario, robot: Robot) -> DryFriction | None:
         ripple_amplitude=truth.ripple_amplitude if full else none,
         ripple_periods=truth.ripple_periods,
     )
-
-
-def _add_plate(plant: MultibodyPlant, plate: PlateConfig) -> None:
-    X_WP = pose_of_workpiece(plate)
-    X_WG = X_WP @ RigidTransform([0.0, 0.0, -0.5 * plate.size[2]])
-    body, shape = plant.world_body(), Box(*plate.size)
-    material = contact_material(plate.stiffness, plate.dissipation, plate.friction)
-    plant.RegisterCollisionGeometry(body, X_WG, shape, "workpiece", material)
-    plant.RegisterVisualGeometry(body, X_WG, shape, "workpiece", _PLATE_COLOUR)
-    # What it stands on, for the eye.
-    height = float(plate.centre[2]) - plate.size[2]
-    if height > 0.02:
-        column = Box(0.4 * plate.size[0], 0.4 * plate.size[1], height)
-        X_WC = RigidTransform([plate.centre[0], plate.centre[1], 0.5 * height])
-        plant.RegisterVisualGeometry(body, X_WC, column, "stand", _STAND_COLOUR)
 
 
 def _add_floor(plant: MultibodyPlant, solid: bool) -> None:

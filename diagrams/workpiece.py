@@ -10,6 +10,8 @@ from pydrake.geometry import (
     AddCompliantHydroelasticProperties,
     AddContactMaterial,
     AddRigidHydroelasticProperties,
+    Box,
+    Cylinder,
     InMemoryMesh,
     Mesh,
     ProximityProperties,
@@ -23,7 +25,10 @@ from models.workpieces import BladeSection, Plate, Surface, mesh
 
 Array = NDArray[np.float64]
 
+_PLATE_COLOUR = np.array([0.62, 0.68, 0.72, 1.0])
+_STAND_COLOUR = np.array([0.42, 0.45, 0.48, 1.0])
 _BLADE_COLOUR = np.array([0.36, 0.50, 0.60, 1.0])
+_POST_RADIUS = 0.03  # m
 _TIP_RESOLUTION = 1.0  # of the tip's radius: some twenty faces a patch, as smooth as a hundred
 
 
@@ -70,6 +75,20 @@ def soft_tip(blade: BladeConfig, radius: float) -> ProximityProperties:
     return properties
 
 
+def add_plate(plant: MultibodyPlant, plate: PlateConfig) -> None:
+    """Fixes a plate in the world: a box for the eye and for contact, on a column for the eye."""
+    X_WP = pose_of_workpiece(plate)
+    X_WG = X_WP @ RigidTransform([0.0, 0.0, -0.5 * plate.size[2]])
+    body, shape = plant.world_body(), Box(*plate.size)
+    material = contact_material(plate.stiffness, plate.dissipation, plate.friction)
+    plant.RegisterCollisionGeometry(body, X_WG, shape, "workpiece", material)
+    plant.RegisterVisualGeometry(body, X_WG, shape, "workpiece", _PLATE_COLOUR)
+    # What it stands on, for the eye: a post that ends below the plate, however that is tilted.
+    x, y, below = (X_WP @ RigidTransform([0.0, 0.0, -plate.size[2]])).translation()
+    upright = max(0.2, float(X_WP.rotation().matrix()[2, 2]))
+    _add_post(plant, x, y, float(below) - _POST_RADIUS * math.sqrt(1.0 / upright**2 - 1.0))
+
+
 def add_blade(plant: MultibodyPlant, blade: BladeConfig) -> None:
     """Fixes a blade in the world: a rigid surface of triangles, for the eye and for contact."""
     if not blade.mesh_size > 0.0:
@@ -85,6 +104,19 @@ def add_blade(plant: MultibodyPlant, blade: BladeConfig) -> None:
     body = plant.world_body()
     plant.RegisterCollisionGeometry(body, X_WP, shape, "workpiece", properties)
     plant.RegisterVisualGeometry(body, X_WP, _mesh(surface, 121, 41), "workpiece", _BLADE_COLOUR)
+    points = mesh(surface, 121, 41)[0] @ X_WP.rotation().matrix().T + X_WP.translation()
+    x, y, _ = points.mean(axis=0)
+    above = np.hypot(points[:, 0] - x, points[:, 1] - y) < _POST_RADIUS
+    if above.any():
+        _add_post(plant, x, y, float(points[above, 2].min()))
+
+
+def _add_post(plant: MultibodyPlant, x: float, y: float, height: float) -> None:
+    """What a workpiece stands on, for the eye."""
+    if height > 0.02:
+        X_WC = RigidTransform([x, y, 0.5 * height])
+        post = Cylinder(_POST_RADIUS, height)
+        plant.RegisterVisualGeometry(plant.world_body(), X_WC, post, "stand", _STAND_COLOUR)
 
 
 def _patch_material(blade: BladeConfig) -> Any:
