@@ -49,6 +49,22 @@ SHOWN: Final[Mapping[str, tuple[str, ...]]] = {
         "ours_against_article.reduction_rmse_z_pct",
         "ours.share_in_95_band",
     ),
+    "polishing": (
+        "article.correlation",
+        "article.rmse_n",
+        "ours.correlation",
+        "ours.rmse_n",
+        "regulation.estimate.rms_n",
+        "regulation.sensor.rms_n",
+    ),
+    "grinding": (
+        "article.correlation",
+        "article.rmse_n",
+        "ours.correlation",
+        "ours.rmse_n",
+        "regulation.estimate.rms_n",
+        "regulation.sensor.rms_n",
+    ),
     "bandwidth": ("max_amplitude_error_pct", "max_phase_error_deg"),
     "ur10e-identification": ("best.validation.14harm50sec.rmse_nm",),
     "ur10e-payload": (

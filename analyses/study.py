@@ -53,6 +53,8 @@ EXPERIMENTS: dict[str, str] = {
     "repeat-cycle-push": "analyses.repeat_cycle_push",
     "friction": "analyses.friction_estimate",
     "combined": "analyses.combined",
+    "polishing": "analyses.polishing",
+    "grinding": "analyses.grinding",
     "bandwidth": "analyses.bandwidth",
     "friction-laws": "analyses.friction_laws",
     "ur10e-identification": "analyses.ur10e_identification",
@@ -63,6 +65,8 @@ EXPERIMENTS: dict[str, str] = {
 # Seconds of a processor that experiments took at full length: the longest start first, so that
 # none runs on alone at the end. The folder's own timings.json counts before this.
 TYPICAL_SECONDS: Final[Mapping[str, float]] = {
+    "grinding": 330,
+    "polishing": 240,
     "linear-path": 60,
     "surface-path": 60,
     "friction-laws": 90,
