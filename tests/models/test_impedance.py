@@ -127,9 +127,10 @@ def test_null_space_damping_does_not_reach_the_tool():
     np.testing.assert_allclose(tau, (np.eye(n) - J.T @ Jbar.T) @ (-4.0 * v), atol=1e-6)
 
 
+@pytest.mark.parametrize("valid", [False, True])
 @pytest.mark.parametrize("presses", [False, True])
 @pytest.mark.parametrize("in_E", [False, True])
-def test_an_action_is_torque_error_and_integral(presses, in_E):
+def test_an_action_is_torque_error_and_integral(presses, in_E, valid):
     rng, n, T = np.random.default_rng(3), 6, 1e-3
     A, B, M = (x @ x.T for x in rng.normal(size=(3, 6, 6)))
     Cv, G, v, wrench = rng.normal(size=(4, n))
@@ -169,6 +170,7 @@ def test_an_action_is_torque_error_and_integral(presses, in_E):
         reference,
         True,
         presses,
+        valid,
         setpoint,
         wrench,
         integral,
@@ -178,13 +180,12 @@ def test_an_action_is_torque_error_and_integral(presses, in_E):
     free, blind = np.empty(6), np.empty(6)
     for out, along in ((free, np.zeros(3)), (blind, d_W)):
         impedance_wrench(in_E, A, B, R_WE, p_WE, V_WE, R_WD, p_WD, V_WD, along, out)
-    error = setpoint - d_W @ wrench[3:]
+    error = setpoint - d_W @ wrench[3:] if valid else 0.0
     if presses:
         blind[3:] -= (setpoint + 0.6 * error + 60.0 * integral) * d_W
         total, after = blind, integral + T * error
     else:
-        push = max(0.0, d_W @ wrench[3:])
-        total, after = free, (-d_W @ (free - blind)[3:] - push) / 60.0
+        total, after = free, (-d_W @ (free - blind)[3:] - setpoint) / 60.0
     v_d, vdot_d = reference[n : 2 * n], reference[2 * n :]
     feed = (np.sign(v_d) + v_d) * np.abs(v_d) / np.hypot(v_d, 0.005)
     tau = J.T @ total + Cv + G + M @ vdot_d + feed

@@ -24,14 +24,15 @@ STEP = 1e-3
 CONTACT = CONFIG.standoff / CONFIG.approach_speed + 0.1  # s
 
 
-def play(force_of, config=CONFIG, work=0.5, room=lambda t: 1.0, end=12.0):
+def play(force_of, config=CONFIG, work=0.5, room=lambda t: 1.0, end=12.0, trusted=lambda p: True):
     """Phases met, and the fault, with a feedback force(t, phase, set-point)."""
     state, met, t = initial_state(), [Phase.APPROACH], 0.0
     while t < end:
         target = setpoint(config.table, state, t, 40.0, 40.0, 40.0)
         force = force_of(t, Phase(int(state[PHASE])), target)
         t += STEP
-        if advance(config.table, state, STEP, t, force, target, work, room(t)):
+        trusts = trusted(Phase(int(state[PHASE])))
+        if advance(config.table, state, STEP, t, force, target, work, room(t), trusts):
             met.append(Phase(int(state[PHASE])))
     return met, Fault(int(state[FAULT]))
 

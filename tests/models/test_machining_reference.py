@@ -19,6 +19,7 @@ from models.serial_chain import SCRATCH_COLUMNS
 
 PHASES = PhasesConfig()
 T = 1e-3
+TRUSTED = np.where(np.abs(np.arange(201) - 100) <= 50, 1.0, 0.0)  # from .5 s to 1.5 s
 
 
 @pytest.fixture(scope="module")
@@ -34,10 +35,10 @@ def path(robot):
     return JointTrajectory.from_positions(t, q), t / 2.0, 30.0 + 5.0 * t
 
 
-def reference(robot, path, t, state, anchor):
+def reference(robot, path, t, state, anchor, pushes_on=0.0):
     trajectory, place, force = path
     terms = robot.chain.terms(robot.home, np.zeros(6))
-    out = np.empty(18 + 18 + 5)
+    out = np.empty(18 + 18 + 7)
     machining_reference(
         PHASES.table,
         np.ascontiguousarray(robot.chain.table),
@@ -47,6 +48,8 @@ def reference(robot, path, t, state, anchor):
         trajectory.vdot,
         place,
         force,
+        TRUSTED,
+        pushes_on,
         t,
         state,
         anchor,
@@ -73,7 +76,9 @@ def test_under_force_control_it_is_the_path(robot, path, phase, time, force):
     np.testing.assert_allclose(pose[9:12], terms.p_WE, atol=1e-13)
     np.testing.assert_allclose(pose[12:], terms.V_WE, atol=1e-13)
     assert rest[0] == (pytest.approx(force) if force else rest[0])
-    np.testing.assert_allclose(rest[1:], [1.0, phase, 0.0, time / 2.0], atol=1e-13)
+    feed_time = time if phase == Phase.WORK else -1.0
+    expected = [1.0, phase, 0.0, time / 2.0, feed_time, 1.0]
+    np.testing.assert_allclose(rest[1:], expected, atol=1e-13)
 
 
 @pytest.mark.parametrize(
@@ -97,9 +102,10 @@ def test_else_it_moves_along_the_anchors_direction(robot, path, phase, way, spee
     v = terms.J.T @ np.linalg.solve(mobility, pose[12:])
     np.testing.assert_allclose(joints, np.concatenate([terms.q, v, np.zeros(6)]), atol=1e-13)
     np.testing.assert_array_equal(rest[:3], [0.0, 0.0, phase])
+    np.testing.assert_array_equal(rest[-2:], [-1.0, 1.0])
 
 
-def tick(robot, path, state, anchor, push, q=None):
+def tick(robot, path, state, anchor, push, q=None, pushes_on=0.0, t=5.0):
     terms = robot.chain.terms(robot.home if q is None else q, np.zeros(6))
     wrench = np.concatenate([[7.0, 8.0, 9.0], -push * terms.R_WE[:, 2]])
     advance_reference(
@@ -108,8 +114,10 @@ def tick(robot, path, state, anchor, push, q=None):
         np.asarray(robot.position_upper),
         path[0].t,
         path[2],
+        TRUSTED,
+        pushes_on,
         T,
-        5.0,
+        t,
         terms.q,
         terms.R_WE,
         terms.p_WE,

@@ -357,7 +357,8 @@ def test_force_control_takes_over_from_the_spring_without_a_jump(robot):
     block.GetInputPort("terms").FixValue(context, AbstractValue.Make(terms))
     block.GetInputPort("pose_reference").FixValue(context, pose(terms.R_WE, below))
     block.GetInputPort("wrench").FixValue(context, pushed)
-    block.GetInputPort("force_setpoint").FixValue(context, [0.0])
+    # The force that is there, with which force control will begin.
+    block.GetInputPort("force_setpoint").FixValue(context, [7.0])
     active = block.GetInputPort("force_active").FixValue(context, [0.0])
     before = block.GetOutputPort("tau_command").Eval(context).copy()
     # The spring presses with 2000 N/m times 10 mm.
@@ -365,6 +366,5 @@ def test_force_control_takes_over_from_the_spring_without_a_jump(robot):
     values = block.EvalUniquePeriodicDiscreteUpdate(context)
     context.SetDiscreteState(0, values.get_vector(0).CopyToVector())
     active.GetMutableData().set_value([1.0])
-    block.GetInputPort("force_setpoint").FixValue(context, [7.0])  # the force that is there
     after = block.GetOutputPort("tau_command").Eval(context)
     np.testing.assert_allclose(after, before, atol=1e-9)

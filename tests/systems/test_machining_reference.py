@@ -45,7 +45,7 @@ def evaluate(setup, t, phase, since=0.0, q=None, update=False, force=0.0):
 def test_plan_has_no_feedthrough_from_the_force(setup):
     block = setup[-1]
     assert not block.HasDirectFeedthrough(block.GetInputPort("wrench").get_index(), 0)
-    assert block.get_output_port().size() == sum(block.sizes(6).values()) == 18 + 18 + 5
+    assert block.get_output_port().size() == sum(block.sizes(6).values()) == 18 + 18 + 7
 
 
 def test_approach_goes_inward_at_its_speed(setup):
