@@ -112,7 +112,7 @@ def shifted(plate, p_W, height, tilt):
     p_P = X_WP.inverse() @ p_W
     X_WP = (
         X_WP
-        @ RigidTransform(p_P + [0.0, 0.0, height])
+        @ RigidTransform(np.add(p_P, [0.0, 0.0, height]))
         @ RigidTransform(RollPitchYaw(*tilt, 0.0), np.zeros(3))
         @ RigidTransform(-p_P)
     )

@@ -62,6 +62,34 @@ def test_grinding_asks_for_two_periods(robot):
     assert np.count_nonzero(np.diff(np.sign(one_way[1:-1] - 40.0))) == 3
 
 
+@pytest.mark.parametrize("passes", [1, 3])
+def test_the_feed_is_steady_a_while_after_its_ramps(robot, passes):
+    one_way, ramp = 2.0, 0.25
+    plan = make_machining_path(changed(one_way=one_way, ramp=ramp, passes=passes), robot)
+    t = plan.trajectory.t
+    x = np.mod(t, one_way)
+    # Full speed is said to begin where it is but a thousandth less: 2 % of the ramp earlier.
+    settled = ramp + 0.4
+    inside = (x > settled + 0.02) & (x < one_way - ramp - 0.02)
+    outside = (x < settled - 0.02) | (x > one_way - ramp + 0.02)
+    assert inside.any() and outside.any()
+    np.testing.assert_array_equal(plan.steady[inside], 1.0)
+    np.testing.assert_array_equal(plan.steady[outside], 0.0)
+    assert set(plan.steady) == {0.0, 1.0}
+    # Steady is what it says: the tool's speed is the path's length over the time but a ramp.
+    J = robot.chain.jacobian(plan.trajectory.q)
+    speed = np.linalg.norm(np.einsum("tij,tj->ti", J, plan.trajectory.v)[:, 3:], axis=1)
+    even = plan.path.distance[-1] / (one_way - ramp)
+    np.testing.assert_allclose(speed[plan.steady == 1.0], even, rtol=2e-3)
+
+
+def test_a_feed_that_is_all_ramps_is_nowhere_steady(robot):
+    plan = make_machining_path(changed(one_way=2.0, ramp=5.0), robot)
+    assert not plan.steady.any()
+    assert plan.trajectory.duration == pytest.approx(4.0)
+    assert not make_machining_path(changed(one_way=0.8, ramp=0.25), robot).steady.any()
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -69,6 +97,10 @@ def test_grinding_asks_for_two_periods(robot):
         ({"one_way": 0.0}, "one_way"),
         ({"one_way": -3.0}, "one_way"),
         ({"one_way": 0.05}, "too fast"),
+        ({"ramp": 0.0}, "ramp"),
+        ({"ramp": -0.25}, "ramp"),
+        ({"ramp": np.nan}, "ramp"),
+        ({"ramp": np.inf}, "ramp"),
         ({"passes": 0}, "passes"),
         ({"force": {"value": 0.0}}, "push above 0"),
         ({"force": {"value": 2000.0}, "phases": {"max_force": 1e4}}, "N m"),

@@ -6,6 +6,7 @@ import pytest
 from models.input_error import InputError
 from models.machining_phases import (
     FAULT,
+    FORCE_THERE,
     PHASE,
     Fault,
     Phase,
@@ -99,6 +100,60 @@ def test_the_setpoint_joins_the_force_that_is_there_to_the_path():
     np.testing.assert_allclose(values, [55.0, CONFIG.release_force])
     state[PHASE] = Phase.LIFT
     assert setpoint(TABLE, state, 1.5, 40.0, 99.0, 55.0) == 0.0
+
+
+@pytest.mark.parametrize("reading", [0.0, 150.0, np.nan])
+def test_what_cannot_be_trusted_breaks_nothing_off(reading):
+    """While joints turn round an estimate says anything, or nothing."""
+
+    def force(t, phase, target):
+        return reading if phase in (Phase.TOUCH, Phase.WORK) else wall(t, phase, target)
+
+    met, fault = play(force, work=2.0, trusted=lambda phase: False)
+    assert fault == Fault.NONE
+    assert met == list(Phase)[: Phase.DONE + 1]
+    _, fault = play(force, work=2.0)
+    assert fault == (Fault.CONTACT_LOST if reading == 0.0 else Fault.OVER_FORCE)
+
+
+def test_a_joint_at_its_limit_needs_no_feedback():
+    met, fault = play(wall, work=2.0, room=lambda t: 0.01 if t > 5.0 else 1.0, trusted=lambda p: 0)
+    assert fault == Fault.JOINT_LIMIT
+    assert met[-2:] == [Phase.RETREAT, Phase.DONE]
+
+
+def test_loss_counts_anew_after_what_cannot_be_trusted():
+    """Two gaps that only together are long enough, with an untrusted tick between them."""
+    state, met = initial_state(), []
+    state[PHASE] = Phase.WORK
+    gap = round(0.6 * CONFIG.lost_time / STEP)
+    for k in range(2 * gap):
+        advance(TABLE, state, STEP, k * STEP, 0.0, 40.0, 99.0, 1.0, k != gap)
+        met.append(int(state[PHASE]))
+    assert set(met) == {Phase.WORK}
+
+
+@pytest.mark.parametrize("bias", [-12.0, 0.0, 9.0])
+def test_in_the_approach_the_setpoint_is_the_force_beyond_that_of_free_motion(bias):
+    """So that force control takes over from what the spring presses with, without a jump."""
+    state, t, said = initial_state(), 0.0, []
+    while state[PHASE] == Phase.APPROACH:
+        said.append(setpoint(TABLE, state, t, 40.0, 40.0, 40.0))
+        force = bias + wall(t, Phase.APPROACH, 0.0)
+        t += STEP
+        advance(TABLE, state, STEP, t, force, said[-1], 1.0, 1.0, True)
+    assert state[PHASE] == Phase.TOUCH
+    free = round((CONTACT - 0.02) / STEP)
+    # The baseline has met the bias by e^-10 and less; a positive one is a force at first.
+    np.testing.assert_allclose(said[free - 200 : free], 0.0, atol=0.01)
+    assert min(said) >= 0.0
+    rise = force - bias
+    # What the baseline has followed in the .3 s since contact is missing.
+    assert 0.7 * rise < state[FORCE_THERE] <= rise + 0.01
+    first = setpoint(TABLE, state, t, 40.0, 40.0, 40.0)
+    assert first == pytest.approx(state[FORCE_THERE])
+    # 40 N/s in a tick.
+    assert abs(first - said[-1]) < 0.05
 
 
 @pytest.mark.parametrize(("speed", "distance"), [(0.01, 0.03), (0.5, 0.02)])

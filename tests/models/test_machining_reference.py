@@ -148,3 +148,73 @@ def test_a_joint_near_its_limit_ends_it(robot, path):
         state[[PHASE, SINCE]] = Phase.WORK, 4.0
         tick(robot, path, state, np.zeros(15), 40.0, q)
         assert state[2] == Fault.JOINT_LIMIT
+
+
+def test_in_the_touch_joints_push_on_where_no_sensor_reads(robot, path):
+    """Their friction is fed forward into the surface, the place stays."""
+    state = initial_state()
+    state[[PHASE, SINCE, FORCE_THERE]] = Phase.TOUCH, 5.0, 8.0
+    (pose, joints, rest), _ = reference(robot, path, 5.7, state, np.zeros(15))
+    (same_pose, pushing, blind), _ = reference(robot, path, 5.7, state, np.zeros(15), 0.008)
+    np.testing.assert_array_equal(pose, same_pose)
+    np.testing.assert_array_equal(
+        joints[[*range(6), *range(12, 18)]], pushing[[*range(6), *range(12, 18)]]
+    )
+    terms = robot.chain.terms(path[0].q[0], np.zeros(6))
+    inward = np.concatenate([np.zeros(3), 0.008 * terms.R_WE[:, 2]])
+    # The damping of J, 1e-6, against its smallest singular value squared.
+    np.testing.assert_allclose(terms.J @ pushing[6:12], inward, atol=1e-5)
+    assert np.abs(joints[6:12] - pushing[6:12]).max() > 1e-3
+    np.testing.assert_array_equal(rest[:-1], blind[:-1])
+    assert rest[-1] == 1.0 and blind[-1] == 0.0
+
+
+@pytest.mark.parametrize("phase", [Phase.WORK, Phase.RELEASE, Phase.APPROACH, Phase.LIFT])
+def test_elsewhere_the_motion_is_the_same_without_a_sensor(robot, path, phase):
+    state = initial_state()
+    state[[PHASE, SINCE]] = phase, 5.0
+    anchor = np.concatenate([np.eye(3).ravel(), [0.1, 0.2, 0.3], [0.0, 0.0, 1.0]])
+    (*motion, rest), _ = reference(robot, path, 5.7, state, anchor)
+    (*blind_motion, blind), _ = reference(robot, path, 5.7, state, anchor, 0.008)
+    np.testing.assert_array_equal(np.concatenate(motion), np.concatenate(blind_motion))
+    np.testing.assert_array_equal(rest[:-1], blind[:-1])
+
+
+@pytest.mark.parametrize(
+    ("phase", "time", "valid"),
+    [
+        (Phase.APPROACH, 1.0, 0.0),
+        (Phase.TOUCH, 1.0, 0.0),
+        (Phase.WORK, 0.2, 0.0),
+        (Phase.WORK, 0.494, 0.0),
+        (Phase.WORK, 0.505, 1.0),
+        (Phase.WORK, 1.0, 1.0),
+        (Phase.WORK, 1.495, 1.0),
+        (Phase.WORK, 1.506, 0.0),
+        (Phase.WORK, 3.0, 0.0),
+        (Phase.RELEASE, 0.1, 0.0),
+        (Phase.DONE, 1.0, 0.0),
+    ],
+)
+def test_an_estimate_counts_where_the_feed_is_steady(robot, path, phase, time, valid):
+    state = initial_state()
+    state[[PHASE, SINCE]] = phase, 5.0
+    anchor = np.zeros(15)
+    for pushes_on, expected in ((0.008, valid), (0.0, 1.0)):
+        (_, _, rest), _ = reference(robot, path, 5.0 + time, state, anchor, pushes_on)
+        assert rest[-1] == expected
+        assert rest[-2] == (pytest.approx(min(time, 2.0)) if phase == Phase.WORK else -1.0)
+
+
+@pytest.mark.parametrize(("time", "retreats"), [(0.2, False), (1.0, True), (1.8, False)])
+@pytest.mark.parametrize("push", [PHASES.max_force + 1.0, np.nan])
+def test_without_a_sensor_an_over_force_counts_where_it_can_be_read(
+    robot, path, push, time, retreats
+):
+    state = initial_state()
+    state[[PHASE, SINCE]] = Phase.WORK, 5.0 - time
+    tick(robot, path, state, np.zeros(15), push, pushes_on=0.008)
+    assert (state[PHASE] == Phase.RETREAT) == retreats
+    state[[PHASE, SINCE]] = Phase.WORK, 5.0 - time
+    tick(robot, path, state, np.zeros(15), push)
+    assert state[PHASE] == Phase.RETREAT

@@ -368,3 +368,27 @@ def test_force_control_takes_over_from_the_spring_without_a_jump(robot):
     active.GetMutableData().set_value([1.0])
     after = block.GetOutputPort("tau_command").Eval(context)
     np.testing.assert_allclose(after, before, atol=1e-9)
+
+
+@pytest.mark.parametrize("valid", [None, 1.0, 0.0])
+def test_without_valid_feedback_the_press_is_setpoint_and_integral(robot, valid):
+    force = ForceControlConfig(direction=[0.0, 0.0, 1.0], proportional=0.6, integral=60.0)
+    block = ImpedanceController(
+        no_friction(6), np.full(6, 1e6), T, ImpedanceConfig(stiffness=np.zeros(6), force=force)
+    )
+    context = block.CreateDefaultContext()
+    terms = robot.chain.terms(robot.home, np.zeros(6))
+    block.GetInputPort("terms").FixValue(context, AbstractValue.Make(terms))
+    block.GetInputPort("pose_reference").FixValue(context, pose(terms.R_WE, terms.p_WE))
+    block.GetInputPort("force_setpoint").FixValue(context, [40.0])
+    if valid is not None:
+        block.GetInputPort("feedback_valid").FixValue(context, [valid])
+    context.SetDiscreteState(0, [0.1])
+    for push in (0.0, 25.0, 300.0):
+        block.GetInputPort("wrench").FixValue(context, [0.0, 0.0, 0.0, 0.0, 0.0, push])
+        error = 0.0 if valid == 0.0 else 40.0 - push
+        press = 40.0 + 0.6 * error + 60.0 * 0.1
+        tau = block.GetOutputPort("tau_command").Eval(context)
+        np.testing.assert_allclose(tau - terms.G, -press * terms.J[5], atol=1e-9)
+        values = block.EvalUniquePeriodicDiscreteUpdate(context)
+        assert values.get_vector(0).GetAtIndex(0) == pytest.approx(0.1 + T * error)

@@ -20,8 +20,10 @@ def setup():
     return robot, plan, scenario.machining.phases, block
 
 
-def evaluate(setup, t, phase, since=0.0, q=None, update=False, force=0.0):
-    robot, plan, _, block = setup
+def evaluate(setup, t, phase, since=0.0, q=None, update=False, force=0.0, sensor=True):
+    robot, plan, phases, block = setup
+    if not sensor:
+        block = MachiningReference(robot, robot.chain, plan, phases, T, reads_at_rest=False)
     context = block.CreateDefaultContext()
     terms = robot.chain.terms(plan.q_start if q is None else q, np.zeros(6))
     block.GetInputPort("terms").FixValue(context, AbstractValue.Make(terms))
@@ -88,3 +90,36 @@ def test_an_over_force_makes_it_retreat_from_where_it_is(setup):
 def test_a_pull_is_no_over_force(setup):
     parts, _ = evaluate(setup, 6.0, Phase.WORK, 2.0, update=True, force=-150.0)
     assert parts["phase"] == Phase.WORK
+
+
+@pytest.mark.parametrize("sensor", [True, False])
+def test_force_feedback_counts_all_along_or_where_the_feed_is_steady(setup, sensor):
+    _, plan, _, _ = setup
+    seen = set()
+    # Off the plan's steps of 10 ms, where one of two neighbours is enough to be doubted.
+    for k in range(0, len(plan.steady) - 1, 97):
+        time = plan.trajectory.t[k] + 0.004
+        parts, _ = evaluate(setup, 2.0 + time, Phase.WORK, since=2.0, sensor=sensor)
+        steady = plan.steady[k] == 1.0 and plan.steady[k + 1] == 1.0
+        assert parts["feed_time"] == pytest.approx(time)
+        assert parts["feedback_valid"] == (sensor or steady)
+        seen.add(steady)
+    assert seen == {True, False}
+    for phase in (Phase.APPROACH, Phase.TOUCH, Phase.RELEASE, Phase.LIFT, Phase.DONE):
+        parts, _ = evaluate(setup, 1.0, phase, sensor=sensor)
+        assert parts["feed_time"] == -1.0
+        assert parts["feedback_valid"] == sensor
+
+
+@pytest.mark.parametrize("sensor", [True, False])
+def test_in_the_touch_joints_push_on_without_a_sensor(setup, sensor):
+    robot, plan, phases, _ = setup
+    parts, _ = evaluate(setup, 1.0, Phase.TOUCH, sensor=sensor)
+    q, v, vdot = np.split(parts["reference"], 3)
+    np.testing.assert_allclose(q, plan.trajectory.q[0], atol=1e-12)
+    np.testing.assert_allclose(vdot, 0.0, atol=1e-12)
+    speed = 0.0 if sensor else phases.approach_speed
+    V = robot.chain.jacobian(q) @ v
+    # The damping of J, 1e-6, against its smallest singular value squared.
+    np.testing.assert_allclose(V, [0.0, 0.0, 0.0, *(-speed * plan.path.n_W[0])], atol=1e-5)
+    np.testing.assert_allclose(parts["pose_reference"][12:], 0.0, atol=1e-12)

@@ -1,0 +1,34 @@
+import numpy as np
+import pytest
+
+from models.air_pass import TaughtTorque
+from systems.taught_torque import TaughtTorqueSource
+
+TAUGHT = TaughtTorque(0.5 * np.arange(3), np.array([[1.0, -2.0], [3.0, 2.0], [5.0, 0.0]]))
+
+
+@pytest.mark.parametrize(
+    ("feed_time", "expected"),
+    [
+        (-1.0, [0.0, 0.0]),
+        (0.0, [-1.0, 2.0]),
+        (0.25, [-2.0, 0.0]),
+        (0.875, [-4.5, -0.5]),
+        (1.0, [-5.0, 0.0]),
+        (1.1, [0.0, 0.0]),
+    ],
+)
+def test_what_was_taught_is_taken_off_where_the_feed_is(feed_time, expected):
+    block = TaughtTorqueSource(TAUGHT)
+    context = block.CreateDefaultContext()
+    context.SetTime(77.0)  # the clock's time is not the feed's
+    block.GetInputPort("feed_time").FixValue(context, [feed_time])
+    output = block.GetOutputPort("tau_correction").Eval(context)
+    np.testing.assert_allclose(output, expected, atol=1e-12)
+
+
+def test_it_has_no_memory():
+    block = TaughtTorqueSource(TAUGHT)
+    context = block.CreateDefaultContext()
+    assert context.is_stateless()
+    assert block.HasDirectFeedthrough(0, 0)
