@@ -10,6 +10,7 @@ from diagrams.scenario import HoldMotion, JointSineMotion, Scenario, load_scenar
 from models.estimator import WrenchEstimator
 from models.identified_model import IdentifiedModel
 from models.input_error import InputError
+from models.machining_phases import Fault, Phase
 from models.recording import Recording
 from models.robot import Robot
 from models.wrench_script import WrenchStep
@@ -190,3 +191,26 @@ def test_unknown_scenario_leaves_nothing(tmp_path):
     with pytest.raises(InputError, match="there is no scenario"):
         simulate_scenario("Everything", tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_machining_without_a_sensor_reads_with_what_an_air_pass_taught(robot):
+    scenario = load_scenario("PolishingSensorless")
+    machining = replace(scenario.machining, one_way=2.0)
+    scenario = replace(scenario, machining=machining)
+    result = simulate(scenario, robot)
+    assert result.fault == Fault.NONE
+    # Valid is what the plan calls steady: at work, and not at the ends and the turn.
+    assert np.all(result.phase[result.valid] == Phase.WORK)
+    assert 0.2 < result.valid.mean() < 0.5
+    metrics = result.metrics()
+    direction = -robot.chain.pose(result.q)[0][:, :, 2]
+    pushed, read = (
+        np.sum(force[:, 3:] * direction, axis=1) for force in (result.wrench_true, result.wrench)
+    )
+    # Seven times faster than in the study, where it is .3 N.
+    assert np.sqrt(np.mean((read - pushed)[result.valid] ** 2)) < 4.0
+    for axis in ("fx", "fy", "fz"):
+        assert metrics["valid"][f"max_error_{axis}_n"] <= metrics[f"max_error_{axis}_n"]
+    untaught = simulate(replace(scenario, machining=replace(machining, air_pass=0.0)), robot)
+    assert untaught.valid.mean() > 0.9  # it does not know what it does not know

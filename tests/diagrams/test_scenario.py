@@ -234,3 +234,23 @@ def test_a_line_that_cannot_be_timed_is_refused(robot, changes, words):
     motion = replace(LineMotion(path_length=0.1, one_way=2.0), **changes)
     with pytest.raises(InputError, match=words):
         make_trajectory(Scenario(motion=motion), robot)
+
+
+def test_the_scenario_in_the_documentation_is_one(tmp_path):
+    text = (Path(__file__).parents[2] / "docs" / "machining.md").read_text(encoding="utf-8")
+    path = tmp_path / "mine.yaml"
+    path.write_text(text.split("```yaml\n")[1].split("```")[0], encoding="utf-8")
+    scenario = load_scenario(str(path))
+    # As the bundled one, but for the path's ends and the rounded place.
+    bundled = load_scenario("Polishing")
+    assert scenario.machining.process == bundled.machining.process
+    assert scenario.controller.force == bundled.controller.force
+    assert scenario.feedback == "sensor"
+
+
+@pytest.mark.parametrize("change", [{"ramp": 0.0}, {"ramp": np.nan}, {"air_pass": -0.001}])
+def test_a_machining_number_out_of_range_is_one_line(change):
+    scenario = load_scenario("Polishing")
+    wrong = replace(scenario, machining=replace(scenario.machining, **change))
+    with pytest.raises(InputError, match=f"machining.{next(iter(change))}"):
+        check_scenario(wrong)

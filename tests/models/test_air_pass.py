@@ -118,3 +118,11 @@ def test_a_height_that_is_none_is_one_line(robot, motion, height):
         raised_motion(robot, motion, height, "cell.yaml: machining")
     assert str(caught.value).startswith("cell.yaml: machining")
     assert "\n" not in str(caught.value)
+
+
+def test_steady_must_be_one_number_a_sample():
+    t, tau_ext = np.array([0.0, 1.0]), np.zeros((2, 6))
+    with pytest.raises(ValueError, match="steady"):
+        TaughtTorque(t, tau_ext, np.ones(3))
+    assert TaughtTorque(t, tau_ext).counts_at(0.7)
+    assert not TaughtTorque(t, tau_ext, np.array([1.0, 0.0])).counts_at(0.7)

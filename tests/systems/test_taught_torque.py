@@ -32,3 +32,15 @@ def test_it_has_no_memory():
     context = block.CreateDefaultContext()
     assert context.is_stateless()
     assert block.HasDirectFeedthrough(0, 0)
+
+
+@pytest.mark.parametrize(
+    ("feed_time", "counts"),
+    [(-1.0, 0.0), (0.0, 0.0), (0.4, 1.0), (0.6, 1.0), (0.9, 0.0), (1.1, 0.0)],
+)
+def test_it_counts_where_the_feed_is_steady(feed_time, counts):
+    taught = TaughtTorque(TAUGHT.t, TAUGHT.tau_ext, np.array([0.0, 1.0, 0.0]))
+    block = TaughtTorqueSource(taught)
+    context = block.CreateDefaultContext()
+    block.GetInputPort("feed_time").FixValue(context, [feed_time])
+    assert block.GetOutputPort("counts").Eval(context)[0] == counts
