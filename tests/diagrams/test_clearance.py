@@ -1,9 +1,13 @@
 """Clearance: distances, gradient, proof over a whole motion."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from pydrake.multibody.plant import MultibodyPlant
 
-from diagrams.clearance import INFLUENCE, Clearance
+from diagrams.clearance import INFLUENCE, Clearance, workpiece_clearance
+from diagrams.scenario import BladeConfig, PlateConfig
 from models.robot import Robot
 
 
@@ -78,3 +82,61 @@ def test_a_contact_between_samples_is_found(robot, clearance):
     assert clear
     lowest = min(clearance.slack(harmless(t)) for t in np.linspace(0, 6, 300))
     assert (closest.slack if closest else INFLUENCE) < lowest + 2e-3
+
+
+def test_a_wide_plate_is_as_far_as_the_lowest_point_is_high(robot):
+    """10 m wide, so that its top face is what is nearest, wherever the arm is above it."""
+    low, high = (
+        workpiece_clearance(
+            robot, PlateConfig([0.0, 0.0, z], [0.0, 0.0, 0.0], [10.0, 10.0, 0.1]), q
+        )
+        for z, q in ((-1.0, robot.home), (-0.7, robot.home))
+    )
+    assert low - high == pytest.approx(0.3, abs=1e-9)
+    # The base stands on z = 0.
+    assert low == pytest.approx(1.0, abs=0.02)
+
+
+def joint_position(robot, joint):
+    """(3,) m of a joint's axis, in Drake's own kinematics."""
+    plant = MultibodyPlant(0.0)
+    parts = robot.add_to_plant(plant)
+    plant.Finalize()
+    context = plant.CreateDefaultContext()
+    positions = np.zeros(plant.num_positions())
+    positions[[each.position_start() for each in parts.joints]] = robot.home
+    plant.SetPositions(context, positions)
+    return parts.joints[joint].frame_on_child().CalcPoseInWorld(context).translation()
+
+
+def test_a_plate_through_the_elbow_is_negative(robot):
+    p_WE = robot.chain.pose(robot.home)[1]
+    far = PlateConfig([3.0, 0.0, 0.5], [0.0, 0.0, 0.0], [0.2, 0.2, 0.02])
+    away = workpiece_clearance(robot, far, robot.home)
+    assert away > 3.0 - 0.1 - p_WE[0] - 0.2
+    elbow = joint_position(robot, 2)
+    through = PlateConfig(elbow.tolist(), [0.0, 0.0, 0.0], [0.05, 0.05, 0.02])
+    assert workpiece_clearance(robot, through, robot.home) < -0.01
+    # The smallest over all rows counts, wherever it stands.
+    rows = np.stack([robot.home, robot.home])
+    rows[1, 0] += 1.5  # turned away from it
+    assert workpiece_clearance(robot, through, rows[1]) > 0.0
+    for both in (rows, rows[::-1]):
+        assert workpiece_clearance(robot, through, both) == pytest.approx(
+            workpiece_clearance(robot, through, robot.home)
+        )
+
+
+@pytest.mark.parametrize("kind", [PlateConfig, BladeConfig])
+def test_the_tool_may_touch(robot, kind):
+    """A small piece at the tool's tip, which is deep in it."""
+    R_WE, p_WE = robot.chain.pose(robot.home)
+    if kind is PlateConfig:
+        piece = PlateConfig(p_WE.tolist(), [0.0, 0.0, 0.0], [0.02, 0.02, 0.02])
+    else:
+        size = {"span": 0.02, "root_chord": 0.02, "tip_chord": 0.02, "mesh_size": 0.004}
+        piece = BladeConfig(p_WE.tolist(), [0.0, 0.0, 0.0], **size)
+    assert workpiece_clearance(robot, piece, robot.home) > 0.01
+    # At the flange instead, it is in the way.
+    behind = (p_WE - 0.12 * R_WE[:, 2]).tolist()
+    assert workpiece_clearance(robot, replace(piece, centre=behind), robot.home) < 0.0

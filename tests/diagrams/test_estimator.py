@@ -13,7 +13,7 @@ from models.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.friction import CoulombViscous, SemiParametricFriction
 from models.identified_model import IdentifiedModel
 from models.input_error import InputError
-from models.momentum_observer import MomentumObserverConfig
+from models.momentum_observer import MomentumObserver, MomentumObserverConfig
 from models.presliding_friction import PreslidingFriction
 from models.robot import Robot
 from models.wrench import WrenchReconstructionConfig
@@ -230,3 +230,79 @@ def test_friction_that_remembers_is_that_of_the_batch_estimator(robot, model, ki
     current = diagram.GetInputPort("current").get_index()
     wrench = diagram.GetOutputPort("wrench").get_index()
     assert diagram.HasDirectFeedthrough(current, wrench) == (kind == "trapezoidal")
+
+
+def test_ports_of_a_taught_estimator(robot, model):
+    diagram = make_estimator(robot, model, taught=True)
+    inputs = [diagram.get_input_port(i) for i in range(diagram.num_input_ports())]
+    names = ["q", "v", "current", "tau_correction", "v_planned"]
+    assert {port.get_name(): port.size() for port in inputs} == dict.fromkeys(names, 6)
+
+
+@pytest.mark.parametrize("kind", ["held", "trapezoidal"])
+def test_with_friction_at_planned_speeds_and_corrected(robot, model, kind):
+    """Against an observer that is fed by hand: tau_f at v_planned, its output plus a correction."""
+    law = CoulombViscous(np.arange(1.0, 7.0), np.full(6, 3.0), np.zeros(6))
+    rubbing = replace(model, friction=SemiParametricFriction(law))
+    q, v, current = synthetic_log(robot, 200)
+    rng = np.random.default_rng(12)
+    # Not the measured speeds, and of the other sign now and then.
+    v_planned, correction = rng.normal(size=(2, *v.shape))
+    builder = DiagramBuilder()
+    player = builder.AddSystem(RecordingPlayer(6, T))
+    ports = {name: player.GetOutputPort(name) for name in ("q", "v", "current")}
+    configuration = config(kind, method="inverse")
+    estimator = add_estimator(builder, robot, rubbing, configuration, **ports, taught=True)
+    # A second player for the other two signals.
+    other = builder.AddNamedSystem("other", RecordingPlayer(6, T))
+    builder.Connect(other.GetOutputPort("v"), estimator.GetInputPort("v_planned"))
+    builder.Connect(other.GetOutputPort("current"), estimator.GetInputPort("tau_correction"))
+    sinks = {name: LogVectorOutput(estimator.GetOutputPort(name), builder, T) for name in OUTPUTS}
+    simulator = Simulator(builder.Build())
+    context = simulator.get_mutable_context()
+    player.load(player.GetMyMutableContextFromRoot(context), Samples(q, v, current))
+    log = Samples(q, v_planned, correction)
+    other.load(other.GetMyMutableContextFromRoot(context), log)
+    simulator.AdvanceTo((len(q) - 0.5) * T)
+    played = {name: sink.FindLog(context).data().T for name, sink in sinks.items()}
+
+    chain = rubbing.chain(robot)
+    observer = MomentumObserver(configuration.observer, 6)
+    state = observer.initial_state()
+    drive = np.asarray(robot.torque_per_ampere) * robot.current_sign
+    for k in range(len(q)):
+        tau_ext, _ = observer.step(
+            state,
+            chain.mass_matrix(q[k]) @ v[k],
+            chain.coriolis_transpose(q[k], v[k]),
+            chain.gravity_torque(q[k]),
+            drive * current[k],
+            np.arange(1.0, 7.0) * np.sign(v_planned[k]) + 3.0 * v_planned[k],
+        )
+        total = tau_ext + correction[k]
+        np.testing.assert_allclose(played["tau_ext"][k], total, rtol=0.0, atol=1e-9)
+        wrench = np.linalg.solve(chain.jacobian(q[k]).T, total)
+        np.testing.assert_allclose(played["wrench"][k], wrench, rtol=1e-9, atol=1e-7)
+
+
+def test_without_a_correction_and_as_planned_it_is_the_batch_estimator(robot, model):
+    """A taught estimator that has nothing to add where the arm moves as planned."""
+    log = synthetic_log(robot, 100)
+    rubbing = replace(
+        model, friction=SemiParametricFriction(CoulombViscous(*np.full((2, 6), 2.0), np.zeros(6)))
+    )
+    builder = DiagramBuilder()
+    player = builder.AddSystem(RecordingPlayer(6, T))
+    ports = {name: player.GetOutputPort(name) for name in ("q", "v", "current")}
+    estimator = add_estimator(builder, robot, rubbing, config(), **ports, taught=True)
+    builder.Connect(ports["v"], estimator.GetInputPort("v_planned"))
+    nothing = builder.AddSystem(ConstantVectorSource(np.zeros(6)))
+    builder.Connect(nothing.get_output_port(), estimator.GetInputPort("tau_correction"))
+    sink = LogVectorOutput(estimator.GetOutputPort("wrench"), builder, T)
+    simulator = Simulator(builder.Build())
+    context = simulator.get_mutable_context()
+    player.load(player.GetMyMutableContextFromRoot(context), Samples(*log))
+    simulator.AdvanceTo(99.5 * T)
+    batch = WrenchEstimator(robot, rubbing, config())
+    expected = batch.run(batch.initial_state(), *log).wrench
+    np.testing.assert_allclose(sink.FindLog(context).data().T, expected, atol=1e-9)
