@@ -14,7 +14,8 @@ feed's direction and the normal, v the planned joint speeds and Sigma_tau(v) = d
 output along held-out contact-free logs, the planned path. Turning the cell about the first axis
 changes nothing, so that the path's middle lies straight ahead.
 
-`python -m analyses.machining_placement SCENARIO` prints the place that the bundled scenario has.
+`python -m analyses.machining_placement SCENARIO` prints the best places, and what the scenario's is
+worth.
 """
 
 import sys
@@ -88,20 +89,20 @@ class PlacementProblem:
         machining, workpiece = scenario.machining, scenario.workpiece
         assert machining is not None and workpiece is not None
         self.robot, self.error, self.workpiece = robot, error, workpiece
-        self._path = SurfacePath.on_surface(
+        self.path = SurfacePath.on_surface(
             surface_of(workpiece),
             (machining.start[0], machining.start[1]),
             (machining.end[0], machining.end[1]),
             _SAMPLES,
         )
         middle = _SAMPLES // 2
-        p, n = self._path.p_WS, self._path.n_W
+        p, n = self.path.p_WS, self.path.n_W
         along = p[middle + 1] - p[middle - 1]
         along = along - n[middle] * float(n[middle] @ along)
         along = along / np.linalg.norm(along)
         R_PM = RotationMatrix(np.stack([along, np.cross(n[middle], along), n[middle]], axis=1))
         self._X_MP = RigidTransform(R_PM, p[middle]).inverse()
-        self._length = float(self._path.distance[-1])
+        self._length = float(self.path.distance[-1])
         self._lower = np.array(robot.position_lower) + _MARGIN
         self._upper = np.array(robot.position_upper) - _MARGIN
 
@@ -124,7 +125,7 @@ class PlacementProblem:
         X_WP = self.pose(x)
         R = X_WP.rotation().matrix()
         path = SurfacePath(
-            self._path.p_WS @ R.T + X_WP.translation(), self._path.n_W @ R.T, "placement"
+            self.path.p_WS @ R.T + X_WP.translation(), self.path.n_W @ R.T, "placement"
         )
         R_WE = path.frames()
         best: tuple[float, Array | None] = _NOWHERE, None
@@ -222,7 +223,7 @@ def bundled_place(problem: PlacementProblem) -> tuple[float, Array | None]:
     """Force sd (N) and postures at the place that the problem's scenario has now."""
     X_WP = pose_of_workpiece(problem.workpiece)
     R = X_WP.rotation().matrix()
-    own = problem._path
+    own = problem.path
     path = SurfacePath(own.p_WS @ R.T + X_WP.translation(), own.n_W @ R.T, "placement")
     best: tuple[float, Array | None] = _NOWHERE, None
     for q_first in all_branches(problem.robot, path.frames()[:1], path.p_WS[:1])[0]:
@@ -243,19 +244,33 @@ def _simplex(x: Array) -> Array:
     return np.asarray(corners)
 
 
-def main(name: str) -> None:
-    """Prints the places of a bundled scenario, best first."""
-    robot = Robot.load("sts_sre4_600")
-    error = torque_error(identify_arm(robot))
-    problem = PlacementProblem(load_scenario(name), robot, error)
-    print(f"as bundled: {bundled_place(problem)[0]:.3f} N")
+def main(arguments: list[str]) -> int:
+    """Prints the places of a scenario's workpiece, best first; returns the exit code."""
+    if len(arguments) != 1:
+        sys.stderr.write("expected one argument: a bundled scenario or FILE.yaml\n")
+        return 2
+    try:
+        scenario = load_scenario(arguments[0])
+        if scenario.machining is None or scenario.workpiece is None:
+            raise InputError(
+                arguments[0], "machining", "it machines nothing", "try Polishing or Grinding"
+            )
+        robot = Robot.load(scenario.robot)
+        sys.stderr.write("identifying the arm and searching: some four minutes\n")
+        problem = PlacementProblem(scenario, robot, torque_error(identify_arm(robot)))
+    except InputError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    now, _ = bundled_place(problem)
+    sys.stdout.write(f"{now:8.3f} N force sd where it stands now\n")
     for place in search(problem):
         first, last = np.degrees(place.q[[0, -1]]).round(0).astype(int).tolist()
-        print(
-            f"{place.force_sd:.3f} N: centre {place.centre.tolist()}, rpy {place.rpy.tolist()}, "
-            f"joints {first} to {last} deg"
+        sys.stdout.write(
+            f"{place.force_sd:8.3f} N  centre {place.centre.tolist()}  rpy {place.rpy.tolist()}  "
+            f"joints {first} to {last} deg\n"
         )
+    return 0
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    sys.exit(main(sys.argv[1:]))
