@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
 
 from diagrams.estimator import add_estimator, make_estimator
 from models.estimator import WrenchEstimator, WrenchEstimatorConfig
@@ -236,7 +237,8 @@ def test_ports_of_a_taught_estimator(robot, model):
     diagram = make_estimator(robot, model, taught=True)
     inputs = [diagram.get_input_port(i) for i in range(diagram.num_input_ports())]
     names = ["q", "v", "current", "tau_correction", "v_planned"]
-    assert {port.get_name(): port.size() for port in inputs} == dict.fromkeys(names, 6)
+    sizes = {port.get_name(): port.size() for port in inputs}
+    assert sizes == dict.fromkeys(names, 6) | {"counts": 1}
 
 
 @pytest.mark.parametrize("kind", ["held", "trapezoidal"])
@@ -244,7 +246,7 @@ def test_with_friction_at_planned_speeds_and_corrected(robot, model, kind):
     """Against an observer that is fed by hand: tau_f at v_planned, its output plus a correction."""
     law = CoulombViscous(np.arange(1.0, 7.0), np.full(6, 3.0), np.zeros(6))
     rubbing = replace(model, friction=SemiParametricFriction(law))
-    q, v, current = synthetic_log(robot, 200)
+    q, v, current = synthetic_log(robot, 700)
     rng = np.random.default_rng(12)
     # Not the measured speeds, and of the other sign now and then.
     v_planned, correction = rng.normal(size=(2, *v.shape))
@@ -257,6 +259,11 @@ def test_with_friction_at_planned_speeds_and_corrected(robot, model, kind):
     other = builder.AddNamedSystem("other", RecordingPlayer(6, T))
     builder.Connect(other.GetOutputPort("v"), estimator.GetInputPort("v_planned"))
     builder.Connect(other.GetOutputPort("current"), estimator.GetInputPort("tau_correction"))
+    # It counts up to the middle of the log.
+    half = 0.5 * len(q) * T
+    step = PiecewisePolynomial.ZeroOrderHold([0.0, half, 2.0 * half], np.array([[1.0, 0.0, 0.0]]))
+    counts = builder.AddSystem(TrajectorySource(step))
+    builder.Connect(counts.get_output_port(), estimator.GetInputPort("counts"))
     sinks = {name: LogVectorOutput(estimator.GetOutputPort(name), builder, T) for name in OUTPUTS}
     simulator = Simulator(builder.Build())
     context = simulator.get_mutable_context()
@@ -283,6 +290,12 @@ def test_with_friction_at_planned_speeds_and_corrected(robot, model, kind):
         np.testing.assert_allclose(played["tau_ext"][k], total, rtol=0.0, atol=1e-9)
         wrench = np.linalg.solve(chain.jacobian(q[k]).T, total)
         np.testing.assert_allclose(played["wrench"][k], wrench, rtol=1e-9, atol=1e-7)
+    # Valid where the observer says so and the correction counts.
+    alone = WrenchEstimator(robot, rubbing, configuration)
+    valid = alone.run(alone.initial_state(), q, v, current).valid
+    assert valid[: len(q) // 2].any()
+    early = np.arange(len(q)) < len(q) // 2
+    np.testing.assert_array_equal(played["valid"][:, 0] == 1.0, valid & early)
 
 
 def test_without_a_correction_and_as_planned_it_is_the_batch_estimator(robot, model):
@@ -298,6 +311,8 @@ def test_without_a_correction_and_as_planned_it_is_the_batch_estimator(robot, mo
     builder.Connect(ports["v"], estimator.GetInputPort("v_planned"))
     nothing = builder.AddSystem(ConstantVectorSource(np.zeros(6)))
     builder.Connect(nothing.get_output_port(), estimator.GetInputPort("tau_correction"))
+    always = builder.AddSystem(ConstantVectorSource([1.0]))
+    builder.Connect(always.get_output_port(), estimator.GetInputPort("counts"))
     sink = LogVectorOutput(estimator.GetOutputPort("wrench"), builder, T)
     simulator = Simulator(builder.Build())
     context = simulator.get_mutable_context()
