@@ -73,12 +73,15 @@ def test_the_arm_does_the_motion_and_touches_nothing(robot, passes):
 
 def test_what_is_read_on_a_second_pass_is_mostly_known(robot, model, passes):
     """Another height, other noise: ripple, gravity and all that a place has to itself come back."""
-    scenario, _, flown = passes
+    scenario, plan, flown = passes
     low, high = (
-        teach(recording, motion, robot, model, scenario.estimator)
+        teach(recording, motion, plan, robot, model, scenario.estimator)
         for motion, recording in flown.values()
     )
     assert low.t[-1] == pytest.approx(4.0)
+    # It counts where the plan says that the feed is steady: from .65 s on, to .25 s before the end.
+    counts = np.array([low.counts_at(t) for t in (0.5, 0.7, 1.7, 1.8, 2.5, 2.7, 3.7, 3.8)])
+    np.testing.assert_array_equal(counts, [0, 1, 1, 0, 0, 1, 1, 0])
     left = high.tau_ext - low.at(high.t)
     # 8 % on the plate, 2 % on the blade: joints move by up to 10 mrad from one height to the other.
     assert rms(left) < 0.2 * rms(high.tau_ext)
@@ -90,9 +93,9 @@ def test_what_is_read_on_a_second_pass_is_mostly_known(robot, model, passes):
 
 def test_it_is_the_observers_output_with_friction_at_planned_speeds(robot, model, passes):
     """Fed by hand, tick by tick: a simulated estimator reads with just that friction."""
-    scenario, _, flown = passes
+    scenario, plan, flown = passes
     motion, recording = flown[LOW]
-    taught = teach(recording, motion, robot, model, scenario.estimator)
+    taught = teach(recording, motion, plan, robot, model, scenario.estimator)
     chain = model.chain(robot)
     law = model.friction.velocity_law.coulomb_viscous
     config = replace(scenario.estimator.observer, time_step=recording.time_step)
