@@ -153,6 +153,21 @@ def test_quick_is_short(tmp_path):
     assert result.t[-1] == pytest.approx(1.0)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["Polishing", "PolishingSensorless", "GrindingSensorless"])
+def test_a_machining_scenario_runs_to_its_end(tmp_path, name):
+    result = simulate_scenario(name, tmp_path / "out", quick=True, record=False)
+    assert result.fault == Fault.NONE
+    assert result.phase[-1] == Phase.DONE
+    metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())["machining"]
+    assert metrics["fault"] == "none"
+    # There and back in a second each.
+    assert metrics["work_s"] == pytest.approx(2.0, abs=0.01)
+    # Fifteen times faster than the experiments and nothing taught: 13 and 14 N without a sensor.
+    assert metrics["normal_force_rmse_n"] < 20.0
+    assert metrics["max_normal_force_n"] < 100.0
+
+
 def test_known_model_is_exact_where_the_law_can_be(robot):
     assert not known_model(robot, Scenario(friction="none")).friction.torque(np.ones(6)).any()
     # Stiction equal to Coulomb, no load, no ripple: a Coulomb-viscous joint at any velocity.
