@@ -341,6 +341,9 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
                 own, models, plan, taught, picture if with_picture else None, told
             )
             done += feed
+            if not runs[feedback].steady.any():
+                why = FAULT_SENTENCES.get(runs[feedback].fault, "no steady feed")
+                raise RuntimeError(f"{feedback} feedback, {feed:g} s: the pass ended early: {why}")
         readings = read_all(runs["sensor"], models)
         metrics[_key(feed)] = feed_metrics(task, runs, readings)
         shown[feed], without[feed] = (runs["sensor"], readings), runs["estimate"]

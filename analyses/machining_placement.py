@@ -43,7 +43,7 @@ Array = NDArray[np.float64]
 LAW = "semi-parametric"
 K_0 = 20.0  # 1/s
 FEEDS = (15.0, 30.0, 60.0)  # s, one way
-LOWER = np.array([0.30, 0.05, 0.0, -np.pi, 0.0])  # m, m; rad: tilt, its direction, path's direction
+LOWER = np.array([0.30, 0.05, 0.0, -np.pi, 0.0])  # of MachiningPlace.x
 UPPER = np.array([0.75, 0.60, np.radians(60.0), np.pi, np.pi])
 _SAMPLES = 21  # of the path
 _DRAWS = 4096
@@ -58,8 +58,8 @@ class MachiningPlace:
     """Where a workpiece may stand.
 
     Attributes:
-        x: (5,) r and z of the path's middle, m; tilt of its normal, direction of the tilt and
-            direction of the path, rad.
+        x: (5,) r and z of the path's middle, m; tilt of its normal, direction of the axis about
+            which it is tilted, and direction of the path before that, rad.
         centre: (3,) m, of the workpiece.
         rpy: (3,) rad, of the workpiece.
         q: (N, n) postures along the path, at one angle about the normal.
@@ -204,9 +204,10 @@ def search(
     x = qmc.scale(qmc.Sobol(5, seed=seed).random(draws), LOWER, UPPER)
     costs = np.array([problem.best_branch(row)[0] for row in x])
     found: list[MachiningPlace] = []
-    for row in x[np.argsort(costs, kind="stable")]:
-        if len(found) == refined:
+    for i in np.argsort(costs, kind="stable"):
+        if len(found) == refined or costs[i] >= _NOWHERE:
             break
+        row = x[i]
         result = minimize(
             lambda y: problem.best_branch(y)[0],
             row,
@@ -263,7 +264,11 @@ def main(arguments: list[str]) -> int:
         return 2
     now, _ = bundled_place(problem)
     sys.stdout.write(f"{now:8.3f} N force sd where it stands now\n")
-    for place in search(problem):
+    places = search(problem)
+    if not places:
+        sys.stderr.write(f"{robot.name} can do this path nowhere: try a shorter one\n")
+        return 1
+    for place in places:
         first, last = np.degrees(place.q[[0, -1]]).round(0).astype(int).tolist()
         sys.stdout.write(
             f"{place.force_sd:8.3f} N  centre {place.centre.tolist()}  rpy {place.rpy.tolist()}  "

@@ -69,10 +69,10 @@ class TaughtTorque:
     def at(self, feed_time: ArrayLike) -> Array:
         """The torque (..., n) in N m at these times since the feed started (...), s.
 
-        Nothing before the feed has started (below 0) and after the motion's end: at rest friction
-        is another, and nobody knows which.
+        Nothing before the feed has started (below 0), after the motion's end and at no number: at
+        rest friction is another, and nobody knows which.
         """
-        x = np.asarray(feed_time, dtype=np.float64) / self.t[1]
+        x = np.nan_to_num(np.asarray(feed_time, dtype=np.float64) / self.t[1], nan=-1.0)
         inside = (x >= 0.0) & (x <= len(self.t) - 1.0)
         x = np.clip(x, 0.0, len(self.t) - 1.0)
         k = np.minimum(x.astype(int), len(self.t) - 2)

@@ -49,13 +49,20 @@ class TorqueError:
             v_rest: rad/s, below which a joint may rest.
 
         Raises:
-            ValueError: arrays that do not fit each other.
+            ValueError: arrays that do not fit each other, numbers that are not finite, v_rest
+                that is not above 0, a joint that never moves.
         """
         tau_ext, v = np.asarray(tau_ext, np.float64), np.abs(np.asarray(v, np.float64))
         breakaway = np.asarray(breakaway, np.float64)
         if tau_ext.ndim != 2 or v.shape != tau_ext.shape or breakaway.shape != v.shape[1:]:
             raise ValueError("torque error: expected tau_ext and v (N, n), breakaway (n,)")
+        numbers = (tau_ext, v, breakaway, v_rest)
+        if not all(np.all(np.isfinite(x)) for x in numbers) or v_rest <= 0.0:
+            raise ValueError("torque error: expected finite numbers, and v_rest above 0")
         moves = v >= EDGES[0]
+        if not moves.any(axis=0).all():
+            still = np.flatnonzero(~moves.any(axis=0)) + 1
+            raise ValueError(f"torque error: joint {still[0]} never moves in these logs")
         rows = []
         for low, high in itertools.pairwise(EDGES):
             inside = (v >= low) & (v < high)

@@ -102,7 +102,7 @@ def test_the_setpoint_joins_the_force_that_is_there_to_the_path():
     assert setpoint(TABLE, state, 1.5, 40.0, 99.0, 55.0) == 0.0
 
 
-@pytest.mark.parametrize("reading", [0.0, 150.0, np.nan])
+@pytest.mark.parametrize("reading", [0.0, 150.0])
 def test_what_cannot_be_trusted_breaks_nothing_off(reading):
     """While joints turn round an estimate says anything, or nothing."""
 
@@ -114,6 +114,19 @@ def test_what_cannot_be_trusted_breaks_nothing_off(reading):
     assert met == list(Phase)[: Phase.DONE + 1]
     _, fault = play(force, work=2.0)
     assert fault == (Fault.CONTACT_LOST if reading == 0.0 else Fault.OVER_FORCE)
+
+
+@pytest.mark.parametrize("reading", [301.0, np.nan])
+@pytest.mark.parametrize("during", [Phase.APPROACH, Phase.TOUCH, Phase.WORK, Phase.RELEASE])
+def test_what_no_stiction_explains_is_too_much_at_any_time(reading, during):
+    """Three times the limit of 100 N, or no number at all."""
+
+    def force(t, phase, target):
+        return reading if phase == during else wall(t, phase, target)
+
+    met, fault = play(force, work=2.0, trusted=lambda phase: False)
+    assert fault == Fault.OVER_FORCE
+    assert met[-3:] == [during, Phase.RETREAT, Phase.DONE]
 
 
 def test_a_joint_at_its_limit_needs_no_feedback():

@@ -87,3 +87,16 @@ def test_samples_at_rest_do_not_count(logs):
 def test_arrays_that_do_not_fit_are_refused(tau_ext, v, breakaway):
     with pytest.raises(ValueError, match="torque error"):
         TorqueError.from_logs(tau_ext, v, breakaway, 0.001)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda tau, v, b: (tau * [1.0, np.nan], v, b, 0.001), "finite"),
+        (lambda tau, v, b: (tau, v, b, 0.0), "v_rest"),
+        (lambda tau, v, b: (tau, v * [1.0, 0.0], b, 0.001), "joint 2 never moves"),
+    ],
+)
+def test_logs_that_say_nothing_are_refused(logs, change, words):
+    with pytest.raises(ValueError, match=words):
+        TorqueError.from_logs(*change(*logs, BREAKAWAY))
