@@ -37,6 +37,7 @@ from models.inverse_kinematics import follow_path
 from models.robot import Robot
 from models.surface_path import SurfacePath
 from models.torque_error import TorqueError
+from models.workpieces import mesh
 
 Array = NDArray[np.float64]
 
@@ -49,6 +50,7 @@ _SAMPLES = 21  # of the path
 _DRAWS = 4096
 _REFINED = 6  # of the draws, the best
 _MARGIN = 0.09  # rad, from the joints' limits
+_ABOVE_FLOOR = 0.01  # m, of the workpiece
 _CLEAR = 0.015  # m, of the links to the workpiece
 _NOWHERE = 1e3  # N, stands for what cannot be done
 
@@ -102,6 +104,9 @@ class PlacementProblem:
         along = along / np.linalg.norm(along)
         R_PM = RotationMatrix(np.stack([along, np.cross(n[middle], along), n[middle]], axis=1))
         self._X_MP = RigidTransform(R_PM, p[middle]).inverse()
+        self._points = mesh(surface_of(workpiece), 61, 21)[0]
+        if isinstance(workpiece, PlateConfig):
+            self._points = np.vstack([self._points, self._points - [0.0, 0.0, workpiece.size[2]]])
         self._length = float(self.path.distance[-1])
         self._lower = np.array(robot.position_lower) + _MARGIN
         self._upper = np.array(robot.position_upper) - _MARGIN
@@ -120,7 +125,7 @@ class PlacementProblem:
 
     def best_branch(self, x: Array) -> tuple[float, Array | None]:
         """Force sd (N) and postures (N, n) at x (5,); without postures where none will do."""
-        if np.any(x < LOWER) or np.any(x > UPPER):
+        if np.any(x < LOWER) or np.any(x > UPPER) or self.lowest(x) < _ABOVE_FLOOR:
             return _NOWHERE, None
         X_WP = self.pose(x)
         R = X_WP.rotation().matrix()
@@ -168,6 +173,11 @@ class PlacementProblem:
             return False
         clearance = Clearance(self.robot)
         return min(clearance.slack(row) for row in q) >= 0.0
+
+    def lowest(self, x: Array) -> float:
+        """Height of the workpiece's lowest point at x (5,), m."""
+        X_WP, points = self.pose(x), self._points
+        return float((points @ X_WP.rotation().matrix().T)[:, 2].min() + X_WP.translation()[2])
 
     def placed(self, x: Array) -> PlateConfig | BladeConfig:
         """The workpiece at x (5,)."""
