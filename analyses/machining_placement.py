@@ -51,6 +51,7 @@ _DRAWS = 4096
 _REFINED = 6  # of the draws, the best
 _MARGIN = 0.09  # rad, from the joints' limits
 _ABOVE_FLOOR = 0.01  # m, of the workpiece
+_ROUNDED = 1e-4  # m: places are written to four digits
 _CLEAR = 0.015  # m, of the links to the workpiece
 _NOWHERE = 1e3  # N, stands for what cannot be done
 
@@ -125,7 +126,7 @@ class PlacementProblem:
 
     def best_branch(self, x: Array) -> tuple[float, Array | None]:
         """Force sd (N) and postures (N, n) at x (5,); without postures where none will do."""
-        if np.any(x < LOWER) or np.any(x > UPPER) or self.lowest(x) < _ABOVE_FLOOR:
+        if np.any(x < LOWER) or np.any(x > UPPER) or self.lowest(x) < _ABOVE_FLOOR - _ROUNDED:
             return _NOWHERE, None
         X_WP = self.pose(x)
         R = X_WP.rotation().matrix()

@@ -29,6 +29,7 @@ BREAKAWAY = np.array([16.8, 22.9, 13.8, 2.3, 3.9, 1.8])
 ERROR = TorqueError(np.array([0.001, 1.0]), np.stack([MOVING, MOVING]), BREAKAWAY, 0.0015)
 SCENARIOS = ("Polishing", "Grinding")
 X = np.array([0.45, 0.3, 0.5, 0.7, 1.1])
+SUNK_BLADE = [0.36, 0.05, 0.85, 1.68, 1.87]
 
 
 @pytest.fixture(scope="module")
@@ -214,3 +215,23 @@ def test_a_short_search_finds_nothing_better(robot):
     assert found.force_sd == pytest.approx(problem.best_branch(found.x)[0])
     assert np.all((found.x >= LOWER) & (found.x <= UPPER))
     np.testing.assert_allclose(problem.placed(found.x).centre, found.centre)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_workpieces_stand_above_the_floor(robot, name):
+    """By the lowest of many points on the surface, and of a plate below it."""
+    scenario = load_scenario(name)
+    workpiece = scenario.workpiece
+    X_WP = pose_of_workpiece(workpiece)
+    u, v = np.meshgrid(np.linspace(0.0, 1.0, 201), np.linspace(0.0, 1.0, 51))
+    p = surface_of(workpiece).at(u, v).p.reshape(-1, 3)
+    below = workpiece.size[2] if name == "Polishing" else 0.0
+    p = np.vstack([p, p - [0.0, 0.0, below]])
+    height = (p @ X_WP.rotation().matrix().T)[:, 2].min() + X_WP.translation()[2]
+    # A centimetre by the coarser points of the rule, which miss some tenths of a millimetre.
+    assert height > 0.009
+    # Sunk into the floor it is no place.
+    problem = PlacementProblem(scenario, robot, ERROR)
+    sunk = np.array({"Polishing": [0.48, 0.05, 1.04, 0.14, 1.11]}.get(name, SUNK_BLADE))
+    assert problem.lowest(sunk) < 0.0
+    assert problem.best_branch(sunk) == (1e3, None)
