@@ -503,7 +503,7 @@ def _notes(task: MachiningTask, metrics: Mapping[str, Any]) -> list[str]:
         f"the true friction known {_row(metrics, 'known_friction.rmse_n')} N. While the feed is "
         f"steady, the article's {_row(metrics, 'article.steady.rmse_n')} N, ours "
         f"{_row(metrics, 'ours.steady.rmse_n')} N.",
-        "Ours reads with what a pass through the air has taught, 5 mm above the surface along the "
+        "Ours reads with what a pass through the air has taught, just above the surface along the "
         "same motion: what the observer reads there is the model's error and is taken off (eq. 4, "
         "on the observer's output). What contact itself changes is left: friction that grows with "
         "the load.",
@@ -518,17 +518,17 @@ def _notes(task: MachiningTask, metrics: Mapping[str, Any]) -> list[str]:
         f"{rmse[-1] / rmse[0]:.2f} times as much in {FEEDS[-1]:g} s as in {FEEDS[0]:g} s. Two "
         "things work against each other. Starts, stops and turns, where joints rest and hide force "
         f"within their stiction, take {_share(metrics, FEEDS[0])} % of the time in {FEEDS[0]:g} s "
-        f"and {_share(metrics, FEEDS[-1])} % in {FEEDS[-1]:g} s, with ramps of a quarter of a "
-        f"second. Over the steady feed the error goes from "
+        f"and {_share(metrics, FEEDS[-1])} % in {FEEDS[-1]:g} s. Over the steady feed the error "
+        "goes from "
         f"{metrics[_key(FEEDS[0])]['article']['steady']['rmse_n']:.2f} to "
         f"{metrics[_key(FEEDS[-1])]['article']['steady']['rmse_n']:.2f} N: friction at joints 1 to "
         f"6 errs by {worst(fastest)} N m at the fastest feed and {worst(slowest)} N m at the "
-        f"slowest, which grows most at joint {grown}: the slower the feed, the longer a joint "
-        "stays at speeds at which it sticks, and the more a spindle's unbalance shakes it there. "
-        "Ripple over position, the most of it at joint 1, does not depend on the feed.",
+        f"slowest. It grows most at joint {grown}, of "
+        f"{1e3 * slowest['mean_joint_speed_rad_per_s'][grown - 1]:.1f} mrad/s in the mean at the "
+        "slowest: the slower a joint, the longer it stays where it sticks.",
         "The workpiece stands where the article's reading has the least predicted sd "
-        "(`analyses.machining_placement`), found from the identified model and contact-free logs "
-        "alone, before any contact was simulated there.",
+        "(`analyses.machining_placement`), which takes the identified model, the planned speeds "
+        "and contact-free logs.",
         *(f"A pass was broken off: {fault}." for fault in faults),
     ]
 

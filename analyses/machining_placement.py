@@ -115,20 +115,19 @@ class PlacementProblem:
     def pose(self, x: Array) -> RigidTransform:
         """X_WP of the workpiece at x (5,)."""
         r, z, tilt, towards, direction = x
-        axis = tilt * np.array([np.cos(towards), np.sin(towards), 0.0])
-        angle = float(np.linalg.norm(axis))
-        R = RotationMatrix.MakeZRotation(direction)
-        if angle > 1e-9:
-            c, s = np.cos(towards), np.sin(towards)
-            R_axis = RotationMatrix.MakeZRotation(np.arctan2(s, c))
-            R = R_axis @ RotationMatrix.MakeXRotation(tilt) @ R_axis.inverse() @ R
+        turned = RotationMatrix.MakeZRotation(towards)
+        R = turned @ RotationMatrix.MakeXRotation(tilt) @ turned.inverse()
+        R = R @ RotationMatrix.MakeZRotation(direction)
         return RigidTransform(R, [r, 0.0, z]) @ self._X_MP
 
     def best_branch(self, x: Array) -> tuple[float, Array | None]:
         """Force sd (N) and postures (N, n) at x (5,); without postures where none will do."""
         if np.any(x < LOWER) or np.any(x > UPPER) or self.lowest(x) < _ABOVE_FLOOR - _ROUNDED:
             return _NOWHERE, None
-        X_WP = self.pose(x)
+        return self.best_branch_at(self.pose(x))
+
+    def best_branch_at(self, X_WP: RigidTransform) -> tuple[float, Array | None]:
+        """The same where the workpiece stands at X_WP, wherever that is."""
         R = X_WP.rotation().matrix()
         path = SurfacePath(
             self.path.p_WS @ R.T + X_WP.translation(), self.path.n_W @ R.T, "placement"
@@ -225,7 +224,7 @@ def search(
             method="Nelder-Mead",
             options={"maxfev": 250, "initial_simplex": _simplex(row)},
         )
-        _cost, q = problem.best_branch(result.x)
+        _, q = problem.best_branch(result.x)
         if q is not None and problem.keeps_clear(result.x, q):
             found.append(problem.place(result.x))
     return sorted(found, key=lambda place: place.force_sd)
@@ -233,21 +232,7 @@ def search(
 
 def bundled_place(problem: PlacementProblem) -> tuple[float, Array | None]:
     """Force sd (N) and postures at the place that the problem's scenario has now."""
-    X_WP = pose_of_workpiece(problem.workpiece)
-    R = X_WP.rotation().matrix()
-    own = problem.path
-    path = SurfacePath(own.p_WS @ R.T + X_WP.translation(), own.n_W @ R.T, "placement")
-    best: tuple[float, Array | None] = _NOWHERE, None
-    for q_first in all_branches(problem.robot, path.frames()[:1], path.p_WS[:1])[0]:
-        if np.all(np.isfinite(q_first)):
-            try:
-                q = follow_path(problem.robot, path.frames(), path.p_WS, q_first)
-            except InputError:
-                continue
-            cost = problem.force_sd(q, path)
-            if cost < best[0]:
-                best = cost, q
-    return best
+    return problem.best_branch_at(pose_of_workpiece(problem.workpiece))
 
 
 def _simplex(x: Array) -> Array:
