@@ -9,7 +9,7 @@ import pytest
 
 from analyses.experiments.free_motion import (
     combined,
-    friction_estimate,
+    friction,
     repeat_cycle,
     repeat_cycle_push,
 )
@@ -23,7 +23,7 @@ from analyses.study.study import EXPERIMENTS
 
 MODULES = {
     module.EXPERIMENT.name: module
-    for module in (repeat_cycle, repeat_cycle_push, friction_estimate, combined)
+    for module in (repeat_cycle, repeat_cycle_push, friction, combined)
 }
 
 
