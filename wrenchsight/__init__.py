@@ -52,6 +52,8 @@ _HOME = {
     "PlacementResult": "analyses.methods.planning.placement",
     "SimulationResult": "analyses.methods.runs.simulation",
     "simulate": "analyses.methods.runs.simulation",
+    "FourierMotion": "diagrams.scenario",
+    "excite": "analyses.methods.planning.excitation",
 }
 
 _PACKAGES = ("models", "systems", "diagrams", "analyses")

@@ -6,6 +6,7 @@ from analyses.methods.learning.identification import identify as identify
 from analyses.methods.learning.identification import identify_logs as identify_logs
 from analyses.methods.planning.excitation import ExcitationConfig as ExcitationConfig
 from analyses.methods.planning.excitation import ExcitationResult as ExcitationResult
+from analyses.methods.planning.excitation import excite as excite
 from analyses.methods.planning.excitation import excite_robot as excite_robot
 from analyses.methods.planning.placement import PlacementResult as PlacementResult
 from analyses.methods.planning.placement import place_task as place_task
@@ -20,6 +21,7 @@ from diagrams.estimator import add_estimator as add_estimator
 from diagrams.estimator import make_estimator as make_estimator
 from diagrams.robot_cell import RobotCell as RobotCell
 from diagrams.robot_cell import make_robot_cell as make_robot_cell
+from diagrams.scenario import FourierMotion as FourierMotion
 from diagrams.scenario import Scenario as Scenario
 from diagrams.scenario import bundled_scenarios as bundled_scenarios
 from diagrams.scenario import load_scenario as load_scenario

@@ -77,8 +77,8 @@ class BladeConfig:
     span: float = 0.5  # m, along y and v
     root_chord: float = 0.34  # m, along x
     tip_chord: float = 0.26  # m
-    root_twist_deg: float = 10.0
-    tip_twist_deg: float = 2.0
+    root_twist_deg: float = 10.0  # of the chord, at one end
+    tip_twist_deg: float = 2.0  # at the other end
     thickness: float = 0.24  # of the chord
     camber: float = 0.05  # of the chord
 
@@ -90,8 +90,8 @@ class PatchPathConfig:
     plate: PlateConfig | None = None
     blade: BladeConfig | None = None
     start: list[float] = field(default_factory=list, metadata=REQUIRED)  # (u, v)
-    end: list[float] = field(default_factory=list, metadata=REQUIRED)
-    num_samples: int = 121
+    end: list[float] = field(default_factory=list, metadata=REQUIRED)  # (u, v)
+    num_samples: int = 121  # along the path
 
 
 @dataclass
