@@ -12,7 +12,8 @@ from models.files.input_error import InputError
 from models.files.task_files import task_file
 from models.motion.paths import StraightPath
 from models.placement.placement_program import PlacementBounds
-from models.robot.robot import PoseConfig, Robot
+from models.robot.robot import Robot
+from models.robot.robot_config import PoseConfig
 
 Array = NDArray[np.float64]
 

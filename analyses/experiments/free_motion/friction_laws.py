@@ -63,6 +63,8 @@ from analyses.study.experiment import (
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
+from models.recordings.recording_reader import read_recording
+from models.recordings.resampling import resampled
 from models.robot.robot import Robot
 from models.signals.zero_phase import ZeroPhaseLowPass, derivative
 
@@ -212,7 +214,7 @@ def real_arm(context: ExperimentContext, start: float) -> LawsOnOneArm:
         context.progress(start + (0.9 - start) * k / len(COMPARED), f"UR10e, {law}")
         config = IdentificationConfig(friction=law, cross_validate=False, seed=context.seed)
         results[law] = identify_ur10e(context.data, robot, config)
-    single = [Recording.read(context.data / FOLDER / name, robot=robot) for name in SINGLE_JOINTS]
+    single = [read_recording(context.data / FOLDER / name, robot=robot) for name in SINGLE_JOINTS]
     halves = [len(r.t) // 2 for r in single]
     joints = range(robot.num_joints)
     plain = results[WITH_OFFSET]
@@ -254,7 +256,7 @@ def semi_parametric_model(
 def _predicted(robot: Robot, recording: Recording, model: IdentifiedModel) -> Recording:
     """The recording with the torque that the model predicts along its motion, on a uniform grid."""
     step = float(f"{recording.time_step:.3g}")
-    uniform = recording.resample(step)
+    uniform = resampled(recording, step)
     low_pass = ZeroPhaseLowPass(CONFIG.cutoff, step)
     q, v = low_pass(uniform.q), low_pass(uniform.v)
     rigid = np.asarray(model.chain(robot).inverse_dynamics(q, v, derivative(v, step)))
@@ -278,7 +280,7 @@ def _one_joint(
         judge, friction=SemiParametricFriction(CoulombViscous.zero(robot.num_joints))
     )
     (rigid,) = predict_torque([recording], robot, frictionless, config)
-    uniform = recording.resample(float(f"{recording.time_step:.3g}"))
+    uniform = resampled(recording, float(f"{recording.time_step:.3g}"))
     v = ZeroPhaseLowPass(config.cutoff, uniform.time_step, config.filter_order)(uniform.v)
     predicted = {
         law: predict_torque([recording], robot, model, config)[0].predicted[:, joint]

@@ -56,7 +56,8 @@ from models.motion.redundancy import (
 )
 from models.motion.surface_path import SurfacePath
 from models.motion.workpieces import BladeSection, Plate, Surface, mesh
-from models.robot.robot import PoseConfig, Robot
+from models.robot.robot import Robot
+from models.robot.robot_config import PoseConfig
 
 Array = NDArray[np.float64]
 OBJECTIVES = ("jcn", "force-sd")

@@ -34,6 +34,7 @@ from analyses.study.experiment import (
     FigureFile,
 )
 from models.recordings.recording import Recording
+from models.recordings.recording_reader import read_recording
 from models.robot.robot import Robot
 
 FOLDER = "ur10e"  # below the data folder
@@ -51,7 +52,7 @@ VALIDATED = {
 def validation_recordings(data: Path, robot: Robot) -> list[Recording]:
     """The runs of `VALIDATED`, under their short names."""
     return [
-        replace(Recording.read(data / FOLDER / name, robot=robot), source=key)
+        replace(read_recording(data / FOLDER / name, robot=robot), source=key)
         for key, name in VALIDATED.items()
     ]
 
@@ -70,7 +71,7 @@ def identify_ur10e(
         InputError: a log is missing or damaged.
     """
     fitted, validated = (
-        [Recording.read(data / FOLDER / name, robot=robot) for name in names]
+        [read_recording(data / FOLDER / name, robot=robot) for name in names]
         for names in (FITTED, VALIDATED.values())
     )
     result = identify(fitted, robot, validated, config, progress)

@@ -67,6 +67,8 @@ from models.estimation.wrench import (
 )
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
+from models.recordings.recording_reader import read_recording
+from models.recordings.resampling import resampled
 from models.robot.robot import Robot
 from models.signals.zero_phase import ZeroPhaseLowPass, derivative
 
@@ -424,7 +426,7 @@ def _at_load(
 
 
 def _estimate(log: Path, robot: Robot, model: IdentifiedModel) -> tuple[Recording, EstimateBatch]:
-    recording = Recording.read(log, robot=robot).resample(TIME_STEP)
+    recording = resampled(read_recording(log, robot=robot), TIME_STEP)
     estimator = WrenchEstimator(robot, model, estimator_config())
     state = estimator.initial_state()
     return recording, estimator.run(state, recording.q, recording.v, recording.current)

@@ -50,6 +50,8 @@ from models.identification.identified_urdf import identified_urdf
 from models.identification.physical_consistency import unphysical_links
 from models.identification.torque_regression import RegressionRows, TorqueEstimate
 from models.recordings.recording import Recording
+from models.recordings.recording_reader import read_recording
+from models.recordings.resampling import resampled
 from models.rigid_body.serial_chain import SerialChain
 from models.robot.motors import current_to_torque
 from models.robot.robot import Robot
@@ -407,11 +409,11 @@ def identify_logs(
     """The command `identify`: reads the logs, fits, and writes the result into `out`.
 
     Raises:
-        InputError: as `Robot.load`, `Recording.read`, `OutputFolder` and `identify`.
+        InputError: as `Robot.load`, `read_recording`, `OutputFolder` and `identify`.
     """
     robot = Robot.load(robot_name)
     recordings, validation = (
-        [Recording.read(log, log_format, robot) for log in paths] for paths in (logs, validate)
+        [read_recording(log, log_format, robot) for log in paths] for paths in (logs, validate)
     )
     folder = OutputFolder(out)
     result = identify(recordings, robot, validation, config, progress)
@@ -591,7 +593,7 @@ def _filtered(name: str, recording: Recording, robot: Robot, config: Identificat
             f"the log lasts {recording.duration:.3g} s, at a cutoff of {cutoff:g} Hz it must last "
             f"{SHORTEST_LOG / cutoff:.3g} s or more",
         )
-    uniform = recording.resample(step)
+    uniform = resampled(recording, step)
     tau = uniform.tau_J
     if tau is None:
         tau = current_to_torque(uniform.current, robot.torque_per_ampere, robot.current_sign)

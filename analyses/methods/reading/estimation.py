@@ -117,7 +117,7 @@ def estimate_log(
     figures/wrench.png.
 
     Args:
-        log: as `Recording.read`.
+        log: as `read_recording`.
         robot_name: a bundled robot or a robot.yaml.
         model_path: a model.yaml; None: what the robot's own files state, without friction.
         log_format: description of the log's columns.

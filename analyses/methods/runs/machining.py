@@ -41,7 +41,7 @@ from analyses.study.experiment import (
 )
 from diagrams.closed_loop import make_closed_loop
 from diagrams.machining import longest_duration, make_machining_path, view_of
-from diagrams.pages.run_page import make_meshcat, start_recording, write_recording
+from diagrams.pages.run_page import make_meshcat, start_recording, write_page
 from diagrams.scenario import Scenario, load_scenario
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.momentum_observer import MomentumObserverConfig
@@ -235,7 +235,7 @@ def run_machining(
             gc.enable()
     if meshcat is not None and recording is not None:
         title = f"{scenario.description} One way in {machining.one_way:g} s."
-        write_recording(meshcat, recording, title)
+        write_page(meshcat, recording, title)
     t, signals = loop.logged(simulator.get_context())
     return MachiningRun(plan, t, signals)
 

@@ -24,7 +24,7 @@ from analyses.output.outputs import OutputFolder
 from diagrams.closed_loop import ClosedLoop, make_closed_loop
 from diagrams.graph import write_graph
 from diagrams.machining import longest_duration, make_machining_path, view_of
-from diagrams.pages.run_page import make_meshcat, start_recording, write_recording
+from diagrams.pages.run_page import make_meshcat, start_recording, write_page
 from diagrams.robot_cell import true_friction
 from diagrams.scenario import Scenario, check_scenario, load_scenario, make_trajectory
 from models.files.input_error import InputError
@@ -34,6 +34,7 @@ from models.machining.air_pass import raised_motion
 from models.machining.machining_phases import FAULT_SENTENCES, Fault, Phase
 from models.motion.paths import JointTrajectory
 from models.recordings.recording import Recording
+from models.recordings.recording_writer import write_recording
 from models.robot.robot import Robot
 from systems.impedance_controller import ImpedanceConfig
 
@@ -280,7 +281,7 @@ def simulate_scenario(
     progress(1.0, "writing")
     files = list(result.files)
     files.append(folder / "log.csv")
-    result.recording().to_csv(files[-1])
+    write_recording(result.recording(), files[-1])
     files.append(folder.write_figure("wrench", result.figure()))
     text = yaml_dump_typed(scenario, child_name=name)
     files.append(folder.write_text("scenario.yaml", text))
@@ -360,7 +361,7 @@ def simulate(
         start_recording(meshcat, scenario.recording.fps)
     elapsed = _advance(simulator, scenario, robot, loop, progress)
     if meshcat is not None and recording is not None:
-        write_recording(meshcat, recording, title)
+        write_page(meshcat, recording, title)
         files.append(recording)
     t, signals = loop.logged(simulator.get_context())
     for name in ("progress", "feed_time"):

@@ -22,6 +22,7 @@ from models.files.input_error import InputError
 from models.friction.friction_structure import STRUCTURES
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
+from models.recordings.recording_writer import write_recording
 from models.robot.robot import Robot
 
 STEP = 0.01
@@ -230,7 +231,7 @@ def test_the_whole_command_and_its_files(robot, noisy, tmp_path):
     logs = []
     for k, log in enumerate(noisy):
         logs.append(tmp_path / f"log_{k}.csv")
-        log.to_csv(logs[-1])
+        write_recording(log, logs[-1])
     told = []
     result = identify_logs(
         logs[:3],
