@@ -511,8 +511,8 @@ def jcn_map(
     out: _Out = Path("out/jcn-map"),
 ) -> None:
     """Map the condition number over the workspace, and say where a table belongs."""
-    from analyses.experiments.postures.jcn_map import SliceConfig
-    from analyses.experiments.postures.jcn_map import jcn_map as map_workspace
+    from analyses.methods.planning.jcn_map import SliceConfig
+    from analyses.methods.planning.jcn_map import jcn_map as map_workspace
 
     config = None
     if plane is not None:
@@ -611,7 +611,7 @@ def redundancy(
     out: _Out = Path("out/redundancy"),
 ) -> None:
     """Choose the free angle about the normal, and the branch, along a path on a surface."""
-    from analyses.experiments.postures.surface_path import redundancy as choose_angles
+    from analyses.methods.planning.redundancy_results import redundancy as choose_angles
 
     logging.getLogger("drake").setLevel(logging.WARNING)
     with _progress("redundancy") as progress:

@@ -17,7 +17,6 @@ contact force while the tool works, from the first to the last motion, turns inc
     sensor           no estimator: the sensor under the tool, behind its low-pass
 """
 
-import gc
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,8 +27,9 @@ from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
-from analyses.experiments.free_motion.identification import ROBOT
+from analyses.methods.advance import advance, even_stretches
 from analyses.methods.learning.arm_models import ArmModels, identify_arm
+from analyses.methods.learning.simulated_logs import ROBOT
 from analyses.methods.reading.force_errors import draw_signal
 from analyses.methods.runs.air_pass import record_air_pass, teach
 from analyses.output.figures import COLOUR, new_figure, save_figure
@@ -223,16 +223,11 @@ def run_machining(
     simulator.Initialize()
     if meshcat is not None:
         start_recording(meshcat, _FPS)
-    count = max(1, round(scenario.duration / _STRETCH))
-    collecting = gc.isenabled()
-    gc.disable()  # see analyses.methods.runs.simulation
-    try:
-        for k in range(count):
-            simulator.AdvanceTo(scenario.duration * (k + 1) / count)
-            progress((k + 1) / count, "machining")
-    finally:
-        if collecting:
-            gc.enable()
+    advance(
+        simulator,
+        even_stretches(scenario.duration, _STRETCH),
+        lambda share: progress(share, "machining"),
+    )
     if meshcat is not None and recording is not None:
         title = f"{scenario.description} One way in {machining.one_way:g} s."
         write_recording(meshcat, recording, title)
