@@ -209,7 +209,8 @@ def identify(
     out: _Out = Path("out/identify"),
 ) -> None:
     """Find a robot's dynamic model and friction: logs in, model.yaml out."""
-    from analyses.methods.learning.identification import IdentificationConfig, identify_logs
+    from analyses.methods.learning.identification import identify_logs
+    from analyses.methods.learning.identification_config import IdentificationConfig
 
     with _progress("identify") as progress:
         result = identify_logs(

@@ -33,16 +33,12 @@ from analyses.methods.learning.friction_reversal import (
     reversal_recordings,
     separate_recordings,
 )
-from analyses.methods.learning.identification import (
-    LAWS,
-    IdentificationConfig,
-    TorqueFit,
-    identify,
-    predict_torque,
-)
+from analyses.methods.learning.identification import identify, predict_torque
+from analyses.methods.learning.identification_config import LAWS, IdentificationConfig
 from analyses.methods.learning.semi_parametric import POSTURES, semi_parametric_model
 from analyses.methods.learning.simulated_identification import CONFIG, identify_simulated_arm
 from analyses.methods.learning.simulated_logs import ROBOT
+from analyses.methods.learning.torque_fit import TorqueFit
 from analyses.methods.learning.ur10e_logs import FOLDER, identify_ur10e, validation_recordings
 from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
 from analyses.study.experiment import (

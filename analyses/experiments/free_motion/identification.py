@@ -12,9 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.learning.identification import (
-    torque_figure,
-)
+from analyses.methods.learning.identification_figures import torque_figure
 from analyses.methods.learning.simulated_identification import (
     PERIODS,
     identify_simulated_arm,

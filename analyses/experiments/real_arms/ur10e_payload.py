@@ -39,7 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
-from analyses.methods.learning.identification import IdentificationConfig
+from analyses.methods.learning.identification_config import IdentificationConfig
 from analyses.methods.learning.ur10e_logs import FITTED, FOLDER, VALIDATED, identify_ur10e
 from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure, save_figure
 from analyses.study.experiment import (

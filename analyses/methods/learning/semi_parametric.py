@@ -1,7 +1,6 @@
 """The article's semi-parametric friction: networks near zero velocity, on friction by reversal."""
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +19,6 @@ from analyses.methods.learning.identification import (
 from models.friction.velocity_friction import SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
 from models.robot.robot import Robot
-
-if TYPE_CHECKING:
-    pass
-
 
 Array = NDArray[np.float64]
 

@@ -10,11 +10,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.learning.identification import (
-    IdentificationConfig,
-    IdentificationResult,
-    identify,
-)
+from analyses.methods.learning.identification import IdentificationResult, identify
+from analyses.methods.learning.identification_config import IdentificationConfig
 from analyses.methods.learning.simulated_logs import (
     PERIODS,
     SimulatedLog,

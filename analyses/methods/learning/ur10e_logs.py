@@ -4,11 +4,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from analyses.methods.learning.identification import (
-    IdentificationConfig,
-    IdentificationResult,
-    identify,
-)
+from analyses.methods.learning.identification import IdentificationResult, identify
+from analyses.methods.learning.identification_config import IdentificationConfig
 from models.recordings.recording import Recording
 from models.robot.robot import Robot
 
