@@ -287,7 +287,8 @@ def estimate(
     out: _Out = Path("out/estimate"),
 ) -> None:
     """Tell the wrench at the tool, with its uncertainty: log and model in, wrench.csv out."""
-    from analyses.methods.reading.estimation import EstimateConfig, estimate_log
+    from analyses.methods.reading.estimate_config import EstimateConfig
+    from analyses.methods.reading.estimation import estimate_log
 
     config = EstimateConfig(
         engine=engine,
