@@ -2,9 +2,9 @@
 
 Three directives, each alone on a line of a page:
 
-    <!-- schema: models.robot.robot_config.RobotConfig -->   the keys of a YAML file, out of its dataclass
-    <!-- api: models.estimation -->                   every public module of a room
-    <!-- results -->                                  the table "article / here" of the last study
+    <!-- schema: models.files.X -->   the keys of a YAML file, out of its dataclass
+    <!-- api: models.files -->        every public module of a room
+    <!-- results -->                  the table "article / here" of the last study
 """
 
 import ast

@@ -156,7 +156,7 @@ def reversal_recordings(
         period: s, of the passes; slow ones need a long one, or the drives' own compliance takes up
             the whole travel.
     """
-    from analyses.experiments.free_motion.identification import simulate_motion
+    from analyses.methods.learning.simulated_logs import simulate_motion
 
     recordings = []
     postures = np.atleast_2d(np.asarray(postures, dtype=np.float64))

@@ -9,14 +9,13 @@ import pytest
 import yaml
 
 from analyses.methods.learning.identification import (
-    LAWS,
-    IdentificationConfig,
-    TorqueFit,
     best_law,
     identify,
     identify_logs,
     residual_covariance,
 )
+from analyses.methods.learning.identification_config import LAWS, IdentificationConfig
+from analyses.methods.learning.torque_fit import TorqueFit
 from analyses.output.outputs import OutputFolder
 from models.files.input_error import InputError
 from models.friction.friction_structure import STRUCTURES
@@ -443,7 +442,7 @@ def test_parameters_are_determined_combined_or_named_as_undetermined(result):
 
 
 def test_figures_for_any_number_of_joints(tmp_path):
-    from analyses.methods.learning.identification import torque_figure
+    from analyses.methods.learning.identification_figures import torque_figure
 
     t = np.arange(0.0, 5.0, 0.1)
     for n in (1, 6, 7):

@@ -19,12 +19,8 @@ import pytest
 import yaml
 
 from analyses.methods.reading import estimation
-from analyses.methods.reading.estimation import (
-    ENGINES,
-    EstimateConfig,
-    EstimateResult,
-    estimate_log,
-)
+from analyses.methods.reading.estimate_config import ENGINES, EstimateConfig
+from analyses.methods.reading.estimation import EstimateResult, estimate_log
 from analyses.output.outputs import OutputFolder
 from models.estimation.wrench_table import COLUMNS
 from models.files.input_error import InputError
