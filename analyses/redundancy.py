@@ -40,7 +40,7 @@ from models.branches import is_closed_form
 from models.configuration import REQUIRED, load_configuration
 from models.identified_model import IdentifiedModel
 from models.input_error import InputError
-from models.posture_measures import ConditionNumber, ForceSd, PostureMeasure
+from models.posture_measures import ConditionNumber, ForceSd, PostureMeasure, check_joints
 from models.redundancy import (
     Candidates,
     RedundancyProblem,
@@ -291,6 +291,7 @@ def make_problem(
     name = str(source) if source else "task"
     folder = source.parent if source else Path()
     _check_task(config, name)
+    check_joints(robot.chain, robot.name)
     pose = config.workpiece
     R_WP = np.asarray(RollPitchYaw(pose.rpy).ToRotationMatrix().matrix(), dtype=np.float64)
     p_WP = np.array(pose.xyz, dtype=np.float64)

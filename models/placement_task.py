@@ -11,6 +11,7 @@ from models.configuration import REQUIRED, load_configuration
 from models.input_error import InputError
 from models.paths import StraightPath
 from models.placement_program import PlacementBounds
+from models.posture_measures import check_joints
 from models.robot import PoseConfig, Robot
 from models.task_files import task_file
 
@@ -124,13 +125,7 @@ def check_task(task: PlacementTask, source: Path | str, robot: Robot) -> None:
         InputError: the path is longer than the arm can follow anywhere, or anywhere in the box; the
             margin leaves a joint no range; the initial guess does not suit the arm.
     """
-    if robot.num_joints < 6:
-        raise InputError(
-            robot.name,
-            "",
-            f"{robot.num_joints} joints cannot hold position and orientation of the tool",
-            "an arm of six joints or more is needed",
-        )
+    check_joints(robot.chain, robot.name)
     bounds = task.bounds(robot)
     for name, lower, upper in zip(robot.joint_names, bounds.q_lower, bounds.q_upper, strict=True):
         if not lower < upper:
