@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import analyses  # noqa: F401  (chooses the number of BLAS threads)
-from models.robot import Robot
+from models.robot.robot import Robot
 
 ROBOTS = Path(__file__).parent / "robots"
 

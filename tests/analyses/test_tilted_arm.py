@@ -23,18 +23,18 @@ from pydrake.multibody.plant import MultibodyPlant
 from typer.testing import CliRunner
 
 from analyses.__main__ import app
-from analyses.excitation import ExcitationConfig, excite
-from analyses.outputs import OutputFolder
-from analyses.simulation import simulate
+from analyses.methods.planning.excitation import ExcitationConfig, excite
+from analyses.methods.runs.simulation import simulate
+from analyses.output.outputs import OutputFolder
 from diagrams.scenario import HoldMotion, Scenario, make_trajectory
-from models.estimator import WrenchEstimatorConfig
-from models.excitation_program import ExcitationLimits
-from models.identified_model import IdentifiedModel
-from models.input_error import InputError
-from models.momentum_observer import MomentumObserverConfig
-from models.robot import Robot
-from models.wrench import WrenchReconstructionConfig
-from models.wrench_script import WrenchStep
+from models.control.wrench_script import WrenchStep
+from models.estimation.estimator import WrenchEstimatorConfig
+from models.estimation.momentum_observer import MomentumObserverConfig
+from models.estimation.wrench import WrenchReconstructionConfig
+from models.excitation.excitation_program import ExcitationLimits
+from models.files.input_error import InputError
+from models.identification.identified_model import IdentifiedModel
+from models.robot.robot import Robot
 from systems.force_torque_sensor import ForceTorqueSensorConfig
 from systems.impedance_controller import ImpedanceConfig
 
