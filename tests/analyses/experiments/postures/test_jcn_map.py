@@ -14,11 +14,6 @@ from models.files.input_error import InputError
 from models.robot.robot import Robot
 
 
-@pytest.fixture(scope="module")
-def sts() -> Robot:
-    return Robot.load("sts_sre4_600")
-
-
 def test_condition_numbers_are_those_of_numpys_svd(sts: Robot) -> None:
     samples = sample(sts, 5_000, 1)
     expected = np.linalg.cond(sts.chain.jacobian(samples.q))
