@@ -15,17 +15,21 @@ from analyses.methods.runs.machining import (
     PLAIN,
     READINGS,
     MachiningRun,
-    _comparison,
-    _key,
-    _notes,
     errors,
+    feed_key,
     learn,
     read_all,
     regulation,
     run_machining,
 )
 from analyses.methods.runs.machining_figures import feed_figure, force_figure, regulation_figure
-from analyses.methods.runs.machining_study import feed_metrics, over_feeds, sources
+from analyses.methods.runs.machining_study import (
+    _comparison,
+    _notes,
+    feed_metrics,
+    over_feeds,
+    sources,
+)
 from diagrams.closed_loop import make_closed_loop, uses_sensor
 from diagrams.machining import longest_duration, make_machining_path
 from diagrams.scenario import load_scenario
@@ -233,7 +237,7 @@ def test_all_that_is_compared_and_said_is_measured(sts, models, runs):
     assert set(readings) == set(READINGS)
     for task in TASKS:
         of_a_feed = feed_metrics(task, runs, readings)
-        metrics = {_key(feed): of_a_feed for feed in FEEDS}
+        metrics = {feed_key(feed): of_a_feed for feed in FEEDS}
         metrics |= over_feeds(metrics)
         metrics["sources"] = sources(models, dict.fromkeys(FEEDS, runs["sensor"]))
         rows = _comparison(task)
