@@ -27,7 +27,7 @@ bench: .venv/.ready-test
 	@set -e; for file in tests/benchmarks/bench_*.py; do echo "== $$file"; $(BIN)/python $$file; done
 
 readme: .venv/.ready
-	$(BIN)/python -m analyses.readme_table $(OUT) README.md
+	$(BIN)/python -m analyses.study.readme_table $(OUT) README.md
 
 clean:
 	rm -rf .venv out .mypy_cache .ruff_cache .hypothesis
