@@ -8,7 +8,7 @@ as root, locked joints fixed, the tool and the frame E added, pictures that cann
 import hashlib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
@@ -23,7 +23,13 @@ from pydrake.multibody.tree import JointIndex, ModelInstanceIndex
 from models.files.configuration import load_configuration, nearest
 from models.files.input_error import InputError
 from models.rigid_body.serial_chain import SerialChain
-from models.robot.robot_config import DriveConfig, JointFrictionConfig, RobotConfig
+from models.robot.robot_config import (
+    DriveConfig,
+    JointFrictionConfig,
+    PoseConfig,
+    RobotConfig,
+    ToolConfig,
+)
 from models.robot.urdf import EffectiveUrdf, JointLimits, read_urdf
 
 Array = NDArray[np.float64]
@@ -100,8 +106,19 @@ class Robot:
         path = _robot_file(name_or_path)
         config = load_configuration(path, RobotConfig)
         _check_lists(config, path)
-        urdf_path = config.urdf if config.urdf.is_absolute() else path.parent / config.urdf
-        return cls(config, path, read_urdf(urdf_path, config, path))
+        return cls(config, path, read_urdf(_urdf_path(config, path), config, path))
+
+    def with_tool(self, tool: ToolConfig | None, tool_frame: PoseConfig) -> "Robot":
+        """The same robot with another tool (None: without one), and E elsewhere in the flange.
+
+        Raises:
+            InputError: a list has another length than it should.
+        """
+        config = replace(self.config, tool=tool, tool_frame=tool_frame)
+        _check_lists(config, self.source)
+        return Robot(
+            config, self.source, read_urdf(_urdf_path(config, self.source), config, self.source)
+        )
 
     @property
     def urdf_text(self) -> str:
@@ -204,6 +221,10 @@ def _robot_file(name_or_path: "str | Path") -> Path:
     if path.suffix in {".urdf", ".xacro", ".sdf", ".xml"}:
         raise InputError(path, "", "is no robot.yaml", "write one that names this file as its urdf")
     return path
+
+
+def _urdf_path(config: RobotConfig, source: Path) -> Path:
+    return config.urdf if config.urdf.is_absolute() else source.parent / config.urdf
 
 
 def _frozen(values: Sequence[float]) -> Array:

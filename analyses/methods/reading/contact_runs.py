@@ -1,0 +1,259 @@
+"""Runs of a UR10e that presses a roller on a workpiece: their files, their tools, their intervals.
+
+The files of data set `ur10e_contact` are found by their names alone,
+`<scene>_<controller>_F<force>_<setting>_v<speed>.csv`; nothing else in the folder is read.
+
+Positions and velocities are rebuilt from the scripted path. Where that path has a corner, the
+rebuilt velocity jumps; the robot rounds it off over the last 10 or 15 mm before (the scripts'
+blend radii; the measured currents show the pulse to begin there), and so does `rounded_corners`.
+"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.files.input_error import InputError
+from models.recordings.recording import Recording
+from models.recordings.recording_reader import read_recording
+from models.rigid_body.serial_chain import SerialChain
+from models.robot.robot import Robot
+from models.robot.robot_config import PoseConfig, ToolConfig
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+FOLDER: Final = "ur10e_contact"  # below the data folder
+FORMAT: Final = "ur10e-contact"
+SCENES: Final = ("straight", "ramp", "direct")
+CONTROLLERS: Final = ("acf", "ur")
+INTERVALS: Final = ("approach", "touch", "hold1", "slide", "hold2", "lift")
+JUDGED: Final = ("hold1", "slide", "hold2")
+
+# Column `phase` of the log.
+_APPROACH, _TOUCH, _HOLD, _SLIDE, _SECOND_HOLD, _LIFT, _BEYOND = 1, 2, 3, 4, 6, 7, 8
+_MARGIN = 0.048  # s that a hold or a steady slide keeps off its ends
+_EDGE_MARGIN = 0.1  # s that the roller needs clear of the ramp's edge under position control
+_SETTLED = 1.5  # s after contact, when the active flange has settled
+_STEADY = 0.98  # share of the set speed
+_LIFTED = 0.3  # s after the lift begins: the tool is off the workpiece, and the arm calm
+
+_CORNER_JUMP = 1.0  # rad/m a sample, all joints together, that begins a corner
+_CORNER = 8.0  # rad/m of all its jumps together
+_CORNER_STEPS = 4  # samples between jumps of one corner
+_SLOWEST = 0.02  # m/s, for a division
+_MOVING = 0.03  # m/s, above which a jump is a corner
+BLENDS: Final = (0.015, 0.010, 0.010, 0.015, 0.015)  # m before the ramp's corners, in their order
+
+# Joint side, kg m^2: of the UR10e of data set `ur10e` (experiment ur10e-identification, law
+# presliding). A drive's rotor is the same in every specimen.
+ROTOR_INERTIA: Final = (4.58, 5.80, 1.85, 0.51, 0.55, 0.49)
+_MASS = 6.86  # kg, active flange and tool
+_INERTIA = [0.05, 0.05, 0.02, 0.0, 0.0, 0.0]  # kg m^2; not published: a cylinder of its size
+_CENTRE = {"acf": [-0.005, -0.00866, 0.16225], "ur": [0.001, -0.002, 0.150]}  # m in the flange
+_CONTACT = {"acf": [0.07188, -0.0415, 0.2774], "ur": [0.07188, -0.0415, 0.2594]}  # m
+_TURN = [0.0, 0.0, -np.pi / 6]
+
+_NAME = re.compile(r"(straight|ramp|direct)_(ACF|UR)_F(\d+)_([A-Za-z0-9.]+)_v(\d+\.\d+)")
+
+
+@dataclass(frozen=True, order=True)
+class RunName:
+    """What the name of a run says."""
+
+    scene: str  # one of SCENES
+    controller: str  # "acf": an active flange regulates the force; "ur": the robot does
+    speed: float  # m/s
+    force: int  # N, set
+    setting: str  # of the controller
+    stem: str  # of the file
+
+    @classmethod
+    def parse(cls, stem: str) -> "RunName | None":
+        """Reads the stem of a file's name; None where it names no run."""
+        match = _NAME.fullmatch(stem)
+        if match is None:
+            return None
+        scene, controller, force, setting, speed = match.groups()
+        return cls(scene, controller.lower(), float(speed), int(force), setting, stem)
+
+    @property
+    def group(self) -> str:
+        """Scene and controller, as a key of the metrics: `straight_acf`."""
+        return f"{self.scene}_{self.controller}"
+
+    @property
+    def speed_key(self) -> str:
+        """The speed as a key of the metrics, in cm/s: `v25`."""
+        return f"v{round(100 * self.speed):02d}"
+
+
+@dataclass(frozen=True, eq=False)
+class ContactRun:
+    """One run; T samples, six joints.
+
+    Attributes:
+        name: of the run.
+        t: (T,) s; 0 is the first contact.
+        q, v: (T, 6) rad, rad/s, corners of the path rounded; NaN where they are not known.
+        current, current_desired: (T, 6) A.
+        sensor_force: (T,) N along the tool, positive where it presses.
+        phase: (T,) of the log.
+        corners: (T,) True from shortly before a corner of the path to shortly after.
+        intervals: first and last time of each interval that the run has, s.
+    """
+
+    name: RunName
+    t: Array
+    q: Array
+    v: Array
+    current: Array
+    current_desired: Array
+    sensor_force: Array
+    phase: NDArray[np.int64]
+    corners: Flags
+    intervals: dict[str, tuple[float, float]]
+
+    @property
+    def touches(self) -> Flags:
+        """(T,) False where nothing touches the tool: at the start, and once it has lifted."""
+        free = self.phase <= _APPROACH
+        lift = np.flatnonzero(self.phase == _LIFT)
+        if len(lift):
+            free |= (self.phase == _LIFT) & (self.t > self.t[lift[0]] + _LIFTED)
+        return np.asarray(~free)
+
+
+def find_runs(data: Path) -> list[Path]:
+    """The runs' files below `data`, sorted by name.
+
+    Raises:
+        InputError: there is none.
+    """
+    folder = data / FOLDER
+    found = sorted(path for path in folder.glob("*.csv") if RunName.parse(path.stem) is not None)
+    if not found:
+        raise InputError(
+            folder,
+            "",
+            "holds no run of the kind straight_ACF_F15_r0.0z0_v0.25.csv",
+            "give the folder of the recordings with --data",
+        )
+    return found
+
+
+def read_run(path: Path) -> ContactRun:
+    """Reads one run.
+
+    Raises:
+        InputError: the file is missing or damaged, or named as no run is.
+    """
+    name = RunName.parse(path.stem)
+    if name is None:
+        raise InputError(path, "", "is named as no run is", "expected straight_ACF_F15_..._v0.25")
+    log = read_recording(path, FORMAT)
+    phase = log.extra["phase"][:, 0].astype(np.int64)
+    speed = log.extra["tcp_speed_desired"][:, 0]
+    step = log.time_step
+    v, corners = log.v, np.zeros(log.num_samples, bool)
+    if name.scene == "ramp":
+        v, corners = rounded_corners(log.v, speed, np.isin(phase, (_SLIDE, _BEYOND)), step)
+    return ContactRun(
+        name=name,
+        t=log.t,
+        q=log.q,
+        v=v,
+        current=log.current,
+        current_desired=log.extra["current_desired"],
+        sensor_force=log.extra["sensor_force"][:, 0],
+        phase=phase,
+        corners=corners,
+        intervals=_intervals(name, log, phase, speed),
+    )
+
+
+def _intervals(
+    name: RunName, log: Recording, phase: NDArray[np.int64], speed: Array
+) -> dict[str, tuple[float, float]]:
+    """The intervals that a run has, by its phases and its target speed."""
+    t, found = log.t, {}
+
+    def ends(which: Flags) -> tuple[float, float] | None:
+        rows = np.flatnonzero(which)
+        return (float(t[rows[0]]), float(t[rows[-1]])) if len(rows) else None
+
+    steady = (phase == _SLIDE) & (speed >= _STEADY * name.speed)
+    position_controlled_ramp = name.scene == "ramp" and name.controller == "acf"
+    margins = {
+        "approach": (phase == _APPROACH, 0.0, 0.0),
+        "touch": (phase == _TOUCH, 0.0, 0.0),
+        "hold1": (phase == _HOLD, 0.0, _MARGIN),
+        "slide": (steady, _MARGIN, _EDGE_MARGIN if position_controlled_ramp else _MARGIN),
+        "hold2": (phase == _SECOND_HOLD, 0.0, _MARGIN),
+        "lift": (phase == _LIFT, 0.0, 0.0),
+    }
+    for key, (which, after, before) in margins.items():
+        whole = ends(which)
+        if whole is None or (key == "slide" and name.scene == "direct"):
+            continue
+        first, last = whole[0] + after, whole[1] - before
+        if key == "hold1" and name.controller == "acf":
+            first = max(first, _SETTLED)
+        if last > first:
+            found[key] = (first, last)
+    return found
+
+
+def rounded_corners(
+    v: Array, speed: Array, where: Flags, step: float, blends: tuple[float, ...] = BLENDS
+) -> tuple[Array, Flags]:
+    """Rounds the corners of a path off as the robot does.
+
+    From the beginning of a blend to its corner the velocity runs linearly from one to the other.
+
+    Args:
+        v: (T, n) rad/s along the path with corners.
+        speed: (T,) m/s of the tool.
+        where: (T,) samples of the path.
+        step: s between samples.
+        blends: m before each corner, in their order; further corners take the last.
+
+    Returns:
+        The velocity, and (T,) True from 0.12 s before a corner to 0.15 s after.
+    """
+    direction = v / np.maximum(speed, _SLOWEST)[:, None]
+    jump = np.nan_to_num(np.abs(np.diff(direction, axis=0)).sum(axis=1))
+    jumps = np.flatnonzero((jump > _CORNER_JUMP) & where[1:] & (speed[1:] > _MOVING))
+    groups: list[list[int]] = []
+    for i in (int(k) for k in jumps):
+        if groups and i - groups[-1][-1] < _CORNER_STEPS:
+            groups[-1].append(i)
+        else:
+            groups.append([i])
+    groups = [group for group in groups if jump[group].sum() > _CORNER]
+    rounded, near = v.copy(), np.zeros(len(v), bool)
+    travelled = np.cumsum(speed) * step
+    for number, group in enumerate(groups):
+        end = group[-1] + 1
+        blend = blends[min(number, len(blends) - 1)]
+        start = int(np.searchsorted(travelled, travelled[end] - blend))
+        start = min(start, group[0])
+        share = np.linspace(0.0, 1.0, end - start + 1)[:, None]
+        rounded[start : end + 1] = v[start] + (v[end] - v[start]) * share
+        near[max(end - round(0.12 / step), 0) : end + round(0.15 / step)] = True
+    return rounded, near
+
+
+def tool_chain(robot: Robot, controller: str) -> SerialChain:
+    """The arm with the run's tool, E at the contact, z out of the tool, and its rotors' inertia.
+
+    Args:
+        robot: the bundled ur10e.
+        controller: "acf" or "ur"; the active flange is retracted where the robot regulates.
+    """
+    tool = ToolConfig(mass=_MASS, com=_CENTRE[controller], inertia=_INERTIA)
+    chain = robot.with_tool(tool, PoseConfig(_CONTACT[controller], _TURN)).chain
+    return chain.with_inertial_parameters(chain.inertial_parameters, ROTOR_INERTIA)
