@@ -48,8 +48,10 @@ class PreslidingFrictionSystem(LeafSystem):
                         not of tau_J
     State:       (2 + K, n), row by row: position at the last tick, transmitted torque, K slips z_k;
                  updated every `time_step`. Before the first tick the elements are relaxed.
-    Parameters:  slip   (n, 5 + 2 K), row by row: coulomb N m, stribeck N m, 1 / v_s s/rad, load,
-                        cubic N m s³/rad³, K weights, K displacements rad
+    Parameters:  slip   (n, 10 + 2 K), row by row: coulomb N m, stribeck N m, 1 / v_s s/rad, load,
+                        cubic N m s³/rad³, fitted speed rad/s, cubic part's slope beyond N m s/rad,
+                        half the encoder's step rad, period s, share of the slip kept at rest from
+                        tick to tick, K weights, K displacements rad
 
     Position or velocity that is not finite gives a torque that is not finite, which the observer
     flags; the state keeps what it knew, and the displacement over the gap counts afterwards.
@@ -72,7 +74,7 @@ class PreslidingFrictionSystem(LeafSystem):
         self._rows = friction.state_rows
         self._velocity_table = friction.velocity_law.table
         self._slip = NumericParameterIndex(
-            self.DeclareNumericParameter(BasicVector(friction.slip_table.ravel()))
+            self.DeclareNumericParameter(BasicVector(friction.tick_table(time_step).ravel()))
         )
         self._q = self.DeclareVectorInputPort("q", n)
         self._v = self.DeclareVectorInputPort("v", n)

@@ -123,7 +123,7 @@ class WrenchEstimator:
             np.ascontiguousarray(self.chain.table),
             motor_gain(robot.torque_per_ampere, robot.current_sign),
             model.friction.velocity_law.table,
-            model.friction.slip_table,
+            model.friction.tick_table(self.observer.time_step),
             self.observer.table,
             self.reconstruction.table,
         )
@@ -289,7 +289,7 @@ def estimate_tick(  # type: ignore[no-untyped-def]
         chain: SerialChain.table.
         gain: (n,) N m/A, signed.
         friction: table of the friction law's velocity_law.
-        slip: FrictionLaw.slip_table.
+        slip: FrictionLaw.tick_table.
         observer: MomentumObserver.table.
         wrench: WrenchReconstruction.table.
         state: (3, n), changed.

@@ -140,7 +140,7 @@ class SemiParametricFriction:
 
     @property
     def feedforward(self) -> "SemiParametricFriction":
-        """The law itself; see `FrictionLaw` for this and the next four."""
+        """The law itself; see `FrictionLaw` for this and the next five."""
         return self
 
     @property
@@ -150,16 +150,20 @@ class SemiParametricFriction:
 
     @property
     def slip_table(self) -> Array:
-        """(n, 5): no slip elements."""
-        return np.zeros((self.num_joints, 5))
+        """(n, 10): no slip elements."""
+        return np.zeros((self.num_joints, 10))
+
+    def tick_table(self, time_step: float, resolution: ArrayLike | None = None) -> Array:
+        """As `slip_table`."""
+        return self.slip_table
 
     @property
     def state_rows(self) -> int:
         """0: no memory."""
         return 0
 
-    def torque_along(self, q: Array, v: Array, load: Array) -> Array:
-        """tau_f (N, n) in N m along a log; position and load play no part."""
+    def torque_along(self, q: Array, v: Array, load: Array, time_step: float = 0.0) -> Array:
+        """tau_f (N, n) in N m along a log; position, load and time step play no part."""
         return self.torque(v)
 
     def torque(self, v: ArrayLike) -> Array:
