@@ -46,9 +46,11 @@ Array = NDArray[np.float64]
 
 RELAXATION = 1.0  # s in which the slip of a joint at rest fades to 1/e
 
-# Columns of the slip table; then K weights and K displacements.
-_COULOMB, _STRIBECK, _INVERSE_SPEED, _LOAD, _CUBIC = range(5)
-_SPEED_LIMIT, _BEYOND, _HALF_STEP, _PERIOD, _KEPT, _ELEMENTS = range(5, 11)
+# Columns of the slip table; then K weights and K displacements. The first seven are what slides:
+# level C, S, 1 / v_s, load; cubic, fitted speed, slope of the cubic part beyond it.
+SLIDING_COLUMNS = 7
+_COULOMB, _STRIBECK, _INVERSE_SPEED, _LOAD, _CUBIC, _SPEED_LIMIT, _BEYOND = range(SLIDING_COLUMNS)
+_HALF_STEP, _PERIOD, _KEPT, _ELEMENTS = range(SLIDING_COLUMNS, SLIDING_COLUMNS + 4)
 # Rows of the state; then K slips z_k.
 _POSITION, _TRANSMITTED, _SLIPS = range(3)
 
@@ -267,12 +269,11 @@ def within_rounding(before, q, v, half_step, period):  # type: ignore[no-untyped
 
 
 @njit(cache=True, error_model="numpy")
-def _cubic_torque(table, i, v):  # type: ignore[no-untyped-def]
-    """cubic v^3, and beyond the fitted speed its tangent."""
-    limit = table[i, _SPEED_LIMIT]
+def bounded_cubic(v, cubic, limit, slope):  # type: ignore[no-untyped-def]
+    """cubic v^3, and beyond the speed `limit` a line of this slope."""
     if abs(v) <= limit or not np.isfinite(limit):
-        return table[i, _CUBIC] * v**3
-    return np.sign(v) * (table[i, _CUBIC] * limit**3 + table[i, _BEYOND] * (abs(v) - limit))
+        return cubic * v**3
+    return np.sign(v) * (cubic * limit**3 + slope * (abs(v) - limit))
 
 
 @njit(cache=True, error_model="numpy")
@@ -313,7 +314,9 @@ def add_slip_torque(table, state, q, v, tau_f):  # type: ignore[no-untyped-def]
         x = v[i] * table[i, _INVERSE_SPEED]
         level = table[i, _COULOMB] + table[i, _STRIBECK] * np.exp(-x * x)
         level += table[i, _LOAD] * abs(state[_TRANSMITTED, i])
-        tau_f[i] += level * z + _cubic_torque(table, i, v[i])
+        tau_f[i] += level * z + bounded_cubic(
+            v[i], table[i, _CUBIC], table[i, _SPEED_LIMIT], table[i, _BEYOND]
+        )
 
 
 @njit(cache=True, error_model="numpy")
