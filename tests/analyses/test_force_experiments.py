@@ -125,11 +125,8 @@ def test_the_same_seed_gives_the_same_bytes(result, tmp_path, monkeypatch):
     assert json_text(plain_metrics(found.metrics)) == json_text(plain_metrics(again.metrics))
 
 
-def test_noise_by_time_law_grows_with_the_time_at_the_paths_ends():
-    from models.robot.robot import Robot
-
-    robot = Robot.load("sts_sre4_600")
-    table = repeat_cycle.noise_alone(robot, np.ones(6))
+def test_noise_by_time_law_grows_with_the_time_at_the_paths_ends(sts):
+    table = repeat_cycle.noise_alone(sts, np.ones(6))
     order = ("ramps_of_half_a_percent", "ramps_of_a_tenth", "thirds", "uniform_acceleration")
     reductions = [table[name]["reduction_rmse_y_pct"] for name in order]
     assert sorted(reductions) == reductions

@@ -12,17 +12,13 @@ from diagrams.placement_cell import (
 from models.placement.placement_descent import PlacementBatch
 from models.placement.placement_program import quaternion_from, rotation_of
 from models.placement.placement_task import ClearanceConfig, ObstacleConfig, WorkpieceConfig
-from models.robot.robot import PoseConfig, Robot
+from models.robot.robot import Robot
+from models.robot.robot_config import PoseConfig
 
 Array = NDArray[np.float64]
 
 # A posture with the tool straight down, well clear of itself.
 Q_DOWN = np.array([0.3, -1.07999, -0.12099, 0.0, -0.3698163267948966, 0.2])
-
-
-@pytest.fixture(scope="module")
-def sts() -> Robot:
-    return Robot.load("sts_sre4_600")
 
 
 def table(height: float) -> ObstacleConfig:

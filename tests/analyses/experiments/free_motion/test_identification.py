@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from analyses.experiments.free_motion.identification import ARTICLE_RMSE, run, stored_excitation
+from analyses.experiments.free_motion.identification import ARTICLE_RMSE, run
+from analyses.methods.learning.simulated_logs import stored_excitation
 from analyses.study.experiment import ExperimentContext
 from models.excitation.excitation_information import ExcitationInformation
-from models.robot.robot import Robot
 
 
 @pytest.fixture(scope="module")
@@ -37,17 +37,16 @@ def test_it_writes_the_model_and_figure_6(result):
     assert study.metrics["friction"]["law"] == "coulomb-viscous"
 
 
-def test_the_stored_excitations_are_good_and_independent():
-    robot = Robot.load("sts_sre4_600")
-    information = ExcitationInformation.of_chain(robot.chain, 1.0 / robot.effort_limit, 0.0)
-    first, second = (stored_excitation(robot, k) for k in (1, 2))
+def test_the_stored_excitations_are_good_and_independent(sts):
+    information = ExcitationInformation.of_chain(sts.chain, 1.0 / sts.effort_limit, 0.0)
+    first, second = (stored_excitation(sts, k) for k in (1, 2))
     t = np.arange(1000) * 0.01
     for series in (first, second):
         q, v, vdot = series.sample(t)
         assert information.condition_number(q, v, vdot) < 10.0
-        assert ((q > robot.position_lower) & (q < robot.position_upper)).all()
-        torque = np.abs(robot.chain.inverse_dynamics(q, v, vdot)).max(axis=0)
-        assert (torque < 0.7 * robot.effort_limit).all()
+        assert ((q > sts.position_lower) & (q < sts.position_upper)).all()
+        torque = np.abs(sts.chain.inverse_dynamics(q, v, vdot)).max(axis=0)
+        assert (torque < 0.7 * sts.effort_limit).all()
     alike = [
         np.corrcoef(a, b)[0, 1]
         for a, b in zip(first.sample(t)[0].T, second.sample(t)[0].T, strict=True)
