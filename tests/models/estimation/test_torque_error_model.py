@@ -149,8 +149,8 @@ def test_sliding_forgets_stiction_and_rest_brings_it_back() -> None:
 
 def test_a_reversal_is_remembered_as_long_as_the_observer_remembers_it() -> None:
     t = STEP * np.arange(400)
-    v = (1.0 - t)[:, None] * np.ones(N)  # turns at 1 s
-    q = (t - 0.5 * t**2)[:, None] * np.ones(N)
+    v = 3.0 * (1.0 - t)[:, None] * np.ones(N)  # turns at 1 s
+    q = 3.0 * (t - 0.5 * t**2)[:, None] * np.ones(N)
     own = model(resolution=np.zeros(N))
     _, stiction = own.along(law(), q, v, np.zeros_like(q), STEP)
     peak = 50 + stiction[50:, 0].argmax()  # before: the start, where nothing is known
