@@ -5,7 +5,7 @@ Each joint's constants maximise the likelihood of independent Gaussian samples,
 
     -1/2 sum_k log s_k + e_k^2 / s_k,    s_k = sum_m c_m f_km + unknown_k^2,    c_m >= 0
 
-with the features f of `models.estimation.torque_error_model`. Samples are not independent; that
+with the features f of `models.identification.torque_error_model`. Samples are not independent; that
 costs efficiency, not consistency. What is stated as an assumption plays no part here.
 """
 
@@ -16,14 +16,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize
 
-from models.estimation.torque_error_model import (
+from models.friction.presliding_friction import FrictionLaw
+from models.identification.torque_error_model import (
     NUM_FEATURES,
     TorqueErrorModel,
     averaged_share,
     initial_torque_error_state,
     torque_error_features,
 )
-from models.friction.presliding_friction import FrictionLaw
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.estimation.torque_error_model import (
+from models.friction.presliding_friction import PreslidingFriction
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.identification.torque_error_model import (
     TORQUE_ERROR_ROWS,
     TorqueErrorModel,
     averaged_share,
     torque_sd_tick,
 )
-from models.friction.presliding_friction import PreslidingFriction
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 
 N = 2
 STEP = 0.01

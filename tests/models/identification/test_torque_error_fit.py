@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.estimation.torque_error_fit import HeldOutReading, fit_torque_error
-from models.estimation.torque_error_model import TorqueErrorModel
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.identification.torque_error_fit import HeldOutReading, fit_torque_error
+from models.identification.torque_error_model import TorqueErrorModel
 
 N = 2
 STEP = 0.01
