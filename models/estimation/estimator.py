@@ -51,6 +51,7 @@ class WrenchEstimatorConfig:
 
     observer: MomentumObserverConfig = field(default_factory=MomentumObserverConfig)
     reconstruction: WrenchReconstructionConfig = field(default_factory=WrenchReconstructionConfig)
+    position_resolution: list[float] | None = None  # rad, per joint; None: what the model says
 
 
 class TickEstimate(NamedTuple):
@@ -123,7 +124,7 @@ class WrenchEstimator:
             np.ascontiguousarray(self.chain.table),
             motor_gain(robot.torque_per_ampere, robot.current_sign),
             model.friction.velocity_law.table,
-            model.friction.tick_table(self.observer.time_step),
+            model.friction.tick_table(self.observer.time_step, self.config.position_resolution),
             self.observer.table,
             self.reconstruction.table,
         )
@@ -214,6 +215,56 @@ class WrenchEstimator:
             )
         valid = (quality[:, 1] == 1.0) & fresh
         return EstimateBatch(tau_ext, F, covariance, quality[:, 0], valid, J)
+
+    def observe(
+        self, state: Array, q: ArrayLike, v: ArrayLike, current: ArrayLike
+    ) -> "Observation":
+        """As `run`, without a reading of the wrench."""
+        q, v, current = (np.require(x, float, ("C", "W")) for x in (q, v, current))
+        N, n = q.shape
+        chain, gain, friction, slip, observer, _ = self._tables
+        signals, J = np.empty((5, N, n)), np.empty((N, 6, n))
+        tau_ext, fresh = np.empty((N, n)), np.empty(N, np.bool_)
+        _terms_log(chain, gain, friction, q, v, current, *signals, J)
+        _serial_log(slip, observer, state, q, v, *signals, tau_ext, fresh)
+        return Observation(tau_ext, signals[3], signals[4], fresh)
+
+
+class Observation(NamedTuple):
+    """What the observer and the friction law see of each of N samples.
+
+    Attributes:
+        tau_ext: (N, n) N m.
+        tau_J: (N, n) N m, motor torque on the joint side.
+        tau_f: (N, n) N m, friction.
+        fresh: (N,) see `models.estimation.momentum_observer`.
+    """
+
+    tau_ext: Array
+    tau_J: Array
+    tau_f: Array
+    fresh: Flags
+
+
+def observe(
+    robot: Robot,
+    model: IdentifiedModel,
+    config: WrenchEstimatorConfig,
+    q: ArrayLike,
+    v: ArrayLike,
+    current: ArrayLike,
+) -> Observation:
+    """The chain of a whole log up to tau_ext, without a reading of the wrench.
+
+    Args:
+        robot, model, config: as `WrenchEstimator`.
+        q, v, current: as `WrenchEstimator.run`.
+
+    Raises:
+        InputError, ValueError: as `WrenchEstimator`.
+    """
+    own = WrenchEstimator(robot, model, config)
+    return own.observe(own.initial_state(), q, v, current)
 
 
 def estimator_is_compiled() -> bool:

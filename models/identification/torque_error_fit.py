@@ -48,6 +48,7 @@ class HeldOutReading:
         friction: the law of the model that read it.
         time_step: s.
         K_0: (n,) 1/s.
+        resolution: (n,) rad, the step of the encoders; 0 where there is none.
     """
 
     tau_ext: Array
@@ -58,16 +59,16 @@ class HeldOutReading:
     friction: FrictionLaw
     time_step: float
     K_0: Array
+    resolution: Array
 
 
 def fit_torque_error(
-    readings: Sequence[HeldOutReading], resolution: ArrayLike, least: ArrayLike = 0.0
+    readings: Sequence[HeldOutReading], least: ArrayLike = 0.0
 ) -> TorqueErrorModel:
     """Returns the model that explains the readings best.
 
     Args:
         readings: of one gain K_0.
-        resolution: (n,) rad, the step of the encoders; 0 where there is none.
         least: (n,) or () N m, a floor of `constant`: a simulation without noise has no error.
 
     Raises:
@@ -85,9 +86,8 @@ def fit_torque_error(
     count = sum(int(rows.sum()) for rows in used)
     if count < FEWEST_SAMPLES:
         raise ValueError(f"torque error: {count} samples, expected {FEWEST_SAMPLES} or more")
-    resolution = np.broadcast_to(np.asarray(resolution, float), (n,))
-    unit = _plain(n, first.K_0, resolution)
-    features = [_features(unit, own, resolution) for own in readings]
+    unit = _plain(n, first.K_0)
+    features = [_features(unit, own) for own in readings]
     F = np.concatenate([f[rows] for f, rows in zip(features, used, strict=True)])
     e = np.concatenate([own.tau_ext[rows] for own, rows in zip(readings, used, strict=True)])
     coefficients = np.stack([_most_likely(F[:, j], e[:, j]) for j in range(n)])
@@ -128,11 +128,11 @@ def fit_torque_error(
         fitted_speed=speed,
         fitted_load=load,
         K_0=first.K_0,
-        resolution=resolution,
+        resolution=np.max([own.resolution for own in readings], axis=0),
     )
 
 
-def _plain(n: int, K_0: Array, resolution: Array) -> TorqueErrorModel:
+def _plain(n: int, K_0: Array) -> TorqueErrorModel:
     """A model of which only the parts that turn motion into features count."""
     zero = np.zeros(n)
     return TorqueErrorModel(
@@ -147,15 +147,15 @@ def _plain(n: int, K_0: Array, resolution: Array) -> TorqueErrorModel:
         fitted_speed=zero,
         fitted_load=zero,
         K_0=K_0,
-        resolution=resolution,
+        resolution=zero,
     )
 
 
-def _features(unit: TorqueErrorModel, own: HeldOutReading, resolution: Array) -> Array:
+def _features(unit: TorqueErrorModel, own: HeldOutReading) -> Array:
     N, n = own.q.shape
     features = np.empty((N, n, NUM_FEATURES))
     q, v, load = (np.require(x, float, ("C", "W")) for x in (own.q, own.v, own.transmitted))
-    table = unit.table(own.friction, own.time_step, own.K_0, resolution)
+    table = unit.table(own.friction, own.time_step, own.K_0, own.resolution)
     torque_error_features(table, initial_torque_error_state(n), q, v, load, features)
     return features
 

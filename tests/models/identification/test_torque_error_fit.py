@@ -65,11 +65,11 @@ def reading(seed: int, own: TorqueErrorModel | None = None, T: float = 0.0) -> H
         a = np.exp(-STEP / T)
         for k in range(1, len(noise)):
             noise[k] = a * noise[k - 1] + np.sqrt(1.0 - a * a) * noise[k]
-    return HeldOutReading(sd * noise, q, v, load, t > 1.0, law(), STEP, K_0)
+    return HeldOutReading(sd * noise, q, v, load, t > 1.0, law(), STEP, K_0, np.full(N, 1e-4))
 
 
 def fitted(readings: list[HeldOutReading], **changes: Any) -> TorqueErrorModel:
-    return fit_torque_error(readings, np.full(N, 1e-4), **changes)
+    return fit_torque_error(readings, **changes)
 
 
 def test_known_sds_are_recovered() -> None:
