@@ -34,9 +34,9 @@ def simulate(robot, duration, **options):
     return data(arm.q), data(arm.wrench_true), wrench
 
 
-def test_the_arm_hardly_moves_and_the_wrench_is_read(sts):
-    q, wrench_true, wrench = simulate(sts, 0.5)
-    assert np.abs(q - sts.home).max() < 0.02
+def test_the_arm_hardly_moves_and_the_wrench_is_read(sts_reversed):
+    q, wrench_true, wrench = simulate(sts_reversed, 0.5)
+    assert np.abs(q - sts_reversed.home).max() < 0.02
     np.testing.assert_array_equal(wrench_true, np.tile(MOMENT + FORCE, (len(q), 1)))
     # exp(-80 * 0.5) is nothing; exp(-10 * 0.5) is 0.0067.
     np.testing.assert_allclose(wrench["fast"][-1], MOMENT + FORCE, atol=1e-6)

@@ -285,4 +285,6 @@ EXPERIMENT = Experiment(
     title="Friction law and path together, pushed by hand",
     section="4.7, Figs. 20-21",
     run=run,
+    order=100,
+    readme=("reduction_rmse_x_pct", "ours_against_article.reduction_rmse_x_pct"),
 )

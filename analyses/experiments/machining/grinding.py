@@ -24,4 +24,7 @@ EXPERIMENT = Experiment(
     title="Grinding a blade without a force sensor",
     section="5.2, Figs. 26-27",
     run=run,
+    order=120,
+    seconds=330,
+    readme=("article.rmse_n", "ours.rmse_n"),
 )

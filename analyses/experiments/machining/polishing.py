@@ -24,4 +24,7 @@ EXPERIMENT = Experiment(
     title="Polishing a plate without a force sensor",
     section="5.1, Figs. 24-25",
     run=run,
+    order=110,
+    seconds=240,
+    readme=("article.rmse_n", "ours.rmse_n"),
 )

@@ -105,4 +105,5 @@ EXPERIMENT = Experiment(
     title="Condition number over the workspace",
     section="4.2, Fig. 7",
     run=run,
+    order=20,
 )

@@ -334,4 +334,7 @@ EXPERIMENT = Experiment(
     title="A linear path, placed where forces are read best",
     section="4.3, Fig. 8",
     run=run,
+    order=30,
+    seconds=60,
+    readme=("optimised.mean_jcn_along_path",),
 )

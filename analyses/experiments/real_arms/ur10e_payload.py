@@ -367,4 +367,7 @@ EXPERIMENT = Experiment(
     section="recordings of a UR10e",
     run=run,
     needs=(FOLDER,),
+    order=160,
+    seconds=40,
+    readme=("best.at_load.force_only.mass_kg",),
 )

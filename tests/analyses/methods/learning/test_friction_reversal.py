@@ -21,10 +21,13 @@ from models.recordings.recording_reader import read_recording
 
 
 @pytest.fixture(scope="module")
-def separated(sts):
+def separated(sts_reversed):
     """Half a minute of passes at one posture; the separation knows the nominal inertias."""
     return reversals_of_simulated_arm(
-        sts, IdentifiedModel.nominal(sts), sts.home, (0.02, 0.08, 0.25, 0.9)
+        sts_reversed,
+        IdentifiedModel.nominal(sts_reversed),
+        sts_reversed.home,
+        (0.02, 0.08, 0.25, 0.9),
     )
 
 
@@ -34,11 +37,11 @@ def true_law(robot):
 
 
 @pytest.mark.slow
-def test_the_simulated_arms_friction_comes_back(sts, separated):
-    truth = true_law(sts)
+def test_the_simulated_arms_friction_comes_back(sts_reversed, separated):
+    truth = true_law(sts_reversed)
     for j, samples in enumerate(separated.samples):
         assert len(samples.speed) > 100
-        v = np.zeros((len(samples.speed), sts.num_joints))
+        v = np.zeros((len(samples.speed), sts_reversed.num_joints))
         v[:, j] = samples.speed
         # The load term is left out of the oracle: at most 2 % of the torque carried, some 1 N m.
         expected = truth.sliding_torque(v)[:, j]
@@ -47,8 +50,8 @@ def test_the_simulated_arms_friction_comes_back(sts, separated):
     metrics = separated.metrics()
     # What eq. 15 assumes away is there, from the ripple, and no larger than it.
     asymmetric = np.array(metrics["asymmetric_rms_nm"])
-    assert (asymmetric > 0.1 * sts.truth.ripple_amplitude).all()
-    assert (asymmetric < 1.5 * sts.truth.ripple_amplitude + 0.05).all()
+    assert (asymmetric > 0.1 * sts_reversed.truth.ripple_amplitude).all()
+    assert (asymmetric < 1.5 * sts_reversed.truth.ripple_amplitude + 0.05).all()
 
 
 @pytest.mark.slow

@@ -69,9 +69,9 @@ def test_errors_of_a_force_by_hand():
 
 
 @pytest.fixture(scope="module", params=["Polishing", "Grinding"])
-def made_up(request, sts):
+def made_up(request, sts_reversed):
     """A run that never was: .2 s at rest, the whole work, .2 s of release, tick by tick."""
-    plan = make_machining_path(short(request.param, 2.0), sts)
+    plan = make_machining_path(short(request.param, 2.0), sts_reversed)
     work = 1e-3 * np.arange(4000)
     phase = np.repeat([Phase.TOUCH, Phase.WORK, Phase.RELEASE], [200, 4000, 200])
     feed_time = np.full(4400, -1.0)
@@ -157,23 +157,23 @@ def test_both_scenarios_of_a_task_are_one_but_for_the_loop(task):
 
 
 @pytest.fixture(scope="module")
-def models(sts):
+def models(sts_reversed):
     """Slow friction is known, as slow passes show it; ripple, load and curvature are not."""
-    law = CoulombViscous(sts.truth.stiction, sts.truth.viscous, np.zeros(6))
-    model = replace(IdentifiedModel.nominal(sts), friction=SemiParametricFriction(law))
+    law = CoulombViscous(sts_reversed.truth.stiction, sts_reversed.truth.viscous, np.zeros(6))
+    model = replace(IdentifiedModel.nominal(sts_reversed), friction=SemiParametricFriction(law))
     # The Bayesian reading's covariance: of an arm that stands, with noise.
     rng = np.random.default_rng(3)
-    gravity = sts.chain.gravity_torque(sts.home) / (
-        np.asarray(sts.torque_per_ampere) * sts.current_sign
+    gravity = sts_reversed.chain.gravity_torque(sts_reversed.home) / (
+        np.asarray(sts_reversed.torque_per_ampere) * sts_reversed.current_sign
     )
     current = gravity * (1.0 + 0.05 * rng.normal(size=(1000, 6))) + 0.05 * rng.normal(
         size=(1000, 6)
     )
-    q = np.repeat(sts.home[np.newaxis], 1000, axis=0)
+    q = np.repeat(sts_reversed.home[np.newaxis], 1000, axis=0)
     log = Recording(
         t=1e-3 * np.arange(1000), q=q, v=np.zeros_like(q), current=current, source="held out"
     )
-    return ArmModels(sts, {LAW: model, PLAIN: model}, (log,))
+    return ArmModels(sts_reversed, {LAW: model, PLAIN: model}, (log,))
 
 
 @pytest.fixture(scope="module")
@@ -207,8 +207,8 @@ def untaught(robot, models):
 
 
 @pytest.mark.slow
-def test_an_air_pass_makes_force_control_without_a_sensor_better(sts, models, runs):
-    taught, plain = runs["estimate"], untaught(sts, models)
+def test_an_air_pass_makes_force_control_without_a_sensor_better(sts_reversed, models, runs):
+    taught, plain = runs["estimate"], untaught(sts_reversed, models)
     read = {}
     for name, run in (("taught", taught), ("plain", plain)):
         assert run.fault == Fault.NONE
@@ -231,7 +231,7 @@ def test_an_air_pass_makes_force_control_without_a_sensor_better(sts, models, ru
 
 
 @pytest.mark.slow
-def test_all_that_is_compared_and_said_is_measured(sts, models, runs):
+def test_all_that_is_compared_and_said_is_measured(sts_reversed, models, runs):
     """One run in the place of all feeds: every key of the comparison leads to a number."""
     readings = read_all(runs["sensor"], models)
     assert set(readings) == set(READINGS)

@@ -110,19 +110,21 @@ def test_part_of_a_run_has_all_its_columns(run):
     np.testing.assert_array_equal(part.recording.q, run.recording.q[100:201])
 
 
-def test_eq_4_reads_the_wrench_that_the_second_cycle_adds(sts):
+def test_eq_4_reads_the_wrench_that_the_second_cycle_adds(sts_reversed):
     """A wrench of known size, written into the second cycle's torques, and nothing else."""
     rng = np.random.default_rng(1)
-    period, n = 400, sts.num_joints
-    q = np.tile(sts.home + 0.05 * rng.normal(size=(period, n)).cumsum(0) / 20.0, (2, 1))
+    period, n = 400, sts_reversed.num_joints
+    q = np.tile(sts_reversed.home + 0.05 * rng.normal(size=(period, n)).cumsum(0) / 20.0, (2, 1))
     F = np.array([0.1, -0.2, 0.3, 5.0, -7.0, 9.0])  # on the robot
     tau = np.tile(3.0 * rng.normal(size=(period, n)), (2, 1))
-    tau[period:] -= sts.chain.jacobian(q[period:]).transpose(0, 2, 1) @ F  # the motors give less
-    drive = sts.torque_per_ampere * sts.current_sign
+    tau[period:] -= (
+        sts_reversed.chain.jacobian(q[period:]).transpose(0, 2, 1) @ F
+    )  # the motors give less
+    drive = sts_reversed.torque_per_ampere * sts_reversed.current_sign
     t = np.arange(2 * period) / 1000.0
     recording = Recording(t=t, q=q, v=np.zeros_like(q), current=tau / drive, source="made")
-    raw = repetition_torque(recording, sts, period)
-    np.testing.assert_allclose(raw, sts.chain.jacobian(q[:period]).transpose(0, 2, 1) @ F)
+    raw = repetition_torque(recording, sts_reversed, period)
+    np.testing.assert_allclose(raw, sts_reversed.chain.jacobian(q[:period]).transpose(0, 2, 1) @ F)
 
     class Run:
         pass
@@ -131,17 +133,17 @@ def test_eq_4_reads_the_wrench_that_the_second_cycle_adds(sts):
     run.recording, run.reference = recording, np.tile(F[3:], (2 * period, 1))
     run.condition_number = np.ones(2 * period)
     inverse = WrenchReconstruction(WrenchReconstructionConfig("inverse"), np.eye(n))
-    reading = read_repetition("eq. 4", run, sts, period, inverse)
+    reading = read_repetition("eq. 4", run, sts_reversed, period, inverse)
     np.testing.assert_allclose(reading.error, 0.0, atol=1e-8)  # rounding at JCN of some tens
     assert reading.t[0] == 0.0
 
 
-def test_the_low_pass_of_eq_4_is_the_observers(sts):
+def test_the_low_pass_of_eq_4_is_the_observers(sts_reversed):
     period, K_0 = 300, 20.0
-    tau = np.zeros((2 * period, sts.num_joints))
+    tau = np.zeros((2 * period, sts_reversed.num_joints))
     tau[period:] = -1.0  # a step of the external torque
-    drive = sts.torque_per_ampere * sts.current_sign
+    drive = sts_reversed.torque_per_ampere * sts_reversed.current_sign
     t = np.arange(2 * period) / 1000.0
     recording = Recording(t=t, q=0 * tau, v=0 * tau, current=tau / drive, source="made")
-    read = repetition_torque(recording, sts, period, K_0)
+    read = repetition_torque(recording, sts_reversed, period, K_0)
     np.testing.assert_allclose(read[:, 0], -np.expm1(-K_0 * (t[:period] + 1e-3)), atol=1e-12)
