@@ -210,8 +210,17 @@ class WrenchEstimator:
             part = signals[:, : rows.stop - start]
             _terms_log(chain, gain, friction, q[rows], v[rows], current[rows], *part, J[rows])
             _serial_log(slip, observer, state, q[rows], v[rows], *part, tau_ext[rows], fresh[rows])
+            own = np.ones_like(tau_ext[rows])
             reconstruct_log(
-                wrench, J[rows], tau_ext[rows], F[rows], covariance[rows], quality[rows]
+                wrench,
+                J[rows],
+                J[rows],
+                tau_ext[rows],
+                own,
+                0.0 * own,
+                F[rows],
+                covariance[rows],
+                quality[rows],
             )
         valid = (quality[:, 1] == 1.0) & fresh
         return EstimateBatch(tau_ext, F, covariance, quality[:, 0], valid, J)
