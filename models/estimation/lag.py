@@ -18,7 +18,9 @@ at a corner omega is late by that rate over omega, so that
 
 holds the lag of every force whose rate is steady over 1 / omega; `force_bandwidth_hz` is
 omega / (2 pi). A force that jumps is outside the band until the reading has seen about half of it:
-nothing known before can tell. Where a reading is not valid LP_omega follows a tenth as fast: what
+nothing known before can tell. What F minus LP_omega(F) shows of noise is in Sigma_F already: f_i
+counts as f_i f_i^2 / (f_i^2 + Sigma_F,ii), in full beyond the noise, hardly within it. Where a
+reading is not valid LP_omega follows a tenth as fast: what
 is read there, near a singular posture, is no force's.
 
 **The scale** of all that is read (torque per ampere, friction under a load that no log had) errs by
@@ -136,7 +138,7 @@ def jacobian_seen_log(poles, state, J):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def lag_tick(settings, state, wrench, covariance):  # type: ignore[no-untyped-def]
+def lag_tick(settings, state, wrench, covariance, lateness):  # type: ignore[no-untyped-def]
     """Single-sample kernel: adds lag and scale to the covariance (6, 6); `state` stays as it is.
 
     Args:
@@ -144,15 +146,27 @@ def lag_tick(settings, state, wrench, covariance):  # type: ignore[no-untyped-de
         state: (6,) LP_omega of the wrench, NaN before the first.
         wrench: (6,).
         covariance: (6, 6), changed.
+        lateness: (6,), scratch.
     """
-    factor, scale = settings[_FACTOR], settings[_SCALE]
-    started = np.isfinite(state[0])
+    scale = settings[_SCALE]
     for i in range(6):
-        late_i = factor * (wrench[i] - state[i]) if started else 0.0
-        for j in range(i + 1):
-            late_j = factor * (wrench[j] - state[j]) if started else 0.0
-            covariance[i, j] += late_i * late_j + scale * scale * wrench[i] * wrench[j]
+        # Of the diagonal, what lies behind i is still as it was given.
+        late_i = _late(settings, state[i], wrench[i], covariance[i, i])
+        for j in range(i):
+            covariance[i, j] += late_i * lateness[j] + scale * scale * wrench[i] * wrench[j]
             covariance[j, i] = covariance[i, j]
+        covariance[i, i] += late_i * late_i + scale * scale * wrench[i] * wrench[i]
+        lateness[i] = late_i
+
+
+@njit(cache=True, error_model="numpy")
+def _late(settings, slow, value, variance):  # type: ignore[no-untyped-def]
+    """f_i of one component."""
+    if not np.isfinite(slow):
+        return 0.0
+    late = settings[_FACTOR] * (value - slow)
+    square = late * late
+    return late * square / (square + variance) if square > 0.0 else 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -170,6 +184,7 @@ def lag_update(settings, state, wrench, valid):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def lag_log(settings, state, wrench, valid, covariance):  # type: ignore[no-untyped-def]
     """`lag_tick` and `lag_update` for N samples, one after another."""
+    lateness = np.empty(6)
     for k in range(wrench.shape[0]):
-        lag_tick(settings, state, wrench[k], covariance[k])
+        lag_tick(settings, state, wrench[k], covariance[k], lateness)
         lag_update(settings, state, wrench[k], valid[k])

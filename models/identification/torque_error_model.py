@@ -56,7 +56,7 @@ from models.friction.presliding_friction import (
 
 Array = NDArray[np.float64]
 
-DRIFT = 0.08  # of the viscous torque
+DRIFT = 0.07  # of the viscous torque
 BEYOND_SPEED = 0.3  # of the viscous coefficient
 BEYOND_LOAD = 0.05  # N m per N m
 SCALE = 0.05  # of what is read

@@ -120,6 +120,22 @@ def test_what_is_not_valid_is_followed_slowly() -> None:
     assert band(wrench)[60, 3] < 0.2 * 100.0 * 2.0 * np.pi * 3.0 / 20.0
 
 
+def test_noise_is_not_counted_twice() -> None:
+    """White noise of the stated sd adds a tenth to it; a ramp far beyond it its whole lag."""
+    rng = np.random.default_rng(5)
+    model = LagModel.of(20.0, N, STEP, 3.0, 0.0)
+    wrench = 2.0 * low_passed(rng.normal(size=(4000, 6)), 20.0)
+    wrench /= np.std(wrench) / 2.0
+    covariance = np.tile(4.0 * np.eye(6), (4000, 1, 1))
+    lag_log(model.settings, np.full(6, np.nan), wrench, np.ones(4000, bool), covariance)
+    assert np.sqrt(np.mean(np.diagonal(covariance, axis1=1, axis2=2))) < 1.15 * 2.0
+    t = STEP * np.arange(100)
+    ramp = np.outer(t, np.full(6, 400.0))
+    covariance = np.tile(4.0 * np.eye(6), (100, 1, 1))
+    lag_log(model.settings, np.full(6, np.nan), ramp, np.ones(100, bool), covariance)
+    assert covariance[-1, 0, 0] == pytest.approx((400.0 / 20.0) ** 2 + 4.0, rel=0.2)
+
+
 def test_no_bandwidth_no_band() -> None:
     wrench = np.random.default_rng(3).normal(size=(50, 6))
     np.testing.assert_array_equal(band(wrench, bandwidth=0.0), 0.0)
