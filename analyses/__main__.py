@@ -32,7 +32,9 @@ class _Commands(TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         name, command, rest = super().resolve_command(ctx, args)
-        return name, command and load_command(find_commands()[command.name]), rest
+        if command is not None and name is not None:
+            command = load_command(find_commands()[name])
+        return name, command, rest
 
     def invoke(self, ctx: Any) -> Any:
         try:

@@ -6,7 +6,7 @@ from analyses.methods.learning.identification import identify_logs as identify_l
 from analyses.methods.learning.identification_config import (
     IdentificationConfig as IdentificationConfig,
 )
-from analyses.methods.planning.excitation import ExcitationConfig as ExcitationConfig
+from analyses.methods.planning.excitation_config import ExcitationConfig as ExcitationConfig
 from analyses.methods.planning.excitation import ExcitationResult as ExcitationResult
 from analyses.methods.planning.excitation import excite as excite
 from analyses.methods.planning.excitation import excite_robot as excite_robot

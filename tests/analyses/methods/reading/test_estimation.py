@@ -59,7 +59,7 @@ def _no_figure(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) 
     """Drawing takes longer than all else; one test draws, those of faults must not get so far."""
     if not any(word in request.node.name for word in ("figure", "absurd")):
         monkeypatch.setattr(OutputFolder, "write_figure", lambda self, name, figure: None)
-        monkeypatch.setattr(estimation._Summary, "figure", lambda self: None)
+        monkeypatch.setattr(estimation.EstimateSummary, "figure", lambda self: None)
 
 
 @pytest.fixture(scope="module")
