@@ -139,10 +139,11 @@ def study(
     anew when something that its result depends on has changed: options, software, recordings.
     """
     from analyses.output.progress import ProgressDisplay
-    from analyses.study.study import EXPERIMENTS, available_cores, check_names, run_study
+    from analyses.study.registry import REGISTRY
+    from analyses.study.study import available_cores, check_names, run_study
 
     if list_names:
-        sys.stdout.write("\n".join(EXPERIMENTS) + "\n")
+        sys.stdout.write("\n".join(REGISTRY.entries()) + "\n")
         return
     names = check_names(experiments or [])
     with ProgressDisplay(_console(stderr=True), tuple(names)) as watch:
@@ -209,7 +210,8 @@ def identify(
     out: _Out = Path("out/identify"),
 ) -> None:
     """Find a robot's dynamic model and friction: logs in, model.yaml out."""
-    from analyses.methods.learning.identification import IdentificationConfig, identify_logs
+    from analyses.methods.learning.identification import identify_logs
+    from analyses.methods.learning.identification_config import IdentificationConfig
 
     with _progress("identify") as progress:
         result = identify_logs(
@@ -286,7 +288,8 @@ def estimate(
     out: _Out = Path("out/estimate"),
 ) -> None:
     """Tell the wrench at the tool, with its uncertainty: log and model in, wrench.csv out."""
-    from analyses.methods.reading.estimation import EstimateConfig, estimate_log
+    from analyses.methods.reading.estimate_config import EstimateConfig
+    from analyses.methods.reading.estimation import estimate_log
 
     config = EstimateConfig(
         engine=engine,
@@ -511,8 +514,8 @@ def jcn_map(
     out: _Out = Path("out/jcn-map"),
 ) -> None:
     """Map the condition number over the workspace, and say where a table belongs."""
-    from analyses.experiments.postures.jcn_map import SliceConfig
-    from analyses.experiments.postures.jcn_map import jcn_map as map_workspace
+    from analyses.methods.planning.jcn_map import SliceConfig
+    from analyses.methods.planning.jcn_map import jcn_map as map_workspace
 
     config = None
     if plane is not None:
@@ -611,7 +614,7 @@ def redundancy(
     out: _Out = Path("out/redundancy"),
 ) -> None:
     """Choose the free angle about the normal, and the branch, along a path on a surface."""
-    from analyses.experiments.postures.surface_path import redundancy as choose_angles
+    from analyses.methods.planning.redundancy_results import redundancy as choose_angles
 
     logging.getLogger("drake").setLevel(logging.WARNING)
     with _progress("redundancy") as progress:
@@ -650,8 +653,7 @@ def _say(console: "Console", text: str) -> None:
 def _progress(name: str) -> Iterator[Callable[[float, str], None]]:
     """Shows how far a single piece of work is."""
     from analyses.output.compilation import on_first_compilation
-    from analyses.output.progress import ProgressDisplay
-    from analyses.study.study import Progress
+    from analyses.output.progress import Progress, ProgressDisplay
 
     with ProgressDisplay(_console(stderr=True), (name,), fleeting=True) as watch:
         on_first_compilation(lambda what: watch(Progress(name, "running", 0.0, what)))

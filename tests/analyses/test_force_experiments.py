@@ -14,12 +14,13 @@ from analyses.experiments.free_motion import (
     repeat_cycle_push,
 )
 from analyses.methods.learning.arm_models import LAWS, ArmModels
+from analyses.methods.runs import repeated_cycles
 from analyses.methods.runs.simulation import known_model
 from analyses.methods.runs.task_runs import run_task, task_path, task_scenario
 from analyses.output.outputs import json_text, plain_metrics
 from analyses.study.experiment import ExperimentContext
 from analyses.study.outcome import look_up
-from analyses.study.study import EXPERIMENTS
+from analyses.study.registry import REGISTRY
 
 MODULES = {
     module.EXPERIMENT.name: module
@@ -42,9 +43,9 @@ def sigma(robot, gains, seed=0, progress=None):
 def run_small(name, out, monkeypatch):
     module = MODULES[name]
     if name.startswith("repeat-cycle"):
-        monkeypatch.setattr(repeat_cycle, "ONE_WAY_QUICK", 0.8)
-        monkeypatch.setattr(repeat_cycle, "task_path", known_path)
-        monkeypatch.setattr(repeat_cycle, "repetition_covariances", sigma)
+        monkeypatch.setattr(repeated_cycles, "ONE_WAY_QUICK", 0.8)
+        monkeypatch.setattr(repeated_cycles, "task_path", known_path)
+        monkeypatch.setattr(repeated_cycles, "repetition_covariances", sigma)
     else:
         monkeypatch.setattr(module, "ONE_WAY_QUICK", 0.8)
         monkeypatch.setattr(module, "identify_arm", known_arm)
@@ -73,7 +74,7 @@ def result(request, tmp_path_factory):
 
 def test_the_study_knows_it_and_its_figures_exist(result):
     name, found, out = result
-    assert EXPERIMENTS[name] == MODULES[name].__name__
+    assert REGISTRY.entries()[name].module == MODULES[name].__name__
     assert found.figures
     for figure in found.figures:
         assert (out / figure.path).stat().st_size > 10_000

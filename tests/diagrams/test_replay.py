@@ -8,7 +8,8 @@ from diagrams.replay import make_replay
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.momentum_observer import MomentumObserverConfig
 from models.identification.identified_model import IdentifiedModel
-from models.recordings.recording import Recording
+from models.recordings.recording_reader import read_recording
+from models.recordings.resampling import resampled
 
 
 def config(time_step, torque_samples="held"):
@@ -101,7 +102,7 @@ def test_signals_that_do_not_fit_are_refused(synthetic):
 def test_a_real_robots_log(ur10e, data):
     """The first three seconds of the loaded UR10e, resampled on its own time."""
     path = data("ur10e/ur-20_02_19_14harm50secLoad.csv")
-    recording = Recording.read(path, robot=ur10e)[:400].resample(0.01)
+    recording = resampled(read_recording(path, robot=ur10e)[:400], 0.01)
     log = tuple(signal[:300] for signal in (recording.q, recording.v, recording.current))
     model = IdentifiedModel.nominal(ur10e)
     configuration = config(0.01, "trapezoidal")

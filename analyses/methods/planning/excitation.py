@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from analyses.output.figures import SERIES, new_figure
 from analyses.output.outputs import OutputFolder
 from diagrams.clearance import Clearance, ClosestPair
 from diagrams.pages.motion_page import record_motion
@@ -42,7 +43,7 @@ class ExcitationConfig:
 
     measure: str = "condition_number"  # to be small; or log_det, to be large
     base_frequency: float = 0.1  # Hz
-    num_harmonics: int = 5
+    num_harmonics: int = 5  # of the Fourier series
     limits: ExcitationLimits = field(default_factory=ExcitationLimits)
     seed: int = 0  # another seed, another trajectory
     num_starts: int = 12  # random motions drawn; the best is the start
@@ -280,8 +281,6 @@ def excite_robot(
 
 def trajectory_figure(robot: Robot, result: ExcitationResult) -> "Figure":
     """Position, velocity, acceleration and torque of all joints over one period."""
-    from analyses.output.figures import SERIES, new_figure
-
     t = np.linspace(0.0, result.trajectory.period, 1001)
     q, v, vdot = result.trajectory.sample(t)
     torque = 100.0 * robot.chain.inverse_dynamics(q, v, vdot) / robot.effort_limit

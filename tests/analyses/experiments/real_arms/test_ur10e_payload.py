@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from analyses.experiments.real_arms.ur10e_payload import (
-    EXPERIMENT,
+from analyses.experiments.real_arms.ur10e_payload import EXPERIMENT
+from analyses.methods.reading.known_payload import (
     MASS,
     METHODS,
     Reading,

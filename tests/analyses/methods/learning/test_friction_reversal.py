@@ -17,7 +17,7 @@ from analyses.output.figures import save_figure
 from models.friction.true_friction import DryFriction
 from models.friction.velocity_friction import CoulombViscous
 from models.identification.identified_model import IdentifiedModel
-from models.recordings.recording import Recording
+from models.recordings.recording_reader import read_recording
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,7 @@ def test_a_network_on_it_beats_coulomb_viscous_near_zero(separated, tmp_path):
 
 def test_a_real_arms_friction_is_almost_odd(ur10e, data):
     path = data("ur10e/ur-20_01_22-joint_1.csv")
-    log = Recording.read(path, robot=ur10e, check=False)
+    log = read_recording(path, robot=ur10e, check=False)
     found = separate_recordings(ur10e, [log], IdentifiedModel.nominal(ur10e), joints=[0])
     samples = found.samples[0]
     assert len(samples.speed) > 1000

@@ -15,19 +15,19 @@ from analyses.methods.runs.machining import (
     PLAIN,
     READINGS,
     MachiningRun,
-    _comparison,
-    _key,
-    _notes,
     errors,
-    feed_figure,
-    feed_metrics,
-    force_figure,
+    feed_key,
     learn,
-    over_feeds,
     read_all,
     regulation,
-    regulation_figure,
     run_machining,
+)
+from analyses.methods.runs.machining_figures import feed_figure, force_figure, regulation_figure
+from analyses.methods.runs.machining_study import (
+    _comparison,
+    _notes,
+    feed_metrics,
+    over_feeds,
     sources,
 )
 from diagrams.closed_loop import make_closed_loop, uses_sensor
@@ -237,7 +237,7 @@ def test_all_that_is_compared_and_said_is_measured(sts_reversed, models, runs):
     assert set(readings) == set(READINGS)
     for task in TASKS:
         of_a_feed = feed_metrics(task, runs, readings)
-        metrics = {_key(feed): of_a_feed for feed in FEEDS}
+        metrics = {feed_key(feed): of_a_feed for feed in FEEDS}
         metrics |= over_feeds(metrics)
         metrics["sources"] = sources(models, dict.fromkeys(FEEDS, runs["sensor"]))
         rows = _comparison(task)
