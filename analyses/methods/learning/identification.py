@@ -36,8 +36,9 @@ from analyses.output.outputs import OutputFolder
 from analyses.study.shared_results import digest, shared
 from models.files.configuration import nearest
 from models.files.input_error import InputError
+from models.friction.friction_law import FrictionLaw
 from models.friction.friction_structure import STRUCTURES, FrictionStructure
-from models.friction.presliding_friction import FrictionLaw, PreslidingFriction
+from models.friction.presliding_friction import PreslidingFriction
 from models.identification.base_parameters import BaseParameters
 from models.identification.identified_model import (
     BaseParameterTable,
