@@ -383,6 +383,7 @@ def test_on_a_terminal_there_are_bars():
 
 def test_options_reach_the_estimate(invoke, monkeypatch, tmp_path):
     from analyses.methods.reading import estimation
+    from analyses.methods.reading.estimate_config import EstimateConfig
 
     seen = []
 
@@ -394,24 +395,26 @@ def test_options_reach_the_estimate(invoke, monkeypatch, tmp_path):
     arguments = ("log.csv", "--robot", "r", "--model", "m.yaml", "--out", tmp_path, "--engine")
     arguments += ("diagram", "--method", "inverse", "--k0", "5,20", "--prior-force-sd", 30)
     arguments += ("--prior-moment-sd", 2, "--log-format", "f", "--step", 0.001)
-    arguments += ("--max-gap", 0.5, "--no-check")
+    arguments += ("--max-gap", 0.5, "--no-check", "--torque-samples", "trapezoidal")
+    arguments += ("--damping", 0.1, "--truncation", 0.01, "--max-force-sd", 12)
     assert invoke("estimate", *arguments).exit_code == 130
     assert seen[:5] == [Path("log.csv"), "r", Path("m.yaml"), tmp_path, "f"]
-    assert seen[5] == estimation.EstimateConfig(
-        engine="diagram",
-        method="inverse",
-        K_0=[5.0, 20.0],
-        prior_force_sd=30.0,
-        prior_moment_sd=2.0,
-        time_step=0.001,
-        max_gap=0.5,
-        check=False,
-    )
+    expected = EstimateConfig(engine="diagram", max_gap=0.5, check=False)
+    observer, reconstruction = expected.estimator.observer, expected.estimator.reconstruction
+    observer.K_0, observer.time_step, observer.torque_samples = [5.0, 20.0], 0.001, "trapezoidal"
+    reconstruction.method = "inverse"
+    reconstruction.prior_force_sd, reconstruction.prior_moment_sd = 30.0, 2.0
+    reconstruction.max_force_sd = 12.0
+    reconstruction.damping, reconstruction.truncation = 0.1, 0.01
+    assert seen[5] == expected
 
 
 def test_the_defaults_are_those_of_the_analyses(invoke, monkeypatch):
     """An option must not change what the same call from Python does."""
-    from analyses.methods.reading import estimation, identification
+    from analyses.methods.learning import identification
+    from analyses.methods.learning.identification_config import IdentificationConfig
+    from analyses.methods.reading import estimation
+    from analyses.methods.reading.estimate_config import EstimateConfig
 
     configurations = []
 
@@ -424,8 +427,8 @@ def test_the_defaults_are_those_of_the_analyses(invoke, monkeypatch):
     invoke("estimate", "log.csv", "--robot", "r")
     invoke("identify", "log.csv", "--robot", "r")
     assert configurations == [
-        estimation.EstimateConfig(),
-        identification.IdentificationConfig(),
+        EstimateConfig(),
+        IdentificationConfig(),
     ]
 
 

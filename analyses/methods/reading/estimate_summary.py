@@ -5,10 +5,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.reading.estimate_config import EstimateConfig
 from analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
 from analyses.output.stream_summary import Envelope, EvenSample
-from models.estimation.estimator import EstimateBatch
+from models.estimation.estimator import EstimateBatch, WrenchEstimatorConfig
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
 
@@ -85,10 +84,11 @@ class EstimateSummary:
         self._envelope = Envelope(_FIGURE_BINS)
         self._valid_range = np.stack([np.full(6, np.inf), np.full(6, -np.inf)])
 
-    def judge(self, chunk: Recording, batch: EstimateBatch, config: EstimateConfig) -> Flags:
+    def judge(self, chunk: Recording, batch: EstimateBatch, config: WrenchEstimatorConfig) -> Flags:
         """(N,) which samples of the next chunk may be trusted; counts why others may not."""
         index = self.count + np.arange(chunk.num_samples)
-        settling = index * config.time_step < _SETTLING / min(config.K_0)  # flagged by the observer
+        observer = config.observer
+        settling = index * observer.time_step < _SETTLING / min(observer.K_0)  # it flags these
         dropout = chunk.dropout & ~settling
         unsure = ~batch.valid & ~dropout & ~settling
         for name, reason in (("settling", settling), ("dropout", dropout), ("unsure", unsure)):
@@ -140,12 +140,12 @@ class EstimateSummary:
             self._outside["tau"] += (np.abs(torque) > np.array(ranges.tau_max)).sum(axis=0)
         self._outside_motion += int(outside.sum())
 
-    def metrics(self, config: EstimateConfig, rule: str) -> dict[str, Any]:
+    def metrics(self, config: WrenchEstimatorConfig, rule: str) -> dict[str, Any]:
         share = 100.0 / self.count
         return {
             "num_samples": self.count,
             "duration_s": self._last - self._first,
-            "time_step_s": config.time_step,
+            "time_step_s": config.observer.time_step,
             "valid_pct": share * self.num_valid,
             "invalid": {
                 "observer_settling_pct": share * self._num_invalid["settling"],
@@ -153,8 +153,8 @@ class EstimateSummary:
                 "force_too_uncertain_pct": share * self._num_invalid["unsure"],
             },
             "prior": {
-                "force_sd_n": config.prior_force_sd,
-                "moment_sd_nm": config.prior_moment_sd,
+                "force_sd_n": config.reconstruction.prior_force_sd,
+                "moment_sd_nm": config.reconstruction.prior_moment_sd,
                 "rule": rule,
             },
             "condition_number": {

@@ -7,8 +7,9 @@ import pytest
 from typer.testing import CliRunner
 
 from analyses.__main__ import app
-from analyses.methods.planning.excitation import ExcitationConfig, excite, excite_robot
-from models.excitation.excitation_program import ExcitationLimits
+from analyses.methods.planning.excitation import excite, excite_robot
+from analyses.methods.planning.excitation_config import ExcitationConfig
+from models.excitation.excitation_limits import ExcitationLimits
 from models.excitation.fourier_trajectory import FourierTrajectory
 from models.files.input_error import InputError
 
