@@ -45,7 +45,7 @@ _HOME = {
     "EstimateConfig": "analyses.methods.reading.estimate_config",
     "EstimateResult": "analyses.methods.reading.estimation",
     "estimate_log": "analyses.methods.reading.estimation",
-    "ExcitationConfig": "analyses.methods.planning.excitation",
+    "ExcitationConfig": "analyses.methods.planning.excitation_config",
     "ExcitationResult": "analyses.methods.planning.excitation",
     "excite_robot": "analyses.methods.planning.excitation",
     "place_task": "analyses.methods.planning.placement",

@@ -6,10 +6,10 @@ from analyses.methods.learning.identification import identify_logs as identify_l
 from analyses.methods.learning.identification_config import (
     IdentificationConfig as IdentificationConfig,
 )
-from analyses.methods.planning.excitation import ExcitationConfig as ExcitationConfig
 from analyses.methods.planning.excitation import ExcitationResult as ExcitationResult
 from analyses.methods.planning.excitation import excite as excite
 from analyses.methods.planning.excitation import excite_robot as excite_robot
+from analyses.methods.planning.excitation_config import ExcitationConfig as ExcitationConfig
 from analyses.methods.planning.placement import PlacementResult as PlacementResult
 from analyses.methods.planning.placement import place_task as place_task
 from analyses.methods.reading.estimate_config import EstimateConfig as EstimateConfig
