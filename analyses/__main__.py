@@ -32,9 +32,7 @@ class _Commands(TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         name, command, rest = super().resolve_command(ctx, args)
-        if command is not None and name is not None:
-            command = load_command(find_commands()[name])
-        return name, command, rest
+        return name, command and load_command(find_commands()[str(command.name)]), rest
 
     def invoke(self, ctx: Any) -> Any:
         try:

@@ -28,7 +28,7 @@ _HOME = {
     "CoulombViscous": "models.friction.velocity_friction",
     "SemiParametricFriction": "models.friction.velocity_friction",
     "PreslidingFriction": "models.friction.presliding_friction",
-    "FrictionLaw": "models.friction.presliding_friction",
+    "FrictionLaw": "models.friction.friction_law",
     "make_estimator": "diagrams.estimator",
     "add_estimator": "diagrams.estimator",
     "Scenario": "diagrams.scenario",

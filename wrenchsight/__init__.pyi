@@ -34,7 +34,7 @@ from models.estimation.estimator import WrenchEstimatorConfig as WrenchEstimator
 from models.estimation.momentum_observer import MomentumObserverConfig as MomentumObserverConfig
 from models.estimation.wrench import WrenchReconstructionConfig as WrenchReconstructionConfig
 from models.files.input_error import InputError as InputError
-from models.friction.presliding_friction import FrictionLaw as FrictionLaw
+from models.friction.friction_law import FrictionLaw as FrictionLaw
 from models.friction.presliding_friction import PreslidingFriction as PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous as CoulombViscous
 from models.friction.velocity_friction import SemiParametricFriction as SemiParametricFriction

@@ -6,7 +6,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from importlib import invalidate_caches
 from pathlib import Path
 from types import SimpleNamespace
@@ -109,10 +108,8 @@ def test_help_answers_at_once():
         "heavy = ('numpy', 'pydrake', 'numba', 'torch', 'scipy', 'matplotlib', 'pyarrow')\n"
         "sys.exit(str([name for name in heavy if name in sys.modules]))"
     )
-    start = time.monotonic()
-    result = _run(program, python=("-c",))
-    assert result.stderr.strip() == "[]"
-    assert time.monotonic() - start < 2.0  # 0.2 s on an idle machine; importing Drake takes 1 s
+    # Importing Drake alone takes a second.
+    assert _run(program, python=("-c",)).stderr.strip() == "[]"
 
 
 def test_without_a_command_help_is_shown(invoke):
@@ -296,7 +293,7 @@ def test_an_interrupt_is_one_line_and_its_code(tmp_path, number, code):
     assert process.stderr is not None
     assert process.stderr.readline() == "slow  started\n"
     os.killpg(process.pid, number)
-    _, errors = process.communicate(timeout=30)
+    _, errors = process.communicate()
     assert process.returncode == code
     assert errors.splitlines() == ["slow  interrupted", "interrupted; what was written is whole"]
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [

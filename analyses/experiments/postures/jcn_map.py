@@ -104,8 +104,4 @@ EXPERIMENT = Experiment(
     section="4.2, Fig. 7",
     run=run,
     order=20,
-    readme=(
-        "min",
-        "above_11_pct",
-    ),
 )

@@ -71,8 +71,4 @@ EXPERIMENT = Experiment(
     run=run,
     order=50,
     seconds=60,
-    readme=(
-        "initial.mean_jcn",
-        "optimised.mean_jcn",
-    ),
 )

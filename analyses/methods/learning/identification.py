@@ -52,8 +52,9 @@ from analyses.methods.learning.torque_fit import TorqueFit, pooled_rmse
 from analyses.output.outputs import OutputFolder
 from analyses.study.shared_results import digest, shared
 from models.files.input_error import InputError
+from models.friction.friction_law import FrictionLaw
 from models.friction.friction_structure import STRUCTURES
-from models.friction.presliding_friction import FrictionLaw, PreslidingFriction
+from models.friction.presliding_friction import PreslidingFriction
 from models.identification.base_parameters import BaseParameters
 from models.identification.identified_model import (
     BaseParameterTable,
