@@ -163,7 +163,7 @@ class IdentificationResult:
         out.write_json("metrics.json", self.metrics())
         if self.config.consistent:
             out.write_text("robot.urdf", self.urdf())
-        out.write_yaml("config.yaml", replace(settings, identification=self.config))
+        out.write_settings("config.yaml", replace(settings, identification=self.config))
         self.model.save(out / "model.yaml")
 
 

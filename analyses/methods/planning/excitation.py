@@ -255,7 +255,7 @@ def excite_robot(
     settings = ExciteSettings(
         robot=str(robot_name), validation=validation, record=recording, excitation=config
     )
-    folder.write_yaml("config.yaml", settings)
+    folder.write_settings("config.yaml", settings)
     progress(1.0, "done")
     return tuple(results)
 

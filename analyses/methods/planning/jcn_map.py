@@ -239,7 +239,7 @@ def jcn_map(
         within_limits=within_limits,
         slice=plane,
     )
-    folder.write_yaml("config.yaml", settings)
+    folder.write_settings("config.yaml", settings)
     return JcnMapResult(samples, cut, metrics, tuple(notices))
 
 

@@ -299,7 +299,7 @@ def place_task(
 def write_placement(folder: OutputFolder, result: PlacementResult, settings: PlaceSettings) -> None:
     """Writes metrics, configuration, times, the postures, figures and the recording."""
     folder.write_json("metrics.json", result.metrics())
-    folder.write_yaml("config.yaml", settings)
+    folder.write_settings("config.yaml", settings)
     folder.write_json(
         "timings.json",
         {

@@ -153,7 +153,7 @@ def redundancy(
     metrics = {**result.metrics(), "notices": list(result.notices)}
     folder.write_json("metrics.json", metrics)
     settings = RedundancySettings(task=str(task_name), robot=str(robot_name), task_content=config)
-    folder.write_yaml("config.yaml", settings)
+    folder.write_settings("config.yaml", settings)
     return result
 
 

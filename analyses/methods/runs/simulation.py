@@ -294,7 +294,7 @@ def simulate_scenario(
         record=record,
         graph=graph,
     )
-    files.append(folder.write_yaml("config.yaml", settings))
+    files.append(folder.write_settings("config.yaml", settings))
     files.append(folder.write_json("metrics.json", result.metrics()))
     return replace(result, files=tuple(files), notices=notices + result.notices)
 
