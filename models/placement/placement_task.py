@@ -11,6 +11,7 @@ from models.files.configuration import REQUIRED, load_configuration
 from models.files.input_error import InputError
 from models.files.task_files import task_file
 from models.motion.paths import StraightPath
+from models.motion.posture_measures import check_joints
 from models.placement.placement_program import PlacementBounds
 from models.robot.robot import Robot
 from models.robot.robot_config import PoseConfig
@@ -33,7 +34,7 @@ class GuessConfig:
 class ObstacleConfig:
     """A box that stands still in the cell: a table, a fence."""
 
-    name: str = field(default="", metadata=REQUIRED)
+    name: str = field(default="", metadata=REQUIRED)  # as messages call it
     size: list[float] = field(default_factory=list, metadata=REQUIRED)  # along x, y, z, m
     pose: PoseConfig = field(default_factory=PoseConfig)  # of its centre in W
 
@@ -65,10 +66,10 @@ class PlacementTask:
 
     path_length: float = field(default=0.0, metadata=REQUIRED)  # m
     midpoint_lower: list[float] = field(default_factory=list, metadata=REQUIRED)  # box in W, m
-    midpoint_upper: list[float] = field(default_factory=list, metadata=REQUIRED)
+    midpoint_upper: list[float] = field(default_factory=list, metadata=REQUIRED)  # m
     num_segments: int = 20  # k; the path has k + 1 points
     angle_lower_deg: float = 0.0  # of the tool's rotation from W (theta of eq. 27)
-    angle_upper_deg: float = 180.0
+    angle_upper_deg: float = 180.0  # of the same
     limit_margin_deg: float = 0.0  # kept from every joint limit (of a prismatic joint: mm)
     max_joint_step_deg: float = 60.0  # from one point to the next (of a prismatic joint: 1/57 m)
     path_in_surface: bool = False  # whether the path is perpendicular to the tool's z axis
@@ -125,13 +126,7 @@ def check_task(task: PlacementTask, source: Path | str, robot: Robot) -> None:
         InputError: the path is longer than the arm can follow anywhere, or anywhere in the box; the
             margin leaves a joint no range; the initial guess does not suit the arm.
     """
-    if robot.num_joints < 6:
-        raise InputError(
-            robot.name,
-            "",
-            f"{robot.num_joints} joints cannot hold position and orientation of the tool",
-            "an arm of six joints or more is needed",
-        )
+    check_joints(robot.chain, robot.name)
     bounds = task.bounds(robot)
     for name, lower, upper in zip(robot.joint_names, bounds.q_lower, bounds.q_upper, strict=True):
         if not lower < upper:

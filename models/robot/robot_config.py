@@ -24,7 +24,7 @@ class ShapeConfig:
     cylinder: list[float] | None = None  # radius, length along z, m
     box: list[float] | None = None  # sides along x, y, z, m
     pose: PoseConfig = field(default_factory=PoseConfig)  # of its centre, in the flange
-    rgba: list[float] = field(default_factory=lambda: [0.3, 0.3, 0.32, 1.0])
+    rgba: list[float] = field(default_factory=lambda: [0.3, 0.3, 0.32, 1.0])  # colour, 0 to 1
 
 
 @dataclass
@@ -44,7 +44,7 @@ class ToolConfig:
 class DriveConfig:
     """Motor, gear and current loop of one joint."""
 
-    joint: str = field(default="", metadata=REQUIRED)
+    joint: str = field(default="", metadata=REQUIRED)  # its name in the URDF
     torque_per_ampere: float | None = None  # N m/A on the joint side; or the next two
     torque_constant: float | None = None  # N m/A of the motor
     gear_ratio: float | None = None  # motor turns per joint turn
@@ -83,7 +83,7 @@ class SimulatedTruthConfig:
 class RobotConfig:
     """The contents of a robot.yaml."""
 
-    name: str = field(default="", metadata=REQUIRED)
+    name: str = field(default="", metadata=REQUIRED)  # models and logs name the robot by it
     urdf: Path = field(default=Path(), metadata=REQUIRED)  # beside the robot.yaml, or absolute
     base_link: str = field(default="", metadata=REQUIRED)  # W is its frame
     flange: str = field(default="", metadata=REQUIRED)  # the link that carries the tool

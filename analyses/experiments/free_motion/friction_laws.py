@@ -28,30 +28,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.experiments.free_motion.identification import CONFIG, ROBOT, identify_simulated_arm
-from analyses.experiments.real_arms.ur10e_identification import (
-    FOLDER,
-    identify_ur10e,
-    validation_recordings,
-)
 from analyses.methods.learning.friction_reversal import (
     SeparatedFriction,
     reversal_recordings,
     separate_recordings,
 )
-from analyses.methods.learning.friction_training import (
-    TrainedNetworks,
-    TrainingConfig,
-    train_networks,
-)
-from analyses.methods.learning.identification import (
-    LAWS,
-    IdentificationConfig,
-    IdentificationResult,
-    TorqueFit,
-    identify,
-    predict_torque,
-)
+from analyses.methods.learning.identification import identify, predict_torque
+from analyses.methods.learning.identification_config import LAWS, IdentificationConfig
+from analyses.methods.learning.semi_parametric import POSTURES, semi_parametric_model
+from analyses.methods.learning.simulated_identification import CONFIG, identify_simulated_arm
+from analyses.methods.learning.simulated_logs import ROBOT
+from analyses.methods.learning.torque_fit import TorqueFit
+from analyses.methods.learning.ur10e_logs import FOLDER, identify_ur10e, validation_recordings
 from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
 from analyses.study.experiment import (
     ComparisonRow,
@@ -79,13 +67,6 @@ ARTICLE = "semi-parametric"
 COMPARED = tuple(law for law in LAWS if law != ARTICLE)  # fitted by `identify`
 NEAR_ZERO = 0.05  # rad/s
 SINGLE_JOINTS = tuple(f"ur-20_01_22-joint_{j + 1}.csv" for j in range(6))
-# Departures from the home posture, rad; the last one is the test's.
-POSTURES = (
-    (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-    (0.4, 0.2, -0.2, 0.5, 0.3, -0.4),
-    (-0.4, -0.2, 0.1, -0.5, -0.2, 0.4),
-    (0.2, 0.1, 0.15, 0.2, -0.4, 0.8),
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,21 +217,6 @@ def real_arm(context: ExperimentContext, start: float) -> LawsOnOneArm:
     ordered = {law: validation[law] for law in LAWS}
     edge = np.full(robot.num_joints, NEAR_ZERO)
     return LawsOnOneArm(robot.joint_names, ordered, near_zero, edge, trained.v_crit, separated)
-
-
-def semi_parametric_model(
-    robot: Robot,
-    plain: IdentificationResult,
-    separated: SeparatedFriction,
-    training: TrainingConfig | None = None,
-) -> tuple[IdentifiedModel, TrainedNetworks]:
-    """The article's way: symmetric friction by reversal; odd networks on the plain law."""
-    v, torque = separated.table(symmetric=True)
-    law = plain.model.friction.coulomb_viscous
-    config = training or TrainingConfig(seed=plain.config.seed, odd=True)
-    trained = train_networks(v, torque, law, config=config, joint_names=robot.joint_names)
-    friction = SemiParametricFriction(law, trained.networks, trained.v_crit)
-    return replace(plain.model, friction=friction), trained
 
 
 def _predicted(robot: Robot, recording: Recording, model: IdentifiedModel) -> Recording:
@@ -457,4 +423,6 @@ EXPERIMENT = Experiment(
     section="section 4.6, Fig. 18; recordings of a UR10e",
     run=run,
     uses=(FOLDER,),
+    order=140,
+    seconds=90,
 )

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.experiments.postures.constant_wrench import (
+from analyses.methods.planning.article_paths import (
     OPTIMISED_PATH,
     OPTIMISED_POSTURE,
     OTHER_ELBOW_POSTURE,
@@ -334,4 +334,7 @@ EXPERIMENT = Experiment(
     title="A linear path, placed where forces are read best",
     section="4.3, Fig. 8",
     run=run,
+    order=30,
+    seconds=60,
+    readme=("optimised.mean_jcn_along_path",),
 )

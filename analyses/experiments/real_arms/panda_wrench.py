@@ -469,4 +469,6 @@ EXPERIMENT = Experiment(
     section="recordings of a Franka Emika Panda",
     run=run,
     needs=(FOLDER,),
+    order=170,
+    readme=("bayesian.mean_rmse_n",),
 )

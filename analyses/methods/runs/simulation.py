@@ -5,10 +5,8 @@ and the estimator watches. Both know a model only. What is written can be looked
 recording), read by a program (metrics) and fed to `estimate` (log.csv).
 """
 
-import gc
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +17,10 @@ from pydrake.common.yaml import yaml_dump_typed
 from pydrake.systems.analysis import Simulator
 from scipy.optimize import nnls
 
+from analyses.methods.advance import advance
 from analyses.methods.runs.air_pass import record_air_pass, teach
+from analyses.methods.runs.simulate_settings import SimulateSettings
+from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
 from analyses.output.outputs import OutputFolder
 from diagrams.closed_loop import ClosedLoop, make_closed_loop
 from diagrams.graph import write_graph
@@ -180,8 +181,6 @@ class SimulationResult:
 
     def figure(self) -> "Figure":
         """True and estimated wrench with the stated 95 % band, and the sensor's."""
-        from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
-
         step = max(1, len(self.t) // _FIGURE_SAMPLES)
         part = slice(None, None, step)
         t, sd = self.t[part], self.standard_deviation[part]
@@ -285,17 +284,17 @@ def simulate_scenario(
     files.append(folder.write_figure("wrench", result.figure()))
     text = yaml_dump_typed(scenario, child_name=name)
     files.append(folder.write_text("scenario.yaml", text))
-    command = {
-        "command": "simulate",
-        "scenario": scenario_name,
-        "robot": scenario.robot,
-        "model": None if model_path is None else str(model_path),
-        "seed": scenario.seed,
-        "duration_s": scenario.duration,
-        "record": record,
-        "graph": graph,
-    }
-    files.append(folder.write_yaml("config.yaml", command))
+    settings = SimulateSettings(
+        scenario=scenario_name,
+        robot=scenario.robot,
+        model=None if model_path is None else str(model_path),
+        seed=scenario.seed,
+        duration_s=scenario.duration,
+        quick=quick,
+        record=record,
+        graph=graph,
+    )
+    files.append(folder.write_yaml("config.yaml", settings))
     files.append(folder.write_json("metrics.json", result.metrics()))
     return replace(result, files=tuple(files), notices=notices + result.notices)
 
@@ -433,40 +432,29 @@ def _advance(
     duration = scenario.duration
     plant, fastest = loop.cell.plant, _TOO_FAST * robot.velocity_limit
     started = time.perf_counter()
-    with _no_garbage_collection():
-        for k in range(1, int(np.ceil(duration / _STRETCH)) + 1):
-            until = min(k * _STRETCH, duration)
-            try:
-                simulator.AdvanceTo(until)
-                velocity = plant.GetVelocities(plant.GetMyContextFromRoot(simulator.get_context()))
-                # Not `>`: what is not a number is too fast as well.
-                diverges = not np.all(np.abs(velocity) < fastest)
-            except RuntimeError:  # the contact solver gives up
-                diverges = True
-            if diverges:
-                raise InputError(
-                    "scenario",
-                    "",
-                    f"the motion diverges before {until:.1f} s",
-                    "lower the controller's gains, the wrench or the time_step",
-                )
-            progress(until / duration, f"{until:.1f} s of {duration:g} s")
-    return time.perf_counter() - started
+    count = int(np.ceil(duration / _STRETCH))
+    ends = [min(k * _STRETCH, duration) for k in range(1, count + 1)]
+    passed: list[float] = []
 
+    def judge(share: float) -> None:
+        velocity = plant.GetVelocities(plant.GetMyContextFromRoot(simulator.get_context()))
+        # Not `>`: what is not a number is too fast as well.
+        if not np.all(np.abs(velocity) < fastest):
+            raise RuntimeError("faster than any arm")
+        until = ends[len(passed)]
+        passed.append(until)
+        progress(until / duration, f"{until:.1f} s of {duration:g} s")
 
-@contextmanager
-def _no_garbage_collection() -> Iterator[None]:
-    """Every tick makes some hundred short-lived objects, all freed by reference counting.
-
-    The collector would go through the whole heap for them again and again, at a tenth of the time.
-    """
-    enabled = gc.isenabled()
-    gc.disable()
     try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
+        advance(simulator, ends, judge)
+    except RuntimeError:  # from above, or the contact solver gives up
+        raise InputError(
+            "scenario",
+            "",
+            f"the motion diverges before {ends[len(passed)]:.1f} s",
+            "lower the controller's gains, the wrench or the time_step",
+        ) from None
+    return time.perf_counter() - started
 
 
 def _errors(reading: Array, truth: Array) -> dict[str, float]:
