@@ -60,11 +60,11 @@ PHANTOM_SHARE = 0.16  # of the same: 8 % of the rated payload's weight, 9.8 N on
 _METHOD, _FORCE_SD, _MOMENT_SD, _DAMPING, _TRUNCATION, _MAX_FORCE_SD = range(6)
 _VALID_FORCE_SD, _VALID_MOMENT_SD, _MAX_PHANTOM, _NUM_SETTINGS = range(6, 10)
 
-# Rows of the scratch array, (_NUM_ROWS, max(n, 6)).
+# Rows of the scratch array of `reconstruct`, (WORK_ROWS, max(n, 6)).
 _WHITE, _FACTOR, _INVERSE_FACTOR, _TURNED, _TURN, _MATRIX, _PLAIN = range(0, 42, 6)
 _SCRATCH, _FEIGNED, _VECTOR = 42, 48, 51
 _SD, _STICTION = _VECTOR + 3, _VECTOR + 4
-_NUM_ROWS = _VECTOR + 5
+WORK_ROWS = _VECTOR + 5
 _GRAM = _MATRIX  # of the posterior; the other methods keep their matrix there
 _BLOCK = 256  # samples a thread takes at a time
 
@@ -171,7 +171,7 @@ class WrenchReconstruction:
 
     def scratch(self) -> Array:
         """Returns a new work array for `reconstruct`; one per thread."""
-        return np.zeros((_NUM_ROWS, max(self.num_joints, 6)))
+        return np.zeros((WORK_ROWS, max(self.num_joints, 6)))
 
     def reconstruct(
         self,
@@ -643,7 +643,7 @@ def reconstruct_log(  # type: ignore[no-untyped-def]
     N = J.shape[0]
     for block in prange((N + _BLOCK - 1) // _BLOCK):
         start, stop = block * _BLOCK, min(N, (block + 1) * _BLOCK)
-        work = np.zeros((_NUM_ROWS, max(J.shape[2], 6)))
+        work = np.zeros((WORK_ROWS, max(J.shape[2], 6)))
         conditions = np.empty(stop - start)
         condition_numbers_of(J_now[start:stop], conditions)
         for k in range(start, stop):

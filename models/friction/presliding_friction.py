@@ -32,68 +32,40 @@ true slip (motor torque minus gravity over the band) has an rms of .45 whatever 
 memory helps for less than about a second.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Self
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.friction.slip_elements import (
+    COULOMB,
+    CUBIC,
+    ELEMENTS,
+    HALF_STEP,
+    INVERSE_SPEED,
+    LOAD,
+    PERIOD,
+    POSITION,
+    SLIP_KERNELS,
+    SLIPS,
+    SPEED_LIMIT,
+    STRIBECK,
+    TRANSMITTED,
+    FrictionKernels,
+    add_slip_torque,
+    update_slip,
+)
+from models.friction.velocity_friction import (
+    CoulombViscous,
+    SemiParametricFriction,
+)
 
 Array = NDArray[np.float64]
 
 RELAXATION = 1.0  # s in which the slip of a joint at rest fades to 1/e
-
-# Columns of the slip table; then K weights and K displacements. The first seven are what slides:
-# level C, S, 1 / v_s, load; cubic, fitted speed, slope of the cubic part beyond it.
-SLIDING_COLUMNS = 7
-_COULOMB, _STRIBECK, _INVERSE_SPEED, _LOAD, _CUBIC, _SPEED_LIMIT, _BEYOND = range(SLIDING_COLUMNS)
-_HALF_STEP, _PERIOD, _KEPT, _ELEMENTS = range(SLIDING_COLUMNS, SLIDING_COLUMNS + 4)
-# Rows of the state; then K slips z_k.
-_POSITION, _TRANSMITTED, _SLIPS = range(3)
-
-
-class FrictionLaw(Protocol):
-    """What the estimator, the identification and a controller ask of a friction law."""
-
-    @property
-    def num_joints(self) -> int:
-        """How many joints, n."""
-
-    @property
-    def coulomb_viscous(self) -> CoulombViscous:
-        """The law's Coulomb, viscous and offset coefficients."""
-
-    @property
-    def feedforward(self) -> SemiParametricFriction:
-        """A function of velocity alone near the law: for feed-forward on a desired velocity."""
-
-    @property
-    def velocity_law(self) -> SemiParametricFriction:
-        """The part of the law that is a function of velocity alone."""
-
-    @property
-    def slip_table(self) -> Array:
-        """(n, 10 + 2 K): the other part, as `add_slip_torque` reads it, of positions that are not
-        rounded (such as low-passed ones)."""
-
-    def tick_table(self, time_step: float, resolution: ArrayLike | None = None) -> Array:
-        """The same for positions as an encoder reports them, every `time_step` seconds.
-
-        Args:
-            time_step: s.
-            resolution: (n,) or () rad, the encoders' step; None: the law's own.
-        """
-
-    @property
-    def state_rows(self) -> int:
-        """Rows of the state, 2 + K; 0 for a law without memory and load dependence."""
-
-    def torque_along(self, q: Array, v: Array, load: Array, time_step: float = 0.0) -> Array:
-        """tau_f (N, n) in N m along a log that starts at rest, for the transmitted torque L; with a
-        time step as a tick gives it (`tick_table`), without as of low-passed signals."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +82,8 @@ class PreslidingFriction:
         weight: (n, K) shares of the elements, zero or more, with sum 1.
         displacement: (n, K) rad (m) from rest to sliding; 0 is rigid.
         speed_limit: (n,) rad/s, up to which the law was fitted; None: everywhere.
-        resolution: (n,) rad, the step of the encoders that it was fitted with; None: 0.
+        resolution: (n,) rad, the step of the encoders; None: 0.
+        time_step: s between ticks; 0: positions are low-passed, nothing relaxes.
 
     Raises:
         ValueError: shapes that disagree, a value that is not finite or out of its range.
@@ -126,17 +99,19 @@ class PreslidingFriction:
     displacement: Array
     speed_limit: Array = None  # type: ignore[assignment]  # None: no limit
     resolution: Array = None  # type: ignore[assignment]  # None: zero
+    time_step: float = 0.0
 
     def __post_init__(self) -> None:
         n = self.velocity_law.num_joints
         for key in ("coulomb", "stribeck", "stribeck_velocity", "load", "cubic"):
             self._keep(key, (n,))
         for key, default in (("speed_limit", np.inf), ("resolution", 0.0)):
-            if getattr(self, key) is None:
-                object.__setattr__(self, key, np.full(n, default))
-        object.__setattr__(self, "speed_limit", _sized("speed_limit", self.speed_limit, n))
-        self._keep("resolution", (n,))
-        if not (self.speed_limit > 0.0).all() or (self.resolution < 0.0).any():
+            given = getattr(self, key)
+            value = np.full(n, default) if given is None else np.array(given, float)
+            if value.shape != (n,):
+                raise ValueError(f"friction: {key} must have shape {(n,)}, not {value.shape}")
+            object.__setattr__(self, key, value)
+        if not (self.speed_limit > 0.0).all() or not (self.resolution >= 0.0).all():
             raise ValueError("friction: speed_limit must be positive, resolution zero or more")
         for key in ("weight", "displacement"):
             self._keep(key, (n, np.shape(self.weight)[-1] if np.ndim(self.weight) == 2 else 1))
@@ -177,15 +152,7 @@ class PreslidingFriction:
 
     @cached_property
     def slip_table(self) -> Array:
-        """(n, 10 + 2 K) contiguous, one row a joint; for positions that are not rounded."""
-        return self._table(0.0, np.zeros(self.num_joints))
-
-    def tick_table(self, time_step: float, resolution: ArrayLike | None = None) -> Array:
-        """As `slip_table`, for rounded positions every `time_step` s, with relaxation at rest."""
-        step = self.resolution if resolution is None else np.asarray(resolution, float)
-        return self._table(time_step, np.broadcast_to(step, (self.num_joints,)))
-
-    def _table(self, time_step: float, resolution: Array) -> Array:
+        """(n, 10 + 2 K) contiguous, one row a joint."""
         n = self.num_joints
         finite = np.where(np.isfinite(self.speed_limit), self.speed_limit, 0.0)
         viscous = self.velocity_law.coulomb_viscous.viscous
@@ -193,45 +160,81 @@ class PreslidingFriction:
             *(self.coulomb, self.stribeck, 1.0 / self.stribeck_velocity, self.load, self.cubic),
             self.speed_limit,
             np.maximum(3.0 * self.cubic * finite**2, -viscous),  # no total slope below zero
-            0.5 * resolution,
-            np.full(n, time_step),
-            np.full(n, np.exp(-time_step / RELAXATION)),
+            0.5 * self.resolution,
+            np.full(n, self.time_step),
+            np.full(n, np.exp(-self.time_step / RELAXATION)),
         )
         return np.ascontiguousarray(
             np.hstack([np.stack(own, axis=1), self.weight, self.displacement])
         )
 
+    def sampled(self, time_step: float, resolution: ArrayLike | None = None) -> Self:
+        """Returns the law for positions as encoders report them, every `time_step` s.
+
+        Args:
+            time_step: s.
+            resolution: (n,) or () rad, the encoders' step; None: the law's own.
+        """
+        step = self.resolution if resolution is None else np.asarray(resolution, float)
+        step = np.broadcast_to(step, (self.num_joints,))
+        return replace(self, time_step=time_step, resolution=step)
+
     @property
     def state_rows(self) -> int:
         """Rows of the state: last position, transmitted torque, K slips."""
-        return _SLIPS + int(self.weight.shape[1])
+        return SLIPS + int(self.weight.shape[1])
 
-    def torque_along(
-        self, q: ArrayLike, v: ArrayLike, load: ArrayLike, time_step: float = 0.0
-    ) -> Array:
+    @property
+    def kernels(self) -> FrictionKernels:
+        """Those of `slip_elements`."""
+        return SLIP_KERNELS
+
+    @property
+    def parameters(self) -> dict[str, Array]:
+        """The slip table, see `slip_elements`; the velocity law is fixed."""
+        return {"slip": self.slip_table}
+
+    def with_parameters(self, values: dict[str, Array]) -> Self:
+        """Returns the law with another slip table."""
+        table = values["slip"].reshape(self.num_joints, -1)
+        K = (table.shape[1] - ELEMENTS) // 2
+        law = replace(
+            self,
+            coulomb=table[:, COULOMB],
+            stribeck=table[:, STRIBECK],
+            stribeck_velocity=1.0 / table[:, INVERSE_SPEED],
+            load=table[:, LOAD],
+            cubic=table[:, CUBIC],
+            speed_limit=table[:, SPEED_LIMIT],
+            resolution=2.0 * table[:, HALF_STEP],
+            time_step=float(table[0, PERIOD]),
+            weight=table[:, ELEMENTS : ELEMENTS + K],
+            displacement=table[:, ELEMENTS + K :],
+        )
+        law.__dict__["slip_table"] = np.array(table)  # as it stands, without rounding of 1 / v_s
+        return law
+
+    def initial_state(self) -> Array:
+        """Returns the state before the first sample: relaxed, no position yet."""
+        state = np.zeros((self.state_rows, self.num_joints))
+        state[: POSITION + 1] = np.nan
+        return state
+
+    def torque_along(self, q: ArrayLike, v: ArrayLike, load: ArrayLike) -> Array:
         """tau_f (N, n) in N m along a log that starts at rest with relaxed elements.
 
         Args:
             q: (N, n) rad (m).
             v: (N, n) rad/s (m/s).
             load: (N, n) transmitted torque L at the same samples, N m.
-            time_step: s; above 0 the positions are an encoder's, see `tick_table`.
         """
         q, v, load = (np.require(x, float, ("C", "W")) for x in (q, v, load))
         if not (q.ndim == 2 and q.shape == v.shape == load.shape and q.shape[1] == self.num_joints):
             shapes = f"{q.shape}, {v.shape} and {load.shape}"
             raise ValueError(f"friction: expected (N, {self.num_joints}) three times, not {shapes}")
         tau_f = self.velocity_law.torque(v)
-        table = self.tick_table(time_step) if time_step > 0.0 else self.slip_table
-        _slip_log(table, initial_friction_state(self), q, v, load, tau_f)
+        _slip_log(self.slip_table, self.initial_state(), q, v, load, tau_f)
         return tau_f
-
-
-def initial_friction_state(law: FrictionLaw) -> Array:
-    """Returns the (state_rows, n) state before the first sample: relaxed, no position yet."""
-    state = np.zeros((law.state_rows, law.num_joints))
-    state[: _POSITION + 1] = np.nan
-    return state
 
 
 def slip_path(displacement: Array, q: Array, v: Array) -> Array:
@@ -249,108 +252,10 @@ def slip_path(displacement: Array, q: Array, v: Array) -> Array:
     return law.torque_along(q, v, np.zeros_like(q))
 
 
-def _sized(key: str, value: ArrayLike, n: int) -> Array:
-    array = np.array(value, float)
-    if array.shape != (n,):
-        raise ValueError(f"friction: {key} must have shape {(n,)}, not {array.shape}")
-    return array
-
-
 @njit(cache=True, error_model="numpy")
-def within_rounding(before, q, v, half_step, period):  # type: ignore[no-untyped-def]
-    """The position after `before` that velocity predicts and the rounded q allows.
-
-    q itself for the first sample (`before` not finite); NaN for a q that is.
-    """
-    if half_step == 0.0 or not (np.isfinite(before) and np.isfinite(q)):
-        return q
-    moved = before + v * period if np.isfinite(v) else before
-    return min(max(moved, q - half_step), q + half_step)
-
-
-@njit(cache=True, error_model="numpy")
-def bounded_cubic(v, cubic, limit, slope):  # type: ignore[no-untyped-def]
-    """cubic v^3, and beyond the speed `limit` a line of this slope."""
-    if abs(v) <= limit or not np.isfinite(limit):
-        return cubic * v**3
-    return np.sign(v) * (cubic * limit**3 + slope * (abs(v) - limit))
-
-
-@njit(cache=True, error_model="numpy")
-def _slip(table, state, i, k, q, v):  # type: ignore[no-untyped-def]
-    """z_k of joint i at this sample; NaN for a position that is."""
-    reach = table[i, _ELEMENTS + (table.shape[1] - _ELEMENTS) // 2 + k]
-    if reach == 0.0:
-        return np.sign(v)
-    before = state[_POSITION, i]
-    now = within_rounding(before, q, v, table[i, _HALF_STEP], table[i, _PERIOD])
-    if not np.isfinite(before):  # the first sample: no displacement yet
-        before = now
-    z = state[_SLIPS + k, i] * table[i, _KEPT] + (now - before) / reach
-    if z > 1.0:
-        return 1.0
-    if z < -1.0:
-        return -1.0
-    return z
-
-
-@njit(cache=True, error_model="numpy")
-def add_slip_torque(table, state, q, v, tau_f):  # type: ignore[no-untyped-def]
-    """Single-sample kernel: adds the slip part of tau_f (n,); `state` stays as it is.
-
-    Args:
-        table: `FrictionLaw.slip_table`.
-        state: (state_rows, n); without rows there is nothing to add.
-        q, v: (n,) of this sample.
-        tau_f: (n,), holds the velocity law's torque before.
-    """
-    if state.shape[0] == 0:
-        return
-    elements = (table.shape[1] - _ELEMENTS) // 2
-    for i in range(table.shape[0]):
-        z = 0.0
-        for k in range(elements):
-            z += table[i, _ELEMENTS + k] * _slip(table, state, i, k, q[i], v[i])
-        x = v[i] * table[i, _INVERSE_SPEED]
-        level = table[i, _COULOMB] + table[i, _STRIBECK] * np.exp(-x * x)
-        level += table[i, _LOAD] * abs(state[_TRANSMITTED, i])
-        tau_f[i] += level * z + bounded_cubic(
-            v[i], table[i, _CUBIC], table[i, _SPEED_LIMIT], table[i, _BEYOND]
-        )
-
-
-@njit(cache=True, error_model="numpy")
-def update_slip(table, state, q, v, transmitted):  # type: ignore[no-untyped-def]
-    """Single-sample kernel: takes a sample into `state`, in place.
-
-    What is not finite leaves its part of the state as it was: the displacement over a gap counts
-    when the next position comes.
-
-    Args:
-        table: `FrictionLaw.slip_table`.
-        state: (state_rows, n), changed.
-        q, v: (n,) of this sample.
-        transmitted: (n,) L for the next sample, N m.
-    """
-    if state.shape[0] == 0:
-        return
-    for i in range(table.shape[0]):
-        if np.isfinite(q[i]):
-            for k in range(state.shape[0] - _SLIPS):
-                z = _slip(table, state, i, k, q[i], v[i])
-                if np.isfinite(z):
-                    state[_SLIPS + k, i] = z
-            state[_POSITION, i] = within_rounding(
-                state[_POSITION, i], q[i], v[i], table[i, _HALF_STEP], table[i, _PERIOD]
-            )
-        if np.isfinite(transmitted[i]):
-            state[_TRANSMITTED, i] = transmitted[i]
-
-
-@njit(cache=True, error_model="numpy")
-def _slip_log(table, state, q, v, load, tau_f):  # type: ignore[no-untyped-def]
+def _slip_log(table: Array, state: Array, q: Array, v: Array, load: Array, tau_f: Array) -> None:
     for k in range(q.shape[0]):
         for i in range(q.shape[1]):
-            state[_TRANSMITTED, i] = load[k, i]
+            state[TRANSMITTED, i] = load[k, i]
         add_slip_torque(table, state, q[k], v[k], tau_f[k])
         update_slip(table, state, q[k], v[k], load[k])

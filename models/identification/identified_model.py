@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from models.files.configuration import REQUIRED, load_configuration, save_configuration
 from models.files.input_error import InputError
+from models.friction.friction_law import FrictionLaw
 from models.friction.friction_network import FrictionNetworks
-from models.friction.presliding_friction import FrictionLaw, PreslidingFriction
+from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, Handover, SemiParametricFriction
 from models.identification.torque_error_model import (
     BEYOND_LOAD,
@@ -410,11 +411,11 @@ def _read_friction(path: Path, block: _FrictionBlock, n: int) -> FrictionLaw:
     if block.presliding is None:
         sliding = CoulombViscous(coulomb, viscous, offset)
         return SemiParametricFriction(sliding, networks, v_crit, handover)
-    slip = {
+    slip: dict[str, Any] = {
         key: _numbers(path, f"friction.presliding.{key}", getattr(block.presliding, key), (n,))
         for key in _SLIP_FIELDS
     }
-    elements = {
+    elements: dict[str, Any] = {
         key: _numbers(path, f"friction.presliding.{key}", getattr(block.presliding, key), (n, -1))
         for key in _ELEMENT_FIELDS
     }

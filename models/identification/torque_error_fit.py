@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize
 
-from models.friction.presliding_friction import FrictionLaw
+from models.friction.friction_law import FrictionLaw
 from models.identification.torque_error_model import (
     NUM_FEATURES,
     TorqueErrorModel,

@@ -47,12 +47,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from models.friction.presliding_friction import (
-    SLIDING_COLUMNS,
-    FrictionLaw,
-    bounded_cubic,
-    within_rounding,
-)
+from models.friction.friction_law import FrictionLaw
+from models.friction.slip_elements import SLIDING_COLUMNS, bounded_cubic, within_rounding
 
 Array = NDArray[np.float64]
 

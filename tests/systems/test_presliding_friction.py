@@ -10,7 +10,6 @@ from pydrake.trajectories import PiecewisePolynomial
 from models.friction.presliding_friction import (
     PreslidingFriction,
     add_slip_torque,
-    initial_friction_state,
     update_slip,
 )
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
@@ -91,14 +90,13 @@ def test_along_a_motion_it_is_the_kernel_tick_by_tick():
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(0.9)
     found = log.FindLog(simulator.get_context()).data().T
-    own, state = law(), initial_friction_state(law())
-    table = own.tick_table(STEP)
+    own, state = law(), law().initial_state()
     for k in range(80):
         # Samples of the log and of the zero-order hold fall together; use what was read.
         qk, vk = (np.asarray(path[:, k]) for path in (q, v))
         tau_f = own.velocity_law.torque(vk)
-        add_slip_torque(table, state, qk, vk, tau_f)
-        update_slip(table, state, qk, vk, tau_J - tau_f)
+        add_slip_torque(own.slip_table, state, qk, vk, tau_f)
+        update_slip(own.slip_table, state, qk, vk, tau_J - tau_f)
         np.testing.assert_allclose(found[k], tau_f, rtol=0, atol=1e-12)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from analyses.methods.learning.law_fits import HeldOutModel
 from analyses.methods.learning.low_passed_logs import LowPassedLog
-from models.estimation.estimator import WrenchEstimatorConfig, observe
+from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.momentum_observer import MomentumObserverConfig
 from models.identification.identified_model import IdentifiedModel
 from models.identification.torque_error_fit import HeldOutReading, fit_torque_error
@@ -70,7 +70,7 @@ def learn_torque_error(
                 observer=MomentumObserverConfig(time_step=time_step),
                 position_resolution=step.tolist(),
             )
-            seen = observe(robot, fold_model, config, log.q, log.v, current)
+            seen = WrenchEstimator(robot, fold_model, config).observe(log.q, log.v, current)
             K_0 = np.full(robot.num_joints, config.observer.K_0[0])
             t = log.t - log.t[0]
             kept = runs[k].t[regressions[k].rows[rows]]

@@ -10,7 +10,6 @@ from models.friction.presliding_friction import (
     RELAXATION,
     PreslidingFriction,
     add_slip_torque,
-    initial_friction_state,
     slip_path,
     update_slip,
 )
@@ -133,7 +132,7 @@ def test_a_gap_costs_its_rows_and_the_displacement_over_it_counts() -> None:
 
 def test_tick_by_tick_is_the_log_and_the_output_changes_nothing() -> None:
     own, (q, v, load) = law(), motion(60)
-    state = initial_friction_state(own)
+    state = own.initial_state()
     assert state.shape == (own.state_rows, N) == (4, N)
     state[1] = load[0]
     for k in range(len(q)):
@@ -222,7 +221,8 @@ def test_beyond_the_fitted_speed_friction_never_falls() -> None:
 def ticks(q: np.ndarray, v: np.ndarray, step: float = 0.01, **changes: Any) -> np.ndarray:
     own = law(load=np.zeros(N), stribeck=np.zeros(N), **changes)
     load = np.zeros_like(q)
-    return np.asarray(own.torque_along(q, v, load, step) - VISCOUS * v - OFFSET - own.cubic * v**3)
+    own = own.sampled(step)
+    return np.asarray(own.torque_along(q, v, load) - VISCOUS * v - OFFSET - own.cubic * v**3)
 
 
 def test_an_encoder_that_flickers_does_not_move_a_joint_at_rest() -> None:

@@ -17,7 +17,7 @@ from analyses.methods.learning.identification import (
 from analyses.methods.learning.identification_config import LAWS, IdentificationConfig
 from analyses.methods.learning.torque_fit import TorqueFit
 from analyses.output.outputs import OutputFolder
-from models.estimation.estimator import WrenchEstimatorConfig, observe
+from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.momentum_observer import MomentumObserverConfig
 from models.files.input_error import InputError
 from models.friction.friction_structure import STRUCTURES
@@ -465,7 +465,7 @@ def test_the_model_knows_what_the_observer_errs_by(sts, result, noisy):
     """The band of the stated sds holds 95 % of what is read of a log that no fit had seen."""
     error, log = result.model.torque_error, noisy[3]
     config = WrenchEstimatorConfig(observer=MomentumObserverConfig(time_step=STEP))
-    seen = observe(sts, result.model, config, log.q, log.v, log.current)
+    seen = WrenchEstimator(sts, result.model, config).observe(log.q, log.v, log.current)
     sd, stiction = replace(error, drift=0.0).along(
         result.model.friction, log.q, log.v, seen.tau_J - seen.tau_f, STEP
     )
