@@ -88,7 +88,7 @@ class TrustedReading:
         J: Array,
         tau_ext: Array,
         fresh: Flags,
-    ) -> tuple[Array, Array, Array, Flags]:
+    ) -> tuple[Array, Array, Array, Flags, Array]:
         """Reads N samples.
 
         Args:
@@ -99,7 +99,8 @@ class TrustedReading:
             fresh: (N,) which of them count.
 
         Returns:
-            Wrench (N, 6), covariance (N, 6, 6), condition number (N,) and valid (N,).
+            Wrench (N, 6), covariance (N, 6, 6), condition number (N,), valid (N,), and the torque
+            error's sds (N, n) in N m.
         """
         N = len(q)
         own: Any = state[:TORQUE_ERROR_ROWS]
@@ -116,4 +117,4 @@ class TrustedReading:
         )
         valid = (quality[:, 1] == 1.0) & fresh
         lag_log(self._lag.settings, slow, wrench, valid, covariance)
-        return wrench, covariance, quality[:, 0], valid
+        return wrench, covariance, quality[:, 0], valid, sd
