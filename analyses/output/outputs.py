@@ -164,7 +164,7 @@ class OutputFolder:
         """
         import yaml
 
-        class Dumper(yaml.SafeDumper):  # type: ignore[misc]
+        class Dumper(yaml.SafeDumper):
             """Knows mappings with a tag."""
 
         Dumper.add_representer(
