@@ -111,7 +111,7 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
                 "estimated force blue.",
             )
         ],
-        comparison=_comparison(task),
+        comparison=comparison_rows(task),
         notes=findings(task, metrics),
         configuration={"scenarios": scenarios, "feeds_s": FEEDS, "K_0": K_0},
     )
@@ -191,7 +191,8 @@ def over_feeds(metrics: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _comparison(task: MachiningTask) -> list[ComparisonRow]:
+def comparison_rows(task: MachiningTask) -> list[ComparisonRow]:
+    """Rows of the table "article / here"."""
     feeds = ", ".join(f"{feed:g}" for feed in FEEDS)
     force = f"{task.component.capitalize()} force, one way in {feeds} s"
     ours = "reads with what a pass through the air has taught"
