@@ -52,8 +52,9 @@ from analyses.methods.learning.torque_fit import TorqueFit, pooled_rmse
 from analyses.output.outputs import OutputFolder
 from analyses.study.shared_results import digest, shared
 from models.files.input_error import InputError
+from models.friction.extended_friction import ExtendedFriction
 from models.friction.friction_law import FrictionLaw
-from models.friction.friction_structure import STRUCTURES
+from models.friction.friction_structure import structures
 from models.friction.presliding_friction import PreslidingFriction
 from models.identification.base_parameters import BaseParameters
 from models.identification.identified_model import (
@@ -228,7 +229,7 @@ def _identify(
         config.selection,
     )
     progress(0.9, "solving")
-    laws = tuple(STRUCTURES) if config.friction == "best" else (config.friction,)
+    laws = tuple(structures()) if config.friction == "best" else (config.friction,)
     fits = LawFits(problem, fitted, config, digest((tuple(recordings), robot, filtering)))
     candidates = [fits.candidate(law) for law in laws]
     chosen = best_law({c.law: c.cross_validated_rmse for c in candidates})
@@ -373,6 +374,10 @@ def residual_covariance(residuals: Sequence[Array]) -> Array:
 
 
 def _slip_metrics(friction: FrictionLaw) -> dict[str, Any]:
+    if isinstance(friction, ExtendedFriction):
+        names = (term.name for term in friction.terms)
+        further = dict(zip(names, friction.coefficients.T, strict=True))
+        return {**_slip_metrics(friction.law), "terms": further}
     if not isinstance(friction, PreslidingFriction):
         return {}
     return {
