@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from analyses.interruption import ends_are_interrupts
 from models.input_error import InputError
 
 if TYPE_CHECKING:
@@ -38,7 +39,8 @@ class _OneLineErrors(TyperGroup):
 
     def invoke(self, ctx: Any) -> Any:
         try:
-            return super().invoke(ctx)
+            with ends_are_interrupts():
+                return super().invoke(ctx)
         except InputError as error:
             line, code = str(error), 2
         except OSError as error:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analyses.outputs import OutputFolder
+from analyses.result_folder import result_folder
 from analyses.stream_summary import Envelope, EvenSample
 from models.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
 from models.identified_model import IdentifiedModel
@@ -122,30 +123,31 @@ def estimate_log(
         log_format: description of the log's columns.
 
     Raises:
-        InputError: as `Robot.load`, `IdentifiedModel.load`, `RecordingReader` and `OutputFolder`; a
-            setting that makes no sense.
+        InputError: as `Robot.load`, `IdentifiedModel.load`, `RecordingReader` and `result_folder`;
+            a setting that makes no sense.
     """
-    robot = Robot.load(robot_name)
-    config = _checked(config or EstimateConfig(), robot)
-    if model_path is None:
-        model = IdentifiedModel.nominal(robot)
-    else:
-        model = IdentifiedModel.load(Path(model_path), robot)
+    with result_folder(out, "estimate") as folder:
+        robot = Robot.load(robot_name)
+        config = _checked(config or EstimateConfig(), robot)
+        if model_path is None:
+            model = IdentifiedModel.nominal(robot)
+        else:
+            model = IdentifiedModel.load(Path(model_path), robot)
 
-    def read() -> RecordingReader:
-        reader = RecordingReader(log, log_format, robot, config.check)
-        reader.require_joint_signals()
-        return reader
+        def read() -> RecordingReader:
+            reader = RecordingReader(log, log_format, robot, config.check)
+            reader.require_joint_signals()
+            return reader
 
-    read()  # refuses a bad log before the folder is made
-    command = {
-        "command": "estimate",
-        "log": str(log),
-        "robot": str(robot_name),
-        "model": None if model_path is None else str(model_path),
-        "log_format": None if log_format is None else str(log_format),
-    }
-    return estimate(read, robot, model, OutputFolder(out), config, command, progress)
+        command = {
+            "command": "estimate",
+            "log": str(log),
+            "robot": str(robot_name),
+            "model": None if model_path is None else str(model_path),
+            "log_format": None if log_format is None else str(log_format),
+        }
+        result = estimate(read, robot, model, folder, config, command, progress)
+    return replace(result, table=out / result.table.name)
 
 
 def estimate(

@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from analyses.friction_fit import SELECTIONS, FrictionFit, Motion, Solution
 from analyses.identification_checks import gain_ratios, payload_differences
 from analyses.outputs import OutputFolder
+from analyses.result_folder import result_folder
 from analyses.shared_results import digest, shared
 from models.base_parameters import BaseParameters
 from models.configuration import nearest
@@ -403,22 +404,22 @@ def identify_logs(
     """The command `identify`: reads the logs, fits, and writes the result into `out`.
 
     Raises:
-        InputError: as `Robot.load`, `Recording.read`, `OutputFolder` and `identify`.
+        InputError: as `Robot.load`, `Recording.read`, `result_folder` and `identify`.
     """
-    robot = Robot.load(robot_name)
-    recordings, validation = (
-        [Recording.read(log, log_format, robot) for log in paths] for paths in (logs, validate)
-    )
-    folder = OutputFolder(out)
-    result = identify(recordings, robot, validation, config, progress)
-    command = {
-        "command": "identify",
-        "robot": str(robot_name),
-        "logs": [str(log) for log in logs],
-        "validate": [str(log) for log in validate],
-        "log_format": None if log_format is None else str(log_format),
-    }
-    result.write(folder, command)
+    with result_folder(out, "identify") as folder:
+        robot = Robot.load(robot_name)
+        recordings, validation = (
+            [Recording.read(log, log_format, robot) for log in paths] for paths in (logs, validate)
+        )
+        result = identify(recordings, robot, validation, config, progress)
+        command = {
+            "command": "identify",
+            "robot": str(robot_name),
+            "logs": [str(log) for log in logs],
+            "validate": [str(log) for log in validate],
+            "log_format": None if log_format is None else str(log_format),
+        }
+        result.write(folder, command)
     return result
 
 

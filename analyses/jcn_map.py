@@ -23,12 +23,14 @@ from analyses.experiment import (
 )
 from analyses.figures import COLOUR, new_figure, save_figure
 from analyses.outputs import OutputFolder
+from analyses.result_folder import result_folder
 from diagrams.cloud_recording import record_cloud
 from models.branches import is_closed_form
 from models.input_error import InputError
 from models.posture_map import PostureMap, best_postures
 from models.posture_measures import ConditionNumber, check_joints
 from models.robot import Robot
+from models.surface_path import frame_about
 
 Array = NDArray[np.float64]
 
@@ -170,12 +172,7 @@ def slice_plane(
     Raises:
         InputError: a plane, cone or grid that makes no sense.
     """
-    if config.axis not in _PLANES:
-        raise InputError("--slice", "", f'"{config.axis}", expected x, y or z', "write z=0.3")
-    if not (math.isfinite(config.value) and 2 <= config.num_points <= 401):
-        raise InputError("--slice", "", "expected a place in m, and a grid of 2 to 401 points")
-    if not 0.0 <= config.cone_deg <= 180.0:
-        raise InputError("--cone-deg", "", f"{config.cone_deg:g}, expected 0 to 180")
+    _check_slice(config)
     first, second = (i for i in range(3) if i != _PLANES[config.axis])
     extent = config.extent
     if extent is None:
@@ -193,6 +190,16 @@ def slice_plane(
         progress=lambda fraction: progress(fraction, "slice"),
     )
     return Slice(config, ("xyz"[first], "xyz"[second]), u, u, postures)
+
+
+def _check_slice(config: SliceConfig) -> None:
+    if config.axis not in _PLANES:
+        raise InputError("--slice", "", f'"{config.axis}", expected x, y or z', "write z=0.3")
+    if not (math.isfinite(config.value) and 2 <= config.num_points <= 401):
+        raise InputError("--slice", "", "expected a place in m, and a grid of 2 to 401 points")
+    if not 0.0 <= config.cone_deg <= 180.0:
+        raise InputError("--cone-deg", "", f"{config.cone_deg:g}, expected 0 to 180")
+    frame_about(np.array(config.cone_axis), "cone_axis")
 
 
 @dataclass(frozen=True)
@@ -221,8 +228,22 @@ def jcn_map(
     Raises:
         InputError: see `sample` and `slice_plane`; or `out` cannot be written to.
     """
-    folder = OutputFolder(out)
+    with result_folder(out, "jcn-map") as folder:
+        return _map_into(folder, robot_name, num_samples, seed, within_limits, plane, progress)
+
+
+def _map_into(
+    folder: OutputFolder,
+    robot_name: str,
+    num_samples: int,
+    seed: int,
+    within_limits: bool,
+    plane: SliceConfig | None,
+    progress: Callable[[float, str], None],
+) -> JcnMapResult:
     robot = Robot.load(robot_name)
+    if plane is not None:
+        _check_slice(plane)
     samples = sample(
         robot,
         num_samples,

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from analyses.figures import COLOUR, SERIES, new_figure
 from analyses.outputs import OutputFolder
 from analyses.particle_swarm import SwarmConfig, place_by_swarm
+from analyses.result_folder import result_folder
 from diagrams.path_recording import PathMotion, TriangleMesh, record_paths
 from diagrams.placement_cell import PlacementCell, obstacle_corners, workpiece_corners
 from models.branches import all_branches, is_closed_form
@@ -258,35 +259,35 @@ def place_task(
     """The command `place`: reads the task, places its path and writes the results.
 
     Raises:
-        InputError: as `place`; the task, the robot or the model cannot be read.
+        InputError: as `place` and `result_folder`; the task, the robot or the model cannot be read.
     """
-    task, source = load_task(task_name)
-    robot = Robot.load(robot_name)
-    model = None if model_path is None else IdentifiedModel.load(model_path, robot)
-    folder = OutputFolder(out)
-    result = place(
-        task,
-        source,
-        robot,
-        objective=objective,
-        solver=solver,
-        seed=seed,
-        model=model,
-        method=method,
-        effort=EFFORT_QUICK if quick and task.clearance is None else None,
-        progress=progress,
-    )
-    configuration = {
-        "task": str(task_name),
-        "robot": robot.name,
-        "objective": objective,
-        "solver": solver,
-        "seed": seed,
-        "model": None if model_path is None else model_path.name,
-        "method": method,
-        "quick": quick,
-    }
-    write_placement(folder, result, configuration)
+    with result_folder(out, "place") as folder:
+        task, source = load_task(task_name)
+        robot = Robot.load(robot_name)
+        model = None if model_path is None else IdentifiedModel.load(model_path, robot)
+        result = place(
+            task,
+            source,
+            robot,
+            objective=objective,
+            solver=solver,
+            seed=seed,
+            model=model,
+            method=method,
+            effort=EFFORT_QUICK if quick and task.clearance is None else None,
+            progress=progress,
+        )
+        configuration = {
+            "task": str(task_name),
+            "robot": robot.name,
+            "objective": objective,
+            "solver": solver,
+            "seed": seed,
+            "model": None if model_path is None else model_path.name,
+            "method": method,
+            "quick": quick,
+        }
+        write_placement(folder, result, configuration)
     return result
 
 

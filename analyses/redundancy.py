@@ -34,7 +34,7 @@ from analyses.experiment import (
     FigureFile,
 )
 from analyses.figures import COLOUR, SERIES, new_figure, save_figure
-from analyses.outputs import OutputFolder
+from analyses.result_folder import result_folder
 from diagrams.path_recording import PathMotion, TriangleMesh, record_paths
 from models.branches import is_closed_form
 from models.configuration import REQUIRED, load_configuration
@@ -405,16 +405,16 @@ def redundancy(
     Raises:
         InputError: see `find_redundancy`; or `out` cannot be written to.
     """
-    folder = OutputFolder(out)
-    robot = Robot.load(robot_name)
-    source = task_file(task_name, "redundancy")
-    config = load_configuration(source, RedundancyTask)
-    result = find_redundancy(robot, config, source, progress)
-    folder.write_text("trajectory.csv", trajectory_csv(result))
-    draw(result, out)
-    metrics = {**result.metrics(), "notices": list(result.notices)}
-    folder.write_json("metrics.json", metrics)
-    folder.write_yaml("config.yaml", {"robot": robot_name, "task": config})
+    with result_folder(out, "redundancy") as folder:
+        robot = Robot.load(robot_name)
+        source = task_file(task_name, "redundancy")
+        config = load_configuration(source, RedundancyTask)
+        result = find_redundancy(robot, config, source, progress)
+        folder.write_text("trajectory.csv", trajectory_csv(result))
+        draw(result, folder.path)
+        metrics = {**result.metrics(), "notices": list(result.notices)}
+        folder.write_json("metrics.json", metrics)
+        folder.write_yaml("config.yaml", {"robot": robot_name, "task": config})
     return result
 
 

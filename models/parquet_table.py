@@ -8,6 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from models.files_read import about_to_read
 from models.input_error import InputError
 
 Array = NDArray[np.float64]
@@ -124,6 +125,7 @@ class ParquetTable:
         path = self.path
         if path.is_dir():
             raise InputError(path, "", "is a directory, expected a log", "name a file in it")
+        about_to_read(path)
         try:
             with path.open("rb") as raw:
                 head = raw.read(4)

@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 from numpy.typing import NDArray
 
+from models.files_read import about_to_read
 from models.input_error import InputError
 
 Array = NDArray[np.float64]
@@ -328,6 +329,7 @@ def _separator_of(line: str) -> str:
 def _opened(path: Path) -> BinaryIO:
     if path.is_dir():
         raise InputError(path, "", "is a directory, expected a log", "name a file in it")
+    about_to_read(path)
     try:
         return path.open("rb")
     except FileNotFoundError as error:

@@ -18,6 +18,7 @@ from analyses.placement import (
     place,
     place_task,
 )
+from analyses.result_marker import MARKER
 from models.identified_model import IdentifiedModel
 from models.input_error import InputError
 from models.placement_search import SearchEffort
@@ -64,7 +65,8 @@ def test_all_files_are_there_and_say_the_same(written: tuple[PlacementResult, Pa
     result, out = written
     names = {path.name for path in out.iterdir()}
     assert names == {
-        "metrics.json", "config.yaml", "timings.json", "postures.csv", "figures", "recording.html",
+        MARKER, "metrics.json", "config.yaml", "timings.json", "postures.csv", "figures",
+        "recording.html",
     }  # fmt: skip
     for figure in ("path.png", "convergence.png"):
         assert (out / "figures" / figure).stat().st_size > 10_000
