@@ -16,19 +16,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from analyses.interruption import ends_are_interrupts
-from models.input_error import InputError
+from analyses.output.interruption import ends_are_interrupts
+from models.files.input_error import InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    from analyses.estimation import EstimateResult
-    from analyses.excitation import ExcitationResult
-    from analyses.identification import IdentificationResult
-    from analyses.outcome import StudyResult
-    from analyses.simulation import SimulationResult
+    from analyses.methods.learning.identification import IdentificationResult
+    from analyses.methods.planning.excitation import ExcitationResult
+    from analyses.methods.reading.estimation import EstimateResult
+    from analyses.methods.runs.simulation import SimulationResult
+    from analyses.study.outcome import StudyResult
 
 
 class _OneLineErrors(TyperGroup):
@@ -90,7 +90,7 @@ _Quick = Annotated[bool, typer.Option("--quick", help="Shorter and coarser: to t
 
 def _version(wanted: bool) -> None:
     if wanted:
-        from analyses.study import software_version
+        from analyses.study.study import software_version
 
         sys.stdout.write(f"wrenchsight {software_version()}\n")
         raise typer.Exit
@@ -140,8 +140,8 @@ def study(
     What is finished is kept: after an interruption, run the same again to go on. An experiment runs
     anew when something that its result depends on has changed: options, software, recordings.
     """
-    from analyses.progress import ProgressDisplay
-    from analyses.study import EXPERIMENTS, available_cores, check_names, run_study
+    from analyses.output.progress import ProgressDisplay
+    from analyses.study.study import EXPERIMENTS, available_cores, check_names, run_study
 
     if list_names:
         sys.stdout.write("\n".join(EXPERIMENTS) + "\n")
@@ -164,7 +164,7 @@ def study(
 
 
 def _print_study(result: "StudyResult") -> None:
-    from analyses.report import comparisons
+    from analyses.study.report import comparisons
 
     table = _table("", "article", "here")
     for outcome in result.outcomes:
@@ -211,7 +211,7 @@ def identify(
     out: _Out = Path("out/identify"),
 ) -> None:
     """Find a robot's dynamic model and friction: logs in, model.yaml out."""
-    from analyses.identification import IdentificationConfig, identify_logs
+    from analyses.methods.learning.identification import IdentificationConfig, identify_logs
 
     with _progress("identify") as progress:
         result = identify_logs(
@@ -288,7 +288,7 @@ def estimate(
     out: _Out = Path("out/estimate"),
 ) -> None:
     """Tell the wrench at the tool, with its uncertainty: log and model in, wrench.csv out."""
-    from analyses.estimation import EstimateConfig, estimate_log
+    from analyses.methods.reading.estimation import EstimateConfig, estimate_log
 
     config = EstimateConfig(
         engine=engine,
@@ -361,7 +361,7 @@ def simulate(
     out: _Out = Path("out/simulate"),
 ) -> None:
     """Simulate an arm, what acts on it, and what the estimator reads from its currents."""
-    from analyses.simulation import simulate_scenario
+    from analyses.methods.runs.simulation import simulate_scenario
 
     # Drake says at which address Meshcat listens; it is gone before anyone could go there.
     logging.getLogger("drake").setLevel(logging.WARNING)
@@ -442,8 +442,8 @@ def excite(
     out: _Out = Path("out/excite"),
 ) -> None:
     """Find a motion that shows all parameters of a robot: trajectory, coefficients, picture."""
-    from analyses.excitation import ExcitationConfig, excite_robot
-    from models.excitation_program import ExcitationLimits
+    from analyses.methods.planning.excitation import ExcitationConfig, excite_robot
+    from models.excitation.excitation_program import ExcitationLimits
 
     config = ExcitationConfig(
         measure=measure,
@@ -513,8 +513,8 @@ def jcn_map(
     out: _Out = Path("out/jcn-map"),
 ) -> None:
     """Map the condition number over the workspace, and say where a table belongs."""
-    from analyses.jcn_map import SliceConfig
-    from analyses.jcn_map import jcn_map as map_workspace
+    from analyses.experiments.postures.jcn_map import SliceConfig
+    from analyses.experiments.postures.jcn_map import jcn_map as map_workspace
 
     config = None
     if plane is not None:
@@ -566,7 +566,7 @@ def place(
     out: _Out = Path("out/place"),
 ) -> None:
     """Find where a straight path belongs, and how the arm should stand along it."""
-    from analyses.placement import place_task
+    from analyses.methods.planning.placement import place_task
 
     logging.getLogger("drake").setLevel(logging.WARNING)
     with _progress("place") as progress:
@@ -613,7 +613,7 @@ def redundancy(
     out: _Out = Path("out/redundancy"),
 ) -> None:
     """Choose the free angle about the normal, and the branch, along a path on a surface."""
-    from analyses.redundancy import redundancy as choose_angles
+    from analyses.experiments.postures.surface_path import redundancy as choose_angles
 
     logging.getLogger("drake").setLevel(logging.WARNING)
     with _progress("redundancy") as progress:
@@ -651,9 +651,9 @@ def _say(console: "Console", text: str) -> None:
 @contextmanager
 def _progress(name: str) -> Iterator[Callable[[float, str], None]]:
     """Shows how far a single piece of work is."""
-    from analyses.compilation import on_first_compilation
-    from analyses.progress import ProgressDisplay
-    from analyses.study import Progress
+    from analyses.output.compilation import on_first_compilation
+    from analyses.output.progress import ProgressDisplay
+    from analyses.study.study import Progress
 
     with ProgressDisplay(_console(stderr=True), (name,), fleeting=True) as watch:
         on_first_compilation(lambda what: watch(Progress(name, "running", 0.0, what)))

@@ -14,7 +14,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from diagrams.scenario import BladeConfig, PlateConfig
 from diagrams.workpiece import add_blade, add_plate
-from models.robot import Robot
+from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
 

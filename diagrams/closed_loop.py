@@ -19,16 +19,16 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from diagrams.estimator import add_estimator
 from diagrams.machining import add_machining_reference, make_machining_path
-from diagrams.recording import add_wrench_arrows
+from diagrams.pages.run_page import add_wrench_arrows
 from diagrams.robot_cell import RobotCell, make_robot_cell
 from diagrams.scenario import ForceSetpoint, Scenario, check_scenario, make_trajectory
-from models.air_pass import TaughtTorque
-from models.identified_model import IdentifiedModel
-from models.input_error import InputError
-from models.machining_path import MachiningPath
-from models.motors import motor_gain
-from models.paths import JointTrajectory
-from models.robot import Robot
+from models.files.input_error import InputError
+from models.identification.identified_model import IdentifiedModel
+from models.machining.air_pass import TaughtTorque
+from models.machining.machining_path import MachiningPath
+from models.motion.paths import JointTrajectory
+from models.robot.motors import motor_gain
+from models.robot.robot import Robot
 from systems.impedance_controller import ImpedanceConfig, ImpedanceController
 from systems.joint_tracking_controller import JointTrackingController
 from systems.path_reference import PathReference

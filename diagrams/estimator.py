@@ -3,9 +3,9 @@
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortDataType
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Demultiplexer
 
-from models.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.identified_model import IdentifiedModel
-from models.robot import Robot
+from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from models.identification.identified_model import IdentifiedModel
+from models.robot.robot import Robot
 from systems.generalized_momentum_observer import GeneralizedMomentumObserver
 from systems.jacobian_wrench_reconstruction import READING_SIZES, JacobianWrenchReconstruction
 from systems.motor_current_torque_source import MotorCurrentTorqueSource
@@ -61,7 +61,7 @@ def make_estimator(
 
     Raises:
         InputError: the model belongs to another robot.
-        ValueError: as `models.estimator.WrenchEstimator`.
+        ValueError: as `models.estimation.estimator.WrenchEstimator`.
     """
     estimator = WrenchEstimator(robot, model, config)
     builder = DiagramBuilder()

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from pydrake.systems.framework import System
 
-from models.input_error import InputError
-from models.whole_file import whole_file, writing_to
+from models.files.input_error import InputError
+from models.files.whole_file import whole_file, writing_to
 
 PICTURE_FORMATS = ("svg", "png", "pdf")
 

@@ -17,11 +17,11 @@ from pydrake.systems.primitives import (
 )
 
 from diagrams.estimator import add_estimator
-from models.estimator import WrenchEstimatorConfig
-from models.identified_model import IdentifiedModel
-from models.motors import motor_gain
-from models.robot import Robot
-from models.wrench_script import WrenchScript
+from models.control.wrench_script import WrenchScript
+from models.estimation.estimator import WrenchEstimatorConfig
+from models.identification.identified_model import IdentifiedModel
+from models.robot.motors import motor_gain
+from models.robot.robot import Robot
 from systems.external_wrench_source import ExternalWrenchSource
 from systems.joint_tracking_controller import JointTrackingConfig, JointTrackingController
 from systems.motor_current_sensor import MotorCurrentSensor, add_motor_current_sensor

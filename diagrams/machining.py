@@ -10,17 +10,17 @@ from pydrake.systems.primitives import Demultiplexer
 from diagrams.robot_cell import tip_radius
 from diagrams.scenario import MachiningConfig, Scenario
 from diagrams.workpiece import pose_of_workpiece, surface_of
-from models.branches import all_branches
-from models.identified_model import IdentifiedModel
-from models.input_error import InputError
-from models.inverse_kinematics import follow_path
-from models.machining_path import MachiningPath, check_curvature, plan_machining
-from models.machining_phases import RAMP, PhasesConfig
-from models.posture_measures import ForceSd
-from models.redundancy import RedundancyProblem, best_on_grid, candidates, refine
-from models.robot import Robot
-from models.surface_path import SurfacePath
-from models.wrench import WrenchReconstructionConfig
+from models.estimation.wrench import WrenchReconstructionConfig
+from models.files.input_error import InputError
+from models.identification.identified_model import IdentifiedModel
+from models.machining.machining_path import MachiningPath, check_curvature, plan_machining
+from models.machining.machining_phases import RAMP, PhasesConfig
+from models.motion.branches import all_branches
+from models.motion.inverse_kinematics import follow_path
+from models.motion.posture_measures import ForceSd
+from models.motion.redundancy import RedundancyProblem, best_on_grid, candidates, refine
+from models.motion.surface_path import SurfacePath
+from models.robot.robot import Robot
 from systems.machining_reference import MachiningReference
 
 Array = NDArray[np.float64]

@@ -22,10 +22,10 @@ from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, Multibody
 from pydrake.multibody.tree import SpatialInertia, UnitInertia
 from pydrake.systems.framework import DiagramBuilder
 
-from models.placement_descent import PlacementBatch
-from models.placement_program import quaternion_from, rotation_of
-from models.placement_task import ClearanceConfig, ObstacleConfig
-from models.robot import Robot, pose_of
+from models.placement.placement_descent import PlacementBatch
+from models.placement.placement_program import quaternion_from, rotation_of
+from models.placement.placement_task import ClearanceConfig, ObstacleConfig
+from models.robot.robot import Robot, pose_of
 
 Array = NDArray[np.float64]
 

@@ -8,10 +8,10 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from diagrams.estimator import add_estimator
-from models.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
-from models.identified_model import IdentifiedModel
-from models.robot import Robot
-from models.serial_chain import SerialChain
+from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
+from models.identification.identified_model import IdentifiedModel
+from models.rigid_body.serial_chain import SerialChain
+from models.robot.robot import Robot
 from systems.recording_player import RecordingPlayer, Samples
 
 _LOGGED = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
@@ -113,7 +113,7 @@ def make_replay(
 
     Raises:
         InputError: the model belongs to another robot.
-        ValueError: as `models.estimator.WrenchEstimator`.
+        ValueError: as `models.estimation.estimator.WrenchEstimator`.
     """
     reference = WrenchEstimator(robot, model, config)
     time_step = reference.config.observer.time_step

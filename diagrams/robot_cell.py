@@ -36,12 +36,12 @@ from pydrake.systems.primitives import (
 
 from diagrams.scenario import BladeConfig, PlateConfig, Scenario
 from diagrams.workpiece import add_blade, add_plate, contact_material, soft_tip
-from models.dry_friction import DryFriction
-from models.input_error import InputError
-from models.machining_process import MachiningProcess
-from models.motors import motor_gain
-from models.robot import Robot, RobotInPlant
-from models.wrench_script import WrenchScript
+from models.control.wrench_script import WrenchScript
+from models.files.input_error import InputError
+from models.friction.true_friction import DryFriction
+from models.machining.machining_process import MachiningProcess
+from models.robot.motors import motor_gain
+from models.robot.robot import Robot, RobotInPlant
 from systems.environment_truth import EnvironmentTruth
 from systems.external_wrench_source import ExternalWrenchSource
 from systems.force_torque_sensor import ForceTorqueSensor

@@ -8,14 +8,15 @@ from typing import Union
 import numpy as np
 from numpy.typing import NDArray
 
-from models.configuration import load_configuration, nearest
-from models.estimator import WrenchEstimatorConfig
-from models.fourier_trajectory import FourierCoefficients, FourierTrajectory
-from models.input_error import InputError
-from models.machining_path import NormalForceConfig
-from models.machining_phases import PhasesConfig, check_phases
-from models.machining_process import MachiningProcess, ProcessConfig
-from models.paths import (
+from models.control.wrench_script import WrenchSegment
+from models.estimation.estimator import WrenchEstimatorConfig
+from models.excitation.fourier_trajectory import FourierCoefficients, FourierTrajectory
+from models.files.configuration import load_configuration, nearest
+from models.files.input_error import InputError
+from models.machining.machining_path import NormalForceConfig
+from models.machining.machining_phases import PhasesConfig, check_phases
+from models.machining.machining_process import MachiningProcess, ProcessConfig
+from models.motion.paths import (
     JointTrajectory,
     StraightPath,
     TimeLaw,
@@ -26,8 +27,7 @@ from models.paths import (
     thirds,
     uniform_acceleration,
 )
-from models.robot import Robot
-from models.wrench_script import WrenchSegment
+from models.robot.robot import Robot
 from systems.force_torque_sensor import ForceTorqueSensorConfig
 from systems.impedance_controller import ImpedanceConfig
 from systems.joint_tracking_controller import JointTrackingConfig
@@ -118,7 +118,7 @@ class PlateConfig:
 
 @dataclass
 class BladeConfig:
-    """A section of a wind turbine blade (models.workpieces), fixed in W, touched at a patch."""
+    """A section of a wind turbine blade (models.motion.workpieces), fixed in W."""
 
     centre: list[float] = field(default_factory=lambda: [0.6, 0.0, 0.2])  # m, of its frame P
     rpy: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # rad; span along P's y
@@ -155,7 +155,7 @@ class MachiningConfig:
     ramp: float = 0.25  # s, in which the feed comes up to its speed, and down again
     passes: int = 2  # there, back, there, ...
     # m above the surface, of a pass through the air beforehand, that teaches the estimator what its
-    # model gets wrong along the path (models.air_pass); 0: none
+    # model gets wrong along the path (models.machining.air_pass); 0: none
     air_pass: float = 0.0
     force: NormalForceConfig = field(default_factory=NormalForceConfig)
     phases: PhasesConfig = field(default_factory=PhasesConfig)

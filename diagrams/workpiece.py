@@ -20,8 +20,8 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 
 from diagrams.scenario import BladeConfig, PlateConfig
-from models.input_error import InputError
-from models.workpieces import BladeSection, Plate, Surface, mesh
+from models.files.input_error import InputError
+from models.motion.workpieces import BladeSection, Plate, Surface, mesh
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ def _forget_stale_kernels(folder: Path) -> None:
     changes, but not when a kernel that it calls changes in another file: without this, an updated
     installation would silently go on computing with the old code.
     """
-    cached = list((folder / "__pycache__").glob("*.nb[ic]"))
-    sources = (folder / f"{name}.py" for name in {file.name.split(".")[0] for file in cached})
+    cached = list(folder.rglob("__pycache__/*.nb[ic]"))
+    sources = {file.parent.parent / f"{file.name.split('.')[0]}.py" for file in cached}
     try:
         newest = max((source.stat().st_mtime for source in sources if source.exists()), default=0.0)
         for file in cached:

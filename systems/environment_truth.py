@@ -11,8 +11,8 @@ from pydrake.multibody.plant import ContactResults
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from models.serial_chain import RigidBodyTerms
-from models.tool_contact import CONTACT_SIZE, NORMAL_SIZE, add_contact, sum_with_contact
+from models.rigid_body.serial_chain import RigidBodyTerms
+from models.signals.tool_contact import CONTACT_SIZE, NORMAL_SIZE, add_contact, sum_with_contact
 
 Array = NDArray[np.float64]
 

@@ -17,10 +17,10 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from models.input_error import InputError
-from models.low_pass import LowPass
-from models.serial_chain import RigidBodyTerms
-from models.tool_wrench import measure_contact_wrench, tool_table
+from models.files.input_error import InputError
+from models.rigid_body.serial_chain import RigidBodyTerms
+from models.signals.low_pass import LowPass
+from models.signals.tool_wrench import measure_contact_wrench, tool_table
 
 Array = NDArray[np.float64]
 

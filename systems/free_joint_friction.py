@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from models.dry_friction import DryFriction, free_friction
+from models.friction.true_friction import DryFriction, free_friction
 from systems.joint_friction import HOLDING_DAMPING
 
 Array = NDArray[np.float64]
@@ -19,8 +19,8 @@ class FreeJointFriction(LeafSystem):
 
     held is up to stiction, whatever stops the joint, found implicitly for the velocity at the end
     of the tick from the robot's own equation of motion; explicit is the smooth rest of the law
-    (`models.dry_friction`). Without contact the equation of motion is all there is, so that this is
-    the same motion as with brakes in the plant, at a fraction of the solver's cost.
+    (`models.friction.true_friction`). Without contact the equation of motion is all there is, so
+    that this is the same motion as with brakes in the plant, at a fraction of the solver's cost.
 
                    +-------------------+
       terms    --> |                   | --> torque

@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, NumericParameterIndex
 
-from models.gaussian_noise import gaussian_noise
+from models.signals.gaussian_noise import gaussian_noise
 
 
 class GaussianNoiseSource(LeafSystem):
@@ -11,10 +11,10 @@ class GaussianNoiseSource(LeafSystem):
 
         noise(t) = N(seed, k),   k = ⌊t / time_step⌋
 
-    with N a counter-based generator (`models.gaussian_noise`): the value is a function of seed and
-    time alone, so that two runs with the same seed see the same noise wherever they start. (Drake's
-    RandomSource takes its seed from a counter of the process, and its generator is a state that an
-    unrestricted update has to copy at every tick.)
+    with N a counter-based generator (`models.signals.gaussian_noise`): the value is a function of
+    seed and time alone, so that two runs with the same seed see the same noise wherever
+    they start. (Drake's RandomSource takes its seed from a counter of the process, and its
+    generator is a state that an unrestricted update has to copy at every tick.)
 
                     +---------------------+
                     | GaussianNoiseSource | --> noise

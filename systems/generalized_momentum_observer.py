@@ -15,13 +15,13 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from models.momentum_observer import (
+from models.estimation.momentum_observer import (
     MomentumObserver,
     MomentumObserverConfig,
     observer_output,
     observer_update,
 )
-from models.serial_chain import RigidBodyTerms
+from models.rigid_body.serial_chain import RigidBodyTerms
 
 Array = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ class GeneralizedMomentumObserver(LeafSystem):
     so that tau_ext is the true external torque through K_0 / (s + K_0) (Lu et al., eqs. 6-11, 30).
     The sign is that of the environment on the robot: the article's tau_ext, what the motors spend
     against the environment, is the negative of this one. Sampled with the period T, exactly
-    (`models.momentum_observer`):
+    (`models.estimation.momentum_observer`):
 
         tau_ext_k+1 = a tau_ext_k + (1 - a) (mean of the true tau_ext over the tick),
         a = exp(-K_0 T)
@@ -74,7 +74,7 @@ class GeneralizedMomentumObserver(LeafSystem):
         num_joints: n.
 
     Raises:
-        ValueError: as `models.momentum_observer.MomentumObserver`.
+        ValueError: as `models.estimation.momentum_observer.MomentumObserver`.
     """
 
     def __init__(self, config: MomentumObserverConfig, num_joints: int) -> None:

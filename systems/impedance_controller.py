@@ -15,10 +15,10 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from models.friction import SemiParametricFriction
-from models.impedance import impedance_action
-from models.input_error import InputError
-from models.serial_chain import RigidBodyTerms
+from models.control.impedance import impedance_action
+from models.files.input_error import InputError
+from models.friction.velocity_friction import SemiParametricFriction
+from models.rigid_body.serial_chain import RigidBodyTerms
 from systems.pose_reference import POSE_REFERENCE_SIZE
 
 Array = NDArray[np.float64]

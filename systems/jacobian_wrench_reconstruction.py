@@ -14,8 +14,8 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from models.serial_chain import RigidBodyTerms
-from models.wrench import WrenchReconstruction, WrenchReconstructionConfig, reconstruct
+from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig, reconstruct
+from models.rigid_body.serial_chain import RigidBodyTerms
 
 Array = NDArray[np.float64]
 
@@ -30,7 +30,8 @@ class JacobianWrenchReconstruction(LeafSystem):
         Σ_F = (J Σ_tau⁻¹ Jᵀ + P⁻¹)⁻¹
         F   = Σ_F J Σ_tau⁻¹ tau_ext,     P = diag(prior_moment_sd² 1₃, prior_force_sd² 1₃)
 
-    by default; the other methods (eq. 22 of Lu et al. among them) are those of `models.wrench`.
+    by default; the other methods (eq. 22 of Lu et al. among them) are those of
+    `models.estimation.wrench`.
 
                          +------------------------------+ --> wrench
       terms         -->  |                              | --> covariance
@@ -64,8 +65,8 @@ class JacobianWrenchReconstruction(LeafSystem):
         torque_covariance: (n, n) N² m², of the error of tau_ext.
 
     Raises:
-        ValueError: as `models.wrench.WrenchReconstruction`; also when a parameter is changed to
-            what that does not accept and an output is then evaluated.
+        ValueError: as `models.estimation.wrench.WrenchReconstruction`; also when a parameter is
+            changed to what that does not accept and an output is then evaluated.
     """
 
     def __init__(self, config: WrenchReconstructionConfig, torque_covariance: ArrayLike) -> None:

@@ -9,7 +9,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JointActuator, PdControllerGains
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from models.dry_friction import DryFriction, explicit_torque, total_friction
+from models.friction.true_friction import DryFriction, explicit_torque, total_friction
 
 Array = NDArray[np.float64]
 

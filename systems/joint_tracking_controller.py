@@ -8,9 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from models.friction import SemiParametricFriction
-from models.input_error import InputError
-from models.joint_tracking import advance_integral, tracking_torque
+from models.control.joint_tracking import advance_integral, tracking_torque
+from models.files.input_error import InputError
+from models.friction.velocity_friction import SemiParametricFriction
 
 Array = NDArray[np.float64]
 

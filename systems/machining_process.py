@@ -15,7 +15,7 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from models.machining_process import (
+from models.machining.machining_process import (
     FEED,
     PROCESS_STATE_SIZE,
     MachiningProcess,
@@ -23,14 +23,14 @@ from models.machining_process import (
     advance_process,
     cutting_force,
 )
-from models.serial_chain import RigidBodyTerms
-from models.tool_contact import NORMAL_SIZE
+from models.rigid_body.serial_chain import RigidBodyTerms
+from models.signals.tool_contact import NORMAL_SIZE
 
 Array = NDArray[np.float64]
 
 
 class MachiningProcessSystem(LeafSystem):
-    """Puts cutting resistance and unbalance on the tool (models.machining_process).
+    """Puts cutting resistance and unbalance on the tool (models.machining.machining_process).
 
                          +------------------------+
       terms          --> |                        | --> spatial_forces

@@ -11,16 +11,16 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from models.machining_path import MachiningPath
-from models.machining_phases import PhasesConfig, initial_state
-from models.machining_reference import advance_reference, machining_reference
-from models.robot import Robot
-from models.serial_chain import SCRATCH_COLUMNS, RigidBodyTerms, SerialChain
+from models.machining.machining_path import MachiningPath
+from models.machining.machining_phases import PhasesConfig, initial_state
+from models.machining.machining_reference import advance_reference, machining_reference
+from models.rigid_body.serial_chain import SCRATCH_COLUMNS, RigidBodyTerms, SerialChain
+from models.robot.robot import Robot
 from systems.pose_reference import POSE_REFERENCE_SIZE
 
 
 class MachiningReference(LeafSystem):
-    """Leads the tool through the phases of a pass (models.machining_phases, machining_reference).
+    """Leads the tool through the phases of a machining pass.
 
     Under force control the pose is that of the planned path. Before and after it E moves along the
     tool's axis from where it is: the approach from where the run starts, lift and retreat from
@@ -45,8 +45,8 @@ class MachiningReference(LeafSystem):
                        feed_time       (1,) s since the feed started; -1 but for the work itself
                        feedback_valid  (1,) 1 where the force feedback can be used, else 0: always
                                        with a sensor, with an estimate while the feed is steady
-    State:   (7,) of models.machining_phases, and (15,) R_WD, p_WD and the outward direction from
-             which approach, lift and retreat start
+    State:   (7,) of models.machining.machining_phases, and (15,) R_WD, p_WD and the outward
+             direction from which approach, lift and retreat start
 
     Args:
         robot: its joint limits.

@@ -15,7 +15,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from models.current_measurement import measure_current, update_lag
+from models.signals.current_measurement import measure_current, update_lag
 from systems.gaussian_noise_source import GaussianNoiseSource
 
 Array = NDArray[np.float64]

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, NumericParameterIndex
 
-from models.motors import motor_gain, motor_torque
+from models.robot.motors import motor_gain, motor_torque
 
 
 class MotorCurrentTorqueSource(LeafSystem):

@@ -14,13 +14,13 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from models.friction import friction_torque
-from models.presliding_friction import (
+from models.friction.presliding_friction import (
     FrictionLaw,
     add_slip_torque,
     initial_friction_state,
     update_slip,
 )
+from models.friction.velocity_friction import friction_torque
 
 Array = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ class PreslidingFrictionSystem(LeafSystem):
         z     = Σ_k weight_k z_k,    z_k ← clip(z_k + Δq / displacement_k, -1, 1)
 
     with L the torque that the gear transmitted at the tick before, tau_J - tau_f
-    (`models.presliding_friction`).
+    (`models.friction.presliding_friction`).
 
                  +--------------------------+
       q     -->  |                          |

@@ -13,7 +13,11 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from models.friction import CoulombViscous, SemiParametricFriction, friction_torque
+from models.friction.velocity_friction import (
+    CoulombViscous,
+    SemiParametricFriction,
+    friction_torque,
+)
 
 Array = NDArray[np.float64]
 
@@ -26,7 +30,7 @@ class SemiParametricFrictionSystem(LeafSystem):
 
     (Lu et al., eq. 12). Bias and slope make both meet at ±v_crit unless `friction.handover` is
     "literal"; without networks the law is Coulomb-viscous at every velocity
-    (`models.friction.SemiParametricFriction`).
+    (`models.friction.velocity_friction.SemiParametricFriction`).
 
              +------------------------------+
       v -->  | SemiParametricFrictionSystem | --> tau_f

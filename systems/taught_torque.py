@@ -2,11 +2,11 @@
 
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from models.air_pass import TaughtTorque
+from models.machining.air_pass import TaughtTorque
 
 
 class TaughtTorqueSource(LeafSystem):
-    """The model's error at a place of the motion, as `models.air_pass` learnt it, with minus sign.
+    """Minus the model's error at a place of the motion, as `air_pass` learnt it.
 
                       +--------------------+ --> tau_correction
       feed_time  -->  | TaughtTorqueSource |

@@ -15,19 +15,19 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from analyses import __main__ as command_line
-from analyses import study
-from analyses.compilation import ANNOUNCEMENT
-from analyses.outcome import StudyResult
-from analyses.progress import ProgressDisplay
-from analyses.study import EXPERIMENTS, Progress
-from models.input_error import InputError
+from analyses.output.compilation import ANNOUNCEMENT
+from analyses.output.progress import ProgressDisplay
+from analyses.study import study
+from analyses.study.outcome import StudyResult
+from analyses.study.study import EXPERIMENTS, Progress
+from models.files.input_error import InputError
 
-ROOT = Path(study.__file__).parent.parent
+ROOT = Path(study.__file__).parents[2]
 COMMANDS = ("study", "identify", "estimate", "simulate")
 
 _EXPERIMENT = """
 import time
-from analyses.experiment import ComparisonRow, Experiment, ExperimentResult
+from analyses.study.experiment import ComparisonRow, Experiment, ExperimentResult
 
 def run(context):
     {body}
@@ -357,7 +357,7 @@ def test_fleeting_progress_says_in_a_log_only_that_there_is_a_wait():
 
 def test_long_work_gives_a_sign_of_life_in_a_log(monkeypatch):
     clock = iter(range(0, 1000, 15))
-    monkeypatch.setattr("analyses.progress.time.monotonic", lambda: next(clock))
+    monkeypatch.setattr("analyses.output.progress.time.monotonic", lambda: next(clock))
     events = [Progress("one", "running", k / 10, "solving") for k in range(6)]
     assert _written(False, events).splitlines() == [
         "one     started",
@@ -376,7 +376,7 @@ def test_on_a_terminal_there_are_bars():
 
 
 def test_options_reach_the_estimate(invoke, monkeypatch, tmp_path):
-    from analyses import estimation
+    from analyses.methods.reading import estimation
 
     seen = []
 
@@ -405,7 +405,7 @@ def test_options_reach_the_estimate(invoke, monkeypatch, tmp_path):
 
 def test_the_defaults_are_those_of_the_analyses(invoke, monkeypatch):
     """An option must not change what the same call from Python does."""
-    from analyses import estimation, identification
+    from analyses.methods.reading import estimation, identification
 
     configurations = []
 
@@ -424,7 +424,7 @@ def test_the_defaults_are_those_of_the_analyses(invoke, monkeypatch):
 
 
 def test_an_estimate_prints_its_table_and_its_doubts(invoke, monkeypatch, tmp_path):
-    from analyses import estimation
+    from analyses.methods.reading import estimation
 
     force = {"mean_n": -24.6789, "rms_n": 25.5, "max_abs_n": 40.34, "mean_sd_n": None}
     metrics = {
@@ -463,7 +463,7 @@ def test_an_estimate_prints_its_table_and_its_doubts(invoke, monkeypatch, tmp_pa
     ],
 )
 def test_options_reach_the_simulation(invoke, monkeypatch, tmp_path, scenario, asked):
-    from analyses import simulation
+    from analyses.methods.runs import simulation
 
     seen = {}
 
@@ -488,7 +488,7 @@ def test_options_reach_the_simulation(invoke, monkeypatch, tmp_path, scenario, a
 
 @pytest.mark.parametrize("sensor", [True, False])
 def test_a_simulation_prints_its_errors_and_its_files(invoke, monkeypatch, tmp_path, sensor):
-    from analyses import simulation
+    from analyses.methods.runs import simulation
 
     units = {"fx": "n", "fy": "n", "fz": "n", "mx": "nm", "my": "nm", "mz": "nm"}
     errors = {f"rmse_{axis}_{unit}": 0.5 for axis, unit in units.items()}
@@ -529,7 +529,7 @@ def test_a_simulation_prints_its_errors_and_its_files(invoke, monkeypatch, tmp_p
     ],
 )
 def test_validate_takes_several_logs(invoke, monkeypatch, arguments, logs, validate):
-    from analyses import identification
+    from analyses.methods.learning import identification
 
     seen = []
 

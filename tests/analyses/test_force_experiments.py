@@ -7,18 +7,23 @@ the runs. That the article's figures come out is what the studies themselves sho
 import numpy as np
 import pytest
 
-from analyses import combined, friction_estimate, repeat_cycle, repeat_cycle_push
-from analyses.arm_models import LAWS, ArmModels
-from analyses.experiment import ExperimentContext
-from analyses.outcome import look_up
-from analyses.outputs import json_text, plain_metrics
-from analyses.simulation import known_model
-from analyses.study import EXPERIMENTS
-from analyses.task_runs import run_task, task_path, task_scenario
+from analyses.experiments.free_motion import (
+    combined,
+    friction,
+    repeat_cycle,
+    repeat_cycle_push,
+)
+from analyses.methods.learning.arm_models import LAWS, ArmModels
+from analyses.methods.runs.simulation import known_model
+from analyses.methods.runs.task_runs import run_task, task_path, task_scenario
+from analyses.output.outputs import json_text, plain_metrics
+from analyses.study.experiment import ExperimentContext
+from analyses.study.outcome import look_up
+from analyses.study.study import EXPERIMENTS
 
 MODULES = {
     module.EXPERIMENT.name: module
-    for module in (repeat_cycle, repeat_cycle_push, friction_estimate, combined)
+    for module in (repeat_cycle, repeat_cycle_push, friction, combined)
 }
 
 
@@ -121,7 +126,7 @@ def test_the_same_seed_gives_the_same_bytes(result, tmp_path, monkeypatch):
 
 
 def test_noise_by_time_law_grows_with_the_time_at_the_paths_ends():
-    from models.robot import Robot
+    from models.robot.robot import Robot
 
     robot = Robot.load("sts_sre4_600")
     table = repeat_cycle.noise_alone(robot, np.ones(6))

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from analyses import study
 from analyses.__main__ import app
-from analyses.result_marker import MARKER
-from models.recording import Recording
-from models.robot import Robot
+from analyses.output.result_marker import MARKER
+from analyses.study import study
+from models.recordings.recording import Recording
+from models.robot.robot import Robot
 
-ROOT = Path(study.__file__).parent.parent
+ROOT = Path(study.__file__).parents[2]
 _BUNDLED = ROOT / "models" / "robots" / "sts_sre4_600"
 
 

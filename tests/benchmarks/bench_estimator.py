@@ -19,11 +19,11 @@ from pydrake.systems.analysis import Simulator
 from diagrams.closed_loop import make_closed_loop
 from diagrams.estimator import make_estimator
 from diagrams.scenario import load_scenario
-from models.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.friction import CoulombViscous, SemiParametricFriction
-from models.identified_model import IdentifiedModel
-from models.motors import torque_to_current
-from models.robot import Robot
+from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.identification.identified_model import IdentifiedModel
+from models.robot.motors import torque_to_current
+from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
 Tick = Callable[[int], Array]

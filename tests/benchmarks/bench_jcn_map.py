@@ -12,8 +12,8 @@ import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 
-from analyses.jcn_map import SliceConfig, sample, slice_plane
-from models.robot import Robot
+from analyses.experiments.postures.jcn_map import SliceConfig, sample, slice_plane
+from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
 

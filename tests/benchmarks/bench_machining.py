@@ -15,10 +15,10 @@ from pydrake.systems.analysis import Simulator
 from diagrams.closed_loop import make_closed_loop
 from diagrams.machining import make_machining_path
 from diagrams.scenario import load_scenario
-from models.friction import CoulombViscous, SemiParametricFriction
-from models.identified_model import IdentifiedModel
-from models.machining_phases import Phase
-from models.robot import Robot
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.identification.identified_model import IdentifiedModel
+from models.machining.machining_phases import Phase
+from models.robot.robot import Robot
 
 STRETCH = 1.5  # s of simulated time
 STRETCHES = 4

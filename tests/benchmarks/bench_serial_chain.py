@@ -14,9 +14,9 @@ import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 
-from models.conditioning import condition_number
-from models.robot import Robot
-from models.serial_chain import SCRATCH_COLUMNS, SerialChain, all_terms, observer_terms
+from models.rigid_body.conditioning import condition_number
+from models.rigid_body.serial_chain import SCRATCH_COLUMNS, SerialChain, all_terms, observer_terms
+from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from diagrams.clearance import INFLUENCE, Clearance, workpiece_clearance
 from diagrams.scenario import BladeConfig, PlateConfig
-from models.robot import Robot
+from models.robot.robot import Robot
 
 
 @pytest.fixture(scope="module")

@@ -14,11 +14,11 @@ from diagrams.scenario import (
     Scenario,
     load_scenario,
 )
-from models.friction import CoulombViscous, SemiParametricFriction
-from models.identified_model import IdentifiedModel
-from models.input_error import InputError
-from models.robot import Robot
-from models.wrench_script import WrenchStep
+from models.control.wrench_script import WrenchStep
+from models.files.input_error import InputError
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.identification.identified_model import IdentifiedModel
+from models.robot.robot import Robot
 from systems.force_torque_sensor import ForceTorqueSensorConfig
 from systems.impedance_controller import ForceControlConfig, ImpedanceConfig
 from systems.joint_tracking_controller import JointTrackingConfig

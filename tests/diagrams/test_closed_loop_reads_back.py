@@ -8,12 +8,12 @@ from pydrake.systems.analysis import Simulator
 
 from diagrams.closed_loop import make_closed_loop
 from diagrams.scenario import HoldMotion, JointSineMotion, Scenario
-from models.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.identified_model import IdentifiedModel
-from models.momentum_observer import MomentumObserverConfig
-from models.robot import Robot
-from models.wrench import WrenchReconstructionConfig
-from models.wrench_script import WrenchStep
+from models.control.wrench_script import WrenchStep
+from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from models.estimation.momentum_observer import MomentumObserverConfig
+from models.estimation.wrench import WrenchReconstructionConfig
+from models.identification.identified_model import IdentifiedModel
+from models.robot.robot import Robot
 
 K_0 = 20.0
 FORCE, MOMENT = [6.0, -4.0, 20.0], [0.5, -0.8, 0.3]

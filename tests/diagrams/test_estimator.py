@@ -10,14 +10,14 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, Tr
 from pydrake.trajectories import PiecewisePolynomial
 
 from diagrams.estimator import add_estimator, make_estimator
-from models.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.friction import CoulombViscous, SemiParametricFriction
-from models.identified_model import IdentifiedModel
-from models.input_error import InputError
-from models.momentum_observer import MomentumObserver, MomentumObserverConfig
-from models.presliding_friction import PreslidingFriction
-from models.robot import Robot
-from models.wrench import WrenchReconstructionConfig
+from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from models.estimation.momentum_observer import MomentumObserver, MomentumObserverConfig
+from models.estimation.wrench import WrenchReconstructionConfig
+from models.files.input_error import InputError
+from models.friction.presliding_friction import PreslidingFriction
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.identification.identified_model import IdentifiedModel
+from models.robot.robot import Robot
 from systems.recording_player import RecordingPlayer, Samples
 
 T = 1e-3

@@ -8,7 +8,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from diagrams import graph
 from diagrams.graph import graph_text, write_graph
-from models.input_error import InputError
+from models.files.input_error import InputError
 from systems.motor_current_torque_source import MotorCurrentTorqueSource
 
 needs_dot = pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")

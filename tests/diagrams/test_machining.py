@@ -9,10 +9,10 @@ from diagrams.closed_loop import make_closed_loop
 from diagrams.machining import longest_duration, make_machining_path
 from diagrams.scenario import load_scenario
 from diagrams.workpiece import pose_of_workpiece
-from models.friction import CoulombViscous, SemiParametricFriction
-from models.identified_model import IdentifiedModel
-from models.machining_phases import Fault, Phase
-from models.robot import Robot
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.identification.identified_model import IdentifiedModel
+from models.machining.machining_phases import Fault, Phase
+from models.robot.robot import Robot
 
 SHORT = {
     "standoff": 0.006,

@@ -9,10 +9,10 @@ from diagrams.placement_cell import (
     workpiece_corners,
     workpiece_rotation,
 )
-from models.placement_descent import PlacementBatch
-from models.placement_program import quaternion_from, rotation_of
-from models.placement_task import ClearanceConfig, ObstacleConfig, WorkpieceConfig
-from models.robot import PoseConfig, Robot
+from models.placement.placement_descent import PlacementBatch
+from models.placement.placement_program import quaternion_from, rotation_of
+from models.placement.placement_task import ClearanceConfig, ObstacleConfig, WorkpieceConfig
+from models.robot.robot import PoseConfig, Robot
 
 Array = NDArray[np.float64]
 

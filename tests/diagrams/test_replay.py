@@ -7,11 +7,11 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from diagrams.replay import make_replay
-from models.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.identified_model import IdentifiedModel
-from models.momentum_observer import MomentumObserverConfig
-from models.recording import Recording
-from models.robot import Robot
+from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from models.estimation.momentum_observer import MomentumObserverConfig
+from models.identification.identified_model import IdentifiedModel
+from models.recordings.recording import Recording
+from models.robot.robot import Robot
 
 DATA = Path(__file__).parents[2] / "../shared/data"
 UR10E_LOG = DATA / "ur10e/ur-20_02_19_14harm50secLoad.csv"

@@ -8,9 +8,9 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 from diagrams.robot_cell import make_robot_cell
 from diagrams.scenario import PlateConfig, Scenario
-from models.input_error import InputError
-from models.robot import Robot
-from models.wrench_script import WrenchStep
+from models.control.wrench_script import WrenchStep
+from models.files.input_error import InputError
+from models.robot.robot import Robot
 from systems.force_torque_sensor import ForceTorqueSensorConfig
 from systems.joint_friction import HOLDING_DAMPING
 

@@ -17,11 +17,11 @@ from diagrams.scenario import (
     load_scenario,
     make_trajectory,
 )
-from models.input_error import InputError
-from models.machining_phases import PhasesConfig
-from models.machining_process import ProcessConfig
-from models.robot import Robot
-from models.wrench_script import HandPush
+from models.control.wrench_script import HandPush
+from models.files.input_error import InputError
+from models.machining.machining_phases import PhasesConfig
+from models.machining.machining_process import ProcessConfig
+from models.robot.robot import Robot
 from systems.impedance_controller import ForceControlConfig, ImpedanceConfig
 
 

@@ -16,7 +16,7 @@ from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, Multibod
 from pydrake.multibody.tree import BodyIndex, SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 
-from models.robot import Robot
+from models.robot.robot import Robot
 from systems.environment_truth import EnvironmentTruth
 
 RADIUS, DEPTH = 0.012, 5e-4

@@ -4,7 +4,7 @@ from pydrake.multibody.tree import PrismaticJoint, SpatialInertia, UnitInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from models.wrench_script import WrenchScript, WrenchSine, WrenchStep
+from models.control.wrench_script import WrenchScript, WrenchSine, WrenchStep
 from systems.external_wrench_source import ExternalWrenchSource
 
 

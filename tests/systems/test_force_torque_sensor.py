@@ -18,9 +18,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, LogVectorOutput
 
-from models.input_error import InputError
-from models.low_pass import LowPass
-from models.serial_chain import SerialChain
+from models.files.input_error import InputError
+from models.rigid_body.serial_chain import SerialChain
+from models.signals.low_pass import LowPass
 from systems.force_torque_sensor import ForceTorqueSensor, ForceTorqueSensorConfig
 from systems.gaussian_noise_source import GaussianNoiseSource
 from systems.rigid_body_terms import RigidBodyTermsSystem

@@ -7,10 +7,10 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 from diagrams.robot_cell import make_robot_cell
 from diagrams.scenario import Scenario
-from models.dry_friction import DryFriction
-from models.robot import Robot
-from models.serial_chain import RigidBodyTerms
-from models.wrench_script import HandPush
+from models.control.wrench_script import HandPush
+from models.friction.true_friction import DryFriction
+from models.rigid_body.serial_chain import RigidBodyTerms
+from models.robot.robot import Robot
 from systems.free_joint_friction import FreeJointFriction
 from systems.joint_friction import HOLDING_DAMPING
 

@@ -6,7 +6,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
-from models.gaussian_noise import gaussian_noise
+from models.signals.gaussian_noise import gaussian_noise
 from systems.gaussian_noise_source import GaussianNoiseSource
 
 TIME_STEP = 1e-3

@@ -7,9 +7,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
-from models.momentum_observer import MomentumObserver, MomentumObserverConfig
-from models.robot import Robot
-from models.serial_chain import RigidBodyTerms
+from models.estimation.momentum_observer import MomentumObserver, MomentumObserverConfig
+from models.rigid_body.serial_chain import RigidBodyTerms
+from models.robot.robot import Robot
 from systems.generalized_momentum_observer import GeneralizedMomentumObserver
 
 T = 1e-3

@@ -9,10 +9,10 @@ from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, LogV
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from models.friction import CoulombViscous, SemiParametricFriction
-from models.input_error import InputError
-from models.robot import Robot
-from models.serial_chain import SerialChain
+from models.files.input_error import InputError
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.rigid_body.serial_chain import SerialChain
+from models.robot.robot import Robot
 from systems.impedance_controller import ForceControlConfig, ImpedanceConfig, ImpedanceController
 from systems.rigid_body_terms import RigidBodyTermsSystem
 

@@ -6,9 +6,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, LogVectorOutput
 
-from models.friction import CoulombViscous, SemiParametricFriction
-from models.input_error import InputError
-from models.robot import Robot
+from models.files.input_error import InputError
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.robot.robot import Robot
 from systems.joint_tracking_controller import JointTrackingConfig, JointTrackingController
 from systems.rigid_body_terms import RigidBodyTermsSystem
 

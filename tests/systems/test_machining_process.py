@@ -3,8 +3,8 @@ import pytest
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.tree import BodyIndex
 
-from models.machining_process import MachiningProcess, ProcessConfig
-from models.robot import Robot
+from models.machining.machining_process import MachiningProcess, ProcessConfig
+from models.robot.robot import Robot
 from systems.machining_process import MachiningProcessSystem
 
 CONFIG = ProcessConfig(cutting_ratio=0.2, speed_exponent=0.0, unbalance=1e-5)

@@ -4,8 +4,8 @@ from pydrake.common.value import AbstractValue
 
 from diagrams.machining import make_machining_path
 from diagrams.scenario import load_scenario
-from models.machining_phases import Phase
-from models.robot import Robot
+from models.machining.machining_phases import Phase
+from models.robot.robot import Robot
 from systems.machining_reference import MachiningReference
 
 T = 1e-3

@@ -3,7 +3,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Integrator
 
-from models.paths import JointTrajectory
+from models.motion.paths import JointTrajectory
 from systems.path_reference import PathReference
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from models.robot import Robot
+from models.robot.robot import Robot
 from systems.pose_reference import PoseReference
 
 

@@ -7,13 +7,13 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from models.friction import CoulombViscous, SemiParametricFriction
-from models.presliding_friction import (
+from models.friction.presliding_friction import (
     PreslidingFriction,
     add_slip_torque,
     initial_friction_state,
     update_slip,
 )
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from systems.presliding_friction import PreslidingFrictionSystem
 
 N, STEP = 2, 0.01

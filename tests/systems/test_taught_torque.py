@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from models.air_pass import TaughtTorque
+from models.machining.air_pass import TaughtTorque
 from systems.taught_torque import TaughtTorqueSource
 
 TAUGHT = TaughtTorque(0.5 * np.arange(3), np.array([[1.0, -2.0], [3.0, 2.0], [5.0, 0.0]]))

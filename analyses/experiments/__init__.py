@@ -1,0 +1,1 @@
+"""Experiments of `study`, one question a file. None imports another."""

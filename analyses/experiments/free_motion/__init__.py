@@ -1,0 +1,1 @@
+"""The simulated arm in free motion, untouched or pushed by hand."""

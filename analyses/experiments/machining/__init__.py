@@ -1,0 +1,1 @@
+"""The simulated arm at work on a surface."""

@@ -1,0 +1,26 @@
+"""Experiment `polishing`: a plate under a held force, the tangential force read (section 5.1)."""
+
+from analyses.methods.runs.machining import MachiningTask, study_machining
+from analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
+
+TASK = MachiningTask(
+    scenario="Polishing",
+    sensorless="PolishingSensorless",
+    component="tangential",
+    correlation=(0.9534, 0.9538, 0.9415),
+    rmse_n=(3.0845, 3.5468, 4.7082),
+    figure="Fig. 25",
+)
+
+
+def run(context: ExperimentContext) -> ExperimentResult:
+    """The experiment `polishing` of `study`."""
+    return study_machining(context, TASK)
+
+
+EXPERIMENT = Experiment(
+    name="polishing",
+    title="Polishing a plate without a force sensor",
+    section="5.1, Figs. 24-25",
+    run=run,
+)

@@ -1,0 +1,1 @@
+"""What a posture does to the force that is read in it."""

@@ -1,0 +1,1 @@
+"""Questions and their answers: what a command does, without its options."""

@@ -1,0 +1,1 @@
+"""From logs to models: identification, friction, and what it takes to trust them."""

@@ -1,0 +1,207 @@
+"""What can be known of the simulated arm before its task? Contact-free logs in, models out.
+
+One identification as the article's (excitation 1, Coulomb-viscous friction) and passes of opposite
+direction in some postures give a model per friction law:
+
+    coulomb-viscous   the identified law
+    semi-parametric   the article's: the same, with networks near zero velocity that were trained
+                      on friction separated by reversal
+    presliding        `models.friction.presliding_friction`, fitted with the inertias on these logs
+
+**The stated covariance.** What a model leaves unexplained in an identification is not what its
+observer errs by in a task: an excitation is fast, a task may be slow, and near zero velocity
+friction errs the most. So Sigma_tau of each law is found from the causal observer's own output
+along contact-free logs that no model was fitted on (excitation 2, and passes in a posture of their
+own), behind the same K_0, over the samples slower than the task's planned motion:
+
+    sd_j        = RMS of tau_ext_j where |v_j| <= speed, about zero: a lasting error is an error
+    Sigma_tau   = D R D,  D = diag(sd),  R = the outputs' correlations (about zero) over all samples
+
+Nothing of it comes from a task's run. For eq. 4, where the first cycle's torque stands for the
+model, the same is found from two periods of an excitation: torque of the one minus the other's.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analyses.experiments.free_motion.friction_laws import POSTURES, semi_parametric_model
+from analyses.experiments.free_motion.identification import (
+    CONFIG,
+    PERIODS,
+    identify_simulated_arm,
+    simulate_excitation,
+    stored_excitation,
+)
+from analyses.methods.learning.friction_reversal import reversal_recordings, separate_recordings
+from analyses.methods.learning.friction_training import TrainingConfig
+from analyses.methods.learning.identification import identify
+from analyses.methods.runs.task_runs import repetition_torque
+from analyses.study.shared_results import shared
+from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from models.estimation.momentum_observer import MomentumObserverConfig
+from models.estimation.wrench import WrenchReconstructionConfig
+from models.identification.identified_model import IdentifiedModel
+from models.recordings.recording import Recording
+from models.robot.robot import Robot
+
+Array = NDArray[np.float64]
+ProgressCallback = Callable[[float, str], None]
+
+LAWS = ("coulomb-viscous", "semi-parametric", "presliding")
+# Passes as slow as a task's joints, with travel enough that the drives' own compliance does not
+# take it up. Without them networks know nothing of the speeds at which tasks are done: trained on
+# passes from 0.01 rad/s on with a period of 2 s alone, they halve neither error nor peak.
+SLOW_SPEEDS = (0.003, 0.01, 0.03)  # rad/s
+SLOW_PERIOD = 8.0  # s
+# Dry friction jumps at zero velocity. The networks start with a jump as wide as v_crit / STEEPEST,
+# 0.2 mrad/s; with the 60 of a network that is to be smooth, friction at 10 mrad/s is half its true.
+STEEPEST = 2000.0
+FEWEST = 200  # samples below the speed; with fewer the joint's sd is that of all its samples
+
+
+@dataclass(frozen=True, eq=False)
+class ArmModels:
+    """What the contact-free logs of an arm say.
+
+    Attributes:
+        robot: whose logs they are.
+        models: by law, as in LAWS.
+        held_out: contact-free logs that no model was fitted on.
+    """
+
+    robot: Robot
+    models: Mapping[str, IdentifiedModel]
+    held_out: tuple[Recording, ...]
+
+    def estimator(
+        self, law: str, speed: float, K_0: float, reconstruction: WrenchReconstructionConfig
+    ) -> WrenchEstimator:
+        """An estimator with a law's model and the covariance that it errs by in a task.
+
+        Args:
+            law: one of LAWS.
+            speed: rad/s, the highest joint speed of the planned task.
+            K_0: 1/s.
+            reconstruction: method and prior.
+        """
+        config = WrenchEstimatorConfig(MomentumObserverConfig([K_0]), reconstruction)
+        model = self.models[law]
+        tau_ext, v = self.held_out_errors(law, K_0)
+        covariance = covariance_at_speed(tau_ext, v, speed)
+        return WrenchEstimator(self.robot, replace(model, residual_covariance=covariance), config)
+
+    def held_out_errors(self, law: str, K_0: float) -> tuple[Array, Array]:
+        """tau_ext (N, n) N m that an observer reads of the held-out logs, and v (N, n) rad/s.
+
+        Args:
+            law: one of LAWS.
+            K_0: 1/s.
+        """
+        config = WrenchEstimatorConfig(
+            MomentumObserverConfig([K_0]), WrenchReconstructionConfig("inverse")
+        )
+        plain = WrenchEstimator(self.robot, self.models[law], config)
+        outputs, speeds = [], []
+        for recording in self.held_out:
+            state = plain.initial_state()
+            tau_ext = plain.run(state, recording.q, recording.v, recording.current).tau_ext
+            settled = recording.t - recording.t[0] >= 3.0 / K_0
+            outputs.append(tau_ext[settled])
+            speeds.append(recording.v[settled])
+        return np.vstack(outputs), np.vstack(speeds)
+
+
+def identify_arm(
+    robot: Robot,
+    seed: int = 0,
+    quick: bool = False,
+    progress: ProgressCallback = lambda fraction, what: None,
+) -> ArmModels:
+    """Simulates the contact-free logs and identifies a model per law.
+
+    Args:
+        robot: with its simulated truth.
+        seed: of the noise and of the training.
+        quick: shorter logs, fewer postures.
+        progress: told the share done.
+    """
+    models, held_out = shared(
+        "identify_arm", (robot, seed, quick), lambda: _identify_arm(robot, seed, quick, progress)
+    )
+    progress(1.0, "models")
+    return ArmModels(robot, models, held_out)
+
+
+def _identify_arm(
+    robot: Robot, seed: int, quick: bool, progress: ProgressCallback
+) -> tuple[dict[str, IdentifiedModel], tuple[Recording, ...]]:
+    result, (log, other) = identify_simulated_arm(
+        robot,
+        seed,
+        1 if quick else PERIODS,
+        replace(CONFIG, seed=seed),
+        lambda share, what: progress(0.2 * share, what),
+    )
+    postures = np.asarray(robot.home) + np.asarray(POSTURES)
+    slow_speeds = SLOW_SPEEDS[1:] if quick else SLOW_SPEEDS
+    slow_postures = postures[-2:] if quick else postures[1:]
+    fast = reversal_recordings(
+        robot, postures[:1], seed=seed, progress=lambda s, what: progress(0.2 + 0.15 * s, what)
+    )
+    slow = reversal_recordings(
+        robot,
+        slow_postures,
+        slow_speeds,
+        seed + 100,
+        lambda s, what: progress(0.35 + 0.5 * s, what),
+        SLOW_PERIOD,
+    )
+    progress(0.85, "friction laws")
+    fitted = [*fast, *slow[:-1]]
+    separated = separate_recordings(robot, fitted, result.model, CONFIG.cutoff)
+    training = TrainingConfig(seed=seed, odd=True, steepest=STEEPEST)
+    semi_parametric, _ = semi_parametric_model(robot, result, separated, training)
+    config = replace(CONFIG, friction="presliding", cross_validate=False, seed=seed)
+    progress(0.9, "presliding friction")
+    presliding = identify([log.recording, *fitted], robot, [], config).model
+    models = dict(zip(LAWS, (result.model, semi_parametric, presliding), strict=True))
+    return models, (other.recording, slow[-1])
+
+
+def covariance_at_speed(tau_ext: Array, v: Array, speed: float) -> Array:
+    """Sigma_tau (n, n) in (N m)^2 by the rule at the top of this file.
+
+    Args:
+        tau_ext: (N, n) N m, the observer's output where nothing touches the arm.
+        v: (N, n) rad/s.
+        speed: rad/s.
+    """
+    slow = np.abs(v) <= speed
+    slow[:, slow.sum(axis=0) < FEWEST] = True
+    sd = np.sqrt((tau_ext**2 * slow).sum(axis=0) / slow.sum(axis=0))
+    moment = tau_ext.T @ tau_ext
+    scale = np.sqrt(np.diag(moment))
+    return np.asarray(np.outer(sd, sd) * moment / np.outer(scale, scale))
+
+
+def repetition_covariances(
+    robot: Robot,
+    gains: Sequence[float | None],
+    seed: int = 0,
+    progress: ProgressCallback = lambda fraction, what: None,
+) -> list[Array]:
+    """Sigma_tau (n, n) of eq. 4 in (N m)^2, behind each K_0 (1/s; None: raw).
+
+    From two periods of excitation 1, whose start (a quarter of a period) is left out.
+    """
+    excitation = stored_excitation(robot, 1)
+    log = simulate_excitation(robot, excitation, 2, 2 * seed, "excitation 1", progress)
+    period = round(excitation.period / log.recording.time_step)
+    out = []
+    for K_0 in gains:
+        tau_ext = repetition_torque(log.recording, robot, period, K_0)[period // 4 :]
+        out.append(np.asarray(tau_ext.T @ tau_ext / len(tau_ext)))
+    return out

@@ -1,0 +1,1 @@
+"""Motions, places and postures chosen for a task."""

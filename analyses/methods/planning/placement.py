@@ -1,0 +1,534 @@
+"""Where to put a straight path, and how the arm should stand (sections 3.2 and 4.3).
+
+Command `place --task T.yaml`. The answer is a path in its place, the tool's rotation, and postures
+on one branch along it; beside it stand the local optima that were met on the way and what the
+task's own guess would have given.
+"""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analyses.methods.planning.particle_swarm import SwarmConfig, place_by_swarm
+from analyses.output.figures import COLOUR, SERIES, new_figure
+from analyses.output.outputs import OutputFolder
+from analyses.output.result_folder import result_folder
+from diagrams.pages.path_page import PathMotion, TriangleMesh, record_paths
+from diagrams.placement_cell import PlacementCell, obstacle_corners, workpiece_corners
+from models.estimation.wrench import WrenchReconstructionConfig, live_prior
+from models.files.configuration import nearest
+from models.files.input_error import InputError
+from models.identification.identified_model import IdentifiedModel
+from models.motion.branches import all_branches, is_closed_form
+from models.motion.path_postures import track_paths
+from models.motion.posture_measures import ConditionNumber, ForceSd, PathMeasure, PostureMeasure
+from models.placement.placement_descent import PlacementDescent
+from models.placement.placement_program import SOLVERS, Placement, PlacementProgram, quaternion_from
+from models.placement.placement_search import (
+    FEASIBLE,
+    PlacementSearch,
+    SearchEffort,
+    SearchResult,
+    between_points,
+)
+from models.placement.placement_task import PlacementTask, check_task, load_task
+from models.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+OBJECTIVES = ("jcn", "force-sd")
+PLACE_SOLVERS = (*SOLVERS, "pso-ga")
+FINE = 10  # points between two of the path's, where it is looked at closely
+
+EFFORT = SearchEffort()
+EFFORT_QUICK = SearchEffort(num_samples=3000, num_starts=24, num_rounds=2, num_solves=3)
+# Distances cost a hundred times what the measure does.
+EFFORT_WITH_CLEARANCE = SearchEffort(num_starts=16, num_rounds=3, num_steps=25, num_solves=6)
+# Without a closed form every pose is searched numerically, and so are longer vectors of postures.
+EFFORT_NUMERIC = SearchEffort(
+    num_samples=6000, num_poses=8, num_starts=24, num_rounds=1, num_kinds=4, num_turns=4
+)
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A placed path, looked at closely.
+
+    Attributes:
+        placement: it, with its k + 1 points.
+        fine: the same with FINE times as many points.
+        jcn, measure: (k + 1,) condition number and the objective at the points.
+        fine_jcn, fine_measure: at the points of `fine`.
+        smallest_distance: m, of the clearance's pairs over `fine`; None without clearance.
+    """
+
+    placement: Placement
+    fine: Placement
+    jcn: Array
+    measure: Array
+    fine_jcn: Array
+    fine_measure: Array
+    smallest_distance: float | None = None
+
+    def metrics(self, key: str) -> dict[str, Any]:
+        """Means over the k + 1 points, largest values over the fine ones, and the placement."""
+        w = min(1.0, abs(float(self.placement.quaternion[0])))
+        theta = 2.0 * math.acos(w)
+        axis = self.placement.quaternion[1:] * (1.0 if self.placement.quaternion[0] >= 0 else -1.0)
+        length = float(np.linalg.norm(axis))
+        metrics: dict[str, Any] = {
+            "mean_jcn": float(np.mean(self.jcn)),
+            "max_jcn": float(np.max(self.fine_jcn)),
+            "mean_jcn_along_path": float(
+                np.trapezoid(self.fine_jcn, np.linspace(0.0, 1.0, len(self.fine_jcn)))
+            ),
+            "direction": self.placement.n_W,
+            "midpoint_m": self.placement.p_WM,
+            "rotation": self.placement.R_WE,
+            "angle_deg": math.degrees(theta),
+            "axis": axis / length if length > 1e-12 else np.array([0.0, 0.0, 1.0]),
+            "midpoint_radius_m": float(np.hypot(*self.placement.p_WM[:2])),
+            "joints_at_midpoint_rad": self.fine.q[len(self.fine.q) // 2],
+            "max_joint_step_rad": float(np.max(np.abs(np.diff(self.placement.q, axis=0)))),
+        }
+        if key != "jcn":
+            metrics[f"mean_{key}"] = float(np.mean(self.measure))
+            metrics[f"max_{key}"] = float(np.max(self.fine_measure))
+        if self.smallest_distance is not None:
+            metrics["smallest_distance_m"] = self.smallest_distance
+        return metrics
+
+
+@dataclass(frozen=True, eq=False)
+class PlacementResult:
+    """What `place` found.
+
+    Attributes:
+        initial: the task's guess on its branch; None without a guess that can be followed.
+        best: the best placement.
+        search: optima, starts and how the cost fell over time.
+        seconds: of the search, without imports and compilation of kernels.
+        largest_violation: of any constraint at the points, rad and m.
+        notices: sentences for the user.
+    """
+
+    task: PlacementTask
+    robot: Robot
+    objective: str
+    solver: str
+    seed: int
+    measure: PostureMeasure
+    initial: Profile | None
+    best: Profile
+    search: SearchResult
+    seconds: float
+    largest_violation: float
+    notices: tuple[str, ...] = field(default_factory=tuple)
+
+    def metrics(self) -> dict[str, Any]:
+        """Nested figures; no times among them."""
+        key = self.measure.key
+        metrics: dict[str, Any] = {
+            "optimised": self.best.metrics(key),
+            "optima": [
+                {f"mean_{key}": optimum.cost, "starts": optimum.starts}
+                for optimum in self.search.optima
+            ],
+            "starts": self.search.num_starts,
+            "starts_elsewhere": self.search.num_unassigned,
+            "candidates": self.search.num_candidates,
+            "candidates_reached": self.search.num_reached,
+            "largest_violation": self.largest_violation,
+        }
+        if self.initial is not None:
+            metrics["initial"] = self.initial.metrics(key)
+        return metrics
+
+
+def place(
+    task: PlacementTask,
+    source: Path | str,
+    robot: Robot,
+    *,
+    objective: str = "jcn",
+    solver: str = "snopt",
+    seed: int = 0,
+    model: IdentifiedModel | None = None,
+    method: str = "bayesian",
+    effort: SearchEffort | None = None,
+    swarm: SwarmConfig | None = None,
+    progress: Callable[[float, str], None] = lambda fraction, what: None,
+) -> PlacementResult:
+    """Places a path.
+
+    Args:
+        task: as read from `source`, which error messages name.
+        objective: one of OBJECTIVES.
+        solver: one of PLACE_SOLVERS.
+        seed: of the random starts.
+        model: of force-sd: whose residual covariance counts; None for the robot's nominal one.
+        method: of force-sd: how wrenches are reconstructed.
+        effort: how hard to search; None for what suits task and arm.
+        swarm: of pso-ga.
+
+    Raises:
+        InputError: no placement can be followed, or none keeps all constraints.
+    """
+    _check_choice("--objective", objective, OBJECTIVES)
+    _check_choice("--solver", solver, PLACE_SOLVERS)
+    check_task(task, source, robot)
+    notices = []
+    measure, said = _measure(robot, objective, model, method)
+    notices += said
+    cell = None
+    if task.clearance is not None:
+        cell = PlacementCell(robot, task.clearance)
+        notices += cell.notices
+    if not is_closed_form(robot):
+        notices.append(
+            f"{robot.name} has no known analytic inverse kinematics: branches are searched "
+            "numerically, and some may be missed"
+        )
+    bounds = task.bounds(robot)
+    program = PlacementProgram(
+        robot.chain, PathMeasure(measure), bounds, task.path_length, task.num_segments, cell
+    )
+    began = time.perf_counter()
+    if solver == "pso-ga":
+        result = place_by_swarm(robot, program, cell, seed, swarm, progress)
+    else:
+        descent = PlacementDescent(
+            robot.chain,
+            measure,
+            bounds,
+            task.path_length,
+            None if cell is None else cell.penalties,
+        )
+        guess = task.initial_path()
+        initial = None if guess is None else (guess.n_W, guess.p_WM, guess.R_WE)
+        search = PlacementSearch(robot, program, descent, initial)
+        result = search.run(seed, solver, effort or _effort(robot, cell), progress)
+    seconds = time.perf_counter() - began
+    if result.best is None:
+        _explain_nothing(task, source, robot, result)
+    assert result.best is not None
+    best = result.best.placement
+    profile = _profile(task, robot, measure, cell, best)
+    if profile is None:
+        raise InputError(source, "", "the best path found changes its branch between two points")
+    own = _initial_profile(task, robot, measure, cell)
+    if task.initial is not None and own is None:
+        notices.append("the task's guess cannot be followed within the joint limits on any branch")
+    if result.interrupted:
+        notices.append("interrupted: the best found so far")
+    return PlacementResult(
+        task=task,
+        robot=robot,
+        objective=objective,
+        solver=solver,
+        seed=seed,
+        measure=measure,
+        initial=own,
+        best=profile,
+        search=result,
+        seconds=seconds,
+        largest_violation=program.violation(best),
+        notices=tuple(notices),
+    )
+
+
+def place_task(
+    task_name: str | Path,
+    out: Path,
+    robot_name: str | Path = "sts_sre4_600",
+    *,
+    objective: str = "jcn",
+    solver: str = "snopt",
+    seed: int = 0,
+    model_path: Path | None = None,
+    method: str = "bayesian",
+    quick: bool = False,
+    progress: Callable[[float, str], None] = lambda fraction, what: None,
+) -> PlacementResult:
+    """The command `place`: reads the task, places its path and writes the results.
+
+    Raises:
+        InputError: as `place` and `result_folder`; the task, the robot or the model cannot be read.
+    """
+    with result_folder(out, "place") as folder:
+        task, source = load_task(task_name)
+        robot = Robot.load(robot_name)
+        model = None if model_path is None else IdentifiedModel.load(model_path, robot)
+        result = place(
+            task,
+            source,
+            robot,
+            objective=objective,
+            solver=solver,
+            seed=seed,
+            model=model,
+            method=method,
+            effort=EFFORT_QUICK if quick and task.clearance is None else None,
+            progress=progress,
+        )
+        configuration = {
+            "task": str(task_name),
+            "robot": robot.name,
+            "objective": objective,
+            "solver": solver,
+            "seed": seed,
+            "model": None if model_path is None else model_path.name,
+            "method": method,
+            "quick": quick,
+        }
+        write_placement(folder, result, configuration)
+    return result
+
+
+def write_placement(
+    folder: OutputFolder, result: PlacementResult, configuration: dict[str, Any]
+) -> None:
+    """Writes metrics, configuration, times, the postures, figures and the recording."""
+    folder.write_json("metrics.json", result.metrics())
+    folder.write_yaml("config.yaml", {**configuration, "task_content": result.task})
+    folder.write_json(
+        "timings.json",
+        {
+            "search_seconds": round(result.seconds, 3),
+            "history": [[round(t, 4), cost] for t, cost in result.search.history],
+        },
+    )
+    folder.write_text("postures.csv", _postures_csv(result))
+    draw_profiles(folder, "path", result.initial, result.best, result.measure)
+    figure, axes = new_figure(1, 1, height=3.0)
+    draw_history(axes[0, 0], result.search.history, COLOUR["after"], result.solver)
+    axes[0, 0].set_xlabel("time [s]")
+    axes[0, 0].set_ylabel(f"best {result.measure.label}, mean over the path")
+    folder.write_figure("convergence", figure)
+    # A workpiece stands where the best path is; the initial one would run through it.
+    alone = result.task.clearance is not None
+    record_placement(result, folder / "recording.html", "Placement", with_initial=not alone)
+
+
+def record_placement(
+    result: PlacementResult, path: Path, title: str, *, with_initial: bool = True
+) -> None:
+    """Writes the web page in which the arm follows the initial and the best path."""
+    motions = []
+    if with_initial and result.initial is not None:
+        motions.append(PathMotion("initial", result.initial.fine.q, result.initial.fine_jcn))
+    motions.append(PathMotion("optimised", result.best.fine.q, result.best.fine_jcn))
+    record_paths(result.robot, motions, path, title, workpiece=_picture(result))
+
+
+def draw_profiles(
+    folder: OutputFolder,
+    name: str,
+    initial: Profile | None,
+    best: Profile,
+    measure: PostureMeasure,
+) -> Path:
+    """Draws the condition number (and the objective) and the joints along both paths (Fig. 8)."""
+    rows = 2 if measure.key == "jcn" else 3
+    figure, axes = new_figure(rows, 1, height=2.5 * rows, share_x=True)
+    cases = [("initial", initial, COLOUR["before"])] if initial is not None else []
+    cases.append(("optimised", best, COLOUR["after"]))
+    fine = np.linspace(0.0, 1.0, len(best.fine.q))
+    for label, profile, colour in cases:
+        if profile is None:
+            continue
+        mean, largest = np.mean(profile.jcn), np.max(profile.fine_jcn)
+        axes[0, 0].semilogy(
+            fine,
+            profile.fine_jcn,
+            color=colour,
+            label=f"{label} (mean {mean:.2f}, largest {largest:.2f})",
+        )
+        if rows == 3:
+            axes[1, 0].plot(fine, profile.fine_measure, color=colour)
+    top = max(float(np.max(p.fine_jcn)) for _, p, _ in cases if p is not None)
+    low = min(float(np.min(p.fine_jcn)) for _, p, _ in cases if p is not None)
+    ticks = [t for t in (5, 7, 10, 15, 20, 30, 40, 60, 100, 200, 500) if low / 1.5 < t < top * 1.3]
+    axes[0, 0].set_yticks(ticks, labels=[str(t) for t in ticks])
+    axes[0, 0].minorticks_off()
+    axes[0, 0].set_ylabel("condition number of J")
+    if rows == 3:
+        axes[1, 0].set_ylabel(measure.label)
+    ax = axes[rows - 1, 0]
+    for joint in range(best.fine.q.shape[1]):
+        colour = SERIES[joint % len(SERIES)]
+        ax.plot(fine, best.fine.q[:, joint], color=colour, label=f"$q_{{{joint + 1}}}$")
+    ax.set_ylabel("optimised joints [rad]")
+    ax.set_xlabel("part of the path")
+    ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    figure.legend(
+        *axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=len(cases)
+    )
+    return folder.write_figure(name, figure)
+
+
+def draw_history(ax: Any, history: list[tuple[float, float]], colour: str, label: str) -> None:
+    """Draws the best cost over time, as steps, on a logarithmic axis of time."""
+    if not history:
+        return
+    t = np.array([max(time_, 1e-3) for time_, _ in history])
+    cost = np.array([cost for _, cost in history])
+    ax.step(
+        np.append(t, 1.3 * t[-1]),
+        np.append(cost, cost[-1]),
+        where="post",
+        color=colour,
+        label=label,
+    )
+    ax.set_xscale("log")
+
+
+def _check_choice(option: str, value: str, known: tuple[str, ...]) -> None:
+    if value not in known:
+        remedy = nearest(value, known) or f"choose one of {', '.join(known)}"
+        raise InputError(option, "", f'"{value}" is not known', remedy)
+
+
+def _measure(
+    robot: Robot, objective: str, model: IdentifiedModel | None, method: str
+) -> tuple[PostureMeasure, list[str]]:
+    if objective == "jcn":
+        return ConditionNumber(robot.chain), []
+    notices = []
+    if model is None:
+        model = IdentifiedModel.nominal(robot)
+        notices.append(
+            "no model given: the torque's covariance is the nominal one, 2 % of each effort limit"
+        )
+    config = WrenchReconstructionConfig(method=method).with_prior(*live_prior(robot.payload))
+    return ForceSd(robot.chain, model.residual_covariance, config), notices
+
+
+def _effort(robot: Robot, cell: PlacementCell | None) -> SearchEffort:
+    if not is_closed_form(robot):
+        return EFFORT_NUMERIC
+    return EFFORT if cell is None else EFFORT_WITH_CLEARANCE
+
+
+def _profile(
+    task: PlacementTask,
+    robot: Robot,
+    measure: PostureMeasure,
+    cell: PlacementCell | None,
+    placement: Placement,
+) -> Profile | None:
+    fine = between_points(robot, placement, task.path_length, FINE)
+    if fine is None:
+        return None
+    jcn = ConditionNumber(robot.chain)
+    distance = None
+    if cell is not None:
+        distances = cell.distances(fine.q, fine.n_W, fine.p_WM, fine.quaternion)
+        distance = float(np.min(distances))
+    return Profile(
+        placement,
+        fine,
+        jcn.values(placement.q),
+        measure.values(placement.q),
+        jcn.values(fine.q),
+        measure.values(fine.q),
+        distance,
+    )
+
+
+def _initial_profile(
+    task: PlacementTask, robot: Robot, measure: PostureMeasure, cell: PlacementCell | None
+) -> Profile | None:
+    """The guess on the branch that it names, or on its best one."""
+    path = task.initial_path()
+    if path is None or task.initial is None:
+        return None
+    branches = all_branches(robot, path.R_WE[np.newaxis], path.p_WM[np.newaxis])[0]
+    if len(branches) == 0:
+        return None
+    q, reached = track_paths(
+        robot.chain,
+        branches,
+        np.tile(path.n_W, (len(branches), 1)),
+        path.path_length,
+        path.num_segments,
+        math.pi / 2,
+    )
+    bounds = task.bounds(robot)
+    within = np.all(
+        (q >= bounds.q_lower - FEASIBLE) & (q <= bounds.q_upper + FEASIBLE), axis=(1, 2)
+    )
+    good = np.flatnonzero(reached & within)
+    if len(good) == 0:
+        return None
+    if task.initial.posture is not None:
+        off = np.max(np.abs(branches[good] - np.array(task.initial.posture)), axis=1)
+        chosen = good[int(np.argmin(off))]
+    else:
+        chosen = good[int(np.argmin(np.mean(measure.values(q[good]), axis=1)))]
+    placement = Placement(q[chosen], path.n_W, path.p_WM, quaternion_from(path.R_WE))
+    return _profile(task, robot, measure, cell, placement)
+
+
+def _explain_nothing(
+    task: PlacementTask, source: Path | str, robot: Robot, result: SearchResult
+) -> None:
+    if result.interrupted:
+        raise KeyboardInterrupt
+    if result.num_reached == 0:
+        raise InputError(
+            source,
+            "path_length, midpoint_lower, midpoint_upper",
+            f"{robot.name} can follow a straight path of {task.path_length:g} m in this box in "
+            f"none of {result.num_candidates} random postures",
+            "shorten the path or widen the box",
+        )
+    raise InputError(
+        source,
+        "",
+        f"{result.num_reached} placements can be followed, and none found keeps all of joint "
+        "limits, angle range, steps and clearance",
+        "loosen one of them",
+    )
+
+
+def _postures_csv(result: PlacementResult) -> str:
+    fine, jcn = result.best.fine, result.best.fine_jcn
+    names = [f"{name}_rad" for name in result.robot.joint_names]
+    lines = [",".join(["s", "x_m", "y_m", "z_m", *names, "jcn"])]
+    _, p = result.robot.chain.pose(fine.q)
+    for i, row in enumerate(fine.q):
+        numbers = [i / (len(fine.q) - 1), *p[i], *row, jcn[i]]
+        lines.append(",".join(repr(float(number)) for number in numbers))
+    return "\n".join(lines) + "\n"
+
+
+def _picture(result: PlacementResult) -> TriangleMesh | None:
+    """Workpiece and obstacles of the optimised placement, as one mesh."""
+    clearance = result.task.clearance
+    if clearance is None:
+        return None
+    placement = result.best.placement
+    boxes = []
+    if clearance.workpiece is not None:
+        boxes.append(
+            workpiece_corners(clearance, placement.n_W, placement.p_WM, placement.quaternion)
+        )
+    boxes += [obstacle_corners(obstacle) for obstacle in clearance.obstacles]
+    if not boxes:
+        return None
+    faces = np.array(
+        [
+            [0, 1, 2], [0, 2, 3], [4, 6, 5], [4, 7, 6], [0, 4, 5], [0, 5, 1],
+            [1, 5, 6], [1, 6, 2], [2, 6, 7], [2, 7, 3], [3, 7, 4], [3, 4, 0],
+        ],
+        dtype=np.int32,
+    )  # fmt: skip
+    triangles = np.concatenate([faces + 8 * i for i in range(len(boxes))]).astype(np.int32)
+    return TriangleMesh(np.concatenate(boxes), triangles)

@@ -1,0 +1,1 @@
+"""From logs to wrenches, and how far they are from a reference."""

@@ -1,0 +1,111 @@
+"""What does the model get wrong along a machining path? A pass through the air before the work.
+
+The true robot follows the planned motion some millimetres above the surface under its drives' own
+stiff position control, which knows the nominal model only; the observer's output along it is what
+`models.machining.air_pass` takes off later.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+
+from diagrams.closed_loop import make_closed_loop
+from diagrams.scenario import HoldMotion, Scenario
+from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.identification.identified_model import IdentifiedModel
+from models.machining.air_pass import LEAD, TaughtTorque
+from models.machining.machining_path import MachiningPath
+from models.motion.paths import JointTrajectory
+from models.recordings.recording import Recording
+from models.robot.motors import motor_gain
+from models.robot.robot import Robot
+from systems.joint_tracking_controller import JointTrackingConfig
+
+ProgressCallback = Callable[[float, str], None]
+
+# As stiff as servo drives are: with less, dry friction lets slow joints stick and slip.
+_DRIVES = JointTrackingConfig(kp=[4e4], kd=[400.0], ki=[2e6], integral_limit=[400.0])
+_STRETCH = 1.0  # s between two reports of progress
+
+
+def record_air_pass(
+    scenario: Scenario,
+    robot: Robot,
+    motion: JointTrajectory,
+    seed: int,
+    progress: ProgressCallback = lambda fraction, what: None,
+) -> Recording:
+    """Simulates the pass and returns what the robot's controller saw; the feed starts at LEAD.
+
+    Args:
+        scenario: what stands in its cell besides the workpiece stays as it is.
+        motion: of `raised_motion`.
+        seed: of the noise.
+    """
+    free = replace(
+        scenario,
+        duration=motion.duration,
+        seed=seed,
+        motion=HoldMotion(),
+        controller=_DRIVES,
+        machining=None,
+        workpiece=None,
+        force_torque_sensor=None,
+        wrench=[],
+        floor=False,
+    )
+    loop = make_closed_loop(
+        free,
+        robot,
+        IdentifiedModel.nominal(robot),
+        trajectory=motion,
+        log_only=("q", "v", "current"),
+        with_estimator=False,
+    )
+    simulator = Simulator(loop.diagram)
+    simulator.Initialize()
+    count = max(1, round(free.duration / _STRETCH))
+    for k in range(count):
+        simulator.AdvanceTo(free.duration * (k + 1) / count)
+        progress((k + 1) / count, "air pass")
+    t, signals = loop.logged(simulator.get_context())
+    return Recording(
+        t=t, q=signals["q"], v=signals["v"], current=signals["current"], source="air pass"
+    )
+
+
+def teach(
+    recording: Recording,
+    motion: JointTrajectory,
+    plan: MachiningPath,
+    robot: Robot,
+    model: IdentifiedModel,
+    config: WrenchEstimatorConfig,
+) -> TaughtTorque:
+    """What an observer reads along an air pass, with friction at the planned speeds.
+
+    Args:
+        recording: of `record_air_pass`.
+        motion: as planned, of `raised_motion`.
+        plan: whose motion it raises.
+        model, config: of the estimator that is to read in contact: model and observer must be the
+            same for both.
+    """
+    observer = replace(config.observer, time_step=recording.time_step)
+    frictionless = SemiParametricFriction(CoulombViscous.zero(robot.num_joints))
+    estimator = WrenchEstimator(
+        robot, replace(model, friction=frictionless), replace(config, observer=observer)
+    )
+    # The observer sees tau_J - tau_f: what friction takes may as well be taken off the current.
+    _, v, _ = motion.sample(recording.t)
+    tau_f = model.friction.feedforward.torque(v)
+    drive = motor_gain(robot.torque_per_ampere, robot.current_sign)
+    current = recording.current - tau_f / drive
+    tau_ext = estimator.run(estimator.initial_state(), recording.q, recording.v, current).tau_ext
+    first = round(LEAD / recording.time_step)
+    t = recording.t[first:] - recording.t[first]
+    steady = np.interp(t, plan.trajectory.t, plan.steady) == 1.0
+    return TaughtTorque(t, tau_ext[first:], steady.astype(np.float64))

@@ -1,0 +1,519 @@
+"""What would the estimator see? A scenario in, the closed loop's signals and errors out.
+
+A simulated arm with true friction and noise is moved by a controller, something acts on its tool,
+and the estimator watches. Both know a model only. What is written can be looked at (figure,
+recording), read by a program (metrics) and fed to `estimate` (log.csv).
+"""
+
+import gc
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.yaml import yaml_dump_typed
+from pydrake.systems.analysis import Simulator
+from scipy.optimize import nnls
+
+from analyses.methods.runs.air_pass import record_air_pass, teach
+from analyses.output.outputs import OutputFolder
+from analyses.output.result_folder import result_folder
+from diagrams.closed_loop import ClosedLoop, make_closed_loop
+from diagrams.graph import write_graph
+from diagrams.machining import longest_duration, make_machining_path, view_of
+from diagrams.pages.run_page import make_meshcat, start_recording, write_recording
+from diagrams.robot_cell import true_friction
+from diagrams.scenario import Scenario, check_scenario, load_scenario, make_trajectory
+from models.files.input_error import InputError
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.identification.identified_model import IdentifiedModel
+from models.machining.air_pass import raised_motion
+from models.machining.machining_phases import FAULT_SENTENCES, Fault, Phase
+from models.motion.paths import JointTrajectory
+from models.recordings.recording import Recording
+from models.robot.robot import Robot
+from systems.impedance_controller import ImpedanceConfig
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+ProgressCallback = Callable[[float, str], None]
+
+AXES = ("fx", "fy", "fz", "mx", "my", "mz")  # as people read them
+_FORCE_FIRST = [3, 4, 5, 0, 1, 2]
+_STRETCH = 0.1  # s between two reports of progress
+_QUICK_DURATION = 1.0  # s
+_FIT_SAMPLES = 1000
+_FIT_RANGE = (0.02, 0.5)  # rad/s
+_TOO_FAST = 10.0  # times its velocity limit no joint moves
+_BAND = 1.96  # standard deviations: 95 %
+_FIGURE_SAMPLES = 4000
+
+
+@dataclass(frozen=True, eq=False)
+class SimulationResult:
+    """What happened, sample by sample, and how far the estimate was off.
+
+    Every 6-vector is F_E_W, environment on robot at E in axes of W, rotation first: N m, N. Row k
+    of all signals belongs to time t[k]; a force there acts from t[k] to the next sample.
+
+    Attributes:
+        scenario: as it was run.
+        robot: as it was run.
+        t: (T,) s.
+        q, v: (T, n) rad, rad/s, of the true robot.
+        current: (T, n) A, as the drives report it.
+        reference: (T, 3n) q_d, v_d, vdot_d.
+        tau_command: (T, n) N m.
+        tau_ext_true, tau_ext: (T, n) N m, true and estimated.
+        wrench_true, wrench: (T, 6) true and estimated.
+        covariance: (T, 6, 6) stated for `wrench`.
+        condition_number: (T,) of J.
+        valid: (T,) whether the estimate may be trusted, as it says itself.
+        ft_wrench: (T, 6) of the force/torque sensor, where there is one.
+        pose_error: (T, 6) rad and m, under impedance control.
+        phase: (T,) of models.machining.machining_phases, and fault: why it retreated; of a
+            machining pass.
+        force_setpoint: (T,) N, under force control.
+        real_time_factor: simulated over elapsed time.
+        notices: what the reader of the result should know, one sentence each.
+        files: that were written.
+    """
+
+    scenario: Scenario
+    robot: Robot
+    t: Array
+    q: Array
+    v: Array
+    current: Array
+    reference: Array
+    tau_command: Array
+    tau_ext_true: Array
+    tau_ext: Array
+    wrench_true: Array
+    wrench: Array
+    covariance: Array
+    condition_number: Array
+    valid: Flags
+    ft_wrench: Array | None
+    pose_error: Array | None
+    force_setpoint: Array | None
+    real_time_factor: float
+    phase: Array | None = None
+    fault: Fault = Fault.NONE
+    notices: tuple[str, ...] = ()
+    files: tuple[Path, ...] = ()
+
+    @property
+    def standard_deviation(self) -> Array:
+        """(T, 6) stated for `wrench`, N m and N, rotation first."""
+        return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2)))
+
+    def metrics(self) -> dict[str, Any]:
+        """Errors of estimate, sensor, motion and force, as written to metrics.json.
+
+        `rmse_*`, `max_error_*` and `correlation_*` hold the estimate against the truth, axis by
+        axis; the same below `sensor`. `coverage_share` is how often the true force lies in the
+        stated 95 % band. Below `valid` the readings that are not valid are left out. Nothing in it
+        depends on the machine's speed.
+        """
+        n = self.robot.num_joints
+        metrics: dict[str, Any] = {
+            "num_samples": len(self.t),
+            "duration_s": float(self.t[-1]),
+            "valid_share": float(self.valid.mean()),
+            **_errors(self.wrench, self.wrench_true),
+        }
+        if 0 < np.count_nonzero(self.valid) < len(self.valid):
+            metrics["valid"] = _errors(self.wrench[self.valid], self.wrench_true[self.valid])
+        inside = np.abs(self.wrench - self.wrench_true) <= _BAND * self.standard_deviation
+        metrics["coverage_share"] = float(inside[:, 3:].mean())
+        metrics["tau_ext_rmse_nm"] = _rms(self.tau_ext - self.tau_ext_true)
+        metrics["tracking_rmse_rad"] = _rms(self.q - self.reference[:, :n])
+        if self.ft_wrench is not None:
+            metrics["sensor"] = _errors(self.ft_wrench, self.wrench_true)
+        if self.pose_error is not None:
+            metrics["pose_rmse_m"] = float(np.sqrt(np.mean(self.pose_error[:, 3:] ** 2) * 3))
+            metrics["pose_rmse_rad"] = float(np.sqrt(np.mean(self.pose_error[:, :3] ** 2) * 3))
+        if self.force_setpoint is not None and self.phase is not None:
+            error = self.pressing_force() - self.force_setpoint
+            work = error[self.phase == Phase.WORK]
+            metrics["machining"] = {
+                "fault": "none" if self.fault == Fault.NONE else FAULT_SENTENCES[self.fault],
+                "work_s": float(len(work) * self.scenario.time_step),
+                "normal_force_rmse_n": float(np.sqrt(np.mean(work**2))) if len(work) else None,
+                "max_normal_force_n": float(self.pressing_force().max()),
+            }
+        elif self.force_setpoint is not None:
+            error = self.pressing_force() - self.force_setpoint
+            metrics["force_control_rmse_n"] = _rms(error)
+            metrics["force_control_max_error_n"] = float(np.abs(error).max())
+        return metrics
+
+    def pressing_force(self) -> Array:
+        """(T,) N: the true push of the environment along the controlled direction."""
+        controller = self.scenario.controller
+        if not isinstance(controller, ImpedanceConfig) or controller.force is None:
+            raise ValueError("the scenario controls no force")
+        direction = np.array(controller.force.direction, dtype=np.float64)
+        direction /= np.linalg.norm(direction)
+        force = self.wrench_true[:, 3:]
+        if controller.force.axes == "E":
+            R_WE, _ = self.robot.chain.pose(self.q)
+            force = np.einsum("tki,tk->ti", R_WE, force)
+        return np.asarray(force @ direction)
+
+    def recording(self) -> Recording:
+        """The log as a real arm's: t, q, v and current. Extra, force first: truth and sensor."""
+        extra = {"wrench_true": self.wrench_true[:, _FORCE_FIRST]}
+        if self.ft_wrench is not None:
+            extra["ft_wrench"] = self.ft_wrench[:, _FORCE_FIRST]
+        return Recording(
+            t=self.t, q=self.q, v=self.v, current=self.current, source="simulation", extra=extra
+        )
+
+    def figure(self) -> "Figure":
+        """True and estimated wrench with the stated 95 % band, and the sensor's."""
+        from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
+
+        step = max(1, len(self.t) // _FIGURE_SAMPLES)
+        part = slice(None, None, step)
+        t, sd = self.t[part], self.standard_deviation[part]
+        figure, axes = new_figure(3, 2, share_x=True)
+        for k, column in enumerate(_FORCE_FIRST):
+            panel: Any = axes[k % 3, k // 3]
+            estimate = self.wrench[part, column]
+            band = _BAND * sd[:, column]
+            colour = COLOUR["estimate"]
+            panel.fill_between(
+                t,
+                estimate - band,
+                estimate + band,
+                color=colour,
+                alpha=BAND_ALPHA,
+                lw=0,
+                label="95 % band",
+            )
+            panel.plot(t, self.wrench_true[part, column], color=COLOUR["truth"], label="true")
+            panel.plot(t, estimate, color=colour, lw=1.0, label="estimated")
+            if self.ft_wrench is not None:
+                # Dashed and on top: a good sensor lies on the truth.
+                sensor = self.ft_wrench[part, column]
+                panel.plot(t, sensor, color=SERIES[4], lw=0.9, ls=(0, (3, 3)), label="sensor")
+            axis = AXES[k]
+            panel.set_ylabel(f"{axis[0]}$_{axis[1]}$ [{'N' if k < 3 else 'N m'}]")
+            if k % 3 == 2:
+                panel.set_xlabel("time [s]")
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+        figure.suptitle("Wrench of the environment on the robot, at E in axes of W")
+        return figure
+
+
+def simulate_scenario(
+    scenario_name: str,
+    out: Path,
+    robot_name: str | Path | None = None,
+    model_path: Path | None = None,
+    *,
+    seed: int | None = None,
+    duration: float | None = None,
+    quick: bool = False,
+    record: bool = True,
+    graph: bool = False,
+    progress: ProgressCallback = lambda fraction, what: None,
+) -> SimulationResult:
+    """The command `simulate`: runs a scenario and writes what happened into `out`.
+
+    Writes metrics.json, config.yaml, scenario.yaml (which runs again), figures/wrench.png, log.csv
+    (for `estimate`), recording.html, and with `graph` the drawing of the diagram.
+
+    Args:
+        scenario_name: of a bundled scenario; or FILE.yaml, or FILE.yaml:NAME.
+        robot_name: in the place of the scenario's robot.
+        model_path: a model.yaml; without it see `known_model`.
+        seed, duration: in the place of the scenario's.
+        quick: at most a second.
+        record: whether to write recording.html.
+
+    Raises:
+        InputError: as `load_scenario`, `Robot.load`, `IdentifiedModel.load`, `result_folder`; what
+            does not fit together.
+    """
+    with result_folder(out, "simulate") as folder:
+        result = _simulate_into(
+            folder,
+            scenario_name,
+            robot_name,
+            model_path,
+            seed,
+            duration,
+            quick,
+            record,
+            graph,
+            progress,
+        )
+    files = tuple(out / path.relative_to(folder.path) for path in result.files)
+    return replace(result, files=files)
+
+
+def _simulate_into(
+    folder: OutputFolder,
+    scenario_name: str,
+    robot_name: str | Path | None,
+    model_path: Path | None,
+    seed: int | None,
+    duration: float | None,
+    quick: bool,
+    record: bool,
+    graph: bool,
+    progress: ProgressCallback,
+) -> SimulationResult:
+    file_name, _, name_in_file = scenario_name.rpartition(":")
+    scenario = load_scenario(file_name or scenario_name, name_in_file if file_name else None)
+    name = name_in_file if file_name else Path(scenario_name).stem
+    scenario = replace(
+        scenario,
+        robot=scenario.robot if robot_name is None else str(robot_name),
+        seed=scenario.seed if seed is None else seed,
+        duration=scenario.duration if duration is None else duration,
+    )
+    if quick and scenario.machining is not None:
+        # The phases before and after the feed are kept: only then is anything touched.
+        machining = replace(scenario.machining, one_way=_QUICK_DURATION)
+        scenario = replace(scenario, machining=machining)
+    elif quick:
+        scenario = replace(scenario, duration=min(scenario.duration, _QUICK_DURATION))
+    robot = Robot.load(scenario.robot)
+    model = None if model_path is None else IdentifiedModel.load(Path(model_path), robot)
+    notices: tuple[str, ...] = ()
+    if robot_name is not None and robot.config.tool is None and scenario.force_torque_sensor:
+        scenario = replace(scenario, force_torque_sensor=None)
+        notices = (f"{robot.name} has no tool to put the scenario's force/torque sensor under",)
+    check_scenario(scenario, scenario_name)
+    result = simulate(
+        scenario,
+        robot,
+        model,
+        recording=folder / "recording.html" if record else None,
+        graph=folder / "diagram.svg" if graph else None,
+        title=name,
+        progress=progress,
+    )
+    progress(1.0, "writing")
+    files = list(result.files)
+    files.append(folder / "log.csv")
+    result.recording().to_csv(files[-1])
+    files.append(folder.write_figure("wrench", result.figure()))
+    text = yaml_dump_typed(scenario, child_name=name)
+    files.append(folder.write_text("scenario.yaml", text))
+    command = {
+        "command": "simulate",
+        "scenario": scenario_name,
+        "robot": scenario.robot,
+        "model": None if model_path is None else str(model_path),
+        "seed": scenario.seed,
+        "duration_s": scenario.duration,
+        "record": record,
+        "graph": graph,
+    }
+    files.append(folder.write_yaml("config.yaml", command))
+    files.append(folder.write_json("metrics.json", result.metrics()))
+    return replace(result, files=tuple(files), notices=notices + result.notices)
+
+
+def simulate(
+    scenario: Scenario,
+    robot: Robot,
+    model: IdentifiedModel | None = None,
+    *,
+    recording: Path | None = None,
+    graph: Path | None = None,
+    title: str = "simulation",
+    progress: ProgressCallback = lambda fraction, what: None,
+) -> SimulationResult:
+    """Runs a scenario from its start to its end.
+
+    Args:
+        model: what controller and estimator know; without it `known_model`.
+        recording: where to write the Meshcat recording (HTML).
+        graph: where to draw the diagram, see `diagrams.graph.write_graph`.
+        title: of the recording.
+
+    Raises:
+        InputError: scenario, robot and model do not fit; or the motion diverges.
+    """
+    notices: list[str] = []
+    plan = None
+    if scenario.machining is not None:
+        check_scenario(scenario)
+        plan = make_machining_path(scenario, robot)
+        longest = longest_duration(plan, scenario.machining.phases)
+        scenario = replace(scenario, duration=min(scenario.duration, longest))
+    trajectory = make_trajectory(scenario, robot) if plan is None else plan.trajectory
+    if model is None:
+        model = known_model(robot, scenario, trajectory)
+        known = "the arm's true inertias"
+        if scenario.friction != "none":
+            known += " and a Coulomb-viscous fit of its true friction"
+        notices.append(
+            f"without --model, controller and estimator are given {known}: "
+            "identify a model for an honest error"
+        )
+    taught = None
+    if plan is not None and scenario.machining is not None and scenario.machining.air_pass > 0.0:
+        motion = raised_motion(robot, plan.trajectory, scenario.machining.air_pass)
+        air = record_air_pass(
+            scenario, robot, motion, scenario.seed + 1, lambda _, what: progress(0.0, what)
+        )
+        taught = teach(air, motion, plan, robot, model, scenario.estimator)
+    meshcat = None
+    if recording is not None:
+        _, p_WE = robot.chain.pose(trajectory.q[len(trajectory.q) // 2])
+        meshcat = make_meshcat(robot, p_WE, None if plan is None else view_of(plan.path))
+    loop = make_closed_loop(
+        scenario, robot, model, meshcat, trajectory=trajectory, machining_path=plan, taught=taught
+    )
+    files: list[Path] = []
+    if graph is not None:
+        files.append(write_graph(loop.diagram, graph))
+    simulator = Simulator(loop.diagram)
+    simulator.Initialize()
+    if meshcat is not None:
+        start_recording(meshcat, scenario.recording.fps)
+    elapsed = _advance(simulator, scenario, robot, loop, progress)
+    if meshcat is not None and recording is not None:
+        write_recording(meshcat, recording, title)
+        files.append(recording)
+    t, signals = loop.logged(simulator.get_context())
+    for name in ("progress", "feed_time"):
+        signals.pop(name, None)
+    phase, fault = signals.pop("phase", None), Fault.NONE
+    if phase is not None:
+        fault = Fault(int(signals.pop("fault")[-1, 0]))
+        if fault != Fault.NONE:
+            left = t[int(np.argmax(phase[:, 0] == Phase.RETREAT))]
+            notices.append(f"{FAULT_SENTENCES[fault]} at {left:.3f} s: the tool retreated")
+    return SimulationResult(
+        scenario=scenario,
+        robot=robot,
+        t=t,
+        covariance=signals.pop("covariance").reshape(-1, 6, 6),
+        condition_number=signals.pop("condition_number")[:, 0],
+        valid=signals.pop("valid")[:, 0] == 1.0,
+        ft_wrench=signals.pop("ft_wrench", None),
+        pose_error=signals.pop("pose_error", None),
+        force_setpoint=_first_column(signals.pop("force_setpoint", None)),
+        real_time_factor=float(t[-1]) / elapsed,
+        phase=_first_column(phase),
+        fault=fault,
+        notices=tuple(notices),
+        files=tuple(files),
+        **signals,
+    )
+
+
+def known_model(
+    robot: Robot, scenario: Scenario, trajectory: JointTrajectory | None = None
+) -> IdentifiedModel:
+    """What a Coulomb-viscous model can know at best: true inertias, and the true friction fitted.
+
+    The fit is over the velocities and loads of the scenario's own motion (over 0.02 to 0.5 rad/s
+    for a joint that stays at rest), as an identification along it would find. Stiction, ripple and
+    what bends the friction curve are left over.
+    """
+    model = IdentifiedModel.nominal(robot)
+    friction = true_friction(scenario, robot)
+    if friction is None:
+        return model
+    trajectory = trajectory or make_trajectory(scenario, robot)
+    q, v, vdot = trajectory.sample(np.linspace(0.0, scenario.duration, _FIT_SAMPLES))
+    moving = np.abs(v) > _FIT_RANGE[0]
+    at_rest = ~moving.any(axis=0)
+    spread = np.linspace(*_FIT_RANGE, _FIT_SAMPLES)
+    v[:, at_rest] = spread[:, np.newaxis]
+    moving[:, at_rest] = True
+    torque = friction.sliding_torque(v, robot.chain.inverse_dynamics(q, v, vdot))
+    law = np.zeros((robot.num_joints, 2))
+    for i in range(robot.num_joints):
+        part = moving[:, i]
+        regressor = np.stack([np.sign(v[part, i]), v[part, i]], axis=1)
+        # Neither can be negative, however steeply the true curve falls over the range.
+        law[i], _ = nnls(regressor, torque[part, i])
+    coulomb_viscous = CoulombViscous(law[:, 0], law[:, 1], np.zeros(robot.num_joints))
+    return replace(model, friction=SemiParametricFriction(coulomb_viscous))
+
+
+def _advance(
+    simulator: Simulator,
+    scenario: Scenario,
+    robot: Robot,
+    loop: ClosedLoop,
+    progress: ProgressCallback,
+) -> float:
+    """Runs to the end, and returns the seconds that it took."""
+    duration = scenario.duration
+    plant, fastest = loop.cell.plant, _TOO_FAST * robot.velocity_limit
+    started = time.perf_counter()
+    with _no_garbage_collection():
+        for k in range(1, int(np.ceil(duration / _STRETCH)) + 1):
+            until = min(k * _STRETCH, duration)
+            try:
+                simulator.AdvanceTo(until)
+                velocity = plant.GetVelocities(plant.GetMyContextFromRoot(simulator.get_context()))
+                # Not `>`: what is not a number is too fast as well.
+                diverges = not np.all(np.abs(velocity) < fastest)
+            except RuntimeError:  # the contact solver gives up
+                diverges = True
+            if diverges:
+                raise InputError(
+                    "scenario",
+                    "",
+                    f"the motion diverges before {until:.1f} s",
+                    "lower the controller's gains, the wrench or the time_step",
+                )
+            progress(until / duration, f"{until:.1f} s of {duration:g} s")
+    return time.perf_counter() - started
+
+
+@contextmanager
+def _no_garbage_collection() -> Iterator[None]:
+    """Every tick makes some hundred short-lived objects, all freed by reference counting.
+
+    The collector would go through the whole heap for them again and again, at a tenth of the time.
+    """
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+def _errors(reading: Array, truth: Array) -> dict[str, float]:
+    """RMSE, largest error and correlation per axis; the last is NaN where nothing varies."""
+    metrics: dict[str, float] = {}
+    for axis, column in zip(AXES, _FORCE_FIRST, strict=True):
+        unit = "n" if axis.startswith("f") else "nm"
+        a, b = reading[:, column], truth[:, column]
+        metrics[f"rmse_{axis}_{unit}"] = float(np.sqrt(np.mean((a - b) ** 2)))
+        metrics[f"max_error_{axis}_{unit}"] = float(np.abs(a - b).max())
+        varies = min(np.ptp(a), np.ptp(b)) > 1e-9
+        metrics[f"correlation_{axis}"] = float(np.corrcoef(a, b)[0, 1]) if varies else float("nan")
+    return metrics
+
+
+def _rms(error: Array) -> Any:
+    """Root of the mean square along the first axis; a list for several columns."""
+    return np.sqrt(np.mean(error**2, axis=0)).tolist()
+
+
+def _first_column(signal: Array | None) -> Array | None:
+    return None if signal is None else signal[:, 0]

@@ -1,0 +1,314 @@
+"""What does the arm record while it does a task? A scenario in, its log out; then readings of it.
+
+The true robot follows the path of a bundled scenario under the drives' own controller, which knows
+the robot's nominal model only. The log holds what a real controller sees, encoders and motor
+current; truth and the force/torque sensor's reading are kept beside it, as references. Each variant
+of the estimator reads the same log with `WrenchEstimator.run`, which gives row for row what the
+estimator's diagram gives.
+
+Three paths: the article's initial and optimised one (section 4.3), and the one that `linear-path`
+finds, turned about the first axis to lie straight ahead.
+"""
+
+import gc
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.analysis import Simulator
+from scipy.signal import lfilter
+
+from analyses.experiments.postures.constant_wrench import (
+    INITIAL_PATH,
+    INITIAL_POSTURE,
+    OPTIMISED_PATH,
+    OPTIMISED_POSTURE,
+    branch_start,
+    found_path,
+)
+from analyses.methods.reading.force_errors import ForceReading
+from analyses.study.experiment import FigureFile
+from diagrams.closed_loop import make_closed_loop
+from diagrams.pages.path_page import PathMotion, record_paths
+from diagrams.scenario import LineMotion, Scenario, load_scenario, make_trajectory
+from models.control.wrench_script import HandPush, WrenchSegment
+from models.estimation.estimator import WrenchEstimator
+from models.estimation.wrench import WrenchReconstruction
+from models.identification.identified_model import IdentifiedModel
+from models.motion.paths import StraightPath
+from models.recordings.recording import Recording
+from models.robot.motors import current_to_torque
+from models.robot.robot import Robot
+
+Array = NDArray[np.float64]
+ProgressCallback = Callable[[float, str], None]
+
+PATHS = ("initial", "optimised", "found")
+_BLOCK = 50_000  # rows read at a time: a covariance a row is much memory
+_FRAMES = 200  # of a pass in a recording
+_STRETCH = 0.5  # s between two reports of progress
+
+
+@dataclass(frozen=True, eq=False)
+class TaskRun:
+    """One run of a task.
+
+    Attributes:
+        name: of the path.
+        recording: t, q, v and measured current: all that an estimator may see.
+        wrench_true: (T, 6) rotation first, N m and N.
+        ft_wrench: (T, 6) of the sensor; None where the scenario has none.
+        tau_f_true: (T, n) N m, the true friction; for ablations, not for estimators.
+        condition_number: (T,) of J.
+    """
+
+    name: str
+    recording: Recording
+    wrench_true: Array
+    ft_wrench: Array | None
+    tau_f_true: Array
+    condition_number: Array
+
+    @property
+    def reference(self) -> Array:
+        """(T, 3) N that readings are held against: the sensor's force, or the true one."""
+        wrench = self.wrench_true if self.ft_wrench is None else self.ft_wrench
+        return wrench[:, 3:]
+
+    def between(self, start: float, end: float = np.inf) -> "TaskRun":
+        """The part of the run from `start` to `end`, s."""
+        first, last = np.searchsorted(self.recording.t, [start - 1e-9, end + 1e-9])
+        rows = slice(int(first), int(last))
+        return replace(
+            self,
+            recording=self.recording[rows],
+            wrench_true=self.wrench_true[rows],
+            ft_wrench=None if self.ft_wrench is None else self.ft_wrench[rows],
+            tau_f_true=self.tau_f_true[rows],
+            condition_number=self.condition_number[rows],
+        )
+
+
+def uniform_motion(motion: LineMotion) -> tuple[float, float]:
+    """From when to when, s, the arm moves evenly on its one pass: between the ramps.
+
+    At rest before it, dry friction holds whatever it likes, which no law of it can say.
+    """
+    ramp = motion.ramp * motion.one_way
+    return motion.start + ramp, motion.start + motion.one_way - ramp
+
+
+def task_path(robot: Robot, name: str) -> tuple[StraightPath, Array]:
+    """A path of PATHS and a posture (n,) at its midpoint that names the branch."""
+    if name == "found":
+        return found_path(robot)
+    if name == "optimised":
+        return OPTIMISED_PATH, OPTIMISED_POSTURE
+    return INITIAL_PATH, INITIAL_POSTURE
+
+
+def on_path(scenario: Scenario, robot: Robot, path: StraightPath, posture: Array) -> Scenario:
+    """The scenario's line motion, moved to a path; its times stay.
+
+    Args:
+        posture: (n,) at the path's midpoint, names the branch.
+    """
+    if not isinstance(scenario.motion, LineMotion):
+        raise ValueError("the scenario has no line to move")
+    motion = replace(
+        scenario.motion,
+        n_W=path.n_W.tolist(),
+        p_WM=path.p_WM.tolist(),
+        R_WE=path.R_WE.tolist(),
+        path_length=path.path_length,
+        q_seed=branch_start(robot, path, posture).tolist(),
+    )
+    return replace(scenario, motion=motion)
+
+
+def task_scenario(name: str, seed: int, one_way: float | None = None) -> Scenario:
+    """A bundled scenario with this seed.
+
+    Args:
+        name: of the scenario; its motion is a line.
+        seed: added to the scenario's.
+        one_way: s, shortens the run: all times of motion and pushes shrink alike, but not how
+            long a push and its pause last, nor the ramps.
+    """
+    scenario = load_scenario(name)
+    scenario = replace(scenario, seed=scenario.seed + seed)
+    if one_way is None:
+        return scenario
+    motion = scenario.motion
+    assert isinstance(motion, LineMotion)
+    share = one_way / motion.one_way
+    lead_in = min(motion.lead_in, 0.5 * one_way)
+    pushes: list[WrenchSegment] = [
+        replace(
+            push,
+            start=lead_in + share * (push.start - motion.lead_in),
+            duration=share * push.duration,
+        )
+        for push in scenario.wrench
+        if isinstance(push, HandPush)
+    ]
+    return replace(
+        scenario,
+        duration=lead_in + motion.passes * one_way,
+        motion=replace(
+            motion, one_way=one_way, ramp=min(0.2, motion.ramp / share), lead_in=lead_in
+        ),
+        wrench=pushes,
+    )
+
+
+def run_task(
+    scenario: Scenario,
+    robot: Robot,
+    name: str = "task",
+    progress: ProgressCallback = lambda fraction, what: None,
+) -> TaskRun:
+    """Simulates the closed loop of a scenario and returns what was recorded.
+
+    Args:
+        scenario: what happens.
+        robot: with its simulated truth.
+        name: of the run.
+        progress: told the share done.
+    """
+    wanted = ["q", "v", "current", "wrench_true", "tau_f_true"]
+    if scenario.force_torque_sensor is not None:
+        wanted.append("ft_wrench")
+    nominal = IdentifiedModel.nominal(robot)
+    loop = make_closed_loop(
+        scenario,
+        robot,
+        nominal,
+        also_log=("tau_f_true",),
+        log_only=wanted,
+        with_estimator=False,  # the variants read the log
+    )
+    simulator = Simulator(loop.diagram)
+    simulator.Initialize()
+    count = max(1, round(scenario.duration / _STRETCH))
+    collecting = gc.isenabled()
+    gc.disable()  # see analyses.methods.runs.simulation
+    try:
+        for k in range(count):
+            simulator.AdvanceTo(scenario.duration * (k + 1) / count)
+            progress((k + 1) / count, f"simulating, {name} path")
+    finally:
+        if collecting:
+            gc.enable()
+    t, signals = loop.logged(simulator.get_context())
+    recording = Recording(
+        t=t, q=signals["q"], v=signals["v"], current=signals["current"], source=name
+    )
+    return TaskRun(
+        name,
+        recording,
+        signals["wrench_true"],
+        signals.get("ft_wrench"),
+        signals["tau_f_true"],
+        np.asarray(robot.chain.condition_number(signals["q"])),
+    )
+
+
+def record_runs(
+    robot: Robot, runs: Mapping[str, TaskRun], passes: int, out: Path, title: str
+) -> FigureFile:
+    """Writes recording.html below `out`: the arm on the first pass of each run.
+
+    Args:
+        runs: by the path's name.
+        passes: that each run holds.
+        title: of the page.
+    """
+    motions = []
+    for name, run in runs.items():
+        length = run.recording.num_samples // passes
+        rows = np.linspace(0, length - 1, min(length, _FRAMES)).astype(int)
+        motions.append(PathMotion(name, run.recording.q[rows], run.condition_number[rows]))
+    record_paths(robot, motions, out / "recording.html", title)
+    names = ", ".join(runs)
+    caption = f"The arm as it went once along each path ({names}); the path's colour: JCN."
+    return FigureFile(Path("recording.html"), caption)
+
+
+def read_run(name: str, run: TaskRun, estimator: WrenchEstimator) -> ForceReading:
+    """What an estimator reads of a run, its start (3 / K_0) left out."""
+    recording = run.recording
+    state = estimator.initial_state()
+    force, sd = np.empty((2, recording.num_samples, 3))
+    for start in range(0, recording.num_samples, _BLOCK):
+        rows = slice(start, start + _BLOCK)
+        part = estimator.run(state, recording.q[rows], recording.v[rows], recording.current[rows])
+        force[rows] = part.wrench[:, 3:]
+        sd[rows] = part.standard_deviation[:, 3:]
+    settled = recording.t - recording.t[0] >= 3.0 / float(estimator.observer.K_0.min())
+    return ForceReading(
+        name,
+        recording.t[settled],
+        force[settled],
+        sd[settled],
+        run.reference[settled],
+        run.condition_number[settled],
+    )
+
+
+def repetition_torque(
+    recording: Recording, robot: Robot, period: int, K_0: float | None = None
+) -> Array:
+    """tau_ext (T - period, n) in N m by eq. 4: torque one period ago (tau_d) minus torque now.
+
+    In our sign: what the environment exerts, positive along the motion it causes.
+
+    Args:
+        recording: of a motion that repeats itself.
+        period: samples.
+        K_0: 1/s, of a first-order low-pass as the momentum observer's; None: raw, as eq. 4 stands.
+    """
+    tau = current_to_torque(recording.current, robot.torque_per_ampere, robot.current_sign)
+    tau_ext = tau[:-period] - tau[period:]
+    if K_0 is None:
+        return np.asarray(tau_ext)
+    pole = float(np.exp(-K_0 * recording.time_step))
+    return np.asarray(lfilter([1.0 - pole], [1.0, -pole], tau_ext, axis=0))
+
+
+def read_repetition(
+    name: str,
+    run: TaskRun,
+    robot: Robot,
+    period: int,
+    reconstruction: WrenchReconstruction,
+    K_0: float | None = None,
+) -> ForceReading:
+    """What eqs. 4 and 20 read in the second cycle, with the first one's torque as tau_d.
+
+    Args:
+        run: of two cycles.
+        period: samples of a cycle.
+        reconstruction: with the covariance of the repetition's error.
+        K_0: as `repetition_torque`.
+    """
+    tau_ext = repetition_torque(run.recording, robot, period, K_0)
+    second = slice(period, period + len(tau_ext))
+    q = run.recording.q[second]
+    force, sd = np.empty((2, len(q), 3))
+    for start in range(0, len(q), _BLOCK):
+        rows = slice(start, start + _BLOCK)
+        part = reconstruction.reconstruct(robot.chain.jacobian(q[rows]), tau_ext[rows])
+        force[rows] = part.wrench[:, 3:]
+        sd[rows] = part.standard_deviation[:, 3:]
+    t = run.recording.t[second]
+    return ForceReading(
+        name, t - t[0], force, sd, run.reference[second], run.condition_number[second]
+    )
+
+
+def highest_speed(scenarios: Sequence[Scenario], robot: Robot) -> float:
+    """The highest planned joint speed of the scenarios, rad/s."""
+    return max(float(np.abs(make_trajectory(one, robot).v).max()) for one in scenarios)

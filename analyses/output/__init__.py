@@ -1,0 +1,1 @@
+"""What a run shows: files, figures, progress. Knows no robot."""

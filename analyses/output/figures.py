@@ -1,0 +1,137 @@
+"""Figures of one style: readable at the width of the report, colour-blind safe, the same each time.
+
+A colour means the same thing in every figure (`COLOUR`); what is not one of these meanings, such as
+the joints of an arm or several methods side by side, takes its colours from `SERIES` in order.
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.files.whole_file import whole_file, writing_to
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Meaning = Literal["truth", "estimate", "reference", "article", "before", "after", "invalid"]
+
+# Okabe and Ito's palette, which stays apart in all common colour deficiencies and in print.
+COLOUR: Final[dict[Meaning, str]] = {
+    "truth": "#1a1a1a",
+    "estimate": "#0072b2",
+    "reference": "#6b6b6b",
+    "article": "#e69f00",
+    "before": "#d55e00",
+    "after": "#009e73",
+    "invalid": "#f3d9d9",  # a background
+}
+SERIES: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#1a1a1a")
+BAND_ALPHA: Final = 0.2  # of an uncertainty band in the colour of its estimate
+
+WIDTH: Final = 8.0  # inches; the report shows it 960 CSS pixels wide
+ROW_HEIGHT: Final = 2.6  # inches
+DOTS_PER_INCH: Final = 170
+
+_STYLE: Final[dict[Any, Any]] = {  # Any: matplotlib types the keys as one Literal of 330
+    "axes.axisbelow": True,
+    "axes.edgecolor": "#4d4d4d",
+    "axes.grid": True,
+    "axes.labelcolor": "#1a1a1a",
+    "axes.labelsize": 9.5,
+    "axes.linewidth": 0.8,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 10,
+    "axes.titleweight": "bold",
+    "axes.unicode_minus": True,
+    "axes.xmargin": 0.01,
+    "figure.facecolor": "white",
+    "figure.titlesize": 10.5,
+    "figure.titleweight": "bold",
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],  # comes with matplotlib: the same on every machine
+    "font.size": 9.5,
+    "grid.color": "#e3e3e3",
+    "grid.linewidth": 0.7,
+    "legend.borderpad": 0.3,
+    "legend.fontsize": 8.5,
+    "legend.frameon": True,
+    "legend.framealpha": 0.85,
+    "legend.edgecolor": "none",
+    "lines.linewidth": 1.3,
+    "lines.markersize": 4,
+    "path.simplify": True,
+    "path.simplify_threshold": 0.5,  # a log has more samples than the picture has columns
+    "agg.path.chunksize": 20_000,
+    "savefig.facecolor": "white",
+    "xtick.color": "#4d4d4d",
+    "xtick.labelsize": 8.5,
+    "ytick.color": "#4d4d4d",
+    "ytick.labelsize": 8.5,
+}
+
+
+def new_figure(
+    rows: int = 1,
+    cols: int = 1,
+    *,
+    height: float | None = None,
+    width: float = WIDTH,
+    share_x: bool = False,
+    share_y: bool = False,
+) -> "tuple[Figure, NDArray[np.object_]]":
+    """Returns an empty figure in the house style and its axes.
+
+    The figure belongs to no window system and to no global list: it is freed like any object.
+
+    Args:
+        rows: panels from top to bottom.
+        cols: panels from left to right.
+        height: of the whole figure, inches; by default `ROW_HEIGHT` a row.
+        width: of the whole figure, inches.
+        share_x: whether all panels have one range of x (labels at the bottom only).
+        share_y: whether all panels have one range of y (labels at the left only).
+
+    Returns:
+        The figure, and its axes as an array of shape (rows, cols), also when it is a single one.
+    """
+    import matplotlib as mpl
+    from cycler import cycler
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    # Lines, texts and legends read the style when they are made, after this function has returned.
+    mpl.rcParams.update(_STYLE)
+    mpl.rcParams["axes.prop_cycle"] = cycler(color=SERIES)
+    figure = Figure(
+        figsize=(width, height if height is not None else ROW_HEIGHT * rows), layout="constrained"
+    )
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(rows, cols, sharex=share_x, sharey=share_y, squeeze=False)
+    return figure, np.asarray(axes, dtype=np.object_)
+
+
+def save_figure(figure: "Figure", path: Path) -> Path:
+    """Writes the figure as a PNG, whole or not at all, with the same bytes for the same figure.
+
+    Returns:
+        The path written.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    with writing_to(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path) as partial, writing_to(path):
+        # Without "Software" the file says nothing of when or with what it was made. Not `savefig`,
+        # which draws everything once more before, for the layout.
+        figure.dpi = DOTS_PER_INCH
+        canvas: Any = FigureCanvasAgg(figure)
+        canvas.print_png(partial, metadata={"Software": None})
+    figure.clear()
+    return path

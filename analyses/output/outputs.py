@@ -1,0 +1,209 @@
+"""Result files: written whole or not at all, the same bytes for the same content."""
+
+import dataclasses
+import json
+import math
+import os
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from models.files.input_error import InputError
+from models.files.whole_file import whole_file, writing_to
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+NOT_FINITE = "not_finite"  # key under which a file lists its values that are not numbers
+
+
+def plain(value: Any, path: str = "", not_finite: list[str] | None = None) -> Any:
+    """Returns `value` as dict, list, str, int, float, bool and None only.
+
+    Numpy scalars and arrays, dataclasses, enumerations, paths and tuples are converted. Neither
+    JSON nor a reader of metrics has a use for NaN or infinity: they become None, and their places
+    (`initial.errors.3`) are appended to `not_finite`.
+
+    Raises:
+        TypeError: the value, or one inside it, has no plain form.
+    """
+    places = not_finite if not_finite is not None else []
+    if isinstance(value, Enum):
+        value = value.value
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float):
+        if math.isfinite(value):
+            return value
+        places.append(path)
+        return None
+    if isinstance(value, Path):
+        return value.as_posix()
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        value = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(k): plain(v, f"{path}.{k}".lstrip("."), places) for k, v in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, bytes):
+        return [plain(v, f"{path}.{i}".lstrip("."), places) for i, v in enumerate(value)]
+    raise TypeError(f"{path or 'value'}: {type(value).__name__} has no plain form")
+
+
+def plain_metrics(metrics: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns `plain(metrics)`; the places of NaN and infinities are listed under "not_finite"."""
+    places: list[str] = []
+    result: dict[str, Any] = plain(metrics, "", places)
+    if places:
+        result[NOT_FINITE] = sorted(places)
+    return result
+
+
+def json_text(value: Any) -> str:
+    """Returns plain `value` as JSON: keys sorted, lists of scalars on one line, full precision."""
+    return _json(value, "") + "\n"
+
+
+def _json(value: Any, indent: str) -> str:
+    inner = indent + "  "
+    if isinstance(value, dict) and value:
+        items = [f"{inner}{_json(k, '')}: {_json(value[k], inner)}" for k in sorted(value)]
+        return "{\n" + ",\n".join(items) + f"\n{indent}}}"
+    if isinstance(value, list) and any(isinstance(v, dict | list) for v in value):
+        return "[\n" + ",\n".join(inner + _json(v, inner) for v in value) + f"\n{indent}]"
+    return json.dumps(value, ensure_ascii=False, allow_nan=False)
+
+
+class OutputFolder:
+    """A folder for results; made if it is not there.
+
+    Args:
+        path: the folder.
+
+    Raises:
+        InputError: a file is in the way, or the folder cannot be made or written to.
+    """
+
+    def __init__(self, path: Path) -> None:
+        remedy = "choose another folder with --out"
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+        except (FileExistsError, NotADirectoryError):
+            in_the_way = next((p for p in (path, *path.parents) if p.is_file()), path)
+            raise InputError(in_the_way, "", "is a file where a folder is needed", remedy) from None
+        except OSError as error:
+            problem = f"cannot make this folder ({error.strerror})"
+            raise InputError(path, "", problem, remedy) from error
+        if not os.access(path, os.W_OK | os.X_OK):
+            raise InputError(path, "", "no permission to write in this folder", remedy)
+        self.path = path
+
+    def __truediv__(self, name: str) -> Path:
+        return self.path / name
+
+    @contextmanager
+    def atomic(self, name: str) -> Iterator[Path]:
+        """Gives a path to write to, which becomes file `name` if the block ends without error.
+
+        Raises:
+            InputError: the file cannot be written: a full disk, no permission.
+        """
+        path = self.path / name
+        with writing_to(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path) as partial, writing_to(path):
+            yield partial
+
+    def write_text(self, name: str, text: str) -> Path:
+        """Writes file `name` (UTF-8) and returns its path.
+
+        Raises:
+            InputError: it cannot be written; an earlier file of that name is as it was.
+        """
+        with self.atomic(name) as partial:
+            partial.write_text(text, encoding="utf-8", newline="\n")
+        return self.path / name
+
+    def write_json(self, name: str, value: Any) -> Path:
+        """Writes `value` as JSON with sorted keys and returns the file's path.
+
+        NaN and infinities become null; a mapping lists their places under "not_finite".
+
+        Raises:
+            TypeError: a value has no plain form.
+        """
+        content = plain_metrics(value) if isinstance(value, Mapping) else plain(value)
+        return self.write_text(name, json_text(content))
+
+    def write_yaml(self, name: str, value: Any) -> Path:
+        """Writes `value` as YAML with sorted keys and returns the file's path.
+
+        Raises:
+            TypeError: a value has no plain form.
+        """
+        import yaml
+
+        text = yaml.safe_dump(
+            plain(value), sort_keys=True, allow_unicode=True, default_flow_style=None, width=100
+        )
+        return self.write_text(name, text)
+
+    def write_figure(self, name: str, figure: "Figure") -> Path:
+        """Writes `figure` as figures/`name`.png and returns the file's path."""
+        from analyses.output.figures import save_figure
+
+        return save_figure(figure, self.path / "figures" / f"{name}.png")
+
+
+def _remove(folder: Path) -> None:
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def replace_folder(new: Path, old: Path, discard: Callable[[Path], None] = _remove) -> None:
+    """Puts folder `new` in the place of `old`, which may be absent.
+
+    Two renames: a crash between them leaves `old` under a hidden name, see `recover_folder`.
+
+    Args:
+        discard: what becomes of the old folder, given the hidden name that it has by then.
+
+    Raises:
+        OSError: a folder cannot be renamed; `old` is then as it was.
+    """
+    aside = _aside(old)
+    recover_folder(old, discard)
+    had_old = os.path.lexists(old)
+    if had_old:
+        old.rename(aside)
+    try:
+        new.rename(old)
+    except BaseException:
+        if had_old:
+            aside.rename(old)
+        raise
+    if had_old:
+        discard(aside)
+
+
+def recover_folder(path: Path, discard: Callable[[Path], None] = _remove) -> None:
+    """Gives `path` its content back if a crash stopped `replace_folder` half way.
+
+    Args:
+        discard: as in `replace_folder`, for a crash behind its renames.
+    """
+    aside = _aside(path)
+    if not os.path.lexists(aside):
+        return
+    if os.path.lexists(path):
+        discard(aside)
+    else:
+        aside.rename(path)
+
+
+def _aside(path: Path) -> Path:
+    return path.with_name(f".{path.name}.old")

@@ -1,0 +1,112 @@
+"""Shows on the terminal how far long work has come; in a log, one line at each step that counts."""
+
+import time
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+from analyses.output.compilation import ANNOUNCEMENT
+from analyses.study.study import Progress
+
+if TYPE_CHECKING:
+    import rich.progress
+    from rich.console import Console
+
+_HEARTBEAT = 20.0  # s between lines in a log
+_ENDS = {
+    "done": "done",
+    "earlier": "kept",
+    "skipped": "skipped",
+    "failed": "failed",
+    "interrupted": "interrupted",
+}
+
+
+class ProgressDisplay:
+    """Draws a bar per piece of work; use as a context manager and call with what happens.
+
+    Where the console is no terminal, such as in a log of continuous integration, it writes plain
+    lines and no control characters: when work begins and ends (with the seconds that it took), and
+    three times a minute between.
+
+    Args:
+        console: where to draw.
+        names: of the pieces of work, in their order.
+        fleeting: whether nothing is to stay of the bars, nor to be said of beginnings and ends.
+    """
+
+    def __init__(
+        self, console: "Console", names: tuple[str, ...], *, fleeting: bool = False
+    ) -> None:
+        self._console = console
+        self._fleeting = fleeting
+        self._width = max(map(len, names), default=0)
+        self._tasks: dict[str, rich.progress.TaskID] = {}
+        self._states: dict[str, str] = {}
+        self._last_line: dict[str, float] = {}
+        self._bars: rich.progress.Progress | None = None
+        if console.is_terminal:
+            from rich import progress
+
+            self._bars = progress.Progress(
+                progress.TextColumn("{task.description}"),
+                progress.BarColumn(bar_width=24),
+                progress.TimeElapsedColumn(),
+                progress.TextColumn("{task.fields[what]}", style="dim"),
+                console=console,
+                transient=fleeting,
+            )
+            for name in names:
+                self._tasks[name] = self._bars.add_task(name, total=1.0, start=False, what="")
+
+    def __enter__(self) -> Self:
+        if self._bars is not None:
+            self._bars.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._bars is not None:
+            self._bars.stop()
+
+    def __call__(self, progress: Progress) -> None:
+        end = _ENDS.get(progress.state, "")
+        if progress.seconds is not None:
+            end = f"{end} in {progress.seconds:.1f} s"
+        what = f"{end}: {progress.what}" if end and progress.what else end or progress.what
+        if self._bars is not None:
+            from rich.markup import escape
+
+            task = self._tasks[progress.name]
+            if progress.state == "waiting":
+                if what:  # stays above the bars, which will show other things
+                    text = f"{progress.name}: {what}"
+                    self._bars.console.print(text, markup=False, soft_wrap=True)
+                return
+            self._bars.start_task(task)
+            self._bars.update(task, completed=progress.fraction, what=escape(what))
+            if end:
+                self._bars.stop_task(task)
+            return
+        self._write_line(progress, end, what)
+
+    def _write_line(self, progress: Progress, end: str, what: str) -> None:
+        name, now = progress.name, time.monotonic()
+        last = self._last_line.setdefault(name, now)
+        if progress.state == "waiting":
+            text = what
+        elif end or self._states.get(name) != progress.state:
+            text = "" if self._fleeting else what if end else "started"
+        elif what == ANNOUNCEMENT:
+            text = what
+        else:
+            text = f"{100 * progress.fraction:.0f} %  {what}" if now - last > _HEARTBEAT else ""
+        self._states[name] = progress.state
+        if text:
+            self._last_line[name] = now
+            # Not through the console: interrupted, it would write its buffer a second time.
+            self._console.file.write(f"{name:<{self._width}}  {text}\n")
+            self._console.file.flush()

@@ -1,0 +1,1 @@
+"""Runs experiments, keeps their results and reports on them. Knows no robot."""

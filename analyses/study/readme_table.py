@@ -1,0 +1,200 @@
+"""Fills the README's table "article / here" from a study's results.
+
+    python -m analyses.study.readme_table [STUDY_FOLDER] [README]
+
+writes the figures that the table shows into docs/results.json beside the README, and then the table
+between the README's two markers; all else stays as it is. Both files are committed: a test compares
+them, so that a table edited by hand, or figures without their table, do not pass.
+"""
+
+import json
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from analyses.output.outputs import OutputFolder, json_text
+from analyses.study.outcome import look_up
+from analyses.study.report import comparisons
+from models.files.input_error import InputError
+from models.files.whole_file import whole_file
+
+BEGIN: Final = "<!-- results: begin -->"
+END: Final = "<!-- results: end -->"
+RESULTS: Final = Path("docs/results.json")  # beside the README
+# The rows that the README shows, by experiment and key; the report has them all.
+SHOWN: Final[Mapping[str, tuple[str, ...]]] = {
+    "identification": ("cross_validation.rmse_nm",),
+    "jcn-map": ("min", "above_11_pct"),
+    "linear-path": (
+        "initial.max_jcn",
+        "optimised.max_jcn",
+        "optimised.mean_jcn_along_path",
+        "pso_ga.best_mean_jcn",
+    ),
+    "constant-wrench": ("initial.max_error_y_n", "optimised.max_error_y_n"),
+    "surface-path": ("initial.mean_jcn", "optimised.mean_jcn"),
+    "repeat-cycle": ("reduction_rmse_y_pct", "reduction_max_y_pct"),
+    "repeat-cycle-push": ("reduction_rmse_y_pct", "reduction_max_y_pct"),
+    "friction": ("reduction_rmse_z_pct", "reduction_max_z_pct"),
+    "combined": (
+        "optimised.rmse_x_n",
+        "reduction_rmse_x_pct",
+        "ours_against_article.reduction_rmse_x_pct",
+        "optimised.rmse_y_n",
+        "reduction_rmse_y_pct",
+        "ours_against_article.reduction_rmse_y_pct",
+        "optimised.rmse_z_n",
+        "reduction_rmse_z_pct",
+        "ours_against_article.reduction_rmse_z_pct",
+        "ours.share_in_95_band",
+    ),
+    "polishing": (
+        "article.correlation",
+        "article.rmse_n",
+        "ours.correlation",
+        "ours.rmse_n",
+        "regulation.estimate.rms_n",
+        "regulation.sensor.rms_n",
+    ),
+    "grinding": (
+        "article.correlation",
+        "article.rmse_n",
+        "ours.correlation",
+        "ours.rmse_n",
+        "regulation.estimate.rms_n",
+        "regulation.sensor.rms_n",
+    ),
+    "bandwidth": ("max_amplitude_error_pct", "max_phase_error_deg"),
+    "ur10e-identification": ("best.validation.14harm50sec.rmse_nm",),
+    "ur10e-payload": (
+        "best.bayesian.rmse_fx_n",
+        "best.bayesian.rmse_fy_n",
+        "best.bayesian.rmse_fz_n",
+        "best.at_load.force_only.mass_kg",
+    ),
+    "panda-wrench": ("inverse.mean_rmse_n", "bayesian.mean_rmse_n"),
+}
+
+
+def collect(study: Path, shown: Mapping[str, tuple[str, ...]] = SHOWN) -> dict[str, Any]:
+    """Returns the figures of a study that the README shows.
+
+    Args:
+        study: folder that `wrenchsight study` wrote.
+        shown: keys by experiment.
+
+    Returns:
+        `quick` and `seed` of the study, and its `experiments` in the report's order: `name`,
+        `title` and `rows`, which are `ComparisonRow`s with the figure `here`.
+
+    Raises:
+        InputError: the folder has no whole results.
+    """
+    metrics = _read(study / "metrics.json")
+    experiments, quick, seeds = [], False, set[int]()
+    # metrics.json itself is sorted by name.
+    for name in sorted(metrics, key=_place):
+        stored = _read(study / name / "result.json")
+        rows = [
+            row | {"here": look_up(metrics[name], row["key"])}
+            for row in stored["comparison"]
+            if row["key"] in shown.get(name, ())
+        ]
+        if rows:
+            experiments.append({"name": name, "title": stored["title"], "rows": rows})
+            quick |= stored["quick"]
+            seeds.add(stored["seed"])
+    if not experiments:
+        problem = "no experiment in it has a figure for the README"
+        raise InputError(study / "metrics.json", "", problem, "run `wrenchsight study` first")
+    return {"quick": quick, "seed": seeds.pop(), "experiments": experiments}
+
+
+def results_table(results: Mapping[str, Any]) -> str:
+    """Returns what `collect` found as Markdown; shortened runs are called that."""
+    lines = [
+        "| Experiment | Measure | Article | Here | Why, where they differ |",
+        "|---|---|---:|---:|---|",
+    ]
+    for experiment in results["experiments"]:
+        for index, row in enumerate(experiment["rows"]):
+            (text,) = comparisons({row["key"]: row["here"]}, [row])
+            stated = " ".join(text.stated)
+            if text.source != "article":
+                stated = f"{stated} ({text.source})"
+            label = f"{text.label} [{text.unit}]" if text.unit else text.label
+            title = experiment["title"] if index == 0 else ""
+            cells = (title, label, stated, " ".join(text.here), text.remark)
+            lines.append("| " + " | ".join(_cell(c) for c in cells) + " |")
+    quick = "**Of shortened runs (`--quick`)**: they show that all parts work, not how well.\n\n"
+    return (quick if results["quick"] else "") + "\n".join(lines) + "\n"
+
+
+def fill(readme: Path, table: str) -> bool:
+    """Puts `table` between the markers of `readme`; returns whether that changed the file.
+
+    Raises:
+        InputError: the file is absent, or does not have each marker once, in order.
+    """
+    try:
+        text = readme.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(readme, "", error.strerror or "cannot be read") from None
+    if text.count(BEGIN) != 1 or text.count(END) != 1 or text.index(BEGIN) > text.index(END):
+        problem = f"does not have {BEGIN} and, after it, {END}, once each"
+        raise InputError(readme, "", problem, "put them where the table belongs")
+    before, rest = text.split(BEGIN)
+    after = rest.split(END)[1]
+    filled = f"{before}{BEGIN}\n{table}{END}{after}"
+    if filled == text:
+        return False
+    with whole_file(readme) as partial:
+        partial.write_text(filled, encoding="utf-8", newline="\n")
+        partial.chmod(readme.stat().st_mode)
+    return True
+
+
+def _place(name: str) -> tuple[int, str]:
+    from analyses.study.study import EXPERIMENTS
+
+    known = list(EXPERIMENTS)
+    return (known.index(name) if name in known else len(known), name)
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.replace("|", r"\|").split())
+
+
+def _read(path: Path) -> Any:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(path, "", "is not there", "run `wrenchsight study` first") from None
+    except ValueError:
+        raise InputError(path, "", "is not JSON", "run `wrenchsight study` again") from None
+
+
+def main(arguments: list[str]) -> int:
+    """Runs the command; returns its exit code."""
+    if len(arguments) > 2:
+        sys.stderr.write("expected at most two arguments: STUDY_FOLDER README\n")
+        return 2
+    study, readme = (
+        *map(Path, arguments),
+        *(Path("out/study"), Path("README.md"))[len(arguments) :],
+    )
+    try:
+        results = collect(study)
+        # The README first: if it has no place for the table, both files stay as they are.
+        changed = fill(readme, results_table(results))
+        OutputFolder(readme.parent / RESULTS.parent).write_text(RESULTS.name, json_text(results))
+    except InputError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    sys.stdout.write(f"{readme}: {'filled' if changed else 'up to date'}\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,294 @@
+"""Writes a study's results as one page of HTML that needs no network and prints well."""
+
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import quote
+
+from analyses.output.outputs import NOT_FINITE, OutputFolder
+from analyses.study.outcome import Outcome, StudySettings, look_up
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
+REPORT_NAME: Final = "report.html"
+_LONGEST_LIST: Final = 12  # values of a metric that are shown; the rest is in metrics.json
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One row of "article / here", as text; a list has one text per value."""
+
+    label: str
+    unit: str
+    stated: tuple[str, ...]
+    here: tuple[str, ...]
+    difference: str
+    remark: str
+    source: str
+
+
+@dataclass(frozen=True)
+class _Picture:
+    number: int
+    link: str
+    caption: str
+    size: tuple[int, int] | None  # CSS pixels
+
+
+@dataclass(frozen=True)
+class _Section:
+    name: str
+    number: int
+    title: str
+    section: str
+    state: str
+    seconds: str
+    notes: list[str]
+    figures: list[_Picture]
+    recordings: list[_Picture]
+    comparison: list[Comparison]
+    metrics: list[tuple[str, str]]
+    configuration: str
+    folder: str
+
+
+def write_report(
+    folder: OutputFolder,
+    outcomes: Sequence[Outcome],
+    settings: StudySettings,
+    study: Path | None = None,
+) -> Path:
+    """Writes report.html into `folder` and returns its path.
+
+    Args:
+        study: where the experiments' folders are; None: in `folder`.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("analyses", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["prose"] = _prose
+    environment.filters["common_source"] = common_source
+    sections = _sections(study or folder.path, outcomes)
+    known = {outcome.name for outcome in outcomes}
+    text = environment.get_template("report.html.j2").render(
+        settings=settings,
+        command=_command(settings),
+        sections=sections,
+        failed=[o for o in outcomes if o.state == "failed"],
+        skipped=[o for o in outcomes if o.state == "skipped"],
+        interrupted=[o for o in outcomes if o.state == "interrupted"],
+        not_run=[name for name in settings.known if name not in known],
+    )
+    return folder.write_text(REPORT_NAME, text)
+
+
+def comparisons(metrics: Mapping[str, Any], rows: Iterable[Mapping[str, Any]]) -> list[Comparison]:
+    """Returns rows of "article / here" as text.
+
+    Args:
+        metrics: of the experiment.
+        rows: `ComparisonRow`s as plain mappings.
+
+    Raises:
+        ValueError: a row's key is not in `metrics`.
+    """
+    result = []
+    for row in rows:
+        here = look_up(metrics, row["key"])
+        stated = [] if row["article"] is None else row["article"]
+        decimals = _decimals(_as_list(stated), _as_list(here))
+        result.append(
+            Comparison(
+                label=row["label"][:1].upper() + row["label"][1:],
+                unit=row["unit"],
+                stated=tuple(number(v, decimals) for v in _as_list(stated)),
+                here=tuple(number(v, decimals) for v in _as_list(here)),
+                difference=_difference(_as_list(here), _as_list(stated)),
+                remark=row["remark"],
+                source=row["source"],
+            )
+        )
+    return result
+
+
+def number(value: Any, decimals: int | None = None) -> str:
+    """Returns a value as text, with a true minus sign.
+
+    Args:
+        value: a number, bool, text or None.
+        decimals: of a number; by default, and where they would leave nothing of it, as many as four
+            significant digits need.
+    """
+    if value is None:
+        return "not finite"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if not isinstance(value, int | float):
+        return str(value)
+    if decimals is not None and (value == 0 or 0.5 * 10.0**-decimals < abs(value) < 1e7):
+        text = f"{value:.{decimals}f}"
+    elif isinstance(value, int) or (
+        abs(value) < 1e7 and (value == round(value) or abs(value) >= 9999.5)
+    ):
+        whole = round(value)
+        text = f"{whole:,}".replace(",", "\u202f") if abs(whole) > 9999 else str(whole)
+    else:
+        text = f"{value:#.4g}".rstrip(".")
+        if "e" in text:
+            mantissa, exponent = text.split("e")
+            superscript = str(int(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+            text = f"{mantissa}·10{superscript}"
+    return text.replace("-", "\u2212")
+
+
+def _decimals(stated: list[Any], here: list[Any]) -> int | None:
+    """Returns how many decimals stated figures have, but enough for three digits of the largest.
+
+    One more where `here` needs it: 139 beside 76.2 is better than beside 76.
+    """
+
+    def for_three_digits(values: list[Any]) -> int:
+        largest = max((abs(v) for v in values if isinstance(v, int | float)), default=0.0)
+        return 2 - math.floor(math.log10(largest)) if largest > 0.0 else -1
+
+    numbers = [v for v in stated if isinstance(v, int | float)]
+    if not any(numbers):
+        return None
+    # A computed figure has 16 digits; six are all that anyone prints.
+    printed = max(len(f"{v:.6g}".partition(".")[2]) for v in numbers)
+    decimals = max(printed, for_three_digits(stated), 0)
+    return min(max(decimals, for_three_digits(here)), decimals + 1)
+
+
+def common_source(rows: Sequence[Comparison]) -> str:
+    """Returns who stated all figures of `rows`; empty where they are the article's or mixed."""
+    sources = {row.source for row in rows if row.stated}
+    return sources.pop() if len(sources) == 1 and "article" not in sources else ""
+
+
+def _as_list(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else [value]
+
+
+def _difference(here: list[Any], stated: list[Any]) -> str:
+    """Returns how far `here` is from `stated`, in % of it; the range of it for lists."""
+    pairs = zip(here, stated, strict=False)
+    percents = [
+        100 * (h - s) / abs(s)
+        for h, s in pairs
+        if isinstance(h, int | float) and isinstance(s, int | float) and s != 0
+    ]
+    if not percents:
+        return ""
+    ends = dict.fromkeys(_percent(p) for p in (min(percents), max(percents)))
+    return "\u2009to\u2009".join(ends) + "\u00a0%"
+
+
+def _percent(value: float) -> str:
+    text = f"{value:+.1f}" if abs(value) < 9.95 else f"{value:+.0f}"
+    return "0" if float(text) == 0.0 else text.replace("-", "\u2212")
+
+
+def _sections(study: Path, outcomes: Sequence[Outcome]) -> list[_Section]:
+    sections: list[_Section] = []
+    figure_number = 0
+    for outcome in outcomes:
+        if not outcome.has_result:
+            continue
+        stored, folder = outcome.stored, study / outcome.name
+        figures = []
+        for file in stored["figures"]:
+            figure_number += 1
+            path = folder / file["path"]
+            link = quote(f"{outcome.name}/{file['path']}")
+            figures.append(_Picture(figure_number, link, file["caption"], _css_size(path)))
+        recordings = [
+            _Picture(0, quote(f"{outcome.name}/{file['path']}"), file["caption"], None)
+            for file in stored["recordings"]
+        ]
+        sections.append(
+            _Section(
+                name=outcome.name,
+                number=len(sections) + 1,
+                title=outcome.title,
+                section=outcome.section,
+                state=outcome.state,
+                seconds=_duration(outcome.seconds),
+                notes=stored["notes"],
+                figures=figures,
+                recordings=recordings,
+                comparison=comparisons(outcome.metrics, stored["comparison"]),
+                metrics=list(_flat(outcome.metrics)),
+                configuration=(folder / "config.yaml").read_text(encoding="utf-8"),
+                folder=quote(outcome.name),
+            )
+        )
+    return sections
+
+
+def _flat(metrics: Any, path: str = "") -> Iterable[tuple[str, str]]:
+    """Yields every metric as (key, text)."""
+    if isinstance(metrics, Mapping):
+        for key, value in metrics.items():
+            if path or key != NOT_FINITE:
+                yield from _flat(value, f"{path}.{key}".lstrip("."))
+    elif isinstance(metrics, list):
+        flat = [v for row in metrics for v in (row if isinstance(row, list) else [row])]
+        if flat and all(isinstance(v, Mapping) for v in flat):
+            for index, value in enumerate(flat):
+                yield from _flat(value, f"{path}.{index}")
+        elif len(flat) > _LONGEST_LIST:
+            shown = "  ".join(number(v) for v in flat[:_LONGEST_LIST])
+            yield path, f"{shown}  … ({len(flat)} values)"
+        else:
+            yield path, "  ".join(number(v) for v in flat) or "none"
+    else:
+        yield path, number(metrics)
+
+
+def _css_size(path: Path) -> tuple[int, int] | None:
+    """Returns the size at which a PNG is shown, so that the page does not jump as it loads."""
+    from analyses.output.figures import DOTS_PER_INCH
+
+    with path.open("rb") as file:
+        head = file.read(24)
+    if not head.startswith(b"\x89PNG"):
+        return None
+    width, height = (int.from_bytes(head[i : i + 4], "big") for i in (16, 20))
+    scale = 120 / DOTS_PER_INCH  # 120 CSS pixels an inch: text of 9.5 pt is as large as the page's
+    return round(width * scale), round(height * scale)
+
+
+def _duration(seconds: float | None) -> str:
+    if seconds is None:
+        return ""
+    if seconds < 90:
+        return f"{max(1, round(seconds))}\u00a0s"
+    return f"{seconds / 60:.0f}\u00a0min"
+
+
+def _command(settings: StudySettings) -> str:
+    everything = settings.asked == settings.known
+    names = "" if everything else " " + " ".join(settings.asked)
+    quick = " --quick" if settings.quick else ""
+    return f"wrenchsight study{names} --seed {settings.seed}{quick}"
+
+
+def _prose(text: str) -> "Markup":
+    """Marks `code` in a sentence; all else is escaped."""
+    from markupsafe import Markup, escape
+
+    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(text))))

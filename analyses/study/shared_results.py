@@ -1,0 +1,113 @@
+"""Work that several experiments of a study have in common, done by the first that needs it.
+
+A study gives its experiments' processes a folder (`sharing_in`); there `shared` keeps what a
+function returned, under a digest of its arguments. The folder is made and removed by the study: no
+result of other software, or of anyone else's making, is ever read back. Outside a study every call
+computes.
+"""
+
+import dataclasses
+import fcntl
+import hashlib
+import pickle
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+from xml.etree import ElementTree
+
+import numpy as np
+
+from models.files.whole_file import whole_file
+
+Result = TypeVar("Result")
+
+_folder: ContextVar[Path | None] = ContextVar("folder of shared results", default=None)
+
+
+@contextmanager
+def sharing_in(folder: Path) -> Iterator[None]:
+    """Shares results through `folder`, which exists, inside the block."""
+    token = _folder.set(folder)
+    try:
+        yield
+    finally:
+        _folder.reset(token)
+
+
+def shared(name: str, arguments: tuple[Any, ...], compute: Callable[[], Result]) -> Result:
+    """Returns what `compute` returns, computed once for all that share the folder.
+
+    Who asks while another computes the same waits for it. What is returned has gone through the
+    file also where it was computed, so that all go on with the same bytes in the same layout.
+
+    Args:
+        name: of what is computed.
+        arguments: all that it depends on.
+        compute: returns something that can be pickled, and has no other effect.
+
+    Raises:
+        InputError: the result cannot be written, for lack of space for instance.
+    """
+    folder = _folder.get()
+    if folder is None:
+        return compute()
+    key = f"{name}-{digest(arguments)[:24]}"
+    path = folder / f"{key}.pickle"
+    with (folder / f"{key}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # let go of by the system if this process dies
+        if not path.exists():
+            content = pickle.dumps(compute(), protocol=pickle.HIGHEST_PROTOCOL)
+            with whole_file(path) as partial:
+                partial.write_bytes(content)
+    result: Result = pickle.loads(path.read_bytes())
+    return result
+
+
+def digest(value: Any) -> str:
+    """Returns the SHA-256 of a value: numbers, text, arrays, containers and objects made of them.
+
+    Equal values have equal digests in every process; cached properties do not count.
+    """
+    sha = hashlib.sha256()
+    for part in _parts(value):
+        sha.update(part)
+    return sha.hexdigest()
+
+
+def _parts(value: Any) -> Iterator[bytes]:
+    kind = type(value)
+    yield f"{kind.__module__}.{kind.__qualname__}(".encode()
+    if value is None or isinstance(value, bool | int | float | complex | str | bytes | Path):
+        yield repr(value).encode()
+    elif isinstance(value, np.ndarray | np.generic) and not value.dtype.hasobject:
+        yield f"{value.dtype.str}{value.shape}".encode()
+        yield np.ascontiguousarray(value).tobytes()
+    elif isinstance(value, ElementTree.Element):  # its pickle varies with how it was come by
+        yield ElementTree.tostring(value)
+    elif isinstance(value, Mapping):
+        yield from _unordered({digest(k): v for k, v in value.items()})
+    elif isinstance(value, set | frozenset):
+        yield from _unordered(dict.fromkeys(map(digest, value)))
+    elif isinstance(value, list | tuple):
+        for item in value:
+            yield from _parts(item)
+    elif dataclasses.is_dataclass(value) or hasattr(value, "__dict__"):
+        names = (
+            [field.name for field in dataclasses.fields(value)]
+            if hasattr(value, "__dataclass_fields__")
+            else list(vars(value))
+        )
+        own = (n for n in names if not isinstance(getattr(kind, n, None), cached_property))
+        yield from _unordered({name: getattr(value, name) for name in own})
+    else:
+        yield pickle.dumps(value)
+    yield b")"
+
+
+def _unordered(items: Mapping[str, Any]) -> Iterator[bytes]:
+    for name in sorted(items):
+        yield f"{name}=".encode()
+        yield from _parts(items[name])

@@ -1,0 +1,1 @@
+"""Web pages of an arm in motion, made by a headless Meshcat."""

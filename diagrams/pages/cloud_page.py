@@ -1,0 +1,41 @@
+"""A picture of points in space, coloured by a measure, with the arm among them."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.perception import BaseField, Fields, PointCloud
+
+from diagrams.pages.arm_picture import ArmPicture, colour_scale, scale_legend
+from diagrams.pages.run_page import make_meshcat, start_recording, write_recording
+from models.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+def record_cloud(
+    robot: Robot,
+    points: Array,
+    measure: Array,
+    path: Path,
+    title: str,
+    *,
+    low: float,
+    high: float,
+    label: str = "JCN",
+    point_size: float = 0.007,
+) -> None:
+    """Writes a web page with points (N, 3) in W, m, coloured by `measure` (N,) on [low, high].
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    meshcat = make_meshcat(robot, np.array([0.5, -0.5, 0.6]))
+    cloud = PointCloud(len(points), Fields(BaseField.kXYZs | BaseField.kRGBs))
+    cloud.mutable_xyzs()[:] = points.T
+    cloud.mutable_rgbs()[:] = np.round(255.0 * colour_scale(measure, low, high)).T.astype(np.uint8)
+    meshcat.SetObject("cloud", cloud, point_size)
+    picture = ArmPicture(robot, meshcat)
+    start_recording(meshcat, 30.0)
+    picture.show(robot.home)
+    write_recording(meshcat, path, title, scale_legend(label, low, high))

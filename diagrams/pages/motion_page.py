@@ -1,0 +1,33 @@
+"""A web page in which an arm makes a motion."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagrams.pages.arm_picture import ArmPicture
+from diagrams.pages.run_page import make_meshcat, start_recording, write_recording
+from models.motion.paths import JointTrajectory
+from models.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+def record_motion(
+    robot: Robot, trajectory: JointTrajectory, path: Path, title: str, fps: float = 30.0
+) -> None:
+    """Writes the motion as a page that needs nothing else, in its own time.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    times = np.arange(trajectory.t[0], trajectory.t[-1], 1.0 / fps)
+    q, _, _ = trajectory.sample(times)
+    tips = robot.chain.pose(q)[1]
+    # As far back as the longest reach needs.
+    meshcat = make_meshcat(robot, tips[int(np.argmax(np.linalg.norm(tips, axis=1)))])
+    picture = ArmPicture(robot, meshcat, fps)
+    start_recording(meshcat, fps)
+    for time, posture in zip(times - times[0], q, strict=True):
+        picture.show(posture, float(time))
+    write_recording(meshcat, path, title, {})

@@ -1,0 +1,124 @@
+"""Pictures of an arm on its way along a path, the path coloured by a posture's measure."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Meshcat, Rgba
+
+from diagrams.pages.arm_picture import ArmPicture, colour_scale, scale_legend
+from diagrams.pages.run_page import make_meshcat, start_recording, write_recording
+from models.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+_RADIUS = 0.006  # m, of the tube along the path
+_AROUND = 8  # its corners
+_PAUSE = 0.7  # s, between two motions
+
+
+@dataclass(frozen=True)
+class PathMotion:
+    """One way to follow a path: q (N, n), and its measure (N,), such as the condition number."""
+
+    name: str
+    q: Array
+    measure: Array
+
+
+@dataclass(frozen=True)
+class TriangleMesh:
+    """Something to draw beside the arm: vertices (M, 3) in W, m; triangles (T, 3)."""
+
+    vertices: Array
+    triangles: NDArray[np.int32]
+
+
+def record_paths(
+    robot: Robot,
+    motions: Sequence[PathMotion],
+    path: Path,
+    title: str,
+    *,
+    label: str = "JCN",
+    workpiece: TriangleMesh | None = None,
+    seconds: float = 8.0,
+    fps: float = 30.0,
+) -> None:
+    """Writes a web page in which the arm makes the motions one after the other.
+
+    Each motion takes `seconds`. While it lasts, its path is drawn as a tube coloured by the
+    measure, on one scale for all motions.
+
+    Args:
+        path: of the page, which needs nothing else; written whole or not at all.
+        label: of the measure, in the legend.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    everything = np.concatenate([motion.measure for motion in motions])
+    low, high = float(np.min(everything)), float(np.quantile(everything, 0.99))
+    high = max(high, 1.01 * low)
+    tips = [robot.chain.pose(motion.q)[1] for motion in motions]
+    meshcat = make_meshcat(robot, np.mean(np.concatenate(tips), axis=0))
+    picture = ArmPicture(robot, meshcat, fps)
+    if workpiece is not None:
+        meshcat.SetTriangleMesh(
+            "workpiece",
+            np.ascontiguousarray(workpiece.vertices.T),
+            np.ascontiguousarray(workpiece.triangles.T),
+            Rgba(0.80, 0.82, 0.85, 1.0),
+        )
+    for motion, tip in zip(motions, tips, strict=True):
+        _draw_tube(meshcat, _place(motion), tip, colour_scale(motion.measure, low, high))
+    start_recording(meshcat, fps)
+    start = 0.0
+    for index, motion in enumerate(motions):
+        for other in motions:
+            meshcat.SetProperty(_place(other), "visible", other is motion, time_in_recording=start)
+        frames = max(2, round(seconds * fps))
+        at = np.linspace(0.0, len(motion.q) - 1.0, frames)
+        for frame in range(frames):
+            picture.show(_between(motion.q, float(at[frame])), start + frame / fps)
+        start += seconds + _PAUSE
+        if index + 1 < len(motions):
+            picture.show(motion.q[-1], start - 1.0 / fps)
+    names = ", then ".join(motion.name for motion in motions)
+    write_recording(meshcat, path, f"{title}: {names}", scale_legend(label, low, high))
+
+
+def _place(motion: PathMotion) -> str:
+    return f"path/{motion.name.replace('/', ' ')}"
+
+
+def _between(q: Array, at: float) -> Array:
+    """q (N, n) at a fractional index."""
+    i = min(int(at), len(q) - 2)
+    return np.asarray(q[i] + (at - i) * (q[i + 1] - q[i]))
+
+
+def _draw_tube(meshcat: Meshcat, place: str, points: Array, colours: Array) -> None:
+    """A tube of `_RADIUS` through points (N, 3), coloured at each (N, 3)."""
+    along = np.gradient(points, axis=0)
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+    other = np.eye(3)[int(np.argmin(np.sum(np.abs(along), axis=0)))]
+    first = np.cross(along, other)
+    first /= np.maximum(np.linalg.norm(first, axis=1, keepdims=True), 1e-12)
+    second = np.cross(along, first)
+    angle = np.linspace(0.0, 2.0 * np.pi, _AROUND, endpoint=False)[:, np.newaxis, np.newaxis]
+    rings = points + _RADIUS * (np.cos(angle) * first + np.sin(angle) * second)  # (_AROUND, N, 3)
+    index = np.arange(_AROUND * len(points)).reshape(_AROUND, len(points))
+    a, b = index[:, :-1], index[:, 1:]
+    d, c = np.roll(a, -1, axis=0), np.roll(b, -1, axis=0)
+    triangles = np.concatenate(
+        [np.stack([a, c, b], axis=-1).reshape(-1, 3), np.stack([a, d, c], axis=-1).reshape(-1, 3)]
+    )
+    meshcat.SetTriangleColorMesh(
+        place,
+        np.ascontiguousarray(rings.reshape(-1, 3).T),
+        np.ascontiguousarray(triangles.T.astype(np.int32)),
+        np.ascontiguousarray(np.tile(colours, (_AROUND, 1)).T),
+    )

@@ -1,0 +1,116 @@
+"""A picture of a run: the robot and the forces at its tool, recorded by a headless Meshcat."""
+
+import logging
+from collections.abc import Mapping
+from html import escape
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.geometry import Meshcat, MeshcatParams
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+
+from models.files.whole_file import whole_file
+from models.robot.robot import Robot
+from systems.wrench_arrows import ArrowStyle, WrenchArrows
+
+# The same as in the figures: the truth is black, the estimate blue.
+FORCE_ARROWS: dict[str, ArrowStyle] = {
+    "force true": ArrowStyle((0.10, 0.10, 0.10)),
+    "force estimated": ArrowStyle((0.0, 0.447, 0.698), 0.55, 0.009, 0.021),
+}
+
+
+def make_meshcat(robot: Robot, p_WE: ArrayLike, away: ArrayLike | None = None) -> Meshcat:
+    """Starts Meshcat without a browser, on a white ground, looking at arm and tool from the side.
+
+    Args:
+        robot: sets the distance, by the size of its arm.
+        p_WE: (3,) where the tool will be, m.
+        away: (3,) direction from the tool to the camera, in W; by default from ahead and to one
+            side of where the tool stands, a little above.
+    """
+    # Its greeting names a web address that nobody will visit.
+    log = logging.getLogger("drake")
+    level = log.level
+    log.setLevel(logging.WARNING)
+    try:
+        meshcat = Meshcat(MeshcatParams(show_stats_plot=False))
+    finally:
+        log.setLevel(level)
+    meshcat.SetProperty("/Background", "top_color", [1.0, 1.0, 1.0])
+    meshcat.SetProperty("/Background", "bottom_color", [0.93, 0.94, 0.95])
+    for path in ("/Axes", "/Grid"):
+        meshcat.SetProperty(path, "visible", False)
+    tool = np.asarray(p_WE, dtype=np.float64)
+    _, home = robot.chain.pose(robot.home)
+    size = max(0.5, float(np.linalg.norm(home)), float(np.linalg.norm(tool)))
+    target = np.array([0.45 * tool[0], 0.45 * tool[1], 0.5 * size])
+    if away is None:
+        azimuth = np.arctan2(tool[1], tool[0]) - 1.0
+        direction = np.array([np.cos(azimuth), np.sin(azimuth), 0.35])
+    else:
+        direction = np.array(away, dtype=np.float64) / np.linalg.norm(away)
+    distance = 1.1 if away is None else 1.3
+    meshcat.SetCameraPose(target + distance * size * direction, target)
+    return meshcat
+
+
+def add_wrench_arrows(
+    builder: DiagramBuilder,
+    meshcat: Meshcat,
+    terms: OutputPort,
+    wrenches: Mapping[str, OutputPort],
+    fps: float,
+    metres_per_newton: float,
+) -> WrenchArrows:
+    """Draws wrenches, named as in FORCE_ARROWS, as arrows at the tool."""
+    styles = {name: FORCE_ARROWS[name] for name in wrenches}
+    arrows = WrenchArrows(meshcat, styles, fps, metres_per_newton)
+    builder.AddNamedSystem("wrench_arrows", arrows)
+    builder.Connect(terms, arrows.GetInputPort("terms"))
+    for name, port in wrenches.items():
+        builder.Connect(port, arrows.GetInputPort(name))
+    return arrows
+
+
+def start_recording(meshcat: Meshcat, fps: float) -> None:
+    """From here on what is published to `meshcat` becomes part of its recording."""
+    meshcat.StartRecording(frames_per_second=fps, set_visualizations_while_recording=False)
+
+
+def write_recording(
+    meshcat: Meshcat, path: Path, title: str, legend: Mapping[str, ArrayLike] | None = None
+) -> None:
+    """Ends the recording and writes it as a web page that needs nothing else; whole or not at all.
+
+    Args:
+        title: of the page, shown in it above the legend.
+        legend: red, green, blue (and opacity) of each name, in [0, 1]; without it FORCE_ARROWS.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    meshcat.StopRecording()
+    meshcat.PublishRecording()
+    page = meshcat.StaticHtml()
+    head, body_end, tail = page.rpartition("</body>")
+    if legend is None:
+        legend = {name: [*arrow.rgb, arrow.opacity] for name, arrow in FORCE_ARROWS.items()}
+    page = head + _legend(title, legend) + body_end + tail
+    with whole_file(path) as partial:
+        partial.write_text(page, encoding="utf-8")
+
+
+def _legend(title: str, legend: Mapping[str, ArrayLike]) -> str:
+    rows = [f"<b>{escape(title)}</b>"]
+    for name, colour in legend.items():
+        red, green, blue, opacity = np.append(np.asarray(colour, dtype=np.float64), 1.0)[:4]
+        rgba = f"{255 * red:.0f},{255 * green:.0f},{255 * blue:.0f},{opacity:g}"
+        mark = f'<span style="color:rgba({rgba})">&#x27A4;</span>'
+        rows.append(f"{mark} {escape(name)}")
+    style = (
+        "position:absolute;left:16px;top:12px;z-index:10;padding:8px 12px;border-radius:4px;"
+        "background:rgba(255,255,255,0.85);font:15px/1.5 sans-serif;color:#1a1a1a"
+    )
+    return f'<div style="{style}">{"<br>".join(rows)}</div>\n'

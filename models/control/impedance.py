@@ -1,0 +1,325 @@
+"""Spring and damper between two poses, on SE(3), for rotations of any size.
+
+The pose error is e = [rotation vector; translation] from the desired pose D to E, in axes of W or
+of E. The spring stores U = 1/2 e^T K e and its wrench is the gradient of that energy,
+
+    F = -A^T K e,        de/dt = A V      (V the velocity of E relative to D, in the same axes)
+
+so that it is passive for any K, also a full one and also far from the desired pose, where de/dt
+is not V. A = diag(Jl^-1(e_r), 1) in axes of W, [Jr^-1(e_r), 0; [e_t]x, 1] in axes of E, with the
+left and right Jacobians of SO(3) (Chirikjian, Stochastic Models, Information Theory, and Lie
+Groups 2, eqs. 10.85, 10.86).
+"""
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from models.control.joint_tracking import friction_feedforward
+
+Array = NDArray[np.float64]
+
+
+@numba.njit(cache=True)
+def rotation_vector(R: Array, out: Array) -> None:
+    """Writes the rotation vector (3,) of R (3, 3), its length in [0, pi], through the quaternion.
+
+    Accurate near zero and near pi. At pi exactly either of the two vectors is right; the choice is
+    deterministic.
+    """
+    trace = R[0, 0] + R[1, 1] + R[2, 2]
+    # Shepperd's method: divide by the largest of the four components.
+    if trace > R[0, 0] and trace > R[1, 1] and trace > R[2, 2]:
+        w = 1.0 + trace
+        x, y, z = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    elif R[0, 0] >= R[1, 1] and R[0, 0] >= R[2, 2]:
+        w = R[2, 1] - R[1, 2]
+        x, y, z = 1.0 + 2.0 * R[0, 0] - trace, R[0, 1] + R[1, 0], R[0, 2] + R[2, 0]
+    elif R[1, 1] >= R[2, 2]:
+        w = R[0, 2] - R[2, 0]
+        x, y, z = R[0, 1] + R[1, 0], 1.0 + 2.0 * R[1, 1] - trace, R[1, 2] + R[2, 1]
+    else:
+        w = R[1, 0] - R[0, 1]
+        x, y, z = R[0, 2] + R[2, 0], R[1, 2] + R[2, 1], 1.0 + 2.0 * R[2, 2] - trace
+    if w < 0.0:
+        w, x, y, z = -w, -x, -y, -z
+    sine = np.sqrt(x * x + y * y + z * z)
+    scale = 2.0 * np.arctan2(sine, w) / sine if sine > 0.0 else 0.0
+    out[0], out[1], out[2] = scale * x, scale * y, scale * z
+
+
+@numba.njit(cache=True)
+def _left_jacobian_inverse(e: Array, sign: float, out: Array) -> None:
+    # 1 - sign/2 [e]x + c [e]x^2; sign -1 gives the right Jacobian's inverse
+    theta2 = e[0] * e[0] + e[1] * e[1] + e[2] * e[2]
+    if theta2 < 1e-8:
+        c = 1.0 / 12.0 + theta2 / 720.0
+    else:
+        half = 0.5 * np.sqrt(theta2)
+        c = (1.0 - half / np.tan(half)) / theta2
+    h = 0.5 * sign
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = c * e[i] * e[j]
+        out[i, i] += 1.0 - c * theta2
+    out[0, 1] += h * e[2]
+    out[0, 2] -= h * e[1]
+    out[1, 0] -= h * e[2]
+    out[1, 2] += h * e[0]
+    out[2, 0] += h * e[1]
+    out[2, 1] -= h * e[0]
+
+
+@numba.njit(cache=True)
+def pose_error(in_E: bool, R_WE: Array, p_WE: Array, R_WD: Array, p_WD: Array, out: Array) -> None:
+    """Writes e (6,), rotation first: from D to E, in axes of E or of W (rad, m)."""
+    R = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            # log(R_WE R_WD^T) in W; log(R_WD^T R_WE) in E
+            value = 0.0
+            for k in range(3):
+                value += R_WD[k, i] * R_WE[k, j] if in_E else R_WE[i, k] * R_WD[j, k]
+            R[i, j] = value
+    rotation_vector(R, out)
+    for i in range(3):
+        if in_E:
+            out[3 + i] = 0.0
+            for k in range(3):
+                out[3 + i] += R_WE[k, i] * (p_WE[k] - p_WD[k])
+        else:
+            out[3 + i] = p_WE[i] - p_WD[i]
+
+
+@numba.njit(cache=True)
+def impedance_wrench(
+    in_E: bool,
+    stiffness: Array,
+    damping: Array,
+    R_WE: Array,
+    p_WE: Array,
+    V_WE: Array,
+    R_WD: Array,
+    p_WD: Array,
+    V_WD: Array,
+    free_direction: Array,
+    wrench: Array,
+) -> None:
+    """Writes the wrench (6,) that spring and damper put on E, axes of W, rotation first.
+
+    Args:
+        in_E: whether stiffness and damping are in axes of E (else of W).
+        stiffness, damping: (6, 6), rotation first.
+        V_WD: (6,) velocity of D, axes of W, rotation first.
+        free_direction: (3,) unit vector in W along which the spring neither pulls nor is stretched;
+            zero for none. The damper works there as well.
+    """
+    p_WC = p_WD.copy()
+    along = 0.0
+    for k in range(3):
+        along += free_direction[k] * (p_WE[k] - p_WD[k])
+    for k in range(3):
+        p_WC[k] += along * free_direction[k]
+    e = np.empty(6)
+    pose_error(in_E, R_WE, p_WE, R_WD, p_WC, e)
+    Ke = np.zeros(6)
+    for i in range(6):
+        for j in range(6):
+            Ke[i] += stiffness[i, j] * e[j]
+    A = np.empty((3, 3))
+    _left_jacobian_inverse(e[:3], -1.0 if in_E else 1.0, A)
+    spring = np.empty(6)
+    for i in range(3):
+        spring[3 + i] = -Ke[3 + i]
+        spring[i] = 0.0
+        for j in range(3):
+            spring[i] -= A[j, i] * Ke[j]
+    if in_E:
+        # -[e_t]x^T K e_t: what keeps the spring passive as its axes turn with E
+        spring[0] += e[4] * Ke[5] - e[5] * Ke[4]
+        spring[1] += e[5] * Ke[3] - e[3] * Ke[5]
+        spring[2] += e[3] * Ke[4] - e[4] * Ke[3]
+    V = np.empty(6)
+    for i in range(3):
+        for part in (0, 3):
+            if in_E:
+                V[part + i] = 0.0
+                for k in range(3):
+                    V[part + i] += R_WE[k, i] * (V_WE[part + k] - V_WD[part + k])
+            else:
+                V[part + i] = V_WE[part + i] - V_WD[part + i]
+    damper = np.zeros(6)
+    for i in range(6):
+        for j in range(6):
+            damper[i] -= damping[i, j] * V[j]
+    if in_E:
+        _to_world(R_WE, spring)
+        _to_world(R_WE, damper)
+    along = 0.0
+    for k in range(3):
+        along += free_direction[k] * spring[3 + k]
+    for k in range(3):
+        wrench[k] = spring[k] + damper[k]
+        wrench[3 + k] = spring[3 + k] - along * free_direction[k] + damper[3 + k]
+
+
+@numba.njit(cache=True)
+def _to_world(R_WE: Array, wrench: Array) -> None:
+    old = wrench.copy()
+    for part in (0, 3):
+        for i in range(3):
+            wrench[part + i] = 0.0
+            for k in range(3):
+                wrench[part + i] += R_WE[i, k] * old[part + k]
+
+
+@numba.njit(cache=True)
+def impedance_torque(
+    effort_limit: Array,
+    null_space_damping: float,
+    friction: Array,
+    friction_velocity: float,
+    M: Array,
+    Cv: Array,
+    G: Array,
+    J: Array,
+    v: Array,
+    reference: Array,
+    wrench: Array,
+    tau: Array,
+) -> None:
+    """Writes the torque (n,) that puts `wrench` (6,) on E, on top of the arm's own dynamics.
+
+    tau = J^T wrench + Cv + G + M vdot_d + tau_f(v_d) - N^T null_space_damping v
+
+    within effort_limit, where N^T = 1 - J^T (J M^-1 J^T)^-1 J M^-1 lets nothing through to E
+    (Khatib, IEEE J. Robotics and Automation 3(1), 1987); only for more than 6 joints.
+
+    Args:
+        reference: (3n,) q_d, v_d, vdot_d, of which v_d and vdot_d are fed forward.
+    """
+    n = v.shape[0]
+    friction_feedforward(friction, reference[n : 2 * n], friction_velocity, tau)
+    for i in range(n):
+        tau[i] += Cv[i] + G[i]
+        for k in range(6):
+            tau[i] += J[k, i] * wrench[k]
+        for j in range(n):
+            tau[i] += M[i, j] * reference[2 * n + j]
+    if n > 6 and null_space_damping > 0.0:
+        torque = -null_space_damping * v
+        M_inv_JT = np.linalg.solve(M, np.ascontiguousarray(J.T))
+        # A small share of the identity keeps it solvable where J loses rank.
+        mobility = J @ M_inv_JT
+        for k in range(6):
+            mobility[k, k] += 1e-9 * (1.0 + mobility[k, k])
+        through = np.linalg.solve(mobility, M_inv_JT.T @ torque)
+        for i in range(n):
+            tau[i] += torque[i]
+            for k in range(6):
+                tau[i] -= J[k, i] * through[k]
+    for i in range(n):
+        tau[i] = min(max(tau[i], -effort_limit[i]), effort_limit[i])
+
+
+@numba.njit(cache=True)
+def impedance_action(
+    in_E: bool,
+    stiffness: Array,
+    damping: Array,
+    force_gains: Array,
+    direction: Array,
+    direction_in_E: bool,
+    time_step: float,
+    effort_limit: Array,
+    null_space_damping: float,
+    friction: Array,
+    friction_velocity: float,
+    M: Array,
+    Cv: Array,
+    G: Array,
+    J: Array,
+    R_WE: Array,
+    p_WE: Array,
+    V_WE: Array,
+    v: Array,
+    pose_reference: Array,
+    reference: Array,
+    has_force: bool,
+    presses: bool,
+    feedback_valid: bool,
+    setpoint: float,
+    wrench: Array,
+    integral: float,
+    action: Array,
+) -> None:
+    """Writes what ImpedanceController does in a tick: torque (n,), pose error (6,), integral (1,).
+
+    Args:
+        in_E: whether stiffness and damping are in axes of E (else of W).
+        stiffness, damping: (36,) row by row, rotation first.
+        force_gains: (3,) proportional, integral, integral_limit.
+        direction: (3,) unit vector, in E with direction_in_E, else in W.
+        time_step: s.
+        pose_reference: (18,) R_WD row by row, p_WD, V_WD.
+        has_force: whether there is force control at all; without it the integral stays.
+        presses: whether force is controlled now.
+        feedback_valid: whether by the feedback; else the press is the set-point and the integral.
+        setpoint: N; while force is not controlled, that which is there already.
+        wrench: (6,) F_E_W of the feedback.
+        integral: N s, of the force error so far; that at the end of the tick is written.
+        The others as in impedance_wrench and impedance_torque.
+    """
+    n = v.shape[0]
+    K, B = stiffness.reshape(6, 6), damping.reshape(6, 6)
+    R_WD = pose_reference[:9].reshape(3, 3)
+    p_WD, V_WD = pose_reference[9:12], pose_reference[12:]
+    d_W, nowhere, commanded = direction.copy(), np.zeros(3), np.empty(6)
+    if direction_in_E:
+        for i in range(3):
+            d_W[i] = 0.0
+            for k in range(3):
+                d_W[i] += R_WE[i, k] * direction[k]
+    push = 0.0
+    for k in range(3):
+        push += d_W[k] * wrench[3 + k]
+    free = d_W if presses else nowhere
+    impedance_wrench(in_E, K, B, R_WE, p_WE, V_WE, R_WD, p_WD, V_WD, free, commanded)
+    error = setpoint - push if feedback_valid else 0.0
+    kp, ki, limit = force_gains
+    bound = limit / ki if ki > 0.0 else 0.0
+    if presses:
+        press = setpoint + kp * error + ki * integral
+        for k in range(3):
+            commanded[3 + k] -= press * d_W[k]
+    tau = action[:n]
+    impedance_torque(
+        effort_limit,
+        null_space_damping,
+        friction,
+        friction_velocity,
+        M,
+        Cv,
+        G,
+        J,
+        v,
+        reference,
+        commanded,
+        tau,
+    )
+    pose_error(in_E, R_WE, p_WE, R_WD, p_WD, action[n : n + 6])
+    if presses:
+        saturated = False
+        for j in range(n):
+            saturated = saturated or abs(tau[j]) >= effort_limit[j]
+        if not (saturated and error * integral > 0.0):
+            integral += time_step * error
+    elif has_force and ki > 0.0:
+        # The push of the spring, less the set-point with which force control will begin.
+        blind = np.empty(6)
+        impedance_wrench(in_E, K, B, R_WE, p_WE, V_WE, R_WD, p_WD, V_WD, d_W, blind)
+        spring = 0.0
+        for k in range(3):
+            spring += d_W[k] * (commanded[3 + k] - blind[3 + k])
+        integral = (-spring - setpoint) / ki
+    action[n + 6] = min(max(integral, -bound), bound) if has_force else integral

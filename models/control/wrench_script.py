@@ -1,0 +1,214 @@
+"""A wrench as a function of time, written down as a list of steps, ramps, sines and hand pushes.
+
+Kept out of the blocks so that a scenario's wrench can be evaluated without simulating it. In the
+script a person writes `force` and `moment`; in arrays the wrench is rotation first.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Union
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from models.files.input_error import InputError
+
+Array = NDArray[np.float64]
+
+_STEP, _RAMP, _SINE, _PUSH = 0.0, 1.0, 2.0, 3.0
+_NUM_TONES = 24  # enough for a nearly Gaussian amplitude; few enough for one microsecond a sample
+_FOREVER = 1e12  # s; finite, so that it survives YAML
+
+
+def _zero() -> list[float]:
+    return [0.0, 0.0, 0.0]
+
+
+@dataclass
+class WrenchStep:
+    """Jumps to (force, moment) at `start`, and back to nothing after `duration`."""
+
+    start: float = 0.0  # s
+    duration: float = _FOREVER  # s
+    force: list[float] = field(default_factory=_zero)  # N, on the robot at E, axes of W
+    moment: list[float] = field(default_factory=_zero)  # N m, about E, axes of W
+
+
+@dataclass
+class WrenchRamp:
+    """Grows linearly from nothing at `start` over `rise`, holds, and vanishes after `duration`."""
+
+    start: float = 0.0  # s
+    rise: float = 1.0  # s
+    duration: float = _FOREVER  # s, rise included
+    force: list[float] = field(default_factory=_zero)  # N, reached after the rise
+    moment: list[float] = field(default_factory=_zero)  # N m, reached after the rise
+
+
+@dataclass
+class WrenchSine:
+    """Amplitude times sin(2 pi frequency (t - start) + phase) from `start` for `duration`."""
+
+    start: float = 0.0  # s
+    duration: float = _FOREVER  # s
+    frequency: float = 1.0  # Hz
+    phase: float = 0.0  # rad
+    force: list[float] = field(default_factory=_zero)  # N, amplitude
+    moment: list[float] = field(default_factory=_zero)  # N m, amplitude
+
+
+@dataclass
+class HandPush:
+    """A random push with nothing above `bandwidth`, as a hand gives: smooth, and never the same.
+
+    A sum of sines of random frequency and phase, drawn once from the seed, so that it is a function
+    of time and can be repeated; faded in and out by a raised cosine. With `each` it comes and
+    goes: pushes of that length, with a pause after each.
+    """
+
+    start: float = 0.0  # s
+    duration: float = 5.0  # s
+    bandwidth: float = 1.5  # Hz
+    fade: float = 0.3  # s, at either end
+    each: float = 0.0  # s, length of one push; 0: a single one, as long as the duration
+    pause: float = 0.0  # s, after each push
+    seed: int = 0  # the scenario's own seed is added
+    force: list[float] = field(default_factory=_zero)  # N, standard deviation per axis
+    moment: list[float] = field(default_factory=_zero)  # N m, standard deviation per axis
+
+
+WrenchSegment = Union[WrenchStep, WrenchRamp, WrenchSine, HandPush]  # noqa: UP007 (yaml_load_typed)
+
+
+@numba.njit(cache=True)
+def _sample(table: Array, tones: Array, t: float, out: Array) -> None:
+    # table rows: kind, start, end, rise or frequency or fade, phase or first tone, 6 amplitudes,
+    # length of one push, time from one to the next
+    # tones: (pushes, 6 axes, tones, 2) angular frequency and phase
+    out[:] = 0.0
+    for i in range(table.shape[0]):
+        start, end = table[i, 1], table[i, 2]
+        if t < start or t >= end:
+            continue
+        kind = table[i, 0]
+        since = t - start
+        if kind == _PUSH:
+            push = int(table[i, 4])
+            fade = table[i, 3]
+            within = since % table[i, 12]
+            edge = min(within, table[i, 11] - within, end - t)
+            if edge < 0.0:
+                continue
+            window = 1.0
+            if edge < fade:
+                window = 0.5 * (1.0 - np.cos(np.pi * edge / fade))
+            for axis in range(6):
+                if table[i, 5 + axis] != 0.0:
+                    value = 0.0
+                    for k in range(tones.shape[2]):
+                        value += np.sin(tones[push, axis, k, 0] * since + tones[push, axis, k, 1])
+                    out[axis] += window * table[i, 5 + axis] * value * np.sqrt(2.0 / tones.shape[2])
+            continue
+        if kind == _STEP:
+            gain = 1.0
+        elif kind == _RAMP:
+            gain = min(since / table[i, 3], 1.0)
+        else:
+            gain = np.sin(2.0 * np.pi * table[i, 3] * since + table[i, 4])
+        for axis in range(6):
+            out[axis] += gain * table[i, 5 + axis]
+
+
+@numba.njit(cache=True)
+def _sample_many(table: Array, tones: Array, t: Array, out: Array) -> None:
+    for k in range(t.shape[0]):
+        _sample(table, tones, t[k], out[k])
+
+
+class WrenchScript:
+    """The sum of the segments, as a function of time.
+
+    Args:
+        segments: what acts, each over its own time; they add up. A segment acts in
+            start <= t < start + duration.
+        seed: added to each HandPush's own seed.
+        source: what an error names: the file that the segments come from.
+
+    Raises:
+        InputError: a time, frequency, force or moment that is not finite, negative where that has
+            no meaning, or not of length 3.
+    """
+
+    def __init__(
+        self, segments: Sequence[WrenchSegment], seed: int = 0, source: str = "wrench"
+    ) -> None:
+        self.segments = tuple(segments)
+        rows: list[list[float]] = []
+        tones: list[Array] = []
+        for i, segment in enumerate(segments):
+            _check(segment, i, source)
+            shape, phase, each, every = 0.0, 0.0, 0.0, 1.0
+            if isinstance(segment, WrenchStep):
+                kind = _STEP
+            elif isinstance(segment, WrenchRamp):
+                kind, shape = _RAMP, segment.rise
+            elif isinstance(segment, WrenchSine):
+                kind, shape, phase = _SINE, segment.frequency, segment.phase
+            else:
+                kind, shape, phase = _PUSH, segment.fade, float(len(tones))
+                each = segment.each if segment.each > 0.0 else segment.duration
+                every = each + segment.pause
+                random = np.random.default_rng([seed, segment.seed, i])
+                tone = np.empty((6, _NUM_TONES, 2))
+                tone[..., 0] = 2 * np.pi * segment.bandwidth * random.random((6, _NUM_TONES))
+                tone[..., 1] = 2 * np.pi * random.random((6, _NUM_TONES))
+                tones.append(tone)
+            end = segment.start + segment.duration
+            wrench = (*segment.moment, *segment.force)
+            rows.append([kind, segment.start, end, shape, phase, *wrench, each, every])
+        self._table = np.array(rows, dtype=np.float64).reshape(-1, 13)
+        self._tones = np.array(tones, dtype=np.float64).reshape(-1, 6, _NUM_TONES, 2)
+
+    def sample(self, t: float) -> Array:
+        """The wrench (6,) at time t, rotation first: [moment N m; force N]."""
+        out = np.empty(6)
+        _sample(self._table, self._tones, t, out)
+        return out
+
+    def sample_many(self, t: Array) -> Array:
+        """The wrench (T, 6) at times t (T,), rotation first."""
+        t = np.ascontiguousarray(t, dtype=np.float64)
+        out = np.empty((t.shape[0], 6))
+        _sample_many(self._table, self._tones, t, out)
+        return out
+
+
+def _check(segment: WrenchSegment, index: int, source: str) -> None:
+    place = f"wrench segment {index + 1} ({type(segment).__name__})"
+    for name in ("force", "moment"):
+        value = getattr(segment, name)
+        if len(value) != 3 or not np.all(np.isfinite(value)):
+            raise InputError(
+                source, place, f"{name} is {value}, expected three finite numbers", "correct it"
+            )
+    positive = ["duration"]
+    if isinstance(segment, WrenchRamp):
+        positive.append("rise")
+    elif isinstance(segment, WrenchSine):
+        positive.append("frequency")
+    elif isinstance(segment, HandPush):
+        positive += ["bandwidth", "fade"]
+        if not (
+            np.isfinite(segment.each + segment.pause) and min(segment.each, segment.pause) >= 0
+        ):
+            times = f"each is {segment.each}, pause {segment.pause}"
+            raise InputError(source, place, f"{times}, expected zero or more", "correct it")
+    for name in positive:
+        value = getattr(segment, name)
+        if not (np.isfinite(value) and value > 0):
+            raise InputError(
+                source, place, f"{name} is {value}, expected a positive number", "correct it"
+            )
+    if not np.isfinite(segment.start):
+        raise InputError(source, place, f"start is {segment.start}", "give a time in s")

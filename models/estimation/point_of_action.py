@@ -1,0 +1,129 @@
+"""Where on the tool a force acts, and what is known of it, from external joint torques alone.
+
+A force at a point P that is fixed in E, of mean f (constant in W) and with deviations from it:
+
+    tau_k ~ N(J_Pk^T [0; f], J_Pk^T diag(moment_sd^2, force_sd^2) J_Pk + noise_scale^2 Sigma_tau)
+
+P, f, both sds and the noise's scale maximise this marginal likelihood. Integrating the force out,
+instead of fitting one to each sample, is what keeps P unbiased: with as many forces as samples, the
+fit puts part of the noise into the lever (Neyman and Scott, Econometrica 16, 1948).
+
+**Why a mean.** A Gaussian prior of mean zero pulls every reading towards zero, in each direction as
+far as the arm sees that direction badly. For a force that comes from everywhere these pulls average
+out; a weight points the same way all the time, and they add up to a lost share of it. With the
+mean in the prior, what is pulled towards it is only the deviation.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize
+
+from models.estimation.wrench import FORCE_SD_RANGE, MOMENT_SD_RANGE
+
+Array = NDArray[np.float64]
+
+NOISE_RANGE = (1.0, 10.0)  # a model is at least as wrong under load as without
+LARGEST_OFFSET = 2.0  # m from E in each axis
+_UNIT_FORCE = 10.0  # N, of the optimiser's variables
+
+
+class PointOfAction(NamedTuple):
+    """What `find_point_of_action` finds.
+
+    Attributes:
+        p_EP: (3,) m from E to P in axes of E.
+        mean_force_W: (3,) N.
+        force_sd: N of the deviations from it.
+        moment_sd: N m about P.
+        noise_scale: factor on the sds of Sigma_tau.
+    """
+
+    p_EP: Array
+    mean_force_W: Array
+    force_sd: float
+    moment_sd: float
+    noise_scale: float
+
+
+def jacobian_at(J: ArrayLike, R_WE: ArrayLike, p_EP: ArrayLike) -> Array:
+    """Returns the Jacobian (N, 6, n) at P for J (N, 6, n) at E, both in axes of W.
+
+    Args:
+        J: rows [angular; linear].
+        R_WE: (N, 3, 3).
+        p_EP: (3,) m, in axes of E.
+    """
+    J = np.asarray(J, float)
+    p_EP_W = np.asarray(R_WE, float) @ np.asarray(p_EP, float)
+    moved = J.copy()
+    moved[:, 3:] += np.cross(J[:, :3], p_EP_W[:, :, None], axis=1)
+    return moved
+
+
+def find_point_of_action(
+    J: ArrayLike,
+    R_WE: ArrayLike,
+    tau_ext: ArrayLike,
+    torque_covariance: ArrayLike,
+    with_mean: bool = True,
+    free_noise: bool = True,
+) -> PointOfAction:
+    """Finds the most evident point of action.
+
+    Args:
+        J: (N, 6, n) at E in axes of W, rows [angular; linear].
+        R_WE: (N, 3, 3).
+        tau_ext: (N, n) N m.
+        torque_covariance: (n, n) Sigma_tau, N^2 m^2.
+        with_mean: whether the force may have a mean; without, it is zero.
+        free_noise: whether the noise may be larger than Sigma_tau says.
+
+    Raises:
+        ValueError: shapes disagree, or a value is not finite.
+    """
+    J, R, tau = np.asarray(J, float), np.asarray(R_WE, float), np.asarray(tau_ext, float)
+    Sigma = np.asarray(torque_covariance, float)
+    N = len(tau)
+    if J.shape != (N, 6, tau.shape[-1]) or R.shape != (N, 3, 3):
+        raise ValueError(f"expected J (N, 6, n), R (N, 3, 3), not {J.shape} and {R.shape}")
+    if not (np.isfinite(J).all() and np.isfinite(R).all() and np.isfinite(tau).all()):
+        raise ValueError("point of action: a sample is not finite")
+
+    def cost(x: Array) -> float:
+        force_sd, moment_sd, scale = np.exp(x[3:6])
+        J_P = jacobian_at(J, R, x[:3])
+        spread = np.repeat([moment_sd, force_sd], 3)[:, None] * J_P
+        covariance = spread.transpose(0, 2, 1) @ spread + scale**2 * Sigma
+        missing = tau - (J_P[:, 3:].transpose(0, 2, 1) @ (_UNIT_FORCE * x[6:]))
+        L = np.linalg.cholesky(covariance)
+        white = np.linalg.solve(L, missing[..., None])[..., 0]
+        log_det = np.log(np.diagonal(L, axis1=1, axis2=2)).sum(axis=1)
+        return float(np.mean(0.5 * (white**2).sum(axis=1) + log_det))
+
+    noise = NOISE_RANGE if free_noise else (1.0, 1.0)
+    bounds = [
+        *[(-LARGEST_OFFSET, LARGEST_OFFSET)] * 3,
+        *np.log([FORCE_SD_RANGE, MOMENT_SD_RANGE, noise]).tolist(),
+        *[(None, None) if with_mean else (0.0, 0.0)] * 3,
+    ]
+    # A force that is all deviation, and one that is all mean: the two basins that there are.
+    mean = _mean_force(J, tau, Sigma) / _UNIT_FORCE * with_mean
+    starts = [
+        np.r_[0.0, 0.0, 0.0, np.log([10.0, 1.0, 1.0]), mean],
+        np.r_[0.0, 0.0, 0.0, np.log([30.0, 1.0, 1.0]), 0.0, 0.0, 0.0],
+    ]
+    found = min(
+        (minimize(cost, x, method="L-BFGS-B", bounds=bounds) for x in starts),
+        key=lambda climb: float(climb.fun),
+    ).x
+    force_sd, moment_sd, scale = (float(s) for s in np.exp(found[3:6]))
+    return PointOfAction(found[:3], _UNIT_FORCE * found[6:], force_sd, moment_sd, scale)
+
+
+def _mean_force(J: Array, tau: Array, Sigma: Array) -> Array:
+    """Least squares of one constant wrench over all samples: its force, a start."""
+    W = np.linalg.inv(np.linalg.cholesky(Sigma))
+    A = (W @ J.transpose(0, 2, 1)).reshape(-1, 6)
+    return np.asarray(np.linalg.lstsq(A, (tau @ W.T).ravel(), rcond=None)[0][3:])

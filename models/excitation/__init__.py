@@ -1,0 +1,1 @@
+"""Choosing motions from which a robot's parameters show."""

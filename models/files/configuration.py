@@ -1,0 +1,281 @@
+"""Configuration files: dataclasses read from YAML and written back to it.
+
+`pydrake.common.yaml.yaml_load_typed` does the reading. It names neither file nor line, so the
+document is first checked against the schema on the YAML nodes, which know where they stand.
+
+A schema is a dataclass in which every field has a default and which is not frozen: the loader
+makes one and sets what the file names. A field without which the file makes no sense carries
+`metadata=REQUIRED`.
+"""
+
+import dataclasses
+import difflib
+import math
+import types
+import typing
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import yaml
+from pydrake.common import pretty_class_name
+from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
+
+from models.files.files_read import about_to_read
+from models.files.input_error import InputError
+from models.files.whole_file import whole_file
+
+T = TypeVar("T")
+
+REQUIRED: dict[str, bool] = {"required": True}
+"""Metadata of a field that the file must give: `field(default=..., metadata=REQUIRED)`."""
+
+_NULL_TAG = "tag:yaml.org,2002:null"
+_BOOL_TAG = "tag:yaml.org,2002:bool"
+_KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
+
+
+def load_configuration(path: str | Path, schema: type[T], child_name: str | None = None) -> T:
+    """Reads a YAML file into `schema`.
+
+    Args:
+        path: the file.
+        schema: a dataclass, or `dict[str, ...]` of dataclasses.
+        child_name: the key of the document to read, where it holds several configurations.
+
+    Raises:
+        InputError: the file is missing or no YAML; a key is unknown, repeated or missing; a value
+            has the wrong type. The line names the file and the line in it.
+    """
+    path = Path(path)
+    text = _read_text(path)
+    loader = yaml.SafeLoader(text)
+    try:
+        node = loader.get_single_node()
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        place = f"line {mark.line + 1}" if mark else ""
+        raise InputError(path, place, f"no valid YAML: {error.problem or error.context}") from error
+    except yaml.YAMLError as error:
+        raise InputError(path, "", f"no valid YAML: {error}") from error
+    if node is None:
+        raise InputError(path, "", "the file is empty", "expected keys and values in YAML")
+    check = _Check(path, loader)
+    if child_name is not None:
+        check.child(node, child_name, schema)
+    else:
+        check.value(node, schema, "", is_root=True)
+    try:
+        if child_name is None and typing.get_origin(schema) is dict:
+            # yaml_load_typed takes a table of configurations only as a field.
+            item_schema = typing.get_args(schema)[1]
+            loaded: Any = {
+                name: yaml_load_typed(schema=item_schema, data=text, child_name=name)
+                for name in check.names(node)
+            }
+        else:
+            loaded = yaml_load_typed(schema=schema, data=text, child_name=child_name)
+    except (RuntimeError, ValueError, TypeError, KeyError, AttributeError) as error:
+        raise InputError(path, "", f"cannot be read as {_name(schema)}: {error}") from error
+    return typing.cast("T", loaded)
+
+
+def save_configuration(configuration: Any, path: str | Path) -> None:
+    """Writes a dataclass as YAML that `load_configuration` reads back; whole or not at all.
+
+    Raises:
+        InputError: the file cannot be written there.
+    """
+    with whole_file(path) as partial:
+        partial.write_text(yaml_dump_typed(configuration), encoding="utf-8")
+
+
+def nearest(word: str, known: typing.Iterable[str]) -> str:
+    """The known word most like `word`, as a remedy: 'did you mean "home"?'; '' if none is."""
+    match = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
+    return f'did you mean "{match[0]}"?' if match else ""
+
+
+def _read_text(path: Path) -> str:
+    if path.is_dir():
+        raise InputError(path, "", "is a directory", "expected a YAML file")
+    about_to_read(path)
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise InputError(path, "", "no such file") from error
+    except UnicodeDecodeError as error:
+        raise InputError(path, "", "is no text file", "expected YAML in UTF-8") from error
+    except OSError as error:
+        raise InputError(path, "", f"cannot be read: {error.strerror}") from error
+
+
+def _name(schema: Any) -> str:
+    return _KINDS.get(schema, getattr(schema, "__name__", str(schema)))
+
+
+def _is_union(schema: Any) -> bool:
+    return typing.get_origin(schema) in (typing.Union, types.UnionType)
+
+
+def _fields(schema: Any) -> dict[str, Any] | None:
+    """Field names and types of a dataclass, or of a C++ class that Drake can read from YAML."""
+    if dataclasses.is_dataclass(schema):
+        return {field.name: field.type for field in dataclasses.fields(schema)}
+    bound = getattr(schema, "__fields__", None)
+    return None if bound is None else {field.name: field.type for field in bound}
+
+
+class _Check:
+    """Holds a YAML node tree against a schema, and names the line of what does not fit."""
+
+    def __init__(self, path: Path, loader: Any) -> None:
+        self._path = path
+        self._loader = loader
+        self._flat: set[int] = set()  # mapping nodes whose merge keys are resolved
+
+    def names(self, node: Any) -> list[str]:
+        """The keys of the document."""
+        return list(self._items(node, "", is_root=True))
+
+    def child(self, node: Any, name: str, schema: Any) -> None:
+        keys = self._items(node, "", is_root=True)
+        if name not in keys:
+            known = ", ".join(keys)
+            raise InputError(
+                self._path, "", f'holds no "{name}"', nearest(name, keys) or f"it holds {known}"
+            )
+        self.value(keys[name][1], schema, name)
+
+    def value(self, node: Any, schema: Any, name: str, is_root: bool = False) -> None:
+        origin = typing.get_origin(schema)
+        if _is_union(schema):
+            self._union(node, schema, name)
+        elif schema in _KINDS:
+            self._scalar(node, schema, name)
+        elif schema is Path:
+            self._scalar(node, str, name)
+        elif schema is np.ndarray:
+            self._array(node, name)
+        elif origin is list:
+            (item_schema,) = typing.get_args(schema)
+            if not isinstance(node, yaml.SequenceNode):
+                raise self._error(node, name, f"expected a list, found {self._found(node)}")
+            for index, item in enumerate(node.value):
+                self.value(item, item_schema, f"{name}[{index}]")
+        elif origin is dict:
+            _, item_schema = typing.get_args(schema)
+            for key, (_, item) in self._items(node, name, is_root).items():
+                self.value(item, item_schema, f"{name}.{key}" if name else key)
+        else:
+            self._mapping(node, schema, name, is_root)
+
+    def _union(self, node: Any, schema: Any, name: str) -> None:
+        options = typing.get_args(schema)
+        if node.tag == _NULL_TAG and type(None) in options:
+            return
+        options = tuple(option for option in options if option is not type(None))
+        if node.tag.startswith("!") and not node.tag.startswith("!!"):
+            named = {pretty_class_name(option).split("[")[0]: option for option in options}
+            tag = node.tag[1:]
+            if tag not in named:
+                raise self._error(
+                    node,
+                    name,
+                    f"unknown kind !{tag}, expected " + " or ".join(f"!{key}" for key in named),
+                    nearest(tag, named),
+                )
+            self.value(node, named[tag], name)
+            return
+        if isinstance(node, yaml.ScalarNode) and len(options) > 1:
+            for option in options:
+                try:
+                    self.value(node, option, name)
+                except InputError:
+                    continue
+                return
+            expected = " or ".join(_name(option) for option in options)
+            raise self._error(node, name, f"expected {expected}, found {self._found(node)}")
+        self.value(node, options[0], name)
+
+    def _scalar(self, node: Any, schema: Any, name: str) -> None:
+        if not isinstance(node, yaml.ScalarNode) or not self._fits(node, schema):
+            raise self._error(node, name, f"expected {_KINDS[schema]}, found {self._found(node)}")
+
+    def _fits(self, node: Any, schema: Any) -> bool:
+        value = self._loader.construct_object(node)
+        if schema is str:
+            return isinstance(value, str)
+        if schema is bool:
+            return bool(node.tag == _BOOL_TAG)
+        if isinstance(value, bool) or value is None:
+            return False
+        try:
+            number = float(value)
+            # YAML 1.1 reads 1e-3 as a text; Drake's loader makes the number of it.
+            return not math.isnan(number) and (schema is float or int(value) == number)
+        except (TypeError, ValueError, OverflowError):
+            return False
+
+    def _array(self, node: Any, name: str) -> None:
+        if not isinstance(node, yaml.SequenceNode):
+            raise self._error(node, name, f"expected a list of numbers, found {self._found(node)}")
+        for index, item in enumerate(node.value):
+            if isinstance(item, yaml.SequenceNode):
+                self._array(item, f"{name}[{index}]")
+            else:
+                self._scalar(item, float, f"{name}[{index}]")
+        if len({len(i.value) if isinstance(i, yaml.SequenceNode) else 0 for i in node.value}) > 1:
+            raise self._error(node, name, "the rows have different lengths")
+
+    def _mapping(self, node: Any, schema: Any, name: str, is_root: bool) -> None:
+        fields = _fields(schema)
+        if fields is None:
+            return  # a type that only yaml_load_typed can judge
+        items = self._items(node, name, is_root)
+        for key, (key_node, item) in items.items():
+            if key not in fields:
+                where = f' of "{name}"' if name else ""
+                remedy = nearest(key, fields) or "known keys: " + ", ".join(fields)
+                raise self._error(key_node, "", f'unknown key "{key}"{where}', remedy)
+            self.value(item, fields[key], f"{name}.{key}" if name else key)
+        if not dataclasses.is_dataclass(schema):
+            return
+        for field in dataclasses.fields(schema):
+            if field.metadata.get("required") and field.name not in items:
+                where = f'"{name}"' if name else "the file"
+                raise self._error(
+                    node, "", f'{where} lacks the key "{field.name}" ({_name(field.type)})'
+                )
+
+    def _items(self, node: Any, name: str, is_root: bool = False) -> dict[str, tuple[Any, Any]]:
+        if not isinstance(node, yaml.MappingNode):
+            raise self._error(node, name, f"expected keys with values, found {self._found(node)}")
+        if id(node) not in self._flat:
+            # Once only: afterwards a key that overrides a merged one stands there twice, rightly.
+            seen: set[str] = set()
+            for key, _ in node.value:
+                if key.value in seen:
+                    raise self._error(key, "", f'the key "{key.value}" is given twice')
+                seen.add(key.value)
+            self._loader.flatten_mapping(node)
+            self._flat.add(id(node))
+        # A root key with a leading underscore is a template for YAML anchors, as in Drake.
+        return {
+            str(key.value): (key, item)
+            for key, item in node.value
+            if not (is_root and str(key.value).startswith("_"))
+        }
+
+    def _found(self, node: Any) -> str:
+        if isinstance(node, yaml.MappingNode):
+            return "keys with values"
+        if isinstance(node, yaml.SequenceNode):
+            return "a list"
+        if node.tag == _NULL_TAG:
+            return "nothing"
+        return f'"{node.value}"'
+
+    def _error(self, node: Any, name: str, problem: str, remedy: str = "") -> InputError:
+        place = f"line {node.start_mark.line + 1}" + (f", {name}" if name else "")
+        return InputError(self._path, place, problem, remedy)

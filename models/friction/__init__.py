@@ -1,0 +1,1 @@
+"""Laws of joint friction, as tables that kernels read."""

@@ -1,0 +1,157 @@
+"""Which friction terms a joint has, as columns of a regression and as the law that they add up to.
+
+A friction law here is linear in its coefficients once its shape is fixed: how far a joint creeps
+elastically (displacement) and at what velocity the Stribeck effect fades. The columns come from the
+same kernel that runs the law, so that what is fitted is what is run.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.friction.friction_network import FrictionNetworks
+from models.friction.presliding_friction import FrictionLaw, PreslidingFriction, slip_path
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+
+Array = NDArray[np.float64]
+
+# Terms of each law that is linear in its coefficients; z is the slip, sgn v where the law has no
+# elastic displacement.
+STRUCTURES: dict[str, tuple[str, ...]] = {
+    "coulomb-viscous": ("coulomb", "viscous"),  # z, v
+    "coulomb-viscous-offset": ("coulomb", "viscous", "offset"),  # ..., 1
+    "stribeck": ("coulomb", "viscous", "offset", "stribeck"),  # ..., z exp(-(v / v_s)^2)
+    "load-dependent": ("coulomb", "viscous", "offset", "stribeck", "load"),  # ..., z |L|
+    "presliding": ("coulomb", "viscous", "offset", "stribeck", "load", "cubic"),  # ..., v^3
+}
+PLAIN = STRUCTURES["coulomb-viscous-offset"]
+DEFAULT_DISPLACEMENT = 1e-4  # rad (m): where a wrist's creep ends, before anything was chosen
+DEFAULT_STRIBECK_VELOCITY = 0.1  # rad/s (m/s)
+LARGEST_LOAD = 0.5  # N m per N m; a gear that loses more is none
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionStructure:
+    """A friction law without its coefficients.
+
+    Attributes:
+        terms: per joint, of those in `STRUCTURES`.
+        displacement: (n,) rad (m) of the joint's slip element; 0 is rigid, z = sgn v.
+        stribeck_velocity: (n,) rad/s (m/s).
+    """
+
+    terms: tuple[tuple[str, ...], ...]
+    displacement: Array
+    stribeck_velocity: Array
+
+    @classmethod
+    def of(cls, law: str, num_joints: int) -> Self:
+        """Returns the structure of a law of `STRUCTURES`, its shape not chosen yet."""
+        displacement = DEFAULT_DISPLACEMENT if law == "presliding" else 0.0
+        return cls(
+            (STRUCTURES[law],) * num_joints,
+            np.full(num_joints, displacement),
+            np.full(num_joints, DEFAULT_STRIBECK_VELOCITY),
+        )
+
+    @property
+    def num_joints(self) -> int:
+        """How many joints, n."""
+        return len(self.terms)
+
+    def without(self, term: str, joints: Sequence[int] | NDArray[np.intp] | None = None) -> Self:
+        """Returns the structure without a term, on these joints or on all."""
+        chosen = range(self.num_joints) if joints is None else [int(j) for j in joints]
+        terms = tuple(
+            tuple(t for t in own if not (t == term and j in chosen))
+            for j, own in enumerate(self.terms)
+        )
+        return replace(self, terms=terms)
+
+    def has(self, term: str) -> bool:
+        """Whether any joint has the term."""
+        return any(term in own for own in self.terms)
+
+    def columns(self, q: Array, v: Array, load: Array) -> list[Array]:
+        """Returns per joint the columns (N, terms) along a log that starts at rest.
+
+        Args:
+            q: (N, n) rad.
+            v: (N, n) rad/s.
+            load: (N, n) transmitted torque, N m.
+        """
+        z = slip_path(self.displacement, q, v)
+        return [
+            np.stack([self.column(term, j, z, v, load) for term in own], axis=1)
+            for j, own in enumerate(self.terms)
+        ]
+
+    def column(self, term: str, joint: int, z: Array, v: Array, load: Array) -> Array:
+        """Returns one term's column (N,) of one joint.
+
+        Args:
+            term: of `STRUCTURES`.
+            joint: its index.
+            z: (N, n) slip, of `slip_path`.
+            v: (N, n) rad/s.
+            load: (N, n) transmitted torque, N m.
+        """
+        v = v[:, joint]
+        if term == "coulomb":
+            return z[:, joint]
+        if term == "viscous":
+            return v
+        if term == "offset":
+            return np.ones_like(v)
+        if term == "stribeck":
+            fading = np.exp(-((v / self.stribeck_velocity[joint]) ** 2))
+            return np.asarray(z[:, joint] * fading)
+        if term == "load":
+            return np.asarray(z[:, joint] * np.abs(load[:, joint]))
+        return np.asarray(v**3)  # cubic
+
+    def column_shape(self, term: str, joint: int) -> tuple[float, ...]:
+        """Returns what of the shape the joint's column of this term depends on."""
+        z, speed = float(self.displacement[joint]), float(self.stribeck_velocity[joint])
+        return {"coulomb": (z,), "stribeck": (z, speed), "load": (z,)}.get(term, ())
+
+    def law(
+        self,
+        coefficients: Sequence[Array],
+        networks: FrictionNetworks | None = None,
+        v_crit: Array | None = None,
+    ) -> FrictionLaw:
+        """Returns the law with these coefficients, (terms,) per joint; a missing term is zero.
+
+        Args:
+            coefficients: in the order of `terms`.
+            networks: near-zero networks on top, or None.
+            v_crit: (n,) half width of their interval.
+
+        Raises:
+            ValueError: as the laws' constructors (load outside [0, 1) above all).
+        """
+        n = self.num_joints
+        value = {term: np.zeros(n) for term in STRUCTURES["presliding"]}
+        for j, (own, x) in enumerate(zip(self.terms, coefficients, strict=True)):
+            for term, number in zip(own, x, strict=True):
+                value[term][j] = number
+        band = np.zeros(n) if v_crit is None else v_crit
+        if not self.displacement.any() and not any(map(self.has, ("stribeck", "load", "cubic"))):
+            sliding = CoulombViscous(value["coulomb"], value["viscous"], value["offset"])
+            return SemiParametricFriction(sliding, networks, band)
+        return PreslidingFriction(
+            SemiParametricFriction(
+                CoulombViscous(np.zeros(n), value["viscous"], value["offset"]), networks, band
+            ),
+            coulomb=value["coulomb"],
+            stribeck=value["stribeck"],
+            stribeck_velocity=self.stribeck_velocity,
+            load=value["load"],
+            cubic=value["cubic"],
+            weight=np.ones((n, 1)),
+            displacement=self.displacement[:, None],
+        )

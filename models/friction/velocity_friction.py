@@ -1,0 +1,196 @@
+"""Joint friction as a function of joint velocity: Coulomb-viscous, and the semi-parametric law.
+
+tau_f opposes motion: it is positive for positive velocity and stands on the left of
+M vdot + C v + G + tau_f = tau_J + tau_ext.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, cast, get_args
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from models.friction.friction_network import FrictionNetworks
+
+Array = NDArray[np.float64]
+
+Handover = Literal["continuous", "literal"]
+
+# Columns of the table that the kernel reads, before the networks' 3 h weights (W1, b1, W2).
+_COULOMB, _VISCOUS, _OFFSET, _V_CRIT, _BIAS, _SLOPE, _INVERSE_SCALE, _WEIGHTS = range(8)
+
+
+@dataclass(frozen=True, eq=False)
+class CoulombViscous:
+    """tau_f = coulomb sgn(v) + viscous v + offset (Lu et al., eq. 2; the offset is ours).
+
+    The offset is what a drive's current shows at any velocity: an amplifier's zero, a spring, or
+    friction that differs between the two directions.
+
+    Attributes:
+        coulomb: (n,) N m.
+        viscous: (n,) N m s/rad.
+        offset: (n,) N m.
+    """
+
+    coulomb: Array
+    viscous: Array
+    offset: Array
+
+    def __post_init__(self) -> None:
+        for key in ("coulomb", "viscous", "offset"):
+            value = np.array(getattr(self, key), float)
+            object.__setattr__(self, key, value)
+            if value.ndim != 1 or value.shape != self.coulomb.shape:
+                raise ValueError(f"friction: {key} must have one value per joint, not {value}")
+            if not np.all(np.isfinite(value)):
+                raise ValueError(f"friction: {key} has a value that is not finite: {value}")
+
+    @classmethod
+    def zero(cls, num_joints: int) -> "CoulombViscous":
+        """Returns the law of a joint without friction."""
+        return cls(np.zeros(num_joints), np.zeros(num_joints), np.zeros(num_joints))
+
+    @property
+    def num_joints(self) -> int:
+        """How many joints, n."""
+        return int(self.coulomb.shape[0])
+
+    def torque(self, v: ArrayLike) -> Array:
+        """Returns tau_f in N m for v ((n,) or (N, n), rad/s), same shape; sgn(0) is 0."""
+        v = np.asarray(v, float)
+        return np.asarray(self.offset + self.coulomb * np.sign(v) + self.viscous * v)
+
+
+@dataclass(frozen=True, eq=False)
+class SemiParametricFriction:
+    """The article's law: a network near zero velocity, Coulomb-viscous elsewhere.
+
+        tau_f(v) = network(v) + bias + slope v           |v| <= v_crit
+                   coulomb sgn(v) + viscous v + offset   |v| >  v_crit
+
+    (Lu et al., eq. 12). A network trained near zero meets the other law at +-v_crit only by
+    chance, and a jump there is a jump of the estimated force. With handover "continuous", bias and
+    slope are the affine correction that makes both meet at +v_crit and at -v_crit; with
+    "literal" they are zero, as printed. Without networks, or where v_crit is zero, the law is
+    Coulomb-viscous at every velocity.
+
+    Attributes:
+        coulomb_viscous: the law outside the near-zero interval.
+        networks: the law inside it, or None.
+        v_crit: (n,) rad/s, half width of the interval.
+        handover: "continuous" or "literal".
+    """
+
+    coulomb_viscous: CoulombViscous
+    networks: FrictionNetworks | None = None
+    v_crit: Array = None  # type: ignore[assignment]  # None: zero for every joint
+    handover: Handover = "continuous"
+
+    def __post_init__(self) -> None:
+        n = self.coulomb_viscous.num_joints
+        given = cast(Array | None, self.v_crit)
+        v_crit = np.zeros(n) if given is None else np.array(given, float)
+        object.__setattr__(self, "v_crit", v_crit)
+        if v_crit.shape != (n,) or not np.all(np.isfinite(v_crit) & (v_crit >= 0.0)):
+            raise ValueError(f"friction: v_crit must be {n} values of zero or more, not {v_crit}")
+        if self.networks is not None and self.networks.num_joints != n:
+            found = self.networks.num_joints
+            raise ValueError(f"friction: {found} networks for {n} joints")
+        if self.handover not in get_args(Handover):
+            known = " or ".join(get_args(Handover))
+            raise ValueError(f"friction: handover must be {known}, not {self.handover!r}")
+
+    @property
+    def num_joints(self) -> int:
+        """How many joints, n."""
+        return self.coulomb_viscous.num_joints
+
+    @cached_property
+    def correction(self) -> tuple[Array, Array]:
+        """Bias (n,) in N m and slope (n,) in N m s/rad added to the network inside v_crit."""
+        n = self.num_joints
+        v_crit = self.v_crit
+        if self.networks is None or self.handover == "literal":
+            return np.zeros(n), np.zeros(n)
+        outside = self.coulomb_viscous.torque(v_crit), self.coulomb_viscous.torque(-v_crit)
+        gap_up = outside[0] - self.networks.evaluate(v_crit)
+        gap_down = outside[1] - self.networks.evaluate(-v_crit)
+        safe = np.where(v_crit > 0.0, v_crit, 1.0)
+        return 0.5 * (gap_up + gap_down), 0.5 * (gap_up - gap_down) / safe
+
+    @cached_property
+    def table(self) -> Array:
+        """(n, 7 + 3 h) contiguous: all that `friction_torque` reads, one row a joint."""
+        law, nets = self.coulomb_viscous, self.networks
+        n = self.num_joints
+        h = nets.num_neurons if nets is not None else 0
+        table = np.zeros((n, _WEIGHTS + 3 * h))
+        table[:, _COULOMB], table[:, _VISCOUS] = law.coulomb, law.viscous
+        table[:, _OFFSET] = law.offset
+        if nets is not None:
+            bias, slope = self.correction
+            table[:, _V_CRIT] = self.v_crit
+            table[:, _BIAS], table[:, _SLOPE] = nets.b2 + bias, slope
+            table[:, _INVERSE_SCALE] = 1.0 / nets.v_scale
+            table[:, _WEIGHTS:] = np.hstack([nets.W1, nets.b1, nets.W2])
+        return table
+
+    @property
+    def feedforward(self) -> "SemiParametricFriction":
+        """The law itself; see `FrictionLaw` for this and the next four."""
+        return self
+
+    @property
+    def velocity_law(self) -> "SemiParametricFriction":
+        """The law itself: nothing in it but velocity."""
+        return self
+
+    @property
+    def slip_table(self) -> Array:
+        """(n, 5): no slip elements."""
+        return np.zeros((self.num_joints, 5))
+
+    @property
+    def state_rows(self) -> int:
+        """0: no memory."""
+        return 0
+
+    def torque_along(self, q: Array, v: Array, load: Array) -> Array:
+        """tau_f (N, n) in N m along a log; position and load play no part."""
+        return self.torque(v)
+
+    def torque(self, v: ArrayLike) -> Array:
+        """Returns tau_f in N m for v ((n,) or (N, n), rad/s), same shape; sgn(0) is 0."""
+        v = np.asarray(v, float)
+        if v.shape[-1:] != (self.num_joints,):
+            raise ValueError(f"friction: v must end in {self.num_joints} joints, not {v.shape}")
+        rows = np.require(v.reshape(-1, self.num_joints), float, ("C", "W"))
+        out = np.empty_like(rows)
+        _friction_log(self.table, rows, out)
+        return out.reshape(v.shape)
+
+
+@njit(cache=True, error_model="numpy")
+def friction_torque(table, v, tau_f):  # type: ignore[no-untyped-def]
+    """Single-sample kernel: writes tau_f (n,) for v (n,) from `SemiParametricFriction.table`."""
+    h = (table.shape[1] - _WEIGHTS) // 3
+    for i in range(table.shape[0]):
+        x = v[i]
+        # A NaN fails the comparison and comes out of the other branch as NaN.
+        if table[i, _V_CRIT] > 0.0 and abs(x) <= table[i, _V_CRIT]:
+            scaled = x * table[i, _INVERSE_SCALE]
+            total = table[i, _BIAS] + table[i, _SLOPE] * x
+            for k in range(_WEIGHTS, _WEIGHTS + h):
+                total += table[i, k + 2 * h] * np.tanh(table[i, k] * scaled + table[i, k + h])
+            tau_f[i] = total
+        else:
+            tau_f[i] = table[i, _OFFSET] + table[i, _COULOMB] * np.sign(x) + table[i, _VISCOUS] * x
+
+
+@njit(cache=True, error_model="numpy")
+def _friction_log(table, v, tau_f):  # type: ignore[no-untyped-def]
+    for k in range(v.shape[0]):
+        friction_torque(table, v[k], tau_f[k])

@@ -1,0 +1,415 @@
+"""The model of a robot that an identification leaves behind, and its file.
+
+Everything that the estimator needs and that no URDF states truthfully: inertial parameters,
+reflected rotor inertia, friction, and the covariance of what the model leaves unexplained. The file
+(`model.yaml`) is YAML with every number written so that it reads back bit for bit.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, cast, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.files.configuration import REQUIRED, load_configuration, save_configuration
+from models.files.input_error import InputError
+from models.friction.friction_network import FrictionNetworks
+from models.friction.presliding_friction import FrictionLaw, PreslidingFriction
+from models.friction.velocity_friction import CoulombViscous, Handover, SemiParametricFriction
+from models.rigid_body.serial_chain import SerialChain
+from models.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+FORMAT = "wrenchsight-model"
+VERSION = 1
+
+# Without an identification nothing is known of the model's error; a drive's effort limit is the one
+# scale of torque that every robot file states.
+NOMINAL_RESIDUAL_SHARE = 0.02
+
+
+@dataclass
+class LogSource:
+    """A recording that the identification used."""
+
+    name: str = ""  # file name without its folder, so that the model is the same on every machine
+    sha256: str = ""  # of the whole file
+    first_row: int = 0  # line (text) or row (Parquet) of the first sample, 1-based
+    last_row: int = 0  # and of the last
+    duration: float = 0.0  # s
+
+
+@dataclass
+class Provenance:
+    """Where a model comes from. It states no date: the same logs give the same file."""
+
+    method: str = ""
+    logs: list[LogSource] = field(default_factory=list)
+    time_step: float = 0.0  # s, of the uniform grid that the logs were resampled on
+    cutoff: float = 0.0  # Hz, of the zero-phase Butterworth low-pass
+    filter_order: int = 0
+    filter_regressor: bool = True  # whether the regressor went through the same filter
+    residual: str = ""  # how residual_covariance was found
+
+
+@dataclass
+class Validity:
+    """Ranges that the logs covered, one entry a joint; outside them the model extrapolates."""
+
+    q_min: list[float] = field(default_factory=list)  # rad or m
+    q_max: list[float] = field(default_factory=list)
+    v_max: list[float] = field(default_factory=list)  # rad/s or m/s, largest magnitude
+    vdot_max: list[float] = field(default_factory=list)
+    tau_max: list[float] = field(default_factory=list)  # N m or N, largest magnitude
+
+
+@dataclass
+class BaseParameterTable:
+    """The combinations of parameters that the logs determine, with their standard deviations."""
+
+    names: list[str] = field(default_factory=list)
+    values: list[float] = field(default_factory=list)  # SI
+    standard_deviations: list[float] = field(default_factory=list)
+    undetermined: list[str] = field(default_factory=list)  # parameters that no torque depends on
+
+
+@dataclass
+class _NetworksBlock:
+    W1: list[list[float]] = field(default_factory=list, metadata=REQUIRED)
+    b1: list[list[float]] = field(default_factory=list, metadata=REQUIRED)
+    W2: list[list[float]] = field(default_factory=list, metadata=REQUIRED)
+    b2: list[float] = field(default_factory=list, metadata=REQUIRED)
+    v_scale: list[float] = field(default_factory=list, metadata=REQUIRED)
+
+
+@dataclass
+class _PreslidingBlock:
+    """What `PreslidingFriction` adds; coulomb then belongs to the slip elements."""
+
+    stribeck: list[float] = field(default_factory=list, metadata=REQUIRED)
+    stribeck_velocity: list[float] = field(default_factory=list, metadata=REQUIRED)
+    load: list[float] = field(default_factory=list, metadata=REQUIRED)
+    cubic: list[float] = field(default_factory=list, metadata=REQUIRED)
+    weight: list[list[float]] = field(default_factory=list, metadata=REQUIRED)
+    displacement: list[list[float]] = field(default_factory=list, metadata=REQUIRED)
+
+
+@dataclass
+class _FrictionBlock:
+    coulomb: list[float] = field(default_factory=list, metadata=REQUIRED)
+    viscous: list[float] = field(default_factory=list, metadata=REQUIRED)
+    offset: list[float] = field(default_factory=list, metadata=REQUIRED)
+    v_crit: list[float] = field(default_factory=list, metadata=REQUIRED)
+    handover: str = field(default="continuous", metadata=REQUIRED)
+    networks: _NetworksBlock | None = None
+    presliding: _PreslidingBlock | None = None
+
+
+@dataclass
+class _ModelFile:
+    """What model.yaml holds, key by key."""
+
+    format: str = field(default="", metadata=REQUIRED)
+    version: int = field(default=0, metadata=REQUIRED)
+    robot: str = field(default="", metadata=REQUIRED)
+    joint_names: list[str] = field(default_factory=list, metadata=REQUIRED)
+    kinematics_digest: str = field(default="", metadata=REQUIRED)
+    inertial_parameters: list[list[float]] = field(default_factory=list, metadata=REQUIRED)
+    reflected_inertia: list[float] = field(default_factory=list, metadata=REQUIRED)
+    friction: _FrictionBlock = field(default_factory=_FrictionBlock, metadata=REQUIRED)
+    residual_covariance: list[list[float]] = field(default_factory=list, metadata=REQUIRED)
+    base_parameters: BaseParameterTable = field(
+        default_factory=BaseParameterTable, metadata=REQUIRED
+    )
+    condition_number: float = field(default=1.0, metadata=REQUIRED)
+    validity: Validity = field(default_factory=Validity, metadata=REQUIRED)
+    provenance: Provenance = field(default_factory=Provenance, metadata=REQUIRED)
+    complete: bool = field(default=True, metadata=REQUIRED)  # last: absent in a truncated file
+
+
+@dataclass(frozen=True, eq=False)
+class IdentifiedModel:
+    """Dynamics and friction of one robot as identified, and how far they can be trusted.
+
+    Attributes:
+        robot: name of the robot that the logs came from.
+        joint_names: names of the n joints, base first.
+        kinematics_digest: `Robot.kinematics_digest` of that robot.
+        inertial_parameters: (n, 10) per moving link in the axes of its joint frame: m, m c (3),
+            Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the joint frame's origin (kg, kg m, kg m^2). One
+            realisation of the base parameters: only those combinations are measured, so single
+            entries may be non-physical while every torque is right.
+        reflected_inertia: (n,) rotor inertia seen from the joint side, kg m^2 (kg if prismatic).
+        friction: tau_f, N m, positive for v > 0.
+        residual_covariance: (n, n) covariance of measured minus predicted torque, (N m)^2.
+        base_parameters: the identified combinations, with standard deviations.
+        condition_number: of the column-scaled regressor of the base parameters.
+        validity: ranges of the motion that the model was fitted on.
+        provenance: logs, filter and method.
+    """
+
+    robot: str
+    joint_names: tuple[str, ...]
+    kinematics_digest: str
+    inertial_parameters: Array
+    reflected_inertia: Array
+    friction: FrictionLaw
+    residual_covariance: Array
+    base_parameters: BaseParameterTable = field(default_factory=BaseParameterTable)
+    condition_number: float = 1.0
+    validity: Validity = field(default_factory=Validity)
+    provenance: Provenance = field(default_factory=Provenance)
+
+    @classmethod
+    def nominal(cls, robot: Robot) -> "IdentifiedModel":
+        """Returns the model that the robot's own files state: URDF inertias, no friction.
+
+        Its residual standard deviation is 2 % of each drive's effort limit, an assumption: nothing
+        has been measured.
+        """
+        n = robot.num_joints
+        return cls(
+            robot=robot.name,
+            joint_names=robot.joint_names,
+            kinematics_digest=robot.kinematics_digest,
+            inertial_parameters=robot.chain.inertial_parameters.copy(),
+            reflected_inertia=robot.chain.reflected_inertia.copy(),
+            friction=SemiParametricFriction(CoulombViscous.zero(n)),
+            residual_covariance=np.diag((NOMINAL_RESIDUAL_SHARE * robot.effort_limit) ** 2),
+            provenance=Provenance(
+                method="nominal: inertias of the robot's own files, no friction, not identified",
+                residual="assumed: 2 % of the effort limit, uncorrelated",
+            ),
+        )
+
+    def chain(self, robot: Robot) -> SerialChain:
+        """Returns the robot's chain with this model's inertias.
+
+        Raises:
+            InputError: the model belongs to another robot.
+        """
+        self.check_robot(robot, "model")
+        return robot.chain.with_inertial_parameters(
+            self.inertial_parameters, self.reflected_inertia
+        )
+
+    def check_robot(self, robot: Robot, source: str | Path) -> None:
+        """Raises InputError, naming `source`, unless the model was made for `robot`."""
+        if self.robot != robot.name:
+            raise InputError(
+                source,
+                "robot",
+                f"the model is of robot '{self.robot}', not of '{robot.name}'",
+                "give the model of this robot, or identify one",
+            )
+        if self.joint_names != tuple(robot.joint_names):
+            raise InputError(
+                source,
+                "joint_names",
+                f"the model has joints {', '.join(self.joint_names)}, "
+                f"the robot has {', '.join(robot.joint_names)}",
+                "identify the model again",
+            )
+        if self.kinematics_digest != robot.kinematics_digest:
+            raise InputError(
+                source,
+                "kinematics_digest",
+                f"the model was identified with other kinematics of '{robot.name}' "
+                f"({self.kinematics_digest}, now {robot.kinematics_digest})",
+                "identify it again with this robot file",
+            )
+
+    def save(self, path: Path) -> None:
+        """Writes the model as YAML, whole or not at all."""
+        save_configuration(self._to_file(), path)
+
+    @classmethod
+    def load(cls, path: Path, robot: Robot) -> "IdentifiedModel":
+        """Reads a model that `save` wrote.
+
+        Raises:
+            InputError: unreadable or truncated file, misspelt key, another version, wrong shape,
+                a number that is not finite, or a model of another robot.
+        """
+        path = Path(path)
+        block = load_configuration(path, _ModelFile)
+        if block.format != FORMAT:
+            raise InputError(
+                path,
+                "format",
+                f"expected '{FORMAT}', found '{block.format}'",
+                "give a model.yaml that 'identify' wrote",
+            )
+        if block.version != VERSION:
+            raise InputError(
+                path,
+                "version",
+                f"the file has version {block.version}, this program reads version {VERSION}",
+                "identify the model again",
+            )
+        n = len(block.joint_names)
+        if n == 0:
+            raise InputError(path, "joint_names", "expected at least one joint, found none")
+        model = cls(
+            robot=block.robot,
+            joint_names=tuple(block.joint_names),
+            kinematics_digest=block.kinematics_digest,
+            inertial_parameters=_numbers(
+                path, "inertial_parameters", block.inertial_parameters, (n, 10)
+            ),
+            reflected_inertia=_numbers(path, "reflected_inertia", block.reflected_inertia, (n,)),
+            friction=_read_friction(path, block.friction, n),
+            residual_covariance=_read_covariance(path, block.residual_covariance, n),
+            base_parameters=_read_base_parameters(path, block.base_parameters),
+            condition_number=float(_numbers(path, "condition_number", block.condition_number, ())),
+            validity=_read_validity(path, block.validity, n),
+            provenance=block.provenance,
+        )
+        model.check_robot(robot, path)
+        return model
+
+    def _to_file(self) -> _ModelFile:
+        return _ModelFile(
+            format=FORMAT,
+            version=VERSION,
+            robot=self.robot,
+            joint_names=list(self.joint_names),
+            kinematics_digest=self.kinematics_digest,
+            inertial_parameters=_plain(self.inertial_parameters),
+            reflected_inertia=_plain(self.reflected_inertia),
+            friction=_friction_block(self.friction),
+            residual_covariance=_plain(self.residual_covariance),
+            base_parameters=self.base_parameters,
+            condition_number=float(self.condition_number),
+            validity=self.validity,
+            provenance=self.provenance,
+        )
+
+
+_NETWORK_FIELDS = ("W1", "b1", "W2", "b2", "v_scale")
+_SLIP_FIELDS = ("stribeck", "stribeck_velocity", "load", "cubic")
+_ELEMENT_FIELDS = ("weight", "displacement")
+
+
+def _plain(values: Array) -> Any:
+    """Nested lists of Python floats: they print shortest and read back bit for bit."""
+    return np.asarray(values, dtype=np.float64).tolist()
+
+
+def _numbers(path: Path, key: str, values: object, shape: tuple[int, ...]) -> Array:
+    """Returns `values` as an array of finite numbers of the given shape; -1 takes any length."""
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (ValueError, TypeError):
+        array = np.array(np.nan)  # ragged rows: reported as a wrong shape below
+    wanted = " x ".join("any" if size < 0 else str(size) for size in shape) or "one number"
+    if array.ndim != len(shape) or any(
+        size not in (-1, found) for size, found in zip(shape, array.shape, strict=True)
+    ):
+        found = " x ".join(str(size) for size in array.shape) or "rows of unequal length"
+        raise InputError(
+            path, key, f"expected {wanted} numbers, found {found}", "identify the model again"
+        )
+    if not np.isfinite(array).all():
+        index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        place = f"{key}{list(index)}" if index else key
+        raise InputError(
+            path, place, f"expected a finite number, found {array[index]}", "identify it again"
+        )
+    return array
+
+
+def _friction_block(law: FrictionLaw) -> _FrictionBlock:
+    near_zero = law.velocity_law
+    networks = near_zero.networks
+    sliding = law.coulomb_viscous
+    return _FrictionBlock(
+        coulomb=_plain(sliding.coulomb),
+        viscous=_plain(sliding.viscous),
+        offset=_plain(sliding.offset),
+        v_crit=_plain(near_zero.v_crit),
+        handover=near_zero.handover,
+        networks=None
+        if networks is None
+        else _NetworksBlock(**{key: _plain(getattr(networks, key)) for key in _NETWORK_FIELDS}),
+        presliding=_PreslidingBlock(
+            **{key: _plain(getattr(law, key)) for key in (*_SLIP_FIELDS, *_ELEMENT_FIELDS)}
+        )
+        if isinstance(law, PreslidingFriction)
+        else None,
+    )
+
+
+def _read_friction(path: Path, block: _FrictionBlock, n: int) -> FrictionLaw:
+    coulomb, viscous, offset, v_crit = (
+        _numbers(path, f"friction.{key}", getattr(block, key), (n,))
+        for key in ("coulomb", "viscous", "offset", "v_crit")
+    )
+    if block.handover not in get_args(Handover):
+        known = " or ".join(get_args(Handover))
+        raise InputError(path, "friction.handover", f"expected {known}, found '{block.handover}'")
+    if (v_crit < 0.0).any():
+        raise InputError(path, "friction.v_crit", "expected zero or more, found a negative number")
+    networks = None
+    if block.networks is not None:
+        width = len(block.networks.W1[0]) if block.networks.W1 else 0
+        shapes = {"W1": (n, width), "b1": (n, width), "W2": (n, width), "b2": (n,), "v_scale": (n,)}
+        weights = {
+            key: _numbers(path, f"friction.networks.{key}", getattr(block.networks, key), shape)
+            for key, shape in shapes.items()
+        }
+        if not (weights["v_scale"] > 0.0).all():
+            raise InputError(path, "friction.networks.v_scale", "expected positive numbers")
+        networks = FrictionNetworks(**weights)
+    handover = cast("Handover", block.handover)
+    if block.presliding is None:
+        sliding = CoulombViscous(coulomb, viscous, offset)
+        return SemiParametricFriction(sliding, networks, v_crit, handover)
+    slip = {
+        key: _numbers(path, f"friction.presliding.{key}", getattr(block.presliding, key), (n,))
+        for key in _SLIP_FIELDS
+    }
+    elements = {
+        key: _numbers(path, f"friction.presliding.{key}", getattr(block.presliding, key), (n, -1))
+        for key in _ELEMENT_FIELDS
+    }
+    velocity_law = SemiParametricFriction(
+        CoulombViscous(np.zeros(n), viscous, offset), networks, v_crit, handover
+    )
+    try:
+        return PreslidingFriction(velocity_law, coulomb, **slip, **elements)
+    except ValueError as error:
+        raise InputError(
+            path, "friction.presliding", str(error).removeprefix("friction: ")
+        ) from None
+
+
+def _read_covariance(path: Path, values: list[list[float]], n: int) -> Array:
+    covariance = _numbers(path, "residual_covariance", values, (n, n))
+    scale = np.sqrt(np.abs(np.diag(covariance)))
+    symmetric = bool((np.abs(covariance - covariance.T) <= 1e-9 * np.outer(scale, scale)).all())
+    if not symmetric or np.linalg.eigvalsh(covariance)[0] <= 0.0:
+        raise InputError(
+            path,
+            "residual_covariance",
+            "expected a symmetric, positive definite matrix",
+            "identify the model again",
+        )
+    return covariance
+
+
+def _read_base_parameters(path: Path, table: BaseParameterTable) -> BaseParameterTable:
+    count = len(table.names)
+    _numbers(path, "base_parameters.values", table.values, (count,))
+    _numbers(path, "base_parameters.standard_deviations", table.standard_deviations, (count,))
+    return table
+
+
+def _read_validity(path: Path, validity: Validity, n: int) -> Validity:
+    for key in ("q_min", "q_max", "v_max", "vdot_max", "tau_max"):
+        values = getattr(validity, key)
+        if values:  # a nominal model has covered nothing
+            _numbers(path, f"validity.{key}", values, (n,))
+    return validity

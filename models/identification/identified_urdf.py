@@ -1,0 +1,80 @@
+"""A robot's URDF with identified inertias, for other programs."""
+
+import xml.etree.ElementTree as ET
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.identification.physical_consistency import unphysical_links
+from models.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+def identified_urdf(robot: Robot, inertial: Array, reflected_inertia: Array) -> str:
+    """Returns the robot's effective URDF with these inertias.
+
+    What hangs rigidly on a link (flange, tool) is part of that link's inertia: those links keep
+    their shapes and lose their own. Rotor inertia goes into a transmission with a gear ratio of
+    one, which Drake reads; URDF itself has no place for it, and other programs leave it out.
+
+    Args:
+        robot: whose effective URDF.
+        inertial: (n, 10) per moving link about its joint frame, as
+            `models.rigid_body.serial_chain.SerialChain.inertial_parameters`.
+        reflected_inertia: (n,) kg m^2 (kg if prismatic).
+
+    Raises:
+        ValueError: a link that cannot exist, which URDF readers refuse.
+    """
+    bad = unphysical_links(inertial, robot.joint_names)
+    if bad:
+        raise ValueError(
+            f"the inertia of the link behind {', '.join(bad)} belongs to no body: use --consistent"
+        )
+    root = ET.fromstring(robot.urdf_text)
+    links = {link.get("name", ""): link for link in root.findall("link")}
+    joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
+    for joint in joints.values():
+        if joint.get("type") == "fixed":
+            child = links[_end(joint, "child")]
+            for own in child.findall("inertial"):
+                child.remove(own)
+    for i, name in enumerate(robot.joint_names):
+        link = links[_end(joints[name], "child")]
+        for own in link.findall("inertial"):
+            link.remove(own)
+        link.insert(0, _inertial(inertial[i]))
+        transmission = ET.SubElement(root, "transmission", name=f"{name}_transmission")
+        ET.SubElement(transmission, "type").text = "transmission_interface/SimpleTransmission"
+        ET.SubElement(transmission, "joint", name=name)
+        actuator = ET.SubElement(transmission, "actuator", name=name)
+        ET.SubElement(actuator, "drake:rotor_inertia", value=repr(float(reflected_inertia[i])))
+        ET.SubElement(actuator, "drake:gear_ratio", value="1")
+    root.set("xmlns:drake", "http://drake.mit.edu")
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _end(joint: ET.Element, which: str) -> str:
+    element = joint.find(which)
+    assert element is not None  # the effective URDF was read by Drake
+    return element.get("link", "")
+
+
+def _inertial(parameters: Array) -> ET.Element:
+    m = float(parameters[0])
+    c = parameters[1:4] / m
+    xx, xy, yy, xz, yz, zz = parameters[4:]
+    about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    about_centre = about_origin - m * (c @ c * np.eye(3) - np.outer(c, c))
+    out = ET.Element("inertial")
+    ET.SubElement(out, "origin", xyz=" ".join(repr(float(x)) for x in c), rpy="0 0 0")
+    ET.SubElement(out, "mass", value=repr(m))
+    entries = {
+        f"i{'xyz'[i]}{'xyz'[j]}": repr(float(about_centre[i, j]))
+        for i in range(3)
+        for j in range(i, 3)
+    }
+    ET.SubElement(out, "inertia", entries)
+    return out

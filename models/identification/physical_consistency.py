@@ -1,0 +1,174 @@
+"""The least squares of an identification, restricted to robots that can exist.
+
+A link's ten inertial parameters belong to some distribution of mass exactly if its pseudo-inertia
+
+    [ tr(I)/2 1 - I   h ]
+    [       h^T       m ],    h = m c, I about the same point,
+
+is positive semidefinite (Wensing, Kim and Slotine, IEEE Robotics and Automation Letters 3(1),
+2018): positive mass, positive principal moments, and the triangle inequality in one. Minimised is
+
+    |A x - b|^2 + |(x - prior) / spread|^2
+
+with A, b the weighted rows, reduced to a triangle (QR) so that the size of the semidefinite program
+does not depend on the logs' length. The second term takes what the robot's own files state for a
+Gaussian prior with a sd of one spread (as much as a link's whole mass): it decides what the data
+say nothing about, and is lost beside thousands of rows in units of their sd. Friction and rotor
+inertia, which few files state, have next to no prior.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.solvers import ClarabelSolver, MathematicalProgram
+
+from models.friction.friction_structure import LARGEST_LOAD, FrictionStructure
+from models.identification.base_parameters import triangular_factor
+
+Array = NDArray[np.float64]
+
+MARGIN = 1e-4  # least eigenvalue of a scaled pseudo-inertia: inside, whatever rounding does
+DRIVE_PRIOR = 1e-3  # weight of the prior on rotor inertia and friction
+_INERTIAL = 10
+
+
+@dataclass(frozen=True, eq=False)
+class ConsistentFit:
+    """Solution of the program.
+
+    Attributes:
+        x: all parameters.
+        least_eigenvalue: (n,) of each link's pseudo-inertia, scaled to mass and size of its prior.
+    """
+
+    x: Array
+    least_eigenvalue: Array
+
+
+def pseudo_inertia(parameters: Array) -> Array:
+    """Returns the (4, 4) pseudo-inertia of m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz."""
+    return np.asarray(np.einsum("kij,k->ij", _BASIS, np.asarray(parameters, float)))
+
+
+def least_eigenvalues(inertial: Array, spread: Array) -> Array:
+    """Least eigenvalue (n,) of the pseudo-inertia of each link (n, 10), scaled by its spread."""
+    return np.array(
+        [
+            np.linalg.eigvalsh(_scaling(s) @ pseudo_inertia(own) @ _scaling(s))[0]
+            for own, s in zip(inertial, spread, strict=True)
+        ]
+    )
+
+
+def fit_consistent(
+    A: Array,
+    b: Array,
+    prior: Array,
+    spread: Array,
+    structure: FrictionStructure,
+    v_max: Array,
+) -> ConsistentFit:
+    """Solves the semidefinite program.
+
+    Args:
+        A: (m, p) rows of the regression, in units of the residual's sd.
+        b: (m,) torque, likewise.
+        prior: (p,) `models.identification.torque_regression.parameter_prior`.
+        spread: (p,) likewise.
+        structure: friction terms behind the inertial parameters.
+        v_max: (n,) rad/s, up to where friction must oppose motion.
+
+    Raises:
+        ValueError: the solver finds no solution.
+    """
+    n, p = structure.num_joints, A.shape[1]
+    reduced = triangular_factor(np.column_stack([A * spread, b - A @ prior]))
+    weight = np.full(p, DRIVE_PRIOR)
+    weight[: _INERTIAL * n] = 1.0
+    rows = np.vstack([reduced[:, :-1], np.diag(weight)])
+    right = np.concatenate([reduced[:, -1], np.zeros(p)])
+    program = MathematicalProgram()
+    y = program.NewContinuousVariables(p, "y")  # x = prior + spread y
+    # |rows y - right| and not its square: a cone keeps A's conditioning, a square squares it.
+    length = np.linalg.norm(right)
+    program.AddL2NormCostUsingConicConstraint(rows / length, -right / length, y)
+    for i in range(n):
+        own = slice(_INERTIAL * i, _INERTIAL * (i + 1))
+        S = _scaling(spread[own])
+        F = [S @ pseudo_inertia(prior[own]) @ S - MARGIN * np.eye(4)]
+        F += [S @ _BASIS[k] @ S * spread[own][k] for k in range(_INERTIAL)]
+        program.AddLinearMatrixInequalityConstraint([(f + f.T) / 2 for f in F], y[own])
+    for row, low, high in _friction_rows(structure, v_max, p):
+        offset = float(row @ prior)
+        program.AddLinearConstraint((row * spread)[None], [low - offset], [high - offset], y)
+    solver = ClarabelSolver()
+    result = solver.Solve(program)
+    if not result.is_success():
+        raise ValueError(f"the consistent fit has no solution: {result.get_solution_result()}")
+    x = prior + spread * result.GetSolution(y)
+    inertial = x[: _INERTIAL * n].reshape(n, _INERTIAL)
+    return ConsistentFit(
+        x, least_eigenvalues(inertial, spread[: _INERTIAL * n].reshape(n, _INERTIAL))
+    )
+
+
+def _friction_rows(
+    structure: FrictionStructure, v_max: Array, size: int
+) -> list[tuple[Array, float, float]]:
+    """Bounds low <= row x <= high: rotor inertia and friction that takes energy out of motion."""
+    bounds = []
+    start = _INERTIAL * structure.num_joints
+    for j, own in enumerate(structure.terms):
+        place = {term: start + 1 + k for k, term in enumerate(own)}
+
+        def row(**weights: float) -> Array:
+            out = np.zeros(size)
+            for term, weight in weights.items():
+                if term in place:  # noqa: B023  # called within this turn of the loop
+                    out[place[term]] = weight  # noqa: B023
+            return out
+
+        rotor = np.zeros(size)
+        rotor[start] = 1.0
+        bounds.append((rotor, 0.0, np.inf))
+        bounds += [(row(**{term: 1.0}), 0.0, np.inf) for term in ("coulomb", "viscous")]
+        if "stribeck" in own:
+            bounds.append((row(coulomb=1.0, stribeck=1.0), 0.0, np.inf))
+        if "load" in own:
+            bounds.append((row(load=1.0), 0.0, LARGEST_LOAD))
+        if "cubic" in own:
+            bounds.append((row(viscous=1.0, cubic=float(v_max[j]) ** 2), 0.0, np.inf))
+        start += 1 + len(own)
+    return bounds
+
+
+def _scaling(spread: Array) -> Array:
+    """Makes a pseudo-inertia dimensionless: sqrt of its spread's mass, and length."""
+    size = np.sqrt(spread[4] / spread[0])
+    return np.asarray(np.diag([1.0 / size] * 3 + [1.0]) / np.sqrt(spread[0]))
+
+
+def _basis() -> Array:
+    out = np.zeros((_INERTIAL, 4, 4))
+    out[0, 3, 3] = 1.0
+    for k in range(3):
+        out[1 + k, k, 3] = out[1 + k, 3, k] = 1.0
+    for k, (i, j) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))):
+        own = np.zeros((3, 3))
+        own[i, j] = own[j, i] = 1.0
+        out[4 + k, :3, :3] = 0.5 * np.trace(own) * np.eye(3) - own
+    return out
+
+
+_BASIS = _basis()
+
+
+def unphysical_links(inertial: Array, names: Sequence[str]) -> list[str]:
+    """Names of the links (n, 10) whose pseudo-inertia is not positive definite."""
+    return [
+        name
+        for name, own in zip(names, inertial, strict=True)
+        if np.linalg.eigvalsh(pseudo_inertia(own))[0] <= 0.0
+    ]

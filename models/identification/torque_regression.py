@@ -1,0 +1,317 @@
+"""Joint torque as a linear function of a robot's parameters, and its least squares.
+
+    tau = Y(q, v, vdot) pi + diag(vdot) rotor + diag(sgn v) coulomb + diag(v) viscous + offset
+
+With n joints there are 14 n parameters x: ten inertial ones per moving link (order of
+`SerialChain.inertial_parameters`), then rotor inertia, Coulomb, viscous and offset for each joint.
+Other friction laws put other terms in the place of the last three
+(`models.friction.friction_structure`).
+
+A log enters as one triangular factor per joint, R^T R = [W tau]^T [W tau]. Everything after (rank,
+weighting passes, fits that leave logs out, residual norms) works on these small matrices.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lstsq, pinvh
+
+from models.friction.velocity_friction import CoulombViscous
+from models.identification.base_parameters import BaseParameters, realise, triangular_factor
+from models.rigid_body.serial_chain import SerialChain
+from models.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+INERTIAL_NAMES = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+JOINT_NAMES = ("rotor", "coulomb", "viscous", "offset")
+_INERTIAL, _JOINT = len(INERTIAL_NAMES), len(JOINT_NAMES)
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueFactors:
+    """One log's regression.
+
+    Attributes:
+        R: n matrices (p + 1 columns for p parameters, at most as many rows), one a joint; the
+            torque is last.
+        num_rows: rows of the log behind each.
+    """
+
+    R: tuple[Array, ...]
+    num_rows: int
+
+    @property
+    def regressor(self) -> Array:
+        """All joints' factors without the torque, stacked: what the rank is read from."""
+        return np.vstack([R[:, :-1] for R in self.R])
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueEstimate:
+    """Solution of the regression.
+
+    Attributes:
+        values: (b,) base parameters.
+        standard_deviations: (b,) of them, for a residual that is independent from row to row;
+            systematic errors of the model are not in them.
+        residual_sd: (n,) N m, per joint, with the degrees of freedom taken off.
+    """
+
+    values: Array
+    standard_deviations: Array
+    residual_sd: Array
+
+
+def parameter_names(
+    joint_names: Sequence[str], terms: Sequence[Sequence[str]] | None = None
+) -> list[str]:
+    """Names of all parameters; a link goes by the name of the joint that moves it.
+
+    Args:
+        joint_names: of the n joints.
+        terms: friction terms per joint; None: Coulomb, viscous and offset.
+    """
+    own = [JOINT_NAMES[1:]] * len(joint_names) if terms is None else terms
+    return [f"{name}[{joint}]" for joint in joint_names for name in INERTIAL_NAMES] + [
+        f"{name}[{joint}]"
+        for joint, friction in zip(joint_names, own, strict=True)
+        for name in (JOINT_NAMES[0], *friction)
+    ]
+
+
+def split_parameters(x: Array, num_joints: int) -> tuple[Array, Array, CoulombViscous]:
+    """Returns inertial parameters (n, 10), rotor inertia (n,) and friction of x (14 n,)."""
+    inertial, rotor, friction = split_terms(x, [_JOINT - 1] * num_joints)
+    return inertial, rotor, CoulombViscous(*np.array(friction).T)
+
+
+def split_terms(x: Array, counts: Sequence[int]) -> tuple[Array, Array, list[Array]]:
+    """Returns inertial parameters (n, 10), rotor inertia (n,) and each joint's friction
+    coefficients of x, for `counts` friction terms per joint.
+    """
+    n = len(counts)
+    ends = np.cumsum([1 + count for count in counts])
+    blocks = np.split(x[_INERTIAL * n :], ends[:-1])
+    inertial = x[: _INERTIAL * n].reshape(n, _INERTIAL)
+    rotor = np.array([block[0] for block in blocks])
+    return inertial.copy(), rotor, [block[1:].copy() for block in blocks]
+
+
+@dataclass(frozen=True, eq=False)
+class RegressionRows:
+    """One log's rows of the regression, before friction.
+
+    Attributes:
+        rigid: per joint (m, 10 (n - j) + 1): inertial columns of the links that the joint carries,
+            then its rotor inertia, through the low-pass. (A joint's torque depends on no other.)
+        tau: (m, n) N m.
+        low_pass: along time; friction columns go through it too.
+        rows: (m,) samples of the log that are used, after the filter.
+    """
+
+    rigid: tuple[Array, ...]
+    tau: Array
+    low_pass: Callable[[Array], Array]
+    rows: NDArray[np.intp]
+
+    @classmethod
+    def of(
+        cls,
+        chain: SerialChain,
+        q: Array,
+        v: Array,
+        vdot: Array,
+        tau: Array,
+        low_pass: Callable[[Array], Array],
+        rows: NDArray[np.intp],
+    ) -> "RegressionRows":
+        """Builds them; arguments as `factorise`."""
+        n = q.shape[1]
+        Y = chain.regressor(q, v, vdot)
+        rigid = tuple(
+            low_pass(np.hstack([Y[:, j, _INERTIAL * j :], vdot[:, j : j + 1]]))[rows]
+            for j in range(n)
+        )
+        return cls(rigid, tau[rows], low_pass, rows)
+
+    @cached_property
+    def _orthogonal(self) -> list[tuple[Array, Array]]:
+        return [np.linalg.qr(W) for W in self.rigid]
+
+    def friction_rows(self, friction: Sequence[Array]) -> list[Array]:
+        """Friction columns (N, k_j) of the whole log, low-passed, at the rows that are used."""
+        return [self.low_pass(columns)[self.rows] for columns in friction]
+
+    def factors(
+        self,
+        friction: Sequence[Array],
+        part: slice = slice(None),
+        weights: Array | None = None,
+    ) -> "TorqueFactors":
+        """Reduces the rows to their factors.
+
+        Args:
+            friction: of `friction_rows`.
+            part: which of the rows.
+            weights: (m, n) of the squared residuals, None for one.
+        """
+        n = self.tau.shape[1]
+        counts = [1 + own.shape[1] for own in friction]
+        starts = _INERTIAL * n + np.concatenate([[0], np.cumsum(counts)])
+        whole = part == slice(None) and weights is None
+        factors = []
+        for j in range(n):
+            other = np.hstack([friction[j], self.tau[:, j : j + 1]])
+            if whole:  # the rigid part is orthogonal already: only the few other columns are new
+                Q, upper = self._orthogonal[j]
+                shadow = Q.T @ other
+                lower = triangular_factor(other - Q @ shadow)
+                R = np.block([[upper, shadow], [np.zeros((len(lower), upper.shape[1])), lower]])
+            else:
+                W = np.hstack([self.rigid[j], other])[part]
+                if weights is not None:
+                    W = W * np.sqrt(weights[part, j : j + 1])
+                R = triangular_factor(W)
+            columns = np.r_[_INERTIAL * j : _INERTIAL * n, starts[j] : starts[j + 1], starts[-1]]
+            embedded = np.zeros((R.shape[0], starts[-1] + 1))
+            embedded[:, columns] = R
+            factors.append(embedded)
+        return TorqueFactors(tuple(factors), len(self.tau[part]))
+
+    def residual(self, friction: Sequence[Array], x: Array) -> Array:
+        """Measured minus predicted torque (m, n) for all parameters x."""
+        n = self.tau.shape[1]
+        inertial, rotor, own = split_terms(x, [f.shape[1] for f in friction])
+        predicted = [
+            self.rigid[j] @ np.r_[inertial[j:].ravel(), rotor[j]] + friction[j] @ own[j]
+            for j in range(n)
+        ]
+        return np.asarray(self.tau - np.stack(predicted, axis=1))
+
+
+def factorise(
+    chain: SerialChain,
+    q: Array,
+    v: Array,
+    vdot: Array,
+    tau: Array,
+    low_pass: Callable[[Array], Array],
+    rows: NDArray[np.intp],
+) -> TorqueFactors:
+    """Reduces a log to its factors, with Coulomb-viscous friction and offset.
+
+    Args:
+        chain: kinematics and gravity; its inertias play no part.
+        q: (T, n) rad, as v, vdot.
+        v: (T, n).
+        vdot: (T, n).
+        tau: (T, n) N m, has been through `low_pass` already.
+        low_pass: along time; goes over every column of the regressor.
+        rows: indices of the samples to use, after the filter.
+    """
+    regression = RegressionRows.of(chain, q, v, vdot, tau, low_pass, rows)
+    own = [
+        np.stack([np.sign(v[:, j]), v[:, j], np.ones(len(v))], axis=1) for j in range(q.shape[1])
+    ]
+    return regression.factors(regression.friction_rows(own))
+
+
+def solve(
+    factors: Sequence[TorqueFactors],
+    base: BaseParameters,
+    num_passes: int,
+    oversampling: float = 1.0,
+) -> TorqueEstimate:
+    """Weighted least squares over several logs.
+
+    Each joint's rows are divided by that joint's residual standard deviation of the pass before;
+    the first pass weighs all alike.
+
+    Args:
+        factors: of one log or more.
+        base: the parameters to solve for.
+        num_passes: one or more.
+        oversampling: rows per independent sample of the residual.
+    """
+    values, deviation, joints, length = _weighted(factors, base.independent, num_passes)
+    A = np.vstack([R[:, :-1] / sd for R, sd in zip(joints, deviation, strict=True)]) / length
+    # Moore-Penrose: without one log, a fit may lose a direction that all logs determine.
+    variance = np.diag(pinvh(A.T @ A)) * oversampling
+    return TorqueEstimate(values, np.sqrt(variance) / length, deviation)
+
+
+def solve_values(
+    factors: Sequence[TorqueFactors], independent: NDArray[np.intp], num_passes: int
+) -> Array:
+    """Returns `solve`'s values (b,) alone, of the columns `independent`."""
+    return _weighted(factors, independent, num_passes)[0]
+
+
+def _weighted(
+    factors: Sequence[TorqueFactors], independent: NDArray[np.intp], num_passes: int
+) -> tuple[Array, Array, list[Array], Array]:
+    """Values, residual sds, what is left of each joint's rows, and their columns' lengths."""
+    n = len(factors[0].R)
+    b = len(independent)
+    # What the fit needs of a joint: [kept columns, torque] of all logs, reduced once more.
+    stacked = [np.vstack([f.R[j] for f in factors]) for j in range(n)]
+    joints = [triangular_factor(np.hstack([R[:, independent], R[:, -1:]])) for R in stacked]
+    num_rows = sum(f.num_rows for f in factors)
+    freedom = max(1.0, num_rows - b / n)
+    torque = np.array([np.linalg.norm(R[:, -1]) for R in joints])
+    floor = 1e-12 * torque.max()  # a noise-free log leaves no residual to weigh with
+    length = np.maximum(np.linalg.norm(np.vstack(joints)[:, :-1], axis=0), 1e-300)
+    deviation = np.ones(n)
+    for _ in range(num_passes):
+        A = np.vstack([R / sd for R, sd in zip(joints, deviation, strict=True)])
+        # By pivoted QR, which takes a fixed number of steps: the iteration of an SVD failed to
+        # converge once, on finite rows that other runs solved.
+        scaled = A[:, :-1] / length
+        cond = np.finfo(float).eps * max(scaled.shape)
+        values = lstsq(scaled, A[:, -1], cond=cond, lapack_driver="gelsy")[0] / length
+        residual = np.array([np.linalg.norm(R[:, -1] - R[:, :-1] @ values) for R in joints])
+        deviation = np.maximum(residual, floor) / np.sqrt(freedom)
+    return values, deviation, joints, length
+
+
+def realisation(
+    robot: Robot, base: BaseParameters, values: Array, counts: Sequence[int] | None = None
+) -> Array:
+    """All parameters with the given base parameters, nearest to the robot's own files.
+
+    Nearest in units of each link's size: its mass, that mass times half the arm's mean link length,
+    and times its square. Friction starts from zero.
+    """
+    prior, spread = parameter_prior(robot, counts)
+    return realise(base, values, prior, spread)
+
+
+def parameter_prior(robot: Robot, counts: Sequence[int] | None = None) -> tuple[Array, Array]:
+    """What the robot's own files state of all parameters, and how far off each may plausibly be.
+
+    Args:
+        robot: the robot.
+        counts: friction terms per joint; None: three each.
+    """
+    chain, n = robot.chain, robot.num_joints
+    reach = np.linalg.norm(chain.p_PJ, axis=1).sum() + float(np.linalg.norm(chain.p_LE))
+    size = max(0.5 * float(reach) / n, 0.01)
+    mass = np.maximum(chain.inertial_parameters[:, 0], 0.0)
+    mass = np.maximum(mass, 0.1 * max(float(mass.mean()), 1e-3))
+    spread = np.empty((n, _INERTIAL))
+    spread[:, 0] = mass
+    spread[:, 1:4] = (mass * size)[:, None]
+    spread[:, 4:] = (mass * size**2)[:, None]
+    own_prior, own_spread = [], []
+    rotor_spread = np.maximum(chain.reflected_inertia, mass * size**2)
+    for j, count in enumerate([_JOINT - 1] * n if counts is None else counts):
+        own_prior.append(np.r_[chain.reflected_inertia[j], np.zeros(count)])
+        own_spread.append(np.r_[rotor_spread[j], np.full(count, 0.01 * robot.effort_limit[j])])
+    return (
+        np.concatenate([chain.inertial_parameters.ravel(), *own_prior]),
+        np.concatenate([spread.ravel(), *own_spread]),
+    )

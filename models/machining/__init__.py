@@ -1,0 +1,1 @@
+"""Machining passes: their plan, their phases, their process forces."""

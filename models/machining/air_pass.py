@@ -1,0 +1,138 @@
+"""What the model gets wrong along a path, learnt on a pass through the air.
+
+Friction is what a torque-based force estimate errs by, and most of it repeats: with the direction
+of motion, the speed and the place (Stribeck rise, ripple over position, a gravity parameter a
+little off). So the tool is led once along the planned motion a few millimetres above the surface.
+What the observer reads there is no force but the model's error, and is taken off what it reads in
+contact at the same place of the same motion. This is eq. 4 of Lu, Shen and Zhuang, where the first
+of two alike cycles gives tau_d, applied to the observer's output: the model carries what differs
+between the two passes, repetition carries what the model lacks. Not learnt is what contact itself
+changes: friction that grows with the load, and joints at rest, which hold whatever they like within
+their stiction.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from models.files.input_error import InputError
+from models.motion.inverse_kinematics import follow_path
+from models.motion.paths import JointTrajectory
+from models.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+LEAD = 0.5  # s at rest before the motion: the observer settles
+
+
+@dataclass(frozen=True, eq=False)
+class TaughtTorque:
+    """The observer's output along a motion without contact.
+
+    Attributes:
+        t: (T,) s, even, from 0, where the feed starts.
+        tau_ext: (T, n) N m, what the observer read: the model's error in our sign.
+        steady: (T,) 1 where the feed is steady and the lesson counts, else 0; None: 1 everywhere.
+
+    Raises:
+        ValueError: t, tau_ext and steady do not fit each other, t is not even, or a number is not
+            finite.
+    """
+
+    t: Array
+    tau_ext: Array
+    steady: Array | None = None
+
+    def __post_init__(self) -> None:
+        t = np.ascontiguousarray(self.t, dtype=np.float64)
+        tau_ext = np.ascontiguousarray(self.tau_ext, dtype=np.float64)
+        if t.ndim != 1 or len(t) < 2 or tau_ext.ndim != 2 or len(tau_ext) != len(t):
+            raise ValueError("taught torque: expected t (T,) and tau_ext (T, n) with T above 1")
+        if not (np.all(np.isfinite(t)) and np.all(np.isfinite(tau_ext))):
+            raise ValueError("taught torque: a number is not finite")
+        steps = np.diff(t)
+        if t[0] != 0.0 or steps.min() <= 0.0 or np.ptp(steps) > 1e-6 * steps.mean():
+            raise ValueError("taught torque: t must rise evenly from 0")
+        object.__setattr__(self, "t", t)
+        object.__setattr__(self, "tau_ext", tau_ext)
+        steady = np.ones_like(t) if self.steady is None else np.array(self.steady, np.float64)
+        if steady.shape != t.shape:
+            raise ValueError("taught torque: steady must be (T,) like t")
+        object.__setattr__(self, "steady", steady)
+
+    @property
+    def num_joints(self) -> int:
+        """n."""
+        return int(self.tau_ext.shape[1])
+
+    def at(self, feed_time: ArrayLike) -> Array:
+        """The torque (..., n) in N m at these times since the feed started (...), s.
+
+        Nothing before the feed has started (below 0), after the motion's end and at no number: at
+        rest friction is another, and nobody knows which.
+        """
+        x = np.nan_to_num(np.asarray(feed_time, dtype=np.float64) / self.t[1], nan=-1.0)
+        inside = (x >= 0.0) & (x <= len(self.t) - 1.0)
+        x = np.clip(x, 0.0, len(self.t) - 1.0)
+        k = np.minimum(x.astype(int), len(self.t) - 2)
+        share = (x - k)[..., np.newaxis]
+        tau = self.tau_ext[k] + share * (self.tau_ext[k + 1] - self.tau_ext[k])
+        return np.asarray(np.where(inside[..., np.newaxis], tau, 0.0))
+
+    def counts_at(self, feed_time: float) -> bool:
+        """Whether a reading is to be believed that is corrected at this time, s."""
+        assert self.steady is not None
+        x = feed_time / self.t[1]
+        return bool(0.0 <= x <= len(self.t) - 1.0 and self.steady[round(x)] == 1.0)
+
+
+def raised_motion(
+    robot: Robot, motion: JointTrajectory, height: float, source: str = "air pass"
+) -> JointTrajectory:
+    """The same motion of the tool `height` (m) back along its own axis, after LEAD at rest.
+
+    Args:
+        motion: of the joints, E's z axis into the surface, from rest to rest.
+        height: m, above the surface.
+        source: what an error names.
+
+    Raises:
+        InputError: a height that is not above 0, or out of the arm's reach.
+    """
+    if not (np.isfinite(height) and height > 0.0):
+        raise InputError(source, "height", f"{height:g} m, expected more than 0")
+    R_WE, p_WE = robot.chain.pose(motion.q)
+    raised = p_WE - height * R_WE[:, :, 2]
+    try:
+        steps = np.linspace(0.0, 1.0, 5)[:, np.newaxis]
+        up = p_WE[0] + steps * (raised[0] - p_WE[0])
+        first = follow_path(robot, R_WE[0], up, motion.q[0])[-1]
+        q = follow_path(robot, R_WE, raised, first)
+    except InputError as error:
+        raise InputError(
+            source,
+            "height",
+            f"{robot.name} cannot do this motion {height:g} m above the surface",
+            "choose a lower height, or place the workpiece elsewhere",
+        ) from error
+    # J dq/ds is what it is along the motion itself, turned with the tool: speeds scale alike.
+    v = _joint_speeds(robot, motion, q, height)
+    vdot = np.gradient(v, motion.t, axis=0)
+    vdot[[0, -1]] = 0.0
+    rest = np.zeros((1, robot.num_joints))
+    return JointTrajectory(
+        np.concatenate([[0.0], motion.t - motion.t[0] + LEAD]),
+        np.vstack([q[:1], q]),
+        np.vstack([rest, v]),
+        np.vstack([rest, vdot]),
+    )
+
+
+def _joint_speeds(robot: Robot, motion: JointTrajectory, q: Array, height: float) -> Array:
+    """(T, n) rad/s: E moves as on the motion, shifted along its z axis."""
+    J = robot.chain.jacobian(motion.q)
+    V = np.einsum("tij,tj->ti", J, motion.v)
+    R_WE, _ = robot.chain.pose(motion.q)
+    V[:, 3:] -= height * np.cross(V[:, :3], R_WE[:, :, 2])
+    return np.linalg.solve(robot.chain.jacobian(q), V[:, :, np.newaxis])[:, :, 0]

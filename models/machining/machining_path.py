@@ -1,0 +1,195 @@
+"""A machining pass over a surface, planned: the joints' motion, its time law and its forces.
+
+The tool's tip E is led over the points of a surface path with its z axis into the surface; the
+posture at each sample is given (models.motion.redundancy chooses it). What can be known to fail
+before anything moves fails here, with one line.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
+
+from models.files.input_error import InputError
+from models.machining.machining_phases import PhasesConfig, check_phases
+from models.motion.inverse_kinematics import follow_path
+from models.motion.paths import JointTrajectory, steady_speed
+from models.motion.surface_path import SurfacePath
+from models.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+_STEP = 0.01  # s between the times that the trajectory holds
+_SETTLED = 0.4  # s of even feed, after which joints slide and an observer has settled
+_MOST_TORQUE = 0.9  # of a drive's limit may be needed at rest
+
+
+@dataclass
+class NormalForceConfig:
+    """value + amplitude sin(2 pi periods s), s from 0 to 1 along the path."""
+
+    value: float = 40.0  # N
+    amplitude: float = 0.0  # N
+    periods: float = 2.0  # from the start of the path to its end
+
+    def at(self, s: Array) -> Array:
+        """The set-point at s (...), N."""
+        return np.asarray(self.value + self.amplitude * np.sin(2.0 * math.pi * self.periods * s))
+
+
+@dataclass(frozen=True, eq=False)
+class MachiningPath:
+    """What is to be done, as functions of the time since the feed starts.
+
+    Attributes:
+        path: points and outward normals in W.
+        trajectory: of the joints, from rest to rest, there and back as often as asked.
+        s: (T,) place on the path, 0 to 1, at the times of the trajectory.
+        setpoint: (T,) N, of the normal force there.
+        steady: (T,) 1 where the feed has kept its full speed for a while (0.4 s), else 0: where
+            friction is as it was on an air pass, and an estimate of the force can be used.
+        q_start: (n,) above the path's first point, where the approach begins.
+    """
+
+    path: SurfacePath
+    trajectory: JointTrajectory
+    s: Array
+    setpoint: Array
+    steady: Array
+    q_start: Array
+
+
+def plan_machining(
+    robot: Robot,
+    path: SurfacePath,
+    q: Array,
+    one_way: float,
+    passes: int,
+    force: NormalForceConfig,
+    phases: PhasesConfig,
+    tool_radius: float,
+    ramp: float,
+    source: str = "machining",
+) -> MachiningPath:
+    """Plans a pass.
+
+    Args:
+        path: N points with normals in W.
+        q: (N, n) postures there.
+        one_way: s from one end of the path to the other, at constant speed but for the ramps.
+        passes: 1 there, 2 there and back, ...
+        tool_radius: m, of the tool's tip.
+        ramp: s in which the feed comes up to its speed, and down again at the other end; half of
+            one_way at most. Short ones keep the joints from creeping, where friction is unknown.
+        source: what an error names.
+
+    Raises:
+        InputError: a duration that is not positive, a negative set-point, an edge sharper than the
+            tool, a set-point beyond the drives' torque, an approach out of reach.
+    """
+    check_phases(phases, source)
+    if not (math.isfinite(one_way) and one_way > 0.0):
+        raise InputError(source, "one_way", f"{one_way:g} s, expected more than 0")
+    if not (math.isfinite(ramp) and ramp > 0.0):
+        raise InputError(source, "ramp", f"{ramp:g} s, expected more than 0")
+    if passes < 1:
+        raise InputError(source, "passes", f"{passes}, expected 1 or more")
+    least = force.value - abs(force.amplitude)
+    if not (math.isfinite(least) and least > 0.0):
+        raise InputError(
+            source, "force", f"falls to {least:g} N, expected a push above 0 all along the path"
+        )
+    most = force.value + abs(force.amplitude)
+    if most >= phases.max_force:
+        raise InputError(
+            source,
+            "force",
+            f"rises to {most:g} N, at or above phases.max_force = {phases.max_force:g} N",
+            "ask for less, or raise max_force",
+        )
+    check_curvature(path, tool_radius)
+    s = path.distance / path.distance[-1]
+    _check_torque(robot, path, q, force.at(s), source)
+    spline = make_interp_spline(s, q, k=5 if len(s) > 5 else 1)
+    count = max(2, round(one_way / _STEP))
+    u = np.arange(count + 1) / count
+    law = steady_speed(min(0.5, ramp / one_way))(u)
+    parts = []
+    for k in range(passes):
+        back = k % 2 == 1
+        place = 1.0 - law.s if back else law.s
+        sign = -1.0 if back else 1.0
+        first = 0 if k == 0 else 1
+        parts.append(
+            np.stack(
+                [k * one_way + u * one_way, place, sign * law.ds_du, sign * law.d2s_du2], axis=1
+            )[first:]
+        )
+    t, place, ds, d2s = np.concatenate(parts).T
+    ds, d2s = ds[:, np.newaxis] / one_way, d2s[:, np.newaxis] / one_way**2
+    slope, bend = spline.derivative(1)(place), spline.derivative(2)(place)
+    trajectory = JointTrajectory(t, spline(place), slope * ds, bend * ds**2 + slope * d2s)
+    speed = np.abs(trajectory.v).max(axis=0)
+    if np.any(speed > robot.velocity_limit):
+        joint = robot.joint_names[int(np.argmax(speed / robot.velocity_limit))]
+        raise InputError(source, "one_way", f"{one_way:g} s is too fast for {joint}")
+    R_WE, _ = robot.chain.pose(q[0])
+    above = path.p_WS[0] + np.outer([0.0, phases.standoff], path.n_W[0])
+    try:
+        q_start = follow_path(robot, R_WE, above, q[0])[-1]
+    except InputError as error:
+        raise InputError(
+            source,
+            "phases.standoff",
+            f"{robot.name} cannot start {phases.standoff:g} m above the path's first point",
+            "move the workpiece, or start elsewhere",
+        ) from error
+    steady = _kept(np.abs(ds[:, 0]) > 0.999 * np.abs(ds[:, 0]).max(), t, _SETTLED)
+    return MachiningPath(path, trajectory, place, force.at(place), steady, q_start)
+
+
+def _kept(holds: NDArray[np.bool_], t: Array, duration: float) -> Array:
+    """1 where a condition has held for `duration`, else 0; (T,) over times t."""
+    since = np.where(holds, np.nan, t)
+    since[0] = t[0]
+    last = np.maximum.accumulate(np.where(np.isnan(since), -np.inf, since))
+    return np.asarray(holds & (t - last > duration), dtype=np.float64)
+
+
+def check_curvature(path: SurfacePath, tool_radius: float) -> None:
+    """Refuses a path over an edge that is sharper than the tool's tip.
+
+    Raises:
+        InputError: between two samples the normal turns by more than over a ball of that radius.
+    """
+    turn = np.linalg.norm(np.diff(path.n_W, axis=0), axis=1)
+    step = np.linalg.norm(np.diff(path.p_WS, axis=0), axis=1)
+    sharp = np.flatnonzero(turn * tool_radius > step)
+    if sharp.size:
+        i = int(sharp[0])
+        raise InputError(
+            path.source,
+            f"sample {i + 1}",
+            f"the surface bends with a radius of {1e3 * step[i] / turn[i]:.2g} mm, sharper than "
+            f"the tool's {1e3 * tool_radius:g} mm",
+            "lead the path round the edge, or take a smaller tool",
+        )
+
+
+def _check_torque(robot: Robot, path: SurfacePath, q: Array, force: Array, source: str) -> None:
+    chain = robot.chain
+    push = np.zeros((len(q), 6))
+    push[:, 3:] = force[:, np.newaxis] * path.n_W
+    tau = np.asarray(chain.gravity_torque(q)) - np.einsum("nki,nk->ni", chain.jacobian(q), push)
+    share = np.abs(tau) / robot.effort_limit
+    i, j = np.unravel_index(int(np.argmax(share)), share.shape)
+    if share[i, j] > _MOST_TORQUE:
+        raise InputError(
+            source,
+            "force",
+            f"{force[i]:g} N at sample {i} asks {abs(tau[i, j]):.3g} N m of "
+            f"{robot.joint_names[j]}, which has {robot.effort_limit[j]:g} N m",
+            "ask for less, or place the workpiece elsewhere",
+        )

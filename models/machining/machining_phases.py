@@ -1,0 +1,287 @@
+"""The phases of a machining pass: approach, touch, work, release, lift, and the safe retreat.
+
+    APPROACH  under position control, slowly along the inward normal, until the force rises
+    TOUCH     force control takes over and brings the force up to the set-point, at rest
+    WORK      along the path, with the set-point of the place
+    RELEASE   at rest at the end of the path, the force goes down
+    LIFT      under position control, out along the normal
+    DONE      at rest above the workpiece
+    RETREAT   instead of all that: out along the normal, fast; then DONE. Its reason is the fault
+
+The state is one (7,) array, so that a controller of any kind can hold it, and the numbers of a
+PhasesConfig are one as well (`table`), for the kernels. All times are of the controller; the force
+is what its force feedback says, positive out of the surface.
+"""
+
+from dataclasses import astuple, dataclass
+from enum import IntEnum
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from models.files.input_error import InputError
+
+Array = NDArray[np.float64]
+
+
+class Phase(IntEnum):
+    """See the module."""
+
+    APPROACH = 0
+    TOUCH = 1
+    WORK = 2
+    RELEASE = 3
+    LIFT = 4
+    DONE = 5
+    RETREAT = 6
+
+
+class Fault(IntEnum):
+    """Why a pass ended in a retreat."""
+
+    NONE = 0
+    CONTACT_LOST = 1
+    OVER_FORCE = 2
+    JOINT_LIMIT = 3
+    NOTHING_TOUCHED = 4
+
+
+FAULT_SENTENCES = {
+    Fault.CONTACT_LOST: "contact was lost",
+    Fault.OVER_FORCE: "the force exceeded its limit",
+    Fault.JOINT_LIMIT: "a joint came to its limit",
+    Fault.NOTHING_TOUCHED: "the approach met nothing",
+}
+PHASE, SINCE, FAULT, BASELINE, ABOVE, LOST, FORCE_THERE = range(7)  # entries of the state
+STATE_SIZE = 7
+RAMP = 0.15  # s, in which an approach or a lift reaches its speed
+_UNTRUSTED = 3.0  # where joints rest, an estimate errs by their stiction: tens of newtons
+_BASELINE_TIME = (0.15, 1.0)  # s, before and while contact is looked for
+
+
+@dataclass
+class PhasesConfig:
+    """When one phase gives way to the next."""
+
+    standoff: float = 0.02  # m above the surface, where the approach begins
+    approach_speed: float = 0.008  # m/s
+    search: float = (
+        0.008  # m before and beyond the expected surface, in which contact is looked for
+    )
+    touch_force: float = 6.0  # N above what free motion reads: contact
+    touch_time: float = 0.005  # s for which it must be above
+    rise: float = 1.0  # s, to the set-point
+    settle: float = 0.5  # s, at the set-point before the feed starts
+    release: float = 0.6  # s, from the set-point down
+    release_force: float = 3.0  # N, at which the tool lifts
+    lift: float = 0.03  # m
+    lift_speed: float = 0.04  # m/s
+    lost_share: float = 0.15  # of the set-point; below it contact is lost
+    lost_time: float = 0.5  # s for which it must be below
+    max_force: float = 100.0  # N
+    joint_margin: float = 0.02  # rad or m, from a joint's limit
+
+    @property
+    def table(self) -> Array:
+        """(15,) the numbers in their order: what the kernels read."""
+        return np.array(astuple(self), dtype=np.float64)
+
+
+# Entries of PhasesConfig.table.
+(
+    _STANDOFF,
+    _APPROACH_SPEED,
+    _SEARCH,
+    _TOUCH_FORCE,
+    _TOUCH_TIME,
+    _RISE,
+    _SETTLE,
+    _RELEASE,
+    _RELEASE_FORCE,
+    _LIFT,
+    _LIFT_SPEED,
+    _LOST_SHARE,
+    _LOST_TIME,
+    _MAX_FORCE,
+    _JOINT_MARGIN,
+) = range(15)
+
+
+def check_phases(config: PhasesConfig, source: str) -> None:
+    """Raises InputError, naming `source`, for a number out of range."""
+    for name, value in vars(config).items():
+        if not (np.isfinite(value) and value > 0.0):
+            raise InputError(source, f"phases.{name}", f"{value:g}, expected more than 0")
+    if config.standoff <= config.search:
+        raise InputError(
+            source,
+            "phases.standoff",
+            f"{config.standoff:g} m lies within the search for contact, {config.search:g} m",
+            "start farther away, or search less",
+        )
+
+
+def initial_state() -> Array:
+    """The state (7,) at the start of the approach."""
+    return np.zeros(STATE_SIZE)
+
+
+@njit(cache=True)
+def force_controlled(phase):  # type: ignore[no-untyped-def]
+    """Whether force is controlled in a phase: from the touch to the release."""
+    return bool(Phase.TOUCH <= phase <= Phase.RELEASE)
+
+
+@njit(cache=True)
+def travelled(t, speed, distance):  # type: ignore[no-untyped-def]
+    """How far (m) and how fast (m/s) t seconds after starting towards `distance`, m.
+
+    The speed rises and falls evenly over RAMP, or less where the distance is short.
+    """
+    ramp = min(RAMP, distance / speed)
+    end = distance / speed + ramp
+    if t <= 0.0:
+        return 0.0, 0.0
+    if t < ramp:
+        return 0.5 * speed * t * t / ramp, speed * t / ramp
+    if t < end - ramp:
+        return speed * (t - 0.5 * ramp), speed
+    if t < end:
+        left = end - t
+        return distance - 0.5 * speed * left * left / ramp, speed * left / ramp
+    return distance, 0.0
+
+
+@njit(cache=True)
+def travel_time(speed, distance):  # type: ignore[no-untyped-def]
+    """Seconds until `travelled` is at its end."""
+    return distance / speed + min(RAMP, distance / speed)
+
+
+@njit(cache=True)
+def outward_travel(table, state, t):  # type: ignore[no-untyped-def]
+    """How far (m) and how fast (m/s) out of the surface, where force is not controlled.
+
+    Args:
+        table: of PhasesConfig.
+    """
+    phase, since = int(state[PHASE]), t - state[SINCE]
+    if phase == Phase.APPROACH:
+        distance, speed = travelled(
+            since, table[_APPROACH_SPEED], table[_STANDOFF] + table[_SEARCH]
+        )
+        return -distance, -speed
+    if phase == Phase.LIFT:
+        return travelled(since, table[_LIFT_SPEED], table[_LIFT])
+    if phase == Phase.RETREAT:
+        return travelled(since, 2.0 * table[_LIFT_SPEED], table[_LIFT])
+    return table[_LIFT], 0.0
+
+
+@njit(cache=True)
+def work_time(state, t, duration):  # type: ignore[no-untyped-def]
+    """Seconds since the feed started: 0 before, the whole `duration` (s) after."""
+    phase = int(state[PHASE])
+    if phase == Phase.WORK:
+        return min(t - state[SINCE], duration)
+    return 0.0 if phase <= Phase.TOUCH else duration
+
+
+@njit(cache=True)
+def setpoint(table, state, t, at_start, here, at_end):  # type: ignore[no-untyped-def]
+    """The normal force to press with, N; in the approach that which is there.
+
+    Args:
+        table: of PhasesConfig.
+        at_start, here, at_end: of the path: where it begins, at this place, where it ends, N.
+    """
+    phase, since = int(state[PHASE]), t - state[SINCE]
+    if phase == Phase.APPROACH:
+        return state[FORCE_THERE]
+    if phase == Phase.TOUCH:
+        share = min(1.0, since / table[_RISE])
+        share = share * share * (3.0 - 2.0 * share)
+        start = min(state[FORCE_THERE], at_start)
+        return start + share * (at_start - start)
+    if phase == Phase.WORK:
+        return here
+    if phase == Phase.RELEASE:
+        share = min(1.0, since / table[_RELEASE])
+        return at_end + share * (min(table[_RELEASE_FORCE], at_end) - at_end)
+    return 0.0
+
+
+@njit(cache=True)
+def advance(  # type: ignore[no-untyped-def]
+    table, state, time_step, t, force, setpoint_now, work_duration, joint_room, trusted
+):
+    """Takes one tick, changing `state` in place; returns whether the phase has changed.
+
+    Args:
+        table: of PhasesConfig.
+        time_step: s.
+        t: s, the end of the tick.
+        force: N, of the feedback, out of the surface.
+        setpoint_now: N, that this force should be.
+        work_duration: s, along the path and back.
+        joint_room: smallest distance of a joint from its limits, rad or m.
+        trusted: whether the feedback can be used now; else it does not say that contact is lost,
+            and only a force of _UNTRUSTED times the limit is too high.
+    """
+    phase = int(state[PHASE])
+    since = t - state[SINCE]
+    if phase == Phase.DONE:
+        return False
+    if phase in (Phase.LIFT, Phase.RETREAT):
+        speed = table[_LIFT_SPEED] * (2.0 if phase == Phase.RETREAT else 1.0)
+        if since < travel_time(speed, table[_LIFT]):
+            return False
+        return _enter(state, Phase.DONE.value, t)
+    bound = table[_MAX_FORCE] * (1.0 if trusted else _UNTRUSTED)
+    if not force <= bound:  # also what is no number
+        return _retreat(state, Fault.OVER_FORCE.value, t)
+    if joint_room < table[_JOINT_MARGIN]:
+        return _retreat(state, Fault.JOINT_LIMIT.value, t)
+    if phase == Phase.APPROACH:
+        # What free motion reads is no contact: an estimate jumps by the friction of joints that
+        # start to move. It is followed fast before contact can be, slowly after: contact is faster.
+        rise = force - state[BASELINE]
+        whole_way = table[_STANDOFF] + table[_SEARCH]
+        way = travelled(since, table[_APPROACH_SPEED], whole_way)[0]
+        near = way >= table[_STANDOFF] - table[_SEARCH]
+        above = near and rise > table[_TOUCH_FORCE]
+        state[ABOVE] = state[ABOVE] + time_step if above else 0.0
+        state[BASELINE] += time_step / _BASELINE_TIME[int(near)] * rise
+        state[FORCE_THERE] = max(0.0, force - state[BASELINE])
+        if state[ABOVE] >= table[_TOUCH_TIME]:
+            return _enter(state, Phase.TOUCH.value, t)
+        if since >= travel_time(table[_APPROACH_SPEED], whole_way):
+            return _retreat(state, Fault.NOTHING_TOUCHED.value, t)
+        return False
+    ready = phase == Phase.WORK or (phase == Phase.TOUCH and since > table[_RISE])
+    lost = ready and trusted and force < table[_LOST_SHARE] * setpoint_now
+    state[LOST] = state[LOST] + time_step if lost else 0.0
+    if state[LOST] >= table[_LOST_TIME]:
+        return _retreat(state, Fault.CONTACT_LOST.value, t)
+    if phase == Phase.TOUCH:
+        length = table[_RISE] + table[_SETTLE]
+    elif phase == Phase.WORK:
+        length = work_duration
+    else:
+        length = table[_RELEASE]
+    if since >= length:
+        return _enter(state, phase + 1, t)
+    return False
+
+
+@njit(cache=True)
+def _enter(state, phase, t):  # type: ignore[no-untyped-def]
+    state[PHASE], state[SINCE], state[ABOVE], state[LOST] = phase, t, 0.0, 0.0
+    return True
+
+
+@njit(cache=True)
+def _retreat(state, fault, t):  # type: ignore[no-untyped-def]
+    state[FAULT] = fault
+    return _enter(state, Phase.RETREAT.value, t)

@@ -1,0 +1,144 @@
+"""What a rotating abrasive tool does to the arm besides contact: cutting resistance and unbalance.
+
+Contact with Coulomb friction is the simulator's. On top of it acts the resistance of the material
+that is being removed, along the feed. By Preston's law the removal rate is proportional to normal
+force and speed, Q = K_p F_n v (F. W. Preston, J. Soc. Glass Technology 11, 1927); with the
+specific energy e of the material the power e Q = F_c v gives a resistance F_c = e K_p F_n in
+proportion to the normal force, the grinding force ratio. The specific energy falls with the chip's
+thickness, so that force grows with the feed less than in proportion, as in Werner's model of
+grinding forces, F ~ v^(2 eps - 1) with eps between 0.5 and 1 (Malkin and Guo, Grinding Technology,
+2nd ed., ch. 5):
+
+    F_c = cutting_ratio F_n (|v| / reference_speed)^speed_exponent, against v
+
+v is the feed, tangential to the surface. The zone of cutting follows it with a first-order lag
+(`lag`), without which an explicit force would chatter at rest.
+
+The spindle's unbalance turns with it, across its axis: F_u = unbalance omega^2.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from models.files.input_error import InputError
+
+Array = NDArray[np.float64]
+
+_REST = 2e-3  # m/s, below which the direction of the feed fades
+# Entries of MachiningProcess.table.
+_RATIO, _EXPONENT, _REFERENCE, _LAG, _OMEGA, _UNBALANCE, _NUM = range(7)
+
+PROCESS_STATE_SIZE = 7
+NORMAL_FORCE, NORMAL, FEED = 0, slice(1, 4), slice(4, 7)
+"""Entries of the state of a process: N, the surface's normal in W, and the lagged feed in m/s."""
+
+
+@dataclass
+class ProcessConfig:
+    """Polishing and grinding differ in these numbers alone."""
+
+    cutting_ratio: float = 0.1  # N per N of normal force, at reference_speed
+    speed_exponent: float = 0.2  # 2 eps - 1: 0 to 1
+    reference_speed: float = 0.018  # m/s of feed
+    lag: float = 0.01  # s
+    spindle_frequency: float = 50.0  # Hz
+    unbalance: float = 1e-5  # kg m: mass times eccentricity
+
+
+class MachiningProcess:
+    """The law of this module for one set of parameters.
+
+    Attributes:
+        table: (6,) constants for `cutting_force` and `unbalance_force`.
+
+    Raises:
+        InputError: a parameter out of range.
+    """
+
+    def __init__(self, config: ProcessConfig, source: str = "process") -> None:
+        for name, low, high in (
+            ("cutting_ratio", 0.0, 10.0),
+            ("speed_exponent", 0.0, 1.0),
+            ("reference_speed", 1e-6, 10.0),
+            ("lag", 1e-3, 1.0),
+            ("spindle_frequency", 0.0, 450.0),
+            ("unbalance", 0.0, 0.1),
+        ):
+            value = getattr(config, name)
+            if not low <= value <= high:
+                raise InputError(source, name, f"{value:g}, expected {low:g} to {high:g}")
+        self.config = config
+        self.table = np.array(
+            [
+                config.cutting_ratio,
+                config.speed_exponent,
+                config.reference_speed,
+                config.lag,
+                2.0 * math.pi * config.spindle_frequency,
+                config.unbalance,
+            ]
+        )
+
+
+@njit(cache=True)
+def cutting_force(table: Array, normal_force: float, feed: Array, force: Array) -> None:
+    """Writes the force (3,) N of the workpiece on the tool, against the feed.
+
+    Args:
+        table: of MachiningProcess.
+        normal_force: N, that presses tool and workpiece together.
+        feed: (3,) m/s, tangential velocity of the tool, lagged.
+    """
+    speed = math.sqrt(feed[0] ** 2 + feed[1] ** 2 + feed[2] ** 2 + _REST * _REST)
+    size = table[_RATIO] * normal_force * (speed / table[_REFERENCE]) ** table[_EXPONENT]
+    for i in range(3):
+        force[i] = -size * feed[i] / speed
+
+
+@njit(cache=True)
+def advance_feed(table: Array, time_step: float, n: Array, v: Array, feed: Array) -> None:
+    """Moves the lagged feed (3,) on by a tick, in place.
+
+    Args:
+        time_step: s.
+        n: (3,) unit normal of the surface.
+        v: (3,) m/s, velocity of the tool over the workpiece.
+    """
+    share = 1.0 - math.exp(-time_step / table[_LAG])
+    along = n[0] * v[0] + n[1] * v[1] + n[2] * v[2]
+    for i in range(3):
+        feed[i] += share * (v[i] - along * n[i] - feed[i])
+    # The surface turns below the tool: the feed stays in it.
+    along = n[0] * feed[0] + n[1] * feed[1] + n[2] * feed[2]
+    for i in range(3):
+        feed[i] -= along * n[i]
+
+
+@njit(cache=True)
+def advance_process(
+    table: Array, time_step: float, contact: Array, V_WE: Array, state: Array
+) -> None:
+    """Moves the state (7,) on by a tick, in place; without contact the normal stays.
+
+    Args:
+        time_step: s.
+        contact: (4,) normal force, N, and normal of the surface, zero without contact.
+        V_WE: (6,) of the tool, rotation first.
+    """
+    state[NORMAL_FORCE], normal = contact[0], contact[1:]
+    if np.any(normal != 0.0):
+        state[NORMAL] = normal
+    advance_feed(table, time_step, state[NORMAL], V_WE[3:], state[FEED])
+
+
+@njit(cache=True)
+def add_unbalance_force(table: Array, t: float, R_WE: Array, force: Array) -> None:
+    """Adds to `force` (3,) N, axes of W, that of a spindle along E's z which turns evenly."""
+    size = table[_UNBALANCE] * table[_OMEGA] ** 2
+    c, s = size * math.cos(table[_OMEGA] * t), size * math.sin(table[_OMEGA] * t)
+    for i in range(3):
+        force[i] += c * R_WE[i, 0] + s * R_WE[i, 1]

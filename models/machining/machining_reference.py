@@ -1,0 +1,186 @@
+"""What leads a machining pass, tick by tick: the phases and the planned path as one reference.
+
+Under force control the pose is that of the planned path. Before and after it E moves along the
+tool's axis from where it is: the approach from where the run starts, lift and retreat from where
+they are decided. That place is the anchor, (15,): R_WD row by row, p_WD and the outward direction.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from models.machining.machining_phases import (
+    FAULT,
+    PHASE,
+    Phase,
+    advance,
+    force_controlled,
+    outward_travel,
+    setpoint,
+    work_time,
+)
+from models.motion.paths import quintic_at
+from models.rigid_body.serial_chain import pose_and_jacobian
+
+Array = NDArray[np.float64]
+
+_POSE = 18  # entries of a pose's reference: R_WD (9) row by row, p_WD (3) m, V_WD (6) rad/s, m/s
+_SINGULAR = 1e-6  # damping of J, in m and rad, where it loses rank
+
+
+@njit(cache=True)
+def machining_reference(
+    phases: Array,
+    chain: Array,
+    t_path: Array,
+    q_path: Array,
+    v_path: Array,
+    vdot_path: Array,
+    place: Array,
+    force: Array,
+    trusted: Array,
+    pushes_on: float,
+    t: float,
+    state: Array,
+    anchor: Array,
+    q: Array,
+    J: Array,
+    scratch: Array,
+    out: Array,
+) -> None:
+    """Writes the reference (18 + 3n + 7,) of MachiningReference at time t.
+
+    Args:
+        phases: table of PhasesConfig.
+        chain: table of SerialChain, of the model.
+        t_path, q_path, v_path, vdot_path: the planned JointTrajectory, its times evenly spaced.
+        place, force: (T,) place on the path and N to press with, at these times.
+        trusted: (T,) 1 where the force feedback can be used at work, else 0.
+        pushes_on: m/s; above 0 without a feedback that is right at rest. Then in the touch v_d is
+            that of going on into the surface at this speed: the press is fed forward through the
+            stiction of joints that rest, and so must their friction be.
+        t: s.
+        state: (7,) of models.machining.machining_phases.
+        anchor: (15,).
+        q: (n,) rad, where the joints are.
+        J: (6, n) there.
+        scratch: (n, SCRATCH_COLUMNS) to work in.
+    """
+    n = q.shape[0]
+    phase = int(state[PHASE])
+    presses = force_controlled(phase)
+    pose, reference = out[:_POSE], out[_POSE : _POSE + 3 * n]
+    time = work_time(state, t, t_path[-1] - t_path[0])
+    if presses:
+        quintic_at(t_path, q_path, v_path, vdot_path, time, reference.reshape(3, n))
+        R_WD, J_D = np.empty((3, 3)), np.empty((6, n))
+        pose_and_jacobian(chain, reference[:n], R_WD, pose[9:12], J_D, scratch)
+        pose[:9] = R_WD.ravel()
+        for i in range(6):
+            pose[12 + i] = 0.0
+            for j in range(n):
+                pose[12 + i] += J_D[i, j] * reference[n + j]
+        if phase == Phase.TOUCH and pushes_on > 0.0:
+            into = np.zeros(6)
+            for i in range(3):
+                into[3 + i] = pushes_on * R_WD[i, 2]
+            _joint_velocity(J_D, into, reference[n : 2 * n])
+    else:
+        distance, speed = outward_travel(phases, state, t)
+        pose[:9] = anchor[:9]
+        for i in range(3):
+            pose[9 + i] = anchor[9 + i] + distance * anchor[12 + i]
+            pose[12 + i] = 0.0
+            pose[15 + i] = speed * anchor[12 + i]
+        reference[:n] = q
+        _joint_velocity(J, pose[12:], reference[n : 2 * n])
+        reference[2 * n :] = 0.0
+    out[-7] = _setpoint_now(phases, t_path, force, state, t)
+    out[-6] = 1.0 if presses else 0.0
+    out[-5], out[-4] = state[PHASE], state[FAULT]
+    out[-3] = _on_path(t_path, place, time)
+    out[-2] = time if phase == Phase.WORK else -1.0
+    out[-1] = 1.0 if _trusts(t_path, trusted, pushes_on, state, t) else 0.0
+
+
+@njit(cache=True)
+def advance_reference(
+    phases: Array,
+    lower: Array,
+    upper: Array,
+    t_path: Array,
+    force: Array,
+    trusted: Array,
+    pushes_on: float,
+    time_step: float,
+    t: float,
+    q: Array,
+    R_WE: Array,
+    p_WE: Array,
+    wrench: Array,
+    state: Array,
+    anchor: Array,
+) -> None:
+    """Takes one tick: changes `state` and `anchor` in place.
+
+    Args:
+        lower, upper: (n,) rad, limits of the joints.
+        time_step: s.
+        t: s, the beginning of the tick.
+        q, R_WE, p_WE: joints and pose of E now.
+        wrench: (6,) F_E_W of the force feedback, environment on robot, rotation first.
+        The others as in `machining_reference`.
+    """
+    room = np.inf
+    for j in range(q.shape[0]):
+        room = min(room, q[j] - lower[j], upper[j] - q[j])
+    push = 0.0
+    for i in range(3):
+        push -= R_WE[i, 2] * wrench[3 + i]
+    wanted = _setpoint_now(phases, t_path, force, state, t)
+    duration = t_path[-1] - t_path[0]
+    trusts = _trusts(t_path, trusted, pushes_on, state, t)
+    changed = advance(phases, state, time_step, t + time_step, push, wanted, duration, room, trusts)
+    phase = int(state[PHASE])
+    if changed and phase in (Phase.LIFT, Phase.RETREAT):
+        anchor[:9] = R_WE.ravel()
+        anchor[9:12] = p_WE
+        anchor[12:] = -R_WE[:, 2]
+
+
+@njit(cache=True)
+def _trusts(t_path, trusted, pushes_on, state, t):  # type: ignore[no-untyped-def]
+    """Whether the force feedback can be used now."""
+    if pushes_on <= 0.0:
+        return True
+    time = work_time(state, t, t_path[-1] - t_path[0])
+    return int(state[PHASE]) == Phase.WORK and _on_path(t_path, trusted, time) == 1.0
+
+
+@njit(cache=True)
+def _setpoint_now(phases, t_path, force, state, t):  # type: ignore[no-untyped-def]
+    here = _on_path(t_path, force, work_time(state, t, t_path[-1] - t_path[0]))
+    return setpoint(phases, state, t, force[0], here, force[-1])
+
+
+@njit(cache=True)
+def _on_path(t_path, values, time):  # type: ignore[no-untyped-def]
+    x = time / (t_path[1] - t_path[0])
+    k = min(int(x), values.shape[0] - 2)
+    return values[k] + (x - k) * (values[k + 1] - values[k])
+
+
+@njit(cache=True)
+def _joint_velocity(J: Array, V: Array, v: Array) -> None:
+    """Writes v (n,) with J v = V (6,), damped where J loses rank."""
+    mobility = np.empty((6, 6))
+    for i in range(6):
+        for k in range(6):
+            mobility[i, k] = _SINGULAR if i == k else 0.0
+            for j in range(J.shape[1]):
+                mobility[i, k] += J[i, j] * J[k, j]
+    effort = np.linalg.solve(mobility, V)
+    for j in range(J.shape[1]):
+        v[j] = 0.0
+        for i in range(6):
+            v[j] += J[i, j] * effort[i]

@@ -1,0 +1,271 @@
+"""All postures for many poses of E at once.
+
+`models.motion.inverse_kinematics` answers for one pose; a map of the workspace or a search over the
+free angle of a tool asks for thousands. Arms that EAIK can decompose are solved by it pose by pose,
+the wrapping, polishing and checking is done for all of them together. Every other arm is solved by
+damped least squares from several starting points a pose, which finds postures but cannot promise
+all of them.
+"""
+
+import itertools
+import math
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import ArrayLike, NDArray
+
+from models.motion.inverse_kinematics import closed_form
+from models.rigid_body.serial_chain import SCRATCH_COLUMNS, pose_and_jacobian
+from models.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+_TOLERANCE = 1e-9  # m and rad, of the pose that a solution reaches
+_POLISH_STEPS = 6
+_SEARCH_STEPS = 100
+_NUM_SEEDS = 12
+_BLOCK = 32  # poses that a thread takes at a time
+
+
+def is_closed_form(robot: Robot) -> bool:
+    """Whether all branches are known; otherwise they are what a search finds."""
+    return closed_form(robot) is not None
+
+
+def all_branches(
+    robot: Robot,
+    R_WE: ArrayLike,
+    p_WE: ArrayLike,
+    *,
+    turns_of: NDArray[np.bool_] | None = None,
+    seeds: ArrayLike | None = None,
+) -> Array:
+    """Joint positions within the limits that bring E to each of N poses.
+
+    Args:
+        R_WE: (N, 3, 3) rotations of E in W.
+        p_WE: (N, 3) positions of E in W, m.
+        turns_of: (n,) joints of which an angle that fits within the limits a full turn further on
+            is another solution; of the others it is the one nearest to the middle of the limits.
+        seeds: (S, n) or (N, S, n) starting points for an arm that is not solved in closed form;
+            without it a fixed set.
+
+    Returns:
+        (N, B, n) with B the largest number found; NaN in the rows that a pose has too few for.
+        Each reaches its pose within 1e-9 (m, rad).
+    """
+    R = np.ascontiguousarray(R_WE, dtype=np.float64).reshape(-1, 3, 3)
+    p = np.ascontiguousarray(p_WE, dtype=np.float64).reshape(-1, 3)
+    lower, upper = np.array(robot.position_lower), np.array(robot.position_upper)
+    solver = closed_form(robot)
+    if solver is not None:
+        q, row = _from_closed_form(robot, solver, R, p)
+        q = _nearest_to_middle(robot, q)
+        reached = _refine(robot, R[row], p[row], q, _POLISH_STEPS, limited=False)
+        q = _nearest_to_middle(robot, q)
+    else:
+        starts = _starts(robot, len(p)) if seeds is None else np.asarray(seeds, dtype=np.float64)
+        starts = np.broadcast_to(starts, (len(p), *starts.shape[-2:]))
+        row = np.repeat(np.arange(len(p)), starts.shape[1])
+        q = np.ascontiguousarray(starts).reshape(-1, robot.num_joints).copy()
+        q[~np.all(np.isfinite(q), axis=1)] = robot.home
+        reached = _refine(robot, R[row], p[row], q, _SEARCH_STEPS, limited=True)
+    if turns_of is not None:
+        q, row, reached = _with_turns(robot, q, row, reached, turns_of)
+    kept = reached & np.all((q >= lower) & (q <= upper), axis=1)
+    return _by_pose(q[kept], row[kept], len(p))
+
+
+def _from_closed_form(
+    robot: Robot, solver: object, R: Array, p: Array
+) -> tuple[Array, NDArray[np.intp]]:
+    """Raw solutions (M, n), and the pose (M,) that each belongs to."""
+    poses = np.zeros((len(p), 4, 4))
+    poses[:, :3, :3], poses[:, :3, 3], poses[:, 3, 3] = R, p, 1.0
+    solved = [
+        np.asarray(solution.Q, dtype=np.float64).reshape(-1, robot.num_joints)
+        for solution in solver.calculate_IK_batched(list(poses), 1)  # type: ignore[attr-defined]
+    ]
+    row = np.repeat(np.arange(len(p)), [len(found) for found in solved])
+    q = np.concatenate(solved) if solved else np.empty((0, robot.num_joints))
+    finite = np.all(np.isfinite(q), axis=1)
+    return np.ascontiguousarray(q[finite]), row[finite]
+
+
+def _starts(robot: Robot, num_poses: int) -> Array:
+    lower = np.where(np.isfinite(robot.position_lower), robot.position_lower, -math.pi)
+    upper = np.where(np.isfinite(robot.position_upper), robot.position_upper, math.pi)
+    rng = np.random.default_rng(0)  # the same answer every time
+    random = rng.uniform(lower, upper, (_NUM_SEEDS - 1, robot.num_joints))
+    starts = np.concatenate([np.asarray(robot.home)[np.newaxis], random])
+    return np.broadcast_to(starts, (num_poses, *starts.shape))
+
+
+def _nearest_to_middle(robot: Robot, q: Array) -> Array:
+    middle = 0.5 * (robot.position_lower + robot.position_upper)
+    middle = np.where(np.isfinite(middle), middle, 0.0)
+    turn = np.where(robot.chain.prismatic, 0.0, 2.0 * math.pi)
+    return np.ascontiguousarray(q + turn * np.round((middle - q) / (2.0 * math.pi)))
+
+
+def _with_turns(
+    robot: Robot,
+    q: Array,
+    row: NDArray[np.intp],
+    reached: NDArray[np.bool_],
+    turns_of: NDArray[np.bool_],
+) -> tuple[Array, NDArray[np.intp], NDArray[np.bool_]]:
+    """Each solution with all whole turns of its joints that the limits may have room for."""
+    span = robot.position_upper - robot.position_lower
+    wide = turns_of & ~robot.chain.prismatic & np.isfinite(span) & (span > 2.0 * math.pi)
+    turns = [
+        [2.0 * math.pi * k for k in range(-_turns(s), _turns(s) + 1)] if is_wide else [0.0]
+        for s, is_wide in zip(span, wide, strict=True)
+    ]
+    shifts = np.array(list(itertools.product(*turns)))
+    every = (q[:, np.newaxis] + shifts).reshape(-1, q.shape[1])
+    inside = np.all((every >= robot.position_lower) & (every <= robot.position_upper), axis=1)
+    return (
+        every[inside],
+        np.repeat(row, len(shifts))[inside],
+        np.repeat(reached, len(shifts))[inside],
+    )
+
+
+def _turns(span: float) -> int:
+    return math.ceil(span / (4.0 * math.pi))
+
+
+def _by_pose(q: Array, row: NDArray[np.intp], num_poses: int) -> Array:
+    """(N, B, n) from solutions sorted by their pose."""
+    counts = np.bincount(row, minlength=num_poses)
+    first = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    out = np.full((num_poses, int(counts.max(initial=0)), q.shape[1]), np.nan)
+    out[row, np.arange(len(q)) - first[row]] = q
+    return out
+
+
+def _refine(
+    robot: Robot, R: Array, p: Array, q: Array, num_steps: int, *, limited: bool
+) -> NDArray[np.bool_]:
+    """Moves q (M, n) in place towards the poses (M); whether each arrives."""
+    reached = np.zeros(len(q), dtype=np.bool_)
+    _refine_batch(
+        robot.chain.table,
+        np.array(robot.position_lower),
+        np.array(robot.position_upper),
+        np.ascontiguousarray(R),
+        np.ascontiguousarray(p),
+        q,
+        reached,
+        num_steps,
+        limited,
+    )
+    return reached
+
+
+@njit(cache=True, error_model="numpy")
+def rotation_vector(D, out):  # type: ignore[no-untyped-def]
+    """Writes the rotation vector (3,) of a rotation matrix D (3, 3), rad."""
+    x, y, z = D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]
+    sine = 0.5 * math.sqrt(x * x + y * y + z * z)
+    cosine = 0.5 * (D[0, 0] + D[1, 1] + D[2, 2] - 1.0)
+    angle = math.atan2(sine, cosine)
+    if sine > 1e-7:
+        scale = 0.5 * angle / sine
+        out[0], out[1], out[2] = scale * x, scale * y, scale * z
+    elif cosine > 0.0:
+        out[0], out[1], out[2] = 0.5 * x, 0.5 * y, 0.5 * z
+    else:  # half a turn: the axis is the longest column of D + 1
+        k = 0
+        for i in range(1, 3):
+            if D[i, i] > D[k, k]:
+                k = i
+        length = math.sqrt(max(2.0 * (D[k, k] + 1.0), 1e-12))
+        for i in range(3):
+            out[i] = math.pi * (D[i, k] + (1.0 if i == k else 0.0)) / length
+
+
+@njit(cache=True, error_model="numpy")
+def _solve_damped(A, b):  # type: ignore[no-untyped-def]
+    """Solves A x = b in place of b by Cholesky; A (6, 6) symmetric positive definite."""
+    for j in range(6):
+        for k in range(j):
+            A[j, j] -= A[j, k] * A[j, k]
+        A[j, j] = math.sqrt(max(A[j, j], 1e-30))
+        for i in range(j + 1, 6):
+            for k in range(j):
+                A[i, j] -= A[i, k] * A[j, k]
+            A[i, j] /= A[j, j]
+    for i in range(6):
+        for k in range(i):
+            b[i] -= A[i, k] * b[k]
+        b[i] /= A[i, i]
+    for i in range(5, -1, -1):
+        for k in range(i + 1, 6):
+            b[i] -= A[k, i] * b[k]
+        b[i] /= A[i, i]
+
+
+@njit(cache=True, error_model="numpy")
+def _refine_one(table, lower, upper, R_goal, p_goal, q, num_steps, limited, work):  # type: ignore[no-untyped-def]
+    """Damped least squares from q, in place; whether the pose is reached."""
+    scratch, R, p, J, D, A, error, step = work
+    n = q.shape[0]
+    for iteration in range(num_steps + 1):
+        pose_and_jacobian(table, q, R, p, J, scratch)
+        for i in range(3):
+            for k in range(3):
+                D[i, k] = R_goal[i, 0] * R[k, 0] + R_goal[i, 1] * R[k, 1] + R_goal[i, 2] * R[k, 2]
+            error[3 + i] = p_goal[i] - p[i]
+        rotation_vector(D, error)
+        size, worst = 0.0, 0.0
+        for i in range(6):
+            size += error[i] * error[i]
+            worst = max(worst, abs(error[i]))
+        if not math.isfinite(size):
+            return False
+        if worst < 1e-13 or iteration == num_steps:
+            return worst < _TOLERANCE
+        damping = min(1e-4, size)
+        for i in range(6):
+            for k in range(i + 1):
+                total = damping if i == k else 0.0
+                for j in range(n):
+                    total += J[i, j] * J[k, j]
+                A[i, k] = total
+        _solve_damped(A, error)
+        largest = 0.0
+        for j in range(n):
+            step[j] = 0.0
+            for i in range(6):
+                step[j] += J[i, j] * error[i]
+            largest = max(largest, abs(step[j]))
+        if largest < 1e-15:
+            return worst < _TOLERANCE
+        scale = 0.5 / largest if largest > 0.5 else 1.0
+        for j in range(n):
+            q[j] += scale * step[j]
+            if limited:
+                q[j] = min(max(q[j], lower[j]), upper[j])
+    return False
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def _refine_batch(table, lower, upper, R_goal, p_goal, q, reached, num_steps, limited):  # type: ignore[no-untyped-def]
+    M, n = q.shape
+    for b in prange((M + _BLOCK - 1) // _BLOCK):
+        work = (
+            np.empty((n, SCRATCH_COLUMNS)),
+            np.empty((3, 3)),
+            np.empty(3),
+            np.empty((6, n)),
+            np.empty((3, 3)),
+            np.empty((6, 6)),
+            np.empty(6),
+            np.empty(n),
+        )
+        for m in range(b * _BLOCK, min(M, (b + 1) * _BLOCK)):
+            reached[m] = _refine_one(
+                table, lower, upper, R_goal[m], p_goal[m], q[m], num_steps, limited, work
+            )

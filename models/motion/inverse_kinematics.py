@@ -1,0 +1,241 @@
+"""Joint positions for a pose of E: all branches of a 6R arm, and one continuous branch on a path.
+
+Arms of six revolute joints whose axes EAIK can decompose are solved in closed form. Every other arm
+is solved by damped least squares from several starting points, which finds branches but cannot
+promise all of them. Whatever the source, a solution counts once forward kinematics confirms it.
+"""
+
+import math
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from eaik.pybindings.EAIK import Robot as EaikRobot
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+from models.files.input_error import InputError
+from models.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+_TOLERANCE = 1e-9  # m and rad, of the pose that a solution reaches
+_ROUNDING = 1e-12  # of that pose; not worth another step
+_SAME = 1e-6  # rad or m; solutions closer than this are one
+_STEP = 0.35  # rad or m; a larger step of a joint between two samples is looked into
+_BISECTIONS = 7  # of the path between two samples, before the step counts as a jump
+_NUMERIC_SEEDS = 24
+
+
+def inverse_kinematics(robot: Robot, R_WE: Array, p_WE: Array) -> Array:
+    """All joint positions within the limits that bring E to a pose.
+
+    Args:
+        R_WE: (3, 3) rotation of E in W.
+        p_WE: (3,) position of E in W, m.
+
+    Returns:
+        (B, n) branches, B may be 0. Each reaches the pose within 1e-9 (m, rad). An angle is the
+        one nearest to the middle of its limits. For an arm that is not solved in closed form these
+        are the branches found from a fixed set of starting points.
+    """
+    found: list[Array] = []
+    for q in _solutions(robot, R_WE, p_WE, _middle(robot)):
+        if all(np.max(np.abs(q - other)) > _SAME for other in found):
+            found.append(q)
+    return np.array(found, dtype=np.float64).reshape(len(found), robot.num_joints)
+
+
+def follow_path(robot: Robot, R_WE: Array, p_WE: Array, q_seed: Array) -> Array:
+    """Joint positions along a path of E, on the continuous branch that starts nearest to a seed.
+
+    Between two samples the path is taken as straight in position and in rotation; where a joint
+    moves far from one sample to the next, the path between them is followed too, so that a change
+    of branch is an error and not a step.
+
+    Args:
+        R_WE: (N, 3, 3) or (3, 3) for a fixed orientation.
+        p_WE: (N, 3) m.
+        q_seed: (n,) the branch is the one nearest to it at the first sample.
+
+    Returns:
+        (N, n).
+
+    Raises:
+        InputError: a sample cannot be reached within the limits, or only by a jump; the line names
+            the first such sample.
+    """
+    p_WE = np.atleast_2d(np.asarray(p_WE, dtype=np.float64))
+    R_WE = np.broadcast_to(np.asarray(R_WE, dtype=np.float64), (len(p_WE), 3, 3))
+    q = np.empty((len(p_WE), robot.num_joints))
+    q[0] = _first(robot, R_WE[0], p_WE[0], np.asarray(q_seed, dtype=np.float64))
+    for i in range(1, len(q)):
+        start, end = (R_WE[i - 1], p_WE[i - 1]), (R_WE[i], p_WE[i])
+        q[i] = _advance(robot, q[i - 1], start, end, i, _BISECTIONS)
+    return q
+
+
+def _first(robot: Robot, R_WE: Array, p_WE: Array, q_seed: Array) -> Array:
+    q = _nearest(robot, R_WE, p_WE, q_seed)
+    if q is None:
+        raise _unreachable(robot, 0, p_WE)
+    return q
+
+
+def _advance(
+    robot: Robot,
+    q: Array,
+    start: tuple[Array, Array],
+    end: tuple[Array, Array],
+    sample: int,
+    bisections: int,
+) -> Array:
+    """The solution at `end` that continues `q`, which is one at `start`."""
+    found = _nearest(robot, *end, q)
+    if found is None:
+        raise _unreachable(robot, sample, end[1])
+    step = np.abs(found - q)
+    if np.max(step) <= _STEP:
+        return found
+    if bisections == 0:
+        joint = robot.joint_names[int(np.argmax(step))]
+        raise InputError(
+            "path",
+            f"sample {sample}",
+            f"{joint} of {robot.name} would have to jump by {np.max(step):.2f} to go on",
+            "move or turn the path, or start on another branch",
+        )
+    rotations = Slerp([0.0, 1.0], Rotation.from_matrix(np.stack([start[0], end[0]])))
+    middle = (rotations(0.5).as_matrix(), 0.5 * (start[1] + end[1]))
+    q = _advance(robot, q, start, middle, sample, bisections - 1)
+    return _advance(robot, q, middle, end, sample, bisections - 1)
+
+
+def _unreachable(robot: Robot, sample: int, p_WE: Array) -> InputError:
+    place = ", ".join(f"{value:.4f}" for value in p_WE)
+    return InputError(
+        "path",
+        f"sample {sample}",
+        f"{robot.name} cannot reach ({place}) m in this orientation within its joint limits",
+        "move, turn or shorten the path",
+    )
+
+
+def _nearest(robot: Robot, R_WE: Array, p_WE: Array, reference: Array) -> Array | None:
+    """The solution within the limits that is nearest to `reference`; None where there is none."""
+    return next(_solutions(robot, R_WE, p_WE, reference), None)
+
+
+def _solutions(robot: Robot, R_WE: Array, p_WE: Array, reference: Array) -> Iterator[Array]:
+    """Confirmed solutions within the limits.
+
+    In closed form these are all branches, the one nearest to `reference` first. Otherwise they are
+    what the search finds from `reference` and then from its other starting points.
+    """
+    solver = closed_form(robot)
+    if solver is None:
+        for seed in (reference, *_seeds(robot)):
+            q = _polish(robot, seed, R_WE, p_WE, num_steps=200, limited=True)
+            if _reaches(robot, q, R_WE, p_WE):
+                yield q
+        return
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = R_WE, p_WE
+    raw = np.asarray(solver.calculate_IK(pose).Q, dtype=np.float64).reshape(-1, robot.num_joints)
+    wrapped = [_within_limits(robot, q, reference) for q in raw[np.all(np.isfinite(raw), axis=1)]]
+    near_first = sorted(
+        (q for q in wrapped if q is not None), key=lambda q: float(np.linalg.norm(q - reference))
+    )
+    for q in near_first:
+        polished = _polish(robot, q, R_WE, p_WE, num_steps=4, limited=False)
+        within = _within_limits(robot, polished, reference)
+        if within is not None and _reaches(robot, within, R_WE, p_WE):
+            yield within
+
+
+@lru_cache(maxsize=16)
+def closed_form(robot: Robot) -> Any:
+    """EAIK's solver for the arm; None where it has none."""
+    chain = robot.chain
+    if robot.num_joints != 6 or np.any(chain.prismatic):
+        return None
+    # Product of exponentials at q = 0: axes H and steps P from one joint to the next, both in W.
+    R, p = np.eye(3), np.zeros(3)
+    axes, steps = [], []
+    for R_PJ, p_PJ, axis in zip(chain.R_PJ, chain.p_PJ, chain.axis, strict=True):
+        steps.append(R @ p_PJ)
+        p = p + steps[-1]
+        R = R @ R_PJ
+        axes.append(R @ axis)
+    R_WE, p_WE = chain.pose(np.zeros(6))
+    steps.append(p_WE - p)
+    solver = EaikRobot(np.array(axes).T, np.array(steps).T, R_WE, [], True)
+    return solver if solver.has_known_decomposition() else None
+
+
+def _seeds(robot: Robot) -> list[Array]:
+    lower = np.where(np.isfinite(robot.position_lower), robot.position_lower, -math.pi)
+    upper = np.where(np.isfinite(robot.position_upper), robot.position_upper, math.pi)
+    rng = np.random.default_rng(0)  # the same answer every time
+    random = rng.uniform(lower, upper, (_NUMERIC_SEEDS, robot.num_joints))
+    return [robot.home, 0.5 * (lower + upper), *random]
+
+
+def _polish(
+    robot: Robot, q: Array, R_WE: Array, p_WE: Array, num_steps: int, limited: bool
+) -> Array:
+    """Damped least squares towards the pose; the damping vanishes with the error."""
+    q = np.array(q, dtype=np.float64)
+    error = _pose_error(robot, q, R_WE, p_WE)
+    for _ in range(num_steps):
+        size = float(np.linalg.norm(error))
+        if size < _ROUNDING:
+            break
+        J = robot.chain.jacobian(q)
+        damping = min(1e-2, size) ** 2
+        step = J.T @ np.linalg.solve(J @ J.T + damping * np.eye(6), error)
+        largest = float(np.max(np.abs(step)))
+        q = q + step * (0.5 / largest if largest > 0.5 else 1.0)
+        if limited:
+            q = np.clip(q, robot.position_lower, robot.position_upper)
+        error = _pose_error(robot, q, R_WE, p_WE)
+    return q
+
+
+def _pose_error(robot: Robot, q: Array, R_WE: Array, p_WE: Array) -> Array:
+    """(6,) rotation vector and translation in W that are missing from the pose at q; rad and m."""
+    R, p = robot.chain.pose(q)
+    D = R_WE @ R.T
+    twice_sine = np.array([D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]])
+    error = np.empty(6)
+    # Far from the goal the vector only needs the right direction; near it, it is exact.
+    if np.trace(D) > 1.0:
+        sine = 0.5 * float(np.linalg.norm(twice_sine))
+        error[:3] = 0.5 * twice_sine * (math.asin(min(sine, 1.0)) / sine if sine > 1e-6 else 1.0)
+    else:
+        error[:3] = Rotation.from_matrix(D).as_rotvec()
+    error[3:] = p_WE - p
+    return error
+
+
+def _reaches(robot: Robot, q: Array, R_WE: Array, p_WE: Array) -> bool:
+    return bool(np.max(np.abs(_pose_error(robot, q, R_WE, p_WE))) < _TOLERANCE)
+
+
+def _middle(robot: Robot) -> Array:
+    middle = 0.5 * (robot.position_lower + robot.position_upper)
+    return np.where(np.isfinite(middle), middle, 0.0)
+
+
+def _within_limits(robot: Robot, q: Array, reference: Array) -> Array | None:
+    """The angles modulo a turn, within the limits and nearest to `reference`; None if none are."""
+    lower, upper = robot.position_lower, robot.position_upper
+    turn = np.where(robot.chain.prismatic, 0.0, 2.0 * math.pi)
+    q = q + turn * np.round((reference - q) / (2.0 * math.pi))
+    # The nearest turn may lie just outside the limits, the one before it within.
+    q = np.where(q > upper + _SAME, q - turn, q)
+    q = np.where(q < lower - _SAME, q + turn, q)
+    if np.any(q > upper + _SAME) or np.any(q < lower - _SAME):
+        return None
+    return np.clip(q, lower, upper)

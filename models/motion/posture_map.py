@@ -1,0 +1,163 @@
+"""Best attainable posture at each point of a plane: where to put a table.
+
+At each point the tool may point anywhere within a cone and turn about its own axis; all branches of
+the inverse kinematics are tried for a set of directions, and the best direction is then refined.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from models.motion.branches import all_branches
+from models.motion.posture_measures import PostureMeasure
+from models.motion.surface_path import frame_about, rotation_about
+from models.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+_DIRECTIONS, _TURNS = 37, 8  # tried at each point: directions in the cone, turns about the tool
+_REFINED_DIRECTIONS, _REFINEMENTS = 6, 3  # round the best one, and how often, each time nearer
+_BLOCK = 20_000  # poses solved at a time
+
+
+@dataclass(frozen=True)
+class PostureMap:
+    """The best at each of N points.
+
+    Attributes:
+        p_WE: (N, 3) m.
+        best: (N,) smallest measure; NaN where the tool cannot reach within the cone.
+        direction_W: (N, 3) of the tool there.
+        q: (N, n) the posture there.
+    """
+
+    p_WE: Array
+    best: Array
+    direction_W: Array
+    q: Array
+
+
+def best_postures(
+    robot: Robot,
+    measure: PostureMeasure,
+    p_WE: ArrayLike,
+    cone_axis_W: ArrayLike,
+    cone_angle: float,
+    tool_axis_E: ArrayLike = (0.0, 0.0, 1.0),
+    progress: Callable[[float], None] = lambda fraction: None,
+) -> PostureMap:
+    """The best posture within the joint limits at each point.
+
+    Directions are tried on an even spread over the cone, each with eight turns about the tool (with
+    one where the last joint turns about the tool and no measure of J can depend on it); then, three
+    times, six directions round the best one, ever nearer to it.
+
+    Args:
+        p_WE: (N, 3) points, m.
+        cone_axis_W: (3,) where the tool points in the cone's middle.
+        cone_angle: between the cone's axis and its side, rad.
+        tool_axis_E: (3,) direction of the tool in E.
+    """
+    points = np.asarray(p_WE, dtype=np.float64).reshape(-1, 3)
+    axis = np.asarray(cone_axis_W, dtype=np.float64)
+    R_WC = frame_about(axis, "cone_axis_W")
+    R_ET = frame_about(np.asarray(tool_axis_E, dtype=np.float64))
+    turns = 1 if turns_with_last_joint(robot, tool_axis_E) else _TURNS
+    spread = _cap(_DIRECTIONS if cone_angle > 0.0 else 1, cone_angle)
+    N, n = len(points), robot.num_joints
+    best: Array = np.full(N, np.nan)
+    q: Array = np.full((N, n), np.nan)
+    tilt = np.zeros((N, 2))  # rotation vector of the tool from the cone's axis, in the cone's frame
+    turn = np.zeros(N)
+    rounds = 1 + (_REFINEMENTS if cone_angle > 0.0 or turns > 1 else 0)
+    size = cone_angle / math.sqrt(_DIRECTIONS)
+    turn_size = 2.0 * math.pi / turns
+    for index in range(rounds):
+        if index == 0:
+            rows = np.arange(N)
+            tilts = np.tile(np.repeat(spread, turns, axis=0), (N, 1, 1))
+            angles = np.tile(np.arange(turns) * turn_size, (N, len(spread)))
+        else:
+            rows = np.flatnonzero(np.isfinite(best))
+            tilts, angles = _around(tilt[rows], turn[rows], size, turn_size, cone_angle, turns)
+            size, turn_size = 0.5 * size, 0.5 * turn_size
+        each = tilts.shape[1]
+        per_block = max(1, _BLOCK // each)
+        for start in range(0, len(rows), per_block):
+            some = rows[start : start + per_block]
+            part = slice(start, start + per_block)
+            R = R_WC @ _tilted(tilts[part], angles[part]) @ R_ET.T
+            p = np.repeat(points[some], each, axis=0)
+            found = all_branches(robot, R.reshape(-1, 3, 3), p)
+            there = np.isfinite(found[..., 0])
+            every: Array = np.full(there.shape, np.inf)
+            every[there] = measure.values(found[there])
+            values = every.reshape(len(some), -1)
+            found = found.reshape(len(some), -1, n)
+            if values.shape[1] == 0:
+                continue
+            choice = np.argmin(values, axis=1)
+            here = np.arange(len(some))
+            lowest = values[here, choice]
+            with_better = lowest < np.where(np.isnan(best[some]), np.inf, best[some])
+            target, source = some[with_better], here[with_better]
+            pose = choice[with_better] // (values.shape[1] // each)
+            best[target] = lowest[with_better]
+            q[target] = found[source, choice[with_better]]
+            tilt[target] = tilts[part][source, pose]
+            turn[target] = angles[part][source, pose]
+            progress((index + (start + len(some)) / max(len(rows), 1)) / rounds)
+    direction = (R_WC @ _tilted(tilt, turn))[..., 2]
+    direction[np.isnan(best)] = np.nan
+    return PostureMap(points, best, direction, q)
+
+
+def turns_with_last_joint(robot: Robot, tool_axis_E: ArrayLike) -> bool:
+    """Whether a turn of the tool about its axis through E moves the last joint alone."""
+    chain = robot.chain
+    if chain.prismatic[-1]:
+        return False
+    tool = np.asarray(tool_axis_E, dtype=np.float64)
+    tool_L = chain.R_LE @ tool / np.linalg.norm(tool)
+    axis = chain.axis[-1]
+    aligned = np.linalg.norm(np.cross(axis, tool_L)) < 1e-9
+    return bool(aligned and np.linalg.norm(np.cross(axis, chain.p_LE)) < 1e-9)
+
+
+def _cap(count: int, angle: float) -> Array:
+    """(count, 2) tilts spread evenly over a cone of this angle, axis and rim included."""
+    if count == 1:
+        return np.zeros((1, 2))
+    i = np.arange(count)
+    # Even in area, by the golden angle (Vogel, 1979): 1 - cos(tilt) grows evenly.
+    tilt = np.arccos(1.0 - (1.0 - math.cos(angle)) * i / (count - 1))
+    around = i * math.pi * (3.0 - math.sqrt(5.0))
+    return np.stack([tilt * np.cos(around), tilt * np.sin(around)], axis=1)
+
+
+def _around(
+    tilt: Array, turn: Array, size: float, turn_size: float, limit: float, turns: int
+) -> tuple[Array, Array]:
+    """Tilts (M, D, 2) and turns (M, D) near those given, the tilts within the cone."""
+    around = np.arange(_REFINED_DIRECTIONS) * 2.0 * math.pi / _REFINED_DIRECTIONS
+    near = size * np.stack([np.cos(around), np.sin(around)], axis=1)
+    tilts = tilt[:, np.newaxis] + near
+    if turns > 1:
+        tilts = np.concatenate([tilts, np.repeat(tilt[:, np.newaxis], 2, axis=1)], axis=1)
+    angles = np.repeat(turn[:, np.newaxis], tilts.shape[1], axis=1)
+    if turns > 1:
+        angles[:, -2] += 0.5 * turn_size
+        angles[:, -1] -= 0.5 * turn_size
+    length = np.linalg.norm(tilts, axis=2, keepdims=True)
+    return tilts * np.minimum(1.0, limit / np.maximum(length, 1e-12)), angles
+
+
+def _tilted(tilt: Array, turn: Array) -> Array:
+    """Rotations (..., 3, 3): a turn about z, then a tilt by the vector [-t_y, t_x, 0]."""
+    length = np.linalg.norm(tilt, axis=-1)
+    unit = tilt / np.maximum(length, 1e-12)[..., np.newaxis]
+    across = np.stack([-unit[..., 1], unit[..., 0], np.zeros_like(length)], axis=-1)
+    return rotation_about(across, length) @ rotation_about(np.array([0.0, 0.0, 1.0]), turn)

@@ -1,0 +1,386 @@
+"""How well a posture reads forces, with gradients in closed form: one posture or thousands.
+
+A measure maps joint positions to one number, smaller is better, and to its gradient. Both measures
+here are functions of the Jacobian; with G its gradient with respect to J,
+
+    d/dq_j = sum_i G_i . dJ_i/dq_j,    dJ_i/dq_j = [w_j x w_i; w_j x v_i]  for j <= i
+                                                   [0;         w_i x v_j]  for j >  i
+
+where J_i = [w_i; v_i] is the column of joint i, at E in axes of W (a prismatic joint has w_i = 0).
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import ArrayLike, NDArray
+
+from models.estimation.wrench import (
+    WrenchReconstruction,
+    WrenchReconstructionConfig,
+    orthogonalise_rows,
+    reconstruct,
+)
+from models.files.input_error import InputError
+from models.rigid_body.serial_chain import SCRATCH_COLUMNS, SerialChain, pose_and_jacobian
+
+Array = NDArray[np.float64]
+
+# Starting threads costs more than a path's postures.
+_PARALLEL_FROM = 128
+_BLOCK = 64  # postures a thread takes at a time
+_UNREADABLE = 1e12  # stands for infinity, where a solver needs a number
+
+
+class PostureMeasure(Protocol):
+    """What an optimisation of postures minimises.
+
+    Attributes:
+        key: of the measure in metrics, its unit included: "jcn" or "force_sd_n".
+        label: for axes and tables, with the unit.
+    """
+
+    key: str
+    label: str
+
+    def values(self, q: ArrayLike) -> Array:
+        """The measure (...) at q (..., n)."""
+
+    def values_and_gradients(self, q: ArrayLike) -> tuple[Array, Array]:
+        """The measure (...) and its gradient (..., n) at q (..., n)."""
+
+
+class ConditionNumber:
+    """The condition number of J in m and rad, which the article calls JCN.
+
+    With sigma_1 u_1 v_1^T and sigma_6 u_6 v_6^T the first and last terms of the singular value
+    decomposition of J, G = (u_1 v_1^T - JCN u_6 v_6^T) / sigma_6. Where two singular values meet
+    at either end it has a kink, and this is one of its one-sided gradients. At a singular posture
+    it is 1e12, with a gradient of zero.
+
+    Raises:
+        InputError: the arm has fewer than six joints.
+    """
+
+    key = "jcn"
+    label = "condition number of J"
+
+    def __init__(self, chain: SerialChain) -> None:
+        check_joints(chain)
+        self._chain = chain
+
+    def values(self, q: ArrayLike) -> Array:
+        """The measure (...) at q (..., n)."""
+        return np.minimum(self._chain.condition_number(q), _UNREADABLE)
+
+    def values_and_gradients(self, q: ArrayLike) -> tuple[Array, Array]:
+        """The measure (...) and its gradient (..., n) at q (..., n)."""
+        rows = _rows(self._chain, q)
+        values, gradients = np.empty(len(rows)), np.empty(rows.shape)
+        few = len(rows) < _PARALLEL_FROM
+        run = _condition_number_rows if few else _condition_number_batch
+        run(self._chain.table, rows, values, gradients)
+        shape = np.shape(q)
+        return values.reshape(shape[:-1]), gradients.reshape(shape)
+
+
+class ForceSd:
+    """Root trace of the force block of the wrench's stated covariance, N.
+
+    It is the standard deviation of the force's error as a vector, for joint torques with errors of
+    covariance Sigma_tau. With E the projection on the force,
+
+        bayesian, force_only   Sigma_F = (J Sigma_tau^-1 J^T + P^-1)^-1
+                               G of its trace = -2 Sigma_F E Sigma_F J Sigma_tau^-1
+        inverse                Sigma_F = H Sigma_tau H^T, H = M J, M = (J J^T)^-1
+                               G = -2 Sigma_F E H + 2 M E H Sigma_tau (1 - J^T M J)
+
+    Args:
+        chain: an arm of six or more joints.
+        torque_covariance: (n, n) Sigma_tau, N^2 m^2: the residual of an identified model.
+        config: method "bayesian" (with a prior), "force_only" or "inverse".
+
+    Raises:
+        InputError: another method, a missing prior, a covariance that is none.
+    """
+
+    key = "force_sd_n"
+    label = "stated sd of the force [N]"
+
+    def __init__(
+        self,
+        chain: SerialChain,
+        torque_covariance: ArrayLike,
+        config: WrenchReconstructionConfig | None = None,
+    ) -> None:
+        check_joints(chain)
+        config = WrenchReconstructionConfig() if config is None else config
+        if config.method in ("damped", "truncated"):
+            raise InputError(
+                "force-sd",
+                "method",
+                f"{config.method} states a smaller sd the less it reads, and the best posture "
+                "would be a singular one",
+                "choose bayesian, force_only or inverse",
+            )
+        try:
+            reconstruction = WrenchReconstruction(config, torque_covariance)
+        except ValueError as error:
+            raise InputError("force-sd", "", str(error)) from error
+        if reconstruction.num_joints != chain.num_joints:
+            raise InputError(
+                "force-sd",
+                "torque covariance",
+                f"is of {reconstruction.num_joints} joints, the arm has {chain.num_joints}",
+            )
+        self._chain = chain
+        self._reconstruction = reconstruction
+        self._precision = np.linalg.inv(reconstruction.torque_covariance)
+        self._inverse = config.method == "inverse"
+
+    def values(self, q: ArrayLike) -> Array:
+        """The measure (...) at q (..., n), N."""
+        return self.values_and_gradients(q)[0]
+
+    def values_and_gradients(self, q: ArrayLike) -> tuple[Array, Array]:
+        """The measure (...), N, and its gradient (..., n) at q (..., n)."""
+        rows = _rows(self._chain, q)
+        values, gradients = np.empty(len(rows)), np.empty(rows.shape)
+        run = _force_sd_rows if len(rows) < _PARALLEL_FROM else _force_sd_batch
+        run(
+            self._chain.table,
+            self._reconstruction.table,
+            self._reconstruction.torque_covariance,
+            self._precision,
+            self._inverse,
+            self._reconstruction.scratch(),
+            rows,
+            values,
+            gradients,
+        )
+        shape = np.shape(q)
+        return values.reshape(shape[:-1]), gradients.reshape(shape)
+
+
+@dataclass(frozen=True)
+class PathMeasure:
+    """The mean of a posture's measure over the postures of a path (eq. 27, over k + 1 points)."""
+
+    posture: PostureMeasure
+
+    def value(self, q: Array) -> float:
+        """Mean over q (k + 1, n)."""
+        return float(np.mean(self.posture.values(q)))
+
+    def value_and_gradient(self, q: Array) -> tuple[float, Array]:
+        """Mean over q (k + 1, n), and its gradient (k + 1, n)."""
+        values, gradients = self.posture.values_and_gradients(q)
+        return float(np.mean(values)), gradients / len(q)
+
+
+def check_joints(chain: SerialChain) -> None:
+    """Raises InputError for an arm of fewer than six joints."""
+    if chain.num_joints < 6:
+        raise InputError(
+            "robot",
+            "",
+            f"{chain.num_joints} joints cannot hold position and orientation of the tool",
+            "an arm of six joints or more is needed",
+        )
+
+
+def _rows(chain: SerialChain, q: ArrayLike) -> Array:
+    array = np.asarray(q, dtype=np.float64)
+    if array.ndim == 0 or array.shape[-1] != chain.num_joints:
+        raise ValueError(f"expected q of shape (..., {chain.num_joints}), got {array.shape}")
+    return np.ascontiguousarray(array).reshape(-1, chain.num_joints)
+
+
+@njit(cache=True, error_model="numpy")
+def _contract(J, G, gradient):  # type: ignore[no-untyped-def]
+    """gradient_j = sum_i G_i . dJ_i/dq_j; J and G (6, n)."""
+    n = J.shape[1]
+    for j in range(n):
+        gradient[j] = 0.0
+    for i in range(n):
+        wx, wy, wz, vx, vy, vz = J[0, i], J[1, i], J[2, i], J[3, i], J[4, i], J[5, i]
+        ax, ay, az, bx, by, bz = G[0, i], G[1, i], G[2, i], G[3, i], G[4, i], G[5, i]
+        # a.(w_j x w) + b.(w_j x v) = w_j.(w x a + v x b)
+        cx = (wy * az - wz * ay) + (vy * bz - vz * by)
+        cy = (wz * ax - wx * az) + (vz * bx - vx * bz)
+        cz = (wx * ay - wy * ax) + (vx * by - vy * bx)
+        for j in range(i + 1):
+            gradient[j] += J[0, j] * cx + J[1, j] * cy + J[2, j] * cz
+        # b.(w x v_j) = v_j.(b x w)
+        cx = by * wz - bz * wy
+        cy = bz * wx - bx * wz
+        cz = bx * wy - by * wx
+        for j in range(i + 1, n):
+            gradient[j] += J[3, j] * cx + J[4, j] * cy + J[5, j] * cz
+
+
+@njit(cache=True, error_model="numpy")
+def _condition_number_gradient(J, B, Q, G, gradient):  # type: ignore[no-untyped-def]
+    """Condition number of J (6, n), n >= 6, and gradient (n,); B, G (6, n) and Q (6, 6) scratch."""
+    n = J.shape[1]
+    orthogonalise_rows(J, B, Q)
+    first, last = 0, 0
+    largest, smallest = -1.0, math.inf
+    for m in range(6):
+        total = 0.0
+        for k in range(n):
+            total += B[m, k] * B[m, k]
+        if total > largest:
+            first, largest = m, total
+        if total < smallest:
+            last, smallest = m, total
+    value = math.sqrt(largest / smallest) if smallest > 0.0 else math.inf
+    if not value < _UNREADABLE:
+        for j in range(n):
+            gradient[j] = 0.0
+        return _UNREADABLE
+    # u_m = Q[m], v_m = B[m] / sigma_m: d JCN / JCN = d sigma_1 / sigma_1 - d sigma_6 / sigma_6.
+    for i in range(6):
+        for k in range(n):
+            G[i, k] = value * (
+                Q[first, i] * B[first, k] / largest - Q[last, i] * B[last, k] / smallest
+            )
+    _contract(J, G, gradient)
+    return value
+
+
+@njit(cache=True, error_model="numpy")
+def _condition_number_rows(table, q, values, gradients):  # type: ignore[no-untyped-def]
+    n = q.shape[1]
+    scratch = np.empty((n, SCRATCH_COLUMNS))
+    J, B, G = np.empty((6, n)), np.empty((6, n)), np.empty((6, n))
+    Q, R_WE, p_WE = np.empty((6, 6)), np.empty((3, 3)), np.empty(3)
+    for k in range(q.shape[0]):
+        pose_and_jacobian(table, q[k], R_WE, p_WE, J, scratch)
+        values[k] = _condition_number_gradient(J, B, Q, G, gradients[k])
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def _condition_number_batch(table, q, values, gradients):  # type: ignore[no-untyped-def]
+    for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
+        rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
+        _condition_number_rows(table, q[rows], values[rows], gradients[rows])
+
+
+@njit(cache=True, error_model="numpy")
+def _posterior_trace(settings, precision, J, G, unused, work):  # type: ignore[no-untyped-def]
+    """Trace of the force block of Sigma_F of the Gaussian posterior, and its G (6, n)."""
+    n = J.shape[1]
+    wrench, covariance, quality, tau = unused
+    reconstruct(settings, J, tau, wrench, covariance, quality, work)
+    # Sigma_F E Sigma_F J Sigma_tau^-1, from the right.
+    for i in range(6):
+        for k in range(n):
+            total = 0.0
+            for j in range(n):
+                total += J[i, j] * precision[j, k]
+            work[i, k] = total
+    for i in range(6):
+        for k in range(n):
+            total = 0.0
+            for j in range(6):
+                total += covariance[i, j] * work[j, k]
+            work[6 + i, k] = total
+    for i in range(6):
+        for k in range(n):
+            total = 0.0
+            for j in range(3, 6):
+                total += covariance[i, j] * work[6 + j, k]
+            G[i, k] = -2.0 * total
+    return covariance[3, 3] + covariance[4, 4] + covariance[5, 5]
+
+
+@njit(cache=True, error_model="numpy")
+def _inverse_trace(covariance_tau, J, G, B, Q):  # type: ignore[no-untyped-def]
+    """The same for the plain inverse."""
+    n = J.shape[1]
+    orthogonalise_rows(J, B, Q)
+    M, H = np.zeros((6, 6)), np.zeros((6, n))
+    projector = np.zeros((n, n))
+    for m in range(6):
+        square = 0.0
+        for k in range(n):
+            square += B[m, k] * B[m, k]
+        if not square > 0.0:
+            G[:] = 0.0
+            return math.inf
+        for i in range(6):
+            weight = Q[m, i] / square
+            for j in range(6):
+                M[i, j] += weight * Q[m, j]
+            for k in range(n):
+                H[i, k] += weight * B[m, k]
+        for i in range(n):
+            for k in range(n):
+                projector[i, k] += B[m, i] * B[m, k] / square
+    noise = np.zeros((6, n))  # H Sigma_tau
+    for i in range(6):
+        for k in range(n):
+            for j in range(n):
+                noise[i, k] += H[i, j] * covariance_tau[j, k]
+    trace = 0.0
+    for i in range(6):
+        for k in range(n):
+            G[i, k] = 0.0
+    for i in range(6):
+        for m in range(3, 6):
+            spread = 0.0  # Sigma_F
+            for k in range(n):
+                spread += noise[i, k] * H[m, k]
+            if i == m:
+                trace += spread
+            for k in range(n):
+                rest = noise[m, k]
+                for j in range(n):
+                    rest -= noise[m, j] * projector[j, k]
+                G[i, k] += 2.0 * (M[i, m] * rest - spread * H[m, k])
+    return trace
+
+
+@njit(cache=True, error_model="numpy")
+def _force_sd_rows(  # type: ignore[no-untyped-def]
+    table, settings, covariance_tau, precision, inverse, scratch_like, q, values, gradients
+):
+    n = q.shape[1]
+    scratch = np.empty((n, SCRATCH_COLUMNS))
+    J, B, G = np.empty((6, n)), np.empty((6, n)), np.empty((6, n))
+    Q, R_WE, p_WE = np.empty((6, 6)), np.empty((3, 3)), np.empty(3)
+    unused = (np.empty(6), np.empty((6, 6)), np.empty(2), np.zeros(n))
+    work = np.zeros_like(scratch_like)
+    for k in range(q.shape[0]):
+        pose_and_jacobian(table, q[k], R_WE, p_WE, J, scratch)
+        if inverse:
+            trace = _inverse_trace(covariance_tau, J, G, B, Q)
+        else:
+            trace = _posterior_trace(settings, precision, J, G, unused, work)
+        _contract(J, G, gradients[k])
+        value = math.sqrt(trace)
+        values[k] = min(value, _UNREADABLE)
+        for j in range(n):
+            gradients[k, j] = gradients[k, j] / (2.0 * value) if value < _UNREADABLE else 0.0
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def _force_sd_batch(  # type: ignore[no-untyped-def]
+    table, settings, covariance_tau, precision, inverse, scratch_like, q, values, gradients
+):
+    for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
+        rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
+        _force_sd_rows(
+            table,
+            settings,
+            covariance_tau,
+            precision,
+            inverse,
+            scratch_like,
+            q[rows],
+            values[rows],
+            gradients[rows],
+        )

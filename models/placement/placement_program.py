@@ -1,0 +1,463 @@
+"""The placement of a straight path as a MathematicalProgram (Lu et al., eqs. 23-27).
+
+Decision variables are the joint positions q_0..q_k, the path's direction n and midpoint m, and one
+rotation of the tool as a unit quaternion Q; its angle-axis form is the article's theta r.
+
+    minimise    mean_i measure(q_i)
+    subject to  p_WE(q_i) = m + (i/k - 1/2) a n,  R_WE(q_i) = R(Q)          i = 0..k
+                lower + margin <= q_i <= upper - margin,  |q_i+1 - q_i| <= max_joint_step
+                |n| = 1,  |Q| = 1,  m in the box,  theta_min <= theta <= theta_max
+                n . z_E = 0 where the path lies in a surface,  z_E in a cone and clearance where
+                they are asked for
+
+All gradients are closed forms, computed by one kernel call for all points and handed to the solver
+as AutoDiffXd with their sparsity.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
+from pydrake.solvers import IpoptSolver, MathematicalProgram, SnoptSolver, SolverOptions
+
+from models.motion.path_postures import quaternion_of
+from models.motion.posture_measures import PathMeasure
+from models.rigid_body.serial_chain import SCRATCH_COLUMNS, SerialChain, pose_and_jacobian
+
+Array = NDArray[np.float64]
+
+SOLVERS = ("snopt", "ipopt")
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A path in its place, and the postures along it.
+
+    Attributes:
+        q: (k + 1, n) joint positions at the path's points.
+        n_W: (3,) unit direction.
+        p_WM: (3,) midpoint, m.
+        quaternion: (4,) orientation of E in W: w, x, y, z; unit.
+    """
+
+    q: Array
+    n_W: Array
+    p_WM: Array
+    quaternion: Array
+
+    @property
+    def R_WE(self) -> Array:
+        """(3, 3) orientation of E in W."""
+        return rotation_of(self.quaternion)
+
+
+@dataclass(frozen=True)
+class PlacementBounds:
+    """What a placement must keep.
+
+    Attributes:
+        q_lower, q_upper: (n,) joint limits, margin already taken off.
+        p_lower, p_upper: (3,) box of the midpoint in W, m.
+        angle_lower, angle_upper: of the tool's rotation from W, within [0, pi] rad.
+        max_joint_step: rad or m, from one point to the next.
+        in_surface: whether the path is perpendicular to the tool's z axis.
+        tool_direction: (3,) unit, in W; None where the tool may point anywhere.
+        tool_tilt: rad, largest angle of the tool's z axis from there.
+    """
+
+    q_lower: Array
+    q_upper: Array
+    p_lower: Array
+    p_upper: Array
+    angle_lower: float = 0.0
+    angle_upper: float = math.pi
+    max_joint_step: float = 1.0
+    in_surface: bool = False
+    tool_direction: Array | None = None
+    tool_tilt: float = math.pi
+
+    def w_range(self) -> tuple[float, float]:
+        """The range of the quaternion's w that the angle's range means; both signs where it can."""
+        low = math.cos(0.5 * self.angle_lower)
+        # Q and -Q are one rotation: only an upper end of the angle needs w to have a sign.
+        return (-low if self.angle_upper >= math.pi else math.cos(0.5 * self.angle_upper)), low
+
+    def violation(self, placement: Placement) -> float:
+        """The largest violation, rad and m; zero within the bounds."""
+        q, p = placement.q, placement.p_WM
+        w = abs(float(placement.quaternion[0])) / float(np.linalg.norm(placement.quaternion))
+        angle = 2.0 * math.acos(min(1.0, w))
+        parts = [
+            np.max(self.q_lower - q),
+            np.max(q - self.q_upper),
+            np.max(self.p_lower - p),
+            np.max(p - self.p_upper),
+            self.angle_lower - angle,
+            angle - self.angle_upper,
+            np.max(np.abs(np.diff(q, axis=0))) - self.max_joint_step,
+        ]
+        if self.in_surface:
+            parts.append(abs(float(placement.n_W @ placement.R_WE[:, 2])))
+        if self.tool_direction is not None:
+            tilt = math.acos(np.clip(placement.R_WE[:, 2] @ self.tool_direction, -1.0, 1.0))
+            parts.append(tilt - self.tool_tilt)
+        return max(0.0, *(float(part) for part in parts))
+
+
+class Clearance(Protocol):
+    """Distances along a placement, for the program."""
+
+    def margins(self, q: Array, n_W: Array, p_WM: Array, quaternion: Array) -> Array:
+        """(k + 1,) smooth margins, 0 or more where the clearance is kept."""
+
+    def margins_and_gradients(
+        self, q: Array, n_W: Array, p_WM: Array, quaternion: Array
+    ) -> tuple[Array, Array]:
+        """Margins (k + 1,) and gradients (k + 1, n + 10) by q_i, n_W, p_WM, quaternion."""
+
+    def deficit(self, q: Array, n_W: Array, p_WM: Array, quaternion: Array) -> float:
+        """By how much the worst of postures q (N, n) misses the distance to keep, m; or 0."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What a solver made of one start.
+
+    Attributes:
+        placement: its last; direction and quaternion made unit.
+        cost: of the measure there.
+        converged: whether the solver says that it is an optimum.
+        status: in the solver's words.
+        evaluations: of cost and gradient.
+    """
+
+    placement: Placement
+    cost: float
+    converged: bool
+    status: str
+    evaluations: int
+
+
+class PlacementProgram:
+    """The program for one arm, one measure and one set of bounds; solved from any start.
+
+    Args:
+        chain: the arm.
+        measure: the cost.
+        bounds: as stated.
+        path_length: a, m.
+        num_segments: k.
+        clearance: distances to keep, if any.
+    """
+
+    def __init__(
+        self,
+        chain: SerialChain,
+        measure: PathMeasure,
+        bounds: PlacementBounds,
+        path_length: float,
+        num_segments: int,
+        clearance: Clearance | None = None,
+    ) -> None:
+        self.chain, self.measure, self.bounds = chain, measure, bounds
+        self.path_length, self.num_segments = path_length, num_segments
+        self._clearance = clearance
+        self._evaluations = 0
+        self.program, self._x = self._build()
+        self._order = self.program.FindDecisionVariableIndices(self._x)
+
+    def _build(self) -> tuple[Any, NDArray[np.object_]]:
+        k, n, bounds = self.num_segments, self.chain.num_joints, self.bounds
+        program = MathematicalProgram()
+        q = program.NewContinuousVariables(k + 1, n, "q")
+        n_W = program.NewContinuousVariables(3, "n")
+        p_WM = program.NewContinuousVariables(3, "m")
+        Q = program.NewContinuousVariables(4, "Q")
+        x = np.concatenate([q.ravel(), n_W, p_WM, Q])
+        poses = program.AddConstraint(
+            self._pose_errors, np.zeros(6 * (k + 1)), np.zeros(6 * (k + 1)), x
+        )
+        poses.evaluator().SetGradientSparsityPattern(self._pose_sparsity())
+        for i in range(k + 1):
+            program.AddBoundingBoxConstraint(bounds.q_lower, bounds.q_upper, q[i])
+        step = np.full(n, bounds.max_joint_step)
+        difference = np.hstack([-np.eye(n), np.eye(n)])
+        for i in range(k):
+            program.AddLinearConstraint(difference, -step, step, np.concatenate([q[i], q[i + 1]]))
+        program.AddBoundingBoxConstraint(bounds.p_lower, bounds.p_upper, p_WM)
+        low, high = bounds.w_range()
+        program.AddBoundingBoxConstraint(low, high, Q[:1])
+        for unit in (n_W, Q):
+            size = len(unit)
+            program.AddQuadraticConstraint(2.0 * np.eye(size), np.zeros(size), 1.0, 1.0, unit)
+        if bounds.in_surface:
+            program.AddConstraint(
+                self._off_surface, np.zeros(1), np.zeros(1), np.concatenate([n_W, Q])
+            )
+        if bounds.tool_direction is not None:
+            low = math.cos(bounds.tool_tilt)
+            program.AddConstraint(self._uprightness, np.array([low]), np.array([np.inf]), Q)
+        if self._clearance is not None:
+            clear = program.AddConstraint(self._margins, np.zeros(k + 1), np.full(k + 1, np.inf), x)
+            clear.evaluator().SetGradientSparsityPattern(
+                [
+                    (i, column)
+                    for i in range(k + 1)
+                    for column in (
+                        *range(i * n, (i + 1) * n),
+                        *range((k + 1) * n, (k + 1) * n + 10),
+                    )
+                ]
+            )
+        program.AddCost(self._cost, vars=q.ravel())
+        return program, x
+
+    def pack(self, placement: Placement) -> Array:
+        """The decision variables of a placement."""
+        return np.concatenate(
+            [placement.q.ravel(), placement.n_W, placement.p_WM, placement.quaternion]
+        )
+
+    def unpack(self, x: Array) -> Placement:
+        """The placement that decision variables state, direction and quaternion made unit."""
+        q, n_W, p_WM, Q = self._split(x)
+        return Placement(q.copy(), n_W / np.linalg.norm(n_W), p_WM.copy(), Q / np.linalg.norm(Q))
+
+    def pose_errors(self, x: Array) -> tuple[Array, Array]:
+        """The pose constraints (6 (k + 1),), m and rad, and their gradient (6 (k + 1), len(x))."""
+        errors = np.empty(6 * (self.num_segments + 1))
+        gradient = np.zeros((len(errors), len(x)))
+        q, n_W, p_WM, Q = self._split(np.asarray(x, dtype=np.float64))
+        _pose_constraints(self.chain.table, q, n_W, p_WM, Q, self.path_length, errors, gradient)
+        return errors, gradient
+
+    def violation(self, placement: Placement) -> float:
+        """The largest violation of a constraint, rad and m; the clearance's among them."""
+        errors, _ = self.pose_errors(self.pack(placement))
+        worst = max(self.bounds.violation(placement), float(np.max(np.abs(errors))))
+        if self._clearance is not None:
+            worst = max(worst, self._clearance.deficit(*self._split(self.pack(placement))))
+        return worst
+
+    def violation_between(self, fine: Placement) -> float:
+        """The largest violation of joint limits and clearance at points in between, rad and m.
+
+        A clearance that is not kept counts as a whole metre: between the points it has a pad.
+        """
+        bounds = self.bounds
+        over = max(np.max(bounds.q_lower - fine.q), np.max(fine.q - bounds.q_upper), 0.0)
+        if self._clearance is not None:
+            deficit = self._clearance.deficit(fine.q, fine.n_W, fine.p_WM, fine.quaternion)
+            over += 1.0 if deficit > 0.0 else 0.0
+        return float(over)
+
+    def solve(
+        self,
+        start: Placement,
+        solver: str = "snopt",
+        options: dict[str, Any] | None = None,
+    ) -> Solution:
+        """Solves from one start.
+
+        Args:
+            start: need not keep the constraints.
+            solver: one of SOLVERS.
+            options: of the solver, over the program's own.
+        """
+        self._evaluations = 0
+        settings = SolverOptions()
+        if solver == "snopt":
+            engine: Any = SnoptSolver()
+            chosen: dict[str, Any] = {
+                "Major feasibility tolerance": 1e-9,
+                "Major optimality tolerance": 2e-5,
+                "Major iterations limit": 250,
+                "Iterations limit": 20000,
+            }
+        else:
+            engine = IpoptSolver()
+            chosen = {
+                "tol": 1e-6,
+                "constr_viol_tol": 1e-9,
+                "max_iter": 300,
+                "hessian_approximation": "limited-memory",
+                "print_level": 0,
+            }
+        for name, value in {**chosen, **(options or {})}.items():
+            settings.SetOption(engine.solver_id(), name, value)
+        guess = np.empty(len(self._x))
+        guess[self._order] = self.pack(start)  # Drake numbers matrices column by column
+        try:
+            result = engine.Solve(self.program, guess, settings)
+        except RuntimeError as error:
+            if "KeyboardInterrupt" in str(error):  # raised in a callback, wrapped by the solver
+                raise KeyboardInterrupt from error
+            raise
+        x = np.asarray(result.GetSolution(self._x), dtype=np.float64)
+        if not np.all(np.isfinite(x)):
+            x = self.pack(start)
+        placement = self.unpack(x)
+        details = result.get_solver_details()
+        code = getattr(details, "info", getattr(details, "status", ""))
+        return Solution(
+            placement=placement,
+            cost=self.measure.value(placement.q),
+            converged=bool(result.is_success()),
+            status=f"{solver} {code}",
+            evaluations=self._evaluations,
+        )
+
+    def _split(self, x: Array) -> tuple[Array, Array, Array, Array]:
+        count = (self.num_segments + 1) * self.chain.num_joints
+        q = x[:count].reshape(self.num_segments + 1, self.chain.num_joints)
+        return q, x[count : count + 3], x[count + 3 : count + 6], x[count + 6 :]
+
+    def _pose_sparsity(self) -> list[tuple[int, int]]:
+        k, n = self.num_segments, self.chain.num_joints
+        shared = (k + 1) * n
+        pattern = []
+        for i in range(k + 1):
+            own = range(i * n, (i + 1) * n)
+            for axis in range(3):
+                pattern += [(6 * i + axis, column) for column in own]
+                pattern += [(6 * i + axis, shared + 6 + c) for c in range(4)]
+                pattern += [(6 * i + 3 + axis, column) for column in own]
+                pattern += [(6 * i + 3 + axis, shared + axis)]
+                pattern += [(6 * i + 3 + axis, shared + 3 + axis)]
+        return pattern
+
+    def _pose_errors(self, x: NDArray[Any]) -> Any:
+        if x.dtype != object:
+            return self.pose_errors(x)[0]
+        return _with_gradient(x, *self.pose_errors(_values(x)))
+
+    def _cost(self, q: NDArray[Any]) -> Any:
+        k, n = self.num_segments, self.chain.num_joints
+        if q.dtype != object:
+            return self.measure.value(q.reshape(k + 1, n))
+        values = _values(q)
+        self._evaluations += 1
+        cost, gradient = self.measure.value_and_gradient(values.reshape(k + 1, n))
+        return _with_gradient(q, np.array([cost]), gradient.reshape(1, -1))[0]
+
+    def _off_surface(self, x: NDArray[Any]) -> Any:
+        values = _values(x) if x.dtype == object else x
+        n_W, Q = values[:3], values[3:]
+        z, dz = _z_axis(Q)
+        off = np.array([n_W @ z])
+        if x.dtype != object:
+            return off
+        return _with_gradient(x, off, np.concatenate([z, n_W @ dz])[np.newaxis])
+
+    def _uprightness(self, Q: NDArray[Any]) -> Any:
+        direction = self.bounds.tool_direction
+        assert direction is not None
+        z, dz = _z_axis(_values(Q) if Q.dtype == object else Q)
+        along = np.array([z @ direction])
+        if Q.dtype != object:
+            return along
+        return _with_gradient(Q, along, (direction @ dz)[np.newaxis])
+
+    def _margins(self, x: NDArray[Any]) -> Any:
+        assert self._clearance is not None
+        if x.dtype != object:
+            return self._clearance.margins(*self._split(x))
+        values = _values(x)
+        k, n = self.num_segments, self.chain.num_joints
+        margins, by_block = self._clearance.margins_and_gradients(*self._split(values))
+        gradient = np.zeros((k + 1, len(values)))
+        for i in range(k + 1):
+            gradient[i, i * n : (i + 1) * n] = by_block[i, :n]
+        gradient[:, (k + 1) * n :] = by_block[:, n:]
+        return _with_gradient(x, margins, gradient)
+
+
+def rotation_of(quaternion: Array) -> Array:
+    """(3, 3) rotation matrix of a quaternion (w, x, y, z), made unit first."""
+    w, x, y, z = quaternion / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def quaternion_from(R: Array) -> Array:
+    """Unit quaternion (w, x, y, z) of a rotation matrix, w >= 0."""
+    quaternion = np.empty(4)
+    quaternion_of(np.ascontiguousarray(R, dtype=np.float64), quaternion)
+    quaternion /= np.linalg.norm(quaternion)
+    return -quaternion if quaternion[0] < 0.0 else quaternion
+
+
+def _z_axis(Q: Array) -> tuple[Array, Array]:
+    """The z axis of R(Q), as a quadratic form in Q, and its gradient (3, 4)."""
+    w, x, y, z = Q
+    axis = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), w * w - x * x - y * y + z * z])
+    gradient = 2.0 * np.array([[y, z, w, x], [-x, -w, z, y], [w, -x, -y, z]])
+    return axis, gradient
+
+
+def _values(x: NDArray[Any]) -> Array:
+    return np.asarray(ExtractValue(x), dtype=np.float64).ravel()
+
+
+def _with_gradient(x: NDArray[Any], values: Array, gradient: Array) -> Any:
+    """Values with gradient by x as AutoDiffXd, by whatever x itself is differentiated by."""
+    seed = np.asarray(ExtractGradient(x))
+    if seed.shape[0] != seed.shape[1] or not np.array_equal(seed, np.eye(len(seed))):
+        gradient = gradient @ seed
+    return InitializeAutoDiff(values[:, np.newaxis], gradient)[:, 0]
+
+
+@njit(cache=True, error_model="numpy")
+def _pose_constraints(table, q, n_W, p_WM, Q, path_length, errors, gradient):  # type: ignore[no-untyped-def]
+    """Rows 6 i to 6 i + 2: 2 Im(conj(Q) Q_WE(q_i)); 6 i + 3 to 6 i + 5: p_WE(q_i) - p_i."""
+    count, n = q.shape
+    k = count - 1
+    shared = count * n
+    R, p, J = np.empty((3, 3)), np.empty(3), np.empty((6, n))
+    scratch = np.empty((n, SCRATCH_COLUMNS))
+    E = np.empty(4)
+    w, x, y, z = Q[0], Q[1], Q[2], Q[3]
+    for i in range(count):
+        pose_and_jacobian(table, q[i], R, p, J, scratch)
+        quaternion_of(R, E)
+        # Of the two quaternions of one rotation the nearer, so that the error is smooth.
+        if E[0] * w + E[1] * x + E[2] * y + E[3] * z < 0.0:
+            for c in range(4):
+                E[c] = -E[c]
+        a, b, c, d = E[0], E[1], E[2], E[3]
+        row = 6 * i
+        errors[row] = 2.0 * (w * b - x * a - y * d + z * c)
+        errors[row + 1] = 2.0 * (w * c + x * d - y * a - z * b)
+        errors[row + 2] = 2.0 * (w * d - x * c + y * b - z * a)
+        by_Q = gradient[row : row + 3, shared + 6 : shared + 10]
+        by_Q[0, 0], by_Q[0, 1], by_Q[0, 2], by_Q[0, 3] = 2.0 * b, -2.0 * a, -2.0 * d, 2.0 * c
+        by_Q[1, 0], by_Q[1, 1], by_Q[1, 2], by_Q[1, 3] = 2.0 * c, 2.0 * d, -2.0 * a, -2.0 * b
+        by_Q[2, 0], by_Q[2, 1], by_Q[2, 2], by_Q[2, 3] = 2.0 * d, -2.0 * c, 2.0 * b, -2.0 * a
+        along = (i / k - 0.5) * path_length
+        for r in range(3):
+            errors[row + 3 + r] = p[r] - p_WM[r] - along * n_W[r]
+            gradient[row + 3 + r, shared + r] = -along
+            gradient[row + 3 + r, shared + 3 + r] = -1.0
+        for j in range(n):
+            # dE = (0, w_j) E / 2
+            wx, wy, wz = J[0, j], J[1, j], J[2, j]
+            da = -0.5 * (wx * b + wy * c + wz * d)
+            db = 0.5 * (wx * a + wy * d - wz * c)
+            dc = 0.5 * (wy * a + wz * b - wx * d)
+            dd = 0.5 * (wz * a + wx * c - wy * b)
+            column = i * n + j
+            gradient[row, column] = 2.0 * (w * db - x * da - y * dd + z * dc)
+            gradient[row + 1, column] = 2.0 * (w * dc + x * dd - y * da - z * db)
+            gradient[row + 2, column] = 2.0 * (w * dd - x * dc + y * db - z * da)
+            gradient[row + 3, column] = J[3, j]
+            gradient[row + 4, column] = J[4, j]
+            gradient[row + 5, column] = J[5, j]

@@ -1,0 +1,1 @@
+"""Logs of robots: read, checked, resampled and written."""

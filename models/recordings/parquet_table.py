@@ -1,0 +1,143 @@
+"""Tables of numbers in Parquet files, read batch by batch with constant memory."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from models.files.files_read import about_to_read
+from models.files.input_error import InputError
+
+Array = NDArray[np.float64]
+Lines = NDArray[np.int64]
+
+_BATCH_ROWS = 1 << 16
+_MAGIC = b"PAR1"
+
+
+class ParquetTable:
+    """A Parquet file of numbers, one sample a row; rows are counted from 1.
+
+    Raises:
+        InputError: no such file, a directory, not a Parquet file or a damaged one, no rows.
+    """
+
+    row_word = "row"
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.notices: list[str] = []
+        self.progress = 0.0  # share of the file that has been read
+        file = self._opened()
+        try:
+            schema = file.schema_arrow
+            self.names: tuple[str, ...] | None = tuple(schema.names)
+            self.num_columns = len(schema.names)
+            self.num_rows = file.metadata.num_rows
+            self._types = schema.types
+        finally:
+            file.close()
+        if self.num_rows == 0:
+            raise InputError(path, "", "has no rows", "record the log again")
+
+    def blocks(
+        self, columns: list[int], rows: tuple[int, int] | None = None
+    ) -> Iterator[tuple[Array, Lines]]:
+        """Reads the columns of the given numbers (0-based), batch by batch.
+
+        Args:
+            rows: first and last row, counted from 1.
+
+        Yields:
+            (N, k) values, all finite, and (N,) their rows.
+
+        Raises:
+            InputError: a column holds no numbers, a value is missing or not finite, or the file
+                is damaged or ends before the last row.
+        """
+        assert self.names is not None
+        names = [self.names[k] for k in columns]
+        for column in columns:
+            self._check_type(column)
+        first, last = rows or (1, self.num_rows)
+        if last > self.num_rows:
+            raise InputError(
+                self.path,
+                "",
+                f"has {self.num_rows} rows, but rows {first} to {last} are wanted",
+                "correct the rows in the description",
+            )
+        file = self._opened()
+        begin = 1
+        try:
+            for batch in file.iter_batches(batch_size=_BATCH_ROWS, columns=names):
+                end = begin + batch.num_rows
+                self.progress = (end - 1) / self.num_rows
+                if begin > last:
+                    break
+                if end > first:
+                    start, stop = max(first - begin, 0), min(last + 1 - begin, batch.num_rows)
+                    yield self._values(batch.slice(start, stop - start), names, begin + start)
+                begin = end
+        except (pa.ArrowException, OSError) as error:
+            raise InputError(
+                self.path, f"near row {begin}", f"is damaged ({error})", "write the file again"
+            ) from error
+        finally:
+            file.close()
+
+    def _values(self, batch: pa.RecordBatch, names: list[str], row: int) -> tuple[Array, Lines]:
+        values = np.empty((batch.num_rows, len(names)))
+        for k, name in enumerate(names):
+            column = batch.column(name)
+            if pa.types.is_timestamp(column.type):
+                column = column.cast(pa.timestamp("ns")).cast(pa.int64())
+                values[:, k] = column.to_numpy(zero_copy_only=False) * 1e-9
+            else:
+                column = column.cast(pa.float64(), safe=False)
+                values[:, k] = column.to_numpy(zero_copy_only=False)
+        if not np.isfinite(values).all():
+            i, k = (int(index[0]) for index in np.nonzero(~np.isfinite(values)))
+            raise InputError(
+                self.path,
+                f"row {row + i}, column {names[k]}",
+                "is empty or not finite, expected a number",
+                "correct or remove the row; a short gap is bridged",
+            )
+        return values, np.arange(row, row + batch.num_rows)
+
+    def _check_type(self, column: int) -> None:
+        assert self.names is not None
+        kind = self._types[column]
+        numeric = (pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean)
+        if not any(check(kind) for check in (*numeric, pa.types.is_timestamp)):
+            raise InputError(
+                self.path,
+                f"column {self.names[column]}",
+                f"holds {kind}, expected numbers",
+                "write one numeric column per joint",
+            )
+
+    def _opened(self) -> pq.ParquetFile:
+        path = self.path
+        if path.is_dir():
+            raise InputError(path, "", "is a directory, expected a log", "name a file in it")
+        about_to_read(path)
+        try:
+            with path.open("rb") as raw:
+                head = raw.read(4)
+            if not head:
+                raise InputError(path, "", "is empty", "record the log again")
+            if head != _MAGIC:
+                raise InputError(path, "", "is no Parquet file", "name a CSV file .csv")
+            # Without read-ahead and memory mapping the memory stays that of some pages.
+            return pq.ParquetFile(path, buffer_size=1 << 20, pre_buffer=False, memory_map=False)
+        except FileNotFoundError as error:
+            raise InputError(path, "", "no such file", "check the path") from error
+        except (pa.ArrowException, OSError) as error:
+            raise InputError(
+                path, "", f"is a damaged Parquet file ({error})", "write the file again"
+            ) from error

@@ -1,0 +1,331 @@
+"""Whether a recording can come from the robot that it is said to come from.
+
+A log in degrees, in milliamperes or with a turned sign is a list of good numbers: only the robot
+knows better. Limits and jumps are held against every sample. Velocity against position, and
+current against gravity, are held against sums over the log so far, so that friction, noise and
+delay do not matter.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.files.input_error import InputError
+from models.recordings.recording import Recording, concatenated
+from models.recordings.recording_format import ColumnLayout
+from models.recordings.resampling import place_of
+
+if TYPE_CHECKING:
+    from models.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+_DEGREE = np.pi / 180
+_LIMIT_MARGIN = 0.2  # rad or m beyond a position limit: logs exceed soft limits a little
+_CERTAINLY_DEGREES = 4 * np.pi  # rad; no joint turns twice about itself
+_SPEED_MARGIN = 2.0  # times the velocity limit
+_FASTEST = 20.0  # rad/s or m/s, where the robot states no limit
+_JUMP_MARGIN = 0.1  # rad or m beyond what twice the velocity limit allows
+_TORQUE_MARGIN = 3.0  # times the effort limit, for the median
+_WINDOW_S = 0.1  # over which v is integrated and compared with the change of q
+_LEAST_MOTION = 2e-3  # rad or m in a window: noise of an encoder at rest stays below
+_LEAST_WINDOWS = 10
+_LEAST_CORRELATION = 0.7  # measured on real logs: 0.99; a delay of 30 ms at 3 Hz gives 0.84
+_VELOCITY_RATIO = (0.8, 1.25)
+_SLOW = 0.25  # of the velocity limit, all joints: gravity prevails over dynamics
+_GRAVITY_SHARE = 0.03  # of the effort limit: below, friction hides gravity
+_LEAST_GRAVITY = 1.0  # N m
+_OPPOSED = -0.5  # cosine between motor and gravity torque; on real logs at least +0.5
+_AGREEING = 0.7
+_GRAVITY_SAMPLES = 500  # of a chunk
+_LEAST_GRAVITY_SAMPLES = 50
+_SCALES = (
+    (1 / _DEGREE, "the positions look like degrees: set position: {unit: deg}"),
+    (_DEGREE, "the velocities look like degrees per second: set velocity: {unit: deg/s}"),
+    (1e3, "positions and velocities do not share a unit (mm and m?)"),
+    (1e-3, "positions and velocities do not share a unit (m/s and mm/s?)"),
+    (-1.0, "the velocity has the opposite sign: set gain: [-1] for one of them"),
+    (2 * np.pi / 60, "the velocities look like revolutions per minute: set unit: rpm"),
+)
+
+
+@dataclass
+class _Sums:
+    """Sums of x x, x y, y y per joint, and how many."""
+
+    xx: Array
+    xy: Array
+    yy: Array
+    count: NDArray[np.int64]
+
+    @classmethod
+    def zero(cls, size: int) -> "_Sums":
+        return cls(np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(size, np.int64))
+
+    def add(self, x: Array, y: Array, which: NDArray[np.bool_]) -> None:
+        """Adds (N, n) samples where `which` is set."""
+        self.xx += np.sum(np.where(which, x * x, 0.0), axis=0)
+        self.xy += np.sum(np.where(which, x * y, 0.0), axis=0)
+        self.yy += np.sum(np.where(which, y * y, 0.0), axis=0)
+        self.count += np.sum(which, axis=0)
+
+    def cosine(self) -> Array:
+        scale = np.sqrt(self.xx * self.yy)
+        return np.divide(self.xy, scale, out=np.zeros_like(scale), where=scale > 0)
+
+    def ratio(self) -> Array:
+        """y over x, least squares."""
+        return np.divide(self.xy, self.xx, out=np.zeros_like(self.xx), where=self.xx > 0)
+
+
+class RecordingChecks:
+    """Holds successive chunks of a recording against its robot.
+
+    Args:
+        robot: limits, drives, gravity torque.
+        layout: of the log, for the names of columns in error lines; None for signals in memory.
+    """
+
+    def __init__(self, robot: "Robot", layout: ColumnLayout | None = None) -> None:
+        self._robot = robot
+        self._layout = layout
+        self._last: Recording | None = None  # one sample
+        self._motion = _Sums.zero(robot.num_joints)  # x: integral of v; y: change of q
+        self._gravity = _Sums.zero(robot.num_joints)  # x: gravity torque; y: motor torque
+
+    def feed(self, chunk: Recording) -> None:
+        """Checks the next chunk.
+
+        Raises:
+            InputError: a sample, or the log so far, is implausible.
+        """
+        part = chunk
+        if self._last is not None:
+            part = concatenated([self._last, chunk])
+        self._last = part[-1:]
+        self._check_positions(chunk)
+        self._check_speeds(chunk)
+        self._check_jumps(part)
+        self._check_currents(chunk)
+        self._add_motion(part)
+        self._judge_motion(chunk)
+        self._add_gravity(chunk)
+        self._judge_gravity(chunk)
+
+    def _check_positions(self, chunk: Recording) -> None:
+        lower, upper = self._robot.position_lower, self._robot.position_upper
+        excess = np.maximum(chunk.q - upper, lower - chunk.q)
+        k, j = _first(excess > _LIMIT_MARGIN)
+        if k < 0:
+            return
+        value = chunk.q[k, j]
+        revolute = not self._is_prismatic(j)
+        remedy = "check the column, its unit and its offset, and that the log is of this robot"
+        if revolute and np.max(np.abs(chunk.q)) > _CERTAINLY_DEGREES:
+            remedy = "if these are degrees, set position: {unit: deg} in a description"
+        unit = "rad" if revolute else "m"
+        raise self._error(
+            chunk,
+            k,
+            "q",
+            j,
+            f"q is {value:.6g} {unit}, expected {lower[j]:.4g} to {upper[j]:.4g} {unit}",
+            remedy,
+        )
+
+    def _check_speeds(self, chunk: Recording) -> None:
+        limit = self._robot.velocity_limit
+        k, j = _first(np.abs(chunk.v) > _SPEED_MARGIN * limit)
+        if k < 0:
+            return
+        value = chunk.v[k, j]
+        unit = "m/s" if self._is_prismatic(j) else "rad/s"
+        remedy = "check the column and its unit"
+        if not self._is_prismatic(j):
+            remedy = "if these are degrees per second, set velocity: {unit: deg/s} in a description"
+        raise self._error(
+            chunk,
+            k,
+            "v",
+            j,
+            f"v is {value:.6g} {unit}, but the joint reaches {limit[j]:.4g} {unit}",
+            remedy,
+        )
+
+    def _check_jumps(self, part: Recording) -> None:
+        jump = np.diff(part.q, axis=0)
+        fastest = np.minimum(self._robot.velocity_limit, _FASTEST)
+        reach = _SPEED_MARGIN * fastest * np.diff(part.t)[:, None]
+        k, j = _first(np.abs(jump) > reach + _JUMP_MARGIN)
+        if k < 0:
+            return
+        remedy = "correct or remove the row"
+        if abs(abs(jump[k, j]) - 2 * np.pi) < 0.5 and not self._is_prismatic(j):
+            remedy = "the angle is wrapped: unwrap it before"
+        elif abs(abs(jump[k, j]) - 360) < 30:
+            remedy = "the angle is wrapped, in degrees: unwrap it and set unit: deg"
+        raise self._error(
+            part,
+            k + 1,
+            "q",
+            j,
+            f"q jumps by {jump[k, j]:.4g} in {part.t[k + 1] - part.t[k]:.4g} s",
+            remedy,
+        )
+
+    def _check_currents(self, chunk: Recording) -> None:
+        if not chunk.num_samples:
+            return
+        torque = np.median(np.abs(chunk.current), axis=0) * self._robot.torque_per_ampere
+        limit = self._robot.effort_limit
+        wrong = np.flatnonzero(torque > _TORQUE_MARGIN * limit)
+        if not len(wrong):
+            return
+        j = int(wrong[0])
+        remedy = "check the column, its unit and the robot's torque_per_ampere"
+        if torque[j] / 1000 < limit[j]:
+            remedy = "if these are milliamperes, set current: {unit: mA} in a description"
+        raise self._error(
+            chunk,
+            None,
+            "current",
+            j,
+            f"the median torque would be {torque[j]:.4g} N m, but the joint has {limit[j]:.4g} N m",
+            remedy,
+        )
+
+    def _add_motion(self, part: Recording) -> None:
+        steps = np.diff(part.t)
+        if len(steps) < 2:
+            return
+        window = max(1, round(_WINDOW_S / max(float(np.median(steps)), 1e-9)))
+        ends = np.arange(0, part.num_samples, window)
+        way = np.zeros_like(part.q)
+        np.cumsum(0.5 * (part.v[1:] + part.v[:-1]) * steps[:, None], axis=0, out=way[1:])
+        # A window that holds a gap says nothing about v.
+        whole = np.diff(part.t[ends]) < 2 * window * float(np.median(steps))
+        way, change = np.diff(way[ends], axis=0), np.diff(part.q[ends], axis=0)
+        moving = np.maximum(np.abs(way), np.abs(change)) > _LEAST_MOTION
+        self._motion.add(way, change, moving & whole[:, None])
+
+    def _judge_motion(self, chunk: Recording) -> None:
+        cosine, ratio = self._motion.cosine(), self._motion.ratio()
+        low, high = _VELOCITY_RATIO
+        for j in np.flatnonzero(self._motion.count >= _LEAST_WINDOWS):
+            if cosine[j] >= _LEAST_CORRELATION and low <= ratio[j] <= high:
+                continue
+            if self._motion.xx[j] < 1e-8 * self._motion.yy[j]:
+                problem, remedy = (
+                    "v stands still while q moves",
+                    "log the velocity, or give its column",
+                )
+            elif self._motion.yy[j] < 1e-8 * self._motion.xx[j]:
+                problem, remedy = (
+                    "q stands still while v moves",
+                    "log the position, or give its column",
+                )
+            elif abs(cosine[j]) < _LEAST_CORRELATION:
+                problem = f"v does not follow dq/dt (correlation {cosine[j]:.2f})"
+                remedy = "check that q and v name the joints in one order"
+            else:
+                problem = f"dq/dt is {ratio[j]:.4g} times v, expected 1"
+                fits = [text for scale, text in _SCALES if abs(ratio[j] / scale - 1) < 0.2]
+                remedy = fits[0] if fits else "check the units of q, v and t"
+            raise self._error(chunk, None, "v", int(j), problem, remedy)
+
+    def _add_gravity(self, chunk: Recording) -> None:
+        slow = np.all(np.abs(chunk.v) < _SLOW * self._robot.velocity_limit, axis=1)
+        chosen = np.flatnonzero(slow)
+        chosen = chosen[:: max(1, len(chosen) // _GRAVITY_SAMPLES)]
+        if not len(chosen):
+            return
+        q = np.ascontiguousarray(chunk.q[chosen])
+        torque = chunk.current[chosen] * self._robot.current_sign * self._robot.torque_per_ampere
+        gravity = self._robot.chain.gravity_torque(q)
+        self._gravity.add(gravity, torque, np.ones_like(torque, dtype=np.bool_))
+
+    def _judge_gravity(self, chunk: Recording) -> None:
+        sums = self._gravity
+        if sums.count[0] < _LEAST_GRAVITY_SAMPLES:
+            return
+        limit = self._robot.effort_limit
+        least = np.where(np.isfinite(limit), _GRAVITY_SHARE * limit, 0.0)
+        loaded = np.sqrt(sums.xx / sums.count) > np.maximum(least, _LEAST_GRAVITY)
+        cosine, ratio = sums.cosine(), sums.ratio()
+        wrong = np.flatnonzero(loaded & (cosine < _OPPOSED))
+        if len(wrong):
+            names = ", ".join(self._robot.joint_names[j] for j in wrong)
+            raise self._error(
+                chunk,
+                None,
+                "current",
+                int(wrong[0]),
+                f"the current pulls with gravity instead of against it (joints {names}: "
+                f"correlation with the gravity torque {cosine[wrong[0]]:.2f})",
+                "its sign is wrong: turn current_sign in the robot's file, or set gain: -1 in a "
+                "description; or the robot is not mounted upright",
+            )
+        dead = np.flatnonzero(loaded & (sums.yy < 1e-12 * sums.xx))
+        if len(dead):
+            j = int(dead[0])
+            gravity = np.sqrt(sums.xx / sums.count)[j]
+            raise self._error(
+                chunk,
+                None,
+                "current",
+                j,
+                f"the current is zero, but gravity alone takes {gravity:.3g} N m",
+                "log the motor current, or give its column",
+            )
+        odd = np.flatnonzero(loaded & (cosine > _AGREEING) & ((ratio < 0.02) | (ratio > 50)))
+        if len(odd):
+            j = int(odd[0])
+            unit = "the currents are amperes, not mA" if ratio[j] < 1 else "they are mA"
+            raise self._error(
+                chunk,
+                None,
+                "current",
+                j,
+                f"the motor torque is {ratio[j]:.3g} times the gravity torque, expected about 1",
+                f"if {unit}, set current: {{unit: ...}}; else check torque_per_ampere",
+            )
+
+    def _is_prismatic(self, joint: int) -> bool:
+        return bool(self._robot.chain.prismatic[joint])
+
+    def _error(
+        self,
+        recording: Recording,
+        sample: int | None,
+        signal: str,
+        joint: int,
+        problem: str,
+        remedy: str,
+    ) -> InputError:
+        place = f"joint {joint + 1} ({self._robot.joint_names[joint]})"
+        if self._layout is not None and self._layout.signal(signal):
+            place = f"{self._layout.column_of(signal, joint)}, {place}"
+        if sample is not None:
+            place = f"{place_of(recording, sample)}, {place}"
+        elif recording.row is not None and len(recording.row):
+            place = f"up to {recording.row_word} {recording.row[-1]}, {place}"
+        return InputError(recording.source, place, problem, remedy)
+
+
+def check_plausible(recording: Recording, robot: "Robot") -> None:
+    """Holds a recording in memory against its robot.
+
+    Raises:
+        InputError: it is implausible.
+    """
+    RecordingChecks(robot).feed(recording)
+
+
+def _first(wrong: NDArray[np.bool_]) -> tuple[int, int]:
+    """Sample and joint of the first entry that is set; (-1, -1) if none is."""
+    if not wrong.any():
+        return -1, -1
+    k, j = np.unravel_index(int(np.argmax(wrong)), wrong.shape)
+    return int(k), int(j)

@@ -1,0 +1,352 @@
+"""Descriptions of recordings: which column of a log holds which signal, in which unit."""
+
+import difflib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.files.configuration import REQUIRED, load_configuration
+from models.files.input_error import InputError
+
+Array = NDArray[np.float64]
+
+_BUNDLED = Path(__file__).parent / "formats"
+
+_UNITS: dict[str, dict[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "position": {"rad": 1.0, "deg": np.pi / 180, "rev": 2 * np.pi, "m": 1.0, "mm": 1e-3},
+    "velocity": {
+        "rad/s": 1.0,
+        "deg/s": np.pi / 180,
+        "rpm": 2 * np.pi / 60,
+        "m/s": 1.0,
+        "mm/s": 1e-3,
+    },
+    "current": {"A": 1.0, "mA": 1e-3},
+    "motor_torque": {"N m": 1.0, "Nm": 1.0, "mN m": 1e-3, "mNm": 1e-3, "N": 1.0},
+}
+_ANY_UNIT = {unit: factor for table in _UNITS.values() for unit, factor in table.items()} | {
+    "1": 1.0,
+    "": 1.0,
+}
+_DEFAULT_UNIT = {"time": "s", "position": "rad", "velocity": "rad/s", "current": "A"}
+_DEFAULT_UNIT["motor_torque"] = "N m"
+
+
+@dataclass
+class SignalColumns:
+    """The columns of one signal: value = gain * (number in the log, in its unit) + offset."""
+
+    columns: int | str = ""
+    """Column numbers counted from 1 ("14-19"), or names from the header, separated by commas;
+    braces spell a series, the last one running fastest ("tau_{0..6}", "jacobian_{0..5}_{0..6}")."""
+    unit: str = ""  # of the numbers in the log; empty: s, rad, rad/s, A, N m
+    gain: list[float] = field(default_factory=list)  # per column, or one for all; -1 turns the sign
+    offset: list[float] = field(default_factory=list)  # SI; per column, or one for all
+    shape: list[int] = field(default_factory=list)  # of one sample of an extra signal; e.g. [6, 7]
+
+
+@dataclass
+class RecordingFormat:
+    """A description of a log's columns, read from YAML (`--log-format`)."""
+
+    description: str = ""  # what the log is
+    source: str = ""  # where it comes from
+    file: str = ""  # the log itself, relative to this description, if the description stands for it
+    separator: str = ","  # between cells of a text log; "\t" for tabs
+    decimal_mark: str = "."
+    skip_lines: int = 0  # lines before the header or the first row
+    header: bool = True  # the first line (after skip_lines) names the columns
+    num_columns: int = 0  # columns that the log must have; 0: any number
+    time: SignalColumns = field(default_factory=SignalColumns, metadata=REQUIRED)
+    position: SignalColumns | None = None  # q
+    velocity: SignalColumns | None = None  # v
+    current: SignalColumns | None = None  # motor current, its sign as logged
+    motor_torque: SignalColumns | None = None  # tau_J on the joint side, positive along the joint
+    extra: dict[str, SignalColumns] = field(default_factory=dict)  # other signals, by name
+    rows: dict[str, list[int]] = field(default_factory=dict)
+    """First and last row to use, by file name; [] for all. Row 1 is the first line of numbers."""
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A signal's place in a log, after the description has been held against the file."""
+
+    name: str  # t, q, v, current, tau_J, dropout or the name of an extra signal
+    columns: tuple[int, ...]  # 0-based
+    scale: Array  # (k,): unit and gain
+    offset: Array  # (k,)
+    shape: tuple[int, ...]  # of one sample
+
+
+@dataclass(frozen=True)
+class ColumnLayout:
+    """All signals of a log and the names of its columns as a person knows them."""
+
+    signals: tuple[Signal, ...]
+    column_names: tuple[str, ...]  # of every column; "column 3" where there is no header
+
+    def signal(self, name: str) -> Signal | None:
+        return next((s for s in self.signals if s.name == name), None)
+
+    def column_of(self, name: str, index: int = 0) -> str:
+        """The column that holds entry `index` of a signal, as a person knows it."""
+        signal = self.signal(name)
+        return self.column_names[signal.columns[index]] if signal else name
+
+
+def bundled_formats() -> list[str]:
+    """Names of the descriptions that come with the package."""
+    return sorted(path.stem for path in _BUNDLED.glob("*.yaml"))
+
+
+def load_format(name_or_path: str | Path) -> tuple[RecordingFormat, Path]:
+    """Reads a description: a bundled name, or the path of a YAML file.
+
+    Returns:
+        The description and its file.
+
+    Raises:
+        InputError: no such description, or it is wrong.
+    """
+    path = Path(name_or_path)
+    if path.suffix.lower() not in (".yaml", ".yml"):
+        if str(name_or_path) not in bundled_formats():
+            near = difflib.get_close_matches(str(name_or_path), bundled_formats(), n=1)
+            hint = f'did you mean "{near[0]}"? ' if near else ""
+            raise InputError(
+                str(name_or_path),
+                "",
+                "no such description of a log",
+                f"{hint}give one of {', '.join(bundled_formats())}, or the path of a .yaml",
+            )
+        path = _BUNDLED / f"{name_or_path}.yaml"
+    description = load_configuration(path, RecordingFormat)
+    _check_description(description, path)
+    return description, path
+
+
+def rows_for(description: RecordingFormat, file: Path) -> tuple[int, int] | None:
+    """First and last row (counted from 1) that the description wants of a file; None for all."""
+    rows = description.rows.get(file.name)
+    return (rows[0], rows[1]) if rows else None
+
+
+def _check_description(description: RecordingFormat, path: Path) -> None:
+    if len(description.separator) != 1 or description.separator in '"\n\r':
+        raise InputError(
+            path,
+            "separator",
+            f'expected one character, found "{description.separator}"',
+            'write separator: ";", or "\\t" for tabs',
+        )
+    if description.decimal_mark not in (".", ","):
+        raise InputError(path, "decimal_mark", 'expected "." or ","', "correct it")
+    if description.decimal_mark == description.separator:
+        raise InputError(path, "decimal_mark", "is the same as the separator", 'set separator: ";"')
+    if description.skip_lines < 0 or description.num_columns < 0:
+        raise InputError(path, "skip_lines, num_columns", "is negative", "give 0 or more")
+    for name, rows in description.rows.items():
+        if rows and (len(rows) != 2 or not 1 <= rows[0] < rows[1]):
+            raise InputError(
+                path,
+                f"rows, {name}",
+                f"expected the first and the last row, counted from 1, found {rows}",
+                "write e.g. [635, 3510], or [] for all rows",
+            )
+    for key in ("t", "q", "v", "current", "tau_J", "dropout"):
+        if key in description.extra:
+            raise InputError(path, f"extra, {key}", "this name is taken", "choose another one")
+    if not str(description.time.columns).strip():
+        raise InputError(path, "time", "names no column", 'write e.g. columns: "1"')
+
+
+def resolve_layout(
+    description: RecordingFormat,
+    description_source: str,
+    log: Path,
+    names: Sequence[str] | None,
+    num_columns: int,
+) -> ColumnLayout:
+    """Holds a description against the columns that a log has.
+
+    Args:
+        description_source: the description's file, for error lines.
+        log: the log's file, for error lines.
+        names: of the log's columns; None where it has no header.
+        num_columns: that the log has.
+
+    Raises:
+        InputError: the log lacks a column, has too many, or the description contradicts itself.
+    """
+    if description.num_columns and num_columns != description.num_columns:
+        raise InputError(
+            log,
+            "line 1" if names is None else "header",
+            f"has {num_columns} columns, expected {description.num_columns}",
+            "check the separator, or describe the columns with --log-format",
+        )
+    shown = tuple(names) if names else tuple(f"column {i + 1}" for i in range(num_columns))
+    given = [
+        ("time", "t", description.time),
+        ("position", "q", description.position),
+        ("velocity", "v", description.velocity),
+        ("current", "current", description.current),
+        ("motor_torque", "tau_J", description.motor_torque),
+    ]
+    signals: list[Signal] = []
+    for key, name, entry in given:
+        if entry is not None:
+            if entry.shape:
+                raise InputError(
+                    description_source, key, "only an extra signal has a shape", "remove it"
+                )
+            signals.append(
+                _signal(entry, key, name, _UNITS[key], description_source, log, shown, names)
+            )
+    for name, entry in description.extra.items():
+        place = f"extra, {name}"
+        signals.append(
+            _signal(entry, place, name, _ANY_UNIT, description_source, log, shown, names)
+        )
+    _check_sizes(signals, description_source)
+    return ColumnLayout(tuple(signals), shown)
+
+
+def _check_sizes(signals: list[Signal], source: str) -> None:
+    if len(signals[0].columns) != 1:
+        raise InputError(
+            source, "time", f"has {len(signals[0].columns)} columns, expected 1", "name one"
+        )
+    sizes = {s.name: len(s.columns) for s in signals if s.name in ("q", "v", "current", "tau_J")}
+    if len(set(sizes.values())) > 1:
+        listed = ", ".join(f"{name}: {size}" for name, size in sizes.items())
+        raise InputError(
+            source,
+            "position, velocity, current",
+            f"the signals have different numbers of joints ({listed})",
+            "name one column per joint in each",
+        )
+
+
+def _signal(
+    entry: SignalColumns,
+    place: str,
+    name: str,
+    units: dict[str, float],
+    source: str,
+    log: Path,
+    shown: Sequence[str],
+    names: Sequence[str] | None,
+) -> Signal:
+    unit = entry.unit or _DEFAULT_UNIT.get(place, "")
+    if unit not in units:
+        listed = ", ".join(u for u in units if u)
+        raise InputError(source, place, f'unknown unit "{unit}"', f"give one of {listed}")
+    columns = _columns(entry, place, source, log, shown, names)
+    scale = units[unit] * _per_column(entry.gain, 1.0, len(columns), f"{place}, gain", source)
+    offset = _per_column(entry.offset, 0.0, len(columns), f"{place}, offset", source)
+    if not (np.all(np.isfinite(scale)) and np.all(scale != 0) and np.all(np.isfinite(offset))):
+        raise InputError(source, place, "a gain is zero or not a number", "correct it")
+    shape = tuple(entry.shape) if entry.shape else (len(columns),)
+    if int(np.prod(shape)) != len(columns):
+        raise InputError(
+            source,
+            f"{place}, shape",
+            f"{list(shape)} holds {int(np.prod(shape))} numbers, but {len(columns)} columns are "
+            "named",
+            "correct one of them",
+        )
+    return Signal(name, tuple(columns), scale, offset, () if name == "t" else shape)
+
+
+def _per_column(values: list[float], default: float, size: int, place: str, source: str) -> Array:
+    if not values:
+        return np.full(size, default)
+    if len(values) == 1:
+        return np.full(size, values[0])
+    if len(values) != size:
+        raise InputError(
+            source,
+            place,
+            f"has {len(values)} values for {size} columns",
+            "give one for all, or one per column",
+        )
+    return np.array(values, dtype=np.float64)
+
+
+def _columns(
+    entry: SignalColumns,
+    place: str,
+    source: str,
+    log: Path,
+    shown: Sequence[str],
+    names: Sequence[str] | None,
+) -> list[int]:
+    columns: list[int] = []
+    for item in _expanded(str(entry.columns), place, source):
+        if item.isdecimal():
+            number = int(item)
+            if not 1 <= number <= len(shown):
+                raise InputError(
+                    log,
+                    "header" if names else "line 1",
+                    f"has {len(shown)} columns, but {Path(source).name} ({place}) names column "
+                    f"{number}",
+                    "check the separator, or the description's column numbers (counted from 1)",
+                )
+            columns.append(number - 1)
+        elif names is None:
+            raise InputError(
+                source,
+                place,
+                f'names column "{item}", but the log has no header',
+                "give column numbers counted from 1, or set header: true",
+            )
+        elif item not in names:
+            near = difflib.get_close_matches(item, list(names), n=1)
+            raise InputError(
+                log,
+                "header",
+                f'lacks the column "{item}", which {Path(source).name} ({place}) names',
+                f'did you mean "{near[0]}"?' if near else f"it has {', '.join(names[:12])}, ...",
+            )
+        elif list(names).count(item) > 1:
+            raise InputError(log, "header", f'the column "{item}" is there twice', "rename one")
+        else:
+            columns.append(list(names).index(item))
+    if len(set(columns)) != len(columns):
+        raise InputError(source, place, "names a column twice", "name each column once")
+    return columns
+
+
+_NUMBERS = re.compile(r"(\d+)\s*(?:-|\.\.)\s*(\d+)")
+_SERIES = re.compile(r"\{(\d+)\.\.(\d+)\}")
+
+
+def _expanded(text: str, place: str, source: str) -> list[str]:
+    """The columns that a text names: "1, 3-5" or "t, q{1..3}"; braces from left to right."""
+    items: list[str] = []
+    for item in (part.strip() for part in text.split(",")):
+        if not item:
+            raise InputError(source, place, "names no column", 'write e.g. columns: "2-7"')
+        numbers = _NUMBERS.fullmatch(item)
+        if numbers:
+            first, last = int(numbers[1]), int(numbers[2])
+            items += [str(k) for k in range(first, last + 1)]
+            if last < first:
+                raise InputError(source, place, f'"{item}" runs backwards', "swap its ends")
+            continue
+        expanded = [item]
+        while "{" in expanded[0]:
+            match = _SERIES.search(expanded[0])
+            if match is None or int(match[2]) < int(match[1]):
+                raise InputError(source, place, f'cannot read "{item}"', 'write e.g. "q{1..6}"')
+            span = range(int(match[1]), int(match[2]) + 1)
+            expanded = [_SERIES.sub(str(k), text, count=1) for text in expanded for k in span]
+        items += expanded
+    return items

@@ -1,0 +1,385 @@
+"""Logs read chunk by chunk into recordings, and refused with one line where they are wrong."""
+
+import difflib
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.files.input_error import InputError
+from models.recordings.parquet_table import ParquetTable
+from models.recordings.recording import Recording, concatenated
+from models.recordings.recording_checks import RecordingChecks
+from models.recordings.recording_format import (
+    ColumnLayout,
+    RecordingFormat,
+    SignalColumns,
+    bundled_formats,
+    load_format,
+    resolve_layout,
+    rows_for,
+)
+from models.recordings.resampling import place_of, plausible_step, time_error
+from models.recordings.text_table import TextTable
+
+if TYPE_CHECKING:
+    from models.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+_BEYOND_ANY_ROBOT = 1e9  # SI; sums of squares of smaller numbers cannot overflow
+MIN_SAMPLES = 10  # less is no motion
+_DESCRIBE = "or describe the columns with --log-format"
+_JOINT_SIGNALS = {"q": "position", "v": "velocity", "i": "current", "tau": "motor_torque"}
+
+
+class RecordingReader:
+    """A log on disk; `chunks()` reads it with constant memory.
+
+    Args:
+        path, description, robot, check: as in `Recording.read`.
+
+    Raises:
+        InputError: the log cannot be opened, or its columns do not fit.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        description: str | Path | None = None,
+        robot: "Robot | None" = None,
+        check: bool = True,
+    ) -> None:
+        path = Path(path)
+        if path.suffix.lower() in (".yaml", ".yml"):
+            if description is not None:
+                raise InputError(
+                    path, "", "is a description itself", "give the log, or leave out --log-format"
+                )
+            path, description = _file_of(path), path
+        self.path = path
+        self._notices: list[str] = []
+        self._robot = robot
+        self._check = check
+        form, form_source, table = self._opened(description)
+        self.format = form
+        self._table = table
+        names = table.names
+        if form_source == str(path) and names is not None:
+            names = _in_lower_case(names)
+        self.layout: ColumnLayout = resolve_layout(
+            form, form_source, path, names, table.num_columns
+        )
+        self._rows = rows_for(form, path)
+        self._fit_to_robot()
+
+    @property
+    def num_joints(self) -> int:
+        """n; 0 where the log holds no joint signals."""
+        sizes = [len(s.columns) for s in self.layout.signals if s.name in ("q", "v", "current")]
+        return max(sizes, default=0)
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """What the reader did beyond the plain; complete after the last chunk."""
+        return (*self._notices, *self._table.notices)
+
+    @property
+    def progress(self) -> float:
+        """Share of the file that the current pass has read."""
+        return self._table.progress
+
+    def require_joint_signals(self) -> None:
+        """Makes sure that the log holds what an estimator or an identification needs.
+
+        Raises:
+            InputError: it holds no positions, velocities or currents.
+        """
+        has_torque = self._robot is not None and self.layout.signal("tau_J") is not None
+        words = {"q": "joint positions", "v": "joint velocities", "current": "motor currents"}
+        for name, word in words.items():
+            if self.layout.signal(name) is None and not (name == "current" and has_torque):
+                raise InputError(
+                    self.path, "", f"holds no {word}", "name their columns in the description"
+                )
+
+    def chunks(self) -> Iterator[Recording]:
+        """Reads the log from its first to its last wanted row, once.
+
+        Yields:
+            Successive parts of the recording, at least one.
+
+        Raises:
+            InputError: a cell is no finite number, a line has missing or extra cells, time does not
+                increase, the rows end too early, or what `RecordingChecks` finds.
+        """
+        used = sorted({column for signal in self.layout.signals for column in signal.columns})
+        checks = self._checks()
+        num_samples = 0
+        last: Recording | None = None
+        for values, rows in self._table.blocks(used, self._rows):
+            chunk = self._recording(values, rows, used)
+            self._check_size(chunk)
+            _check_time(chunk, last)
+            if last is None and chunk.num_samples > 1:
+                plausible_step(chunk)
+            if checks is not None:
+                checks.feed(chunk)
+            last = chunk[-1:]
+            num_samples += chunk.num_samples
+            yield chunk
+        if num_samples < MIN_SAMPLES:
+            found = f"holds {num_samples} samples" if num_samples else "holds no samples"
+            raise InputError(
+                self.path, "", f"{found}, expected {MIN_SAMPLES} or more", "record a longer log"
+            )
+
+    def _check_size(self, chunk: Recording) -> None:
+        """Refuses numbers that are none: uninitialised memory, a wrong type in a logger."""
+        for name, signal in (("q", chunk.q), ("v", chunk.v), ("current", chunk.current)):
+            wrong = np.abs(signal) > _BEYOND_ANY_ROBOT
+            if wrong.any():
+                k, j = (int(index[0]) for index in np.nonzero(wrong))
+                column = self.layout.column_of(name if self.layout.signal(name) else "tau_J", j)
+                raise InputError(
+                    self.path,
+                    f"{place_of(chunk, k)}, {column}",
+                    f"{signal[k, j]:.3g} is beyond any robot",
+                    "correct or remove the row; a short gap is bridged",
+                )
+
+    def _checks(self) -> RecordingChecks | None:
+        if self._robot is None or not self._check or not self.num_joints:
+            return None
+        return RecordingChecks(self._robot, self.layout)
+
+    def _recording(self, values: Array, rows: NDArray[np.int64], used: list[int]) -> Recording:
+        position = {column: k for k, column in enumerate(used)}
+        size = len(values)
+        found: dict[str, Array] = {}
+        for signal in self.layout.signals:
+            columns = values[:, [position[c] for c in signal.columns]]
+            scaled = columns * signal.scale + signal.offset
+            found[signal.name] = scaled.reshape(size, *signal.shape)
+        joints = np.zeros((size, self.num_joints))
+        tau_J = found.pop("tau_J", None)
+        current = found.pop("current", None)
+        if current is None and tau_J is not None and self._robot is not None:
+            current = tau_J / (self._robot.current_sign * self._robot.torque_per_ampere)
+        dropout = found.pop("dropout", None)
+        return Recording(
+            t=found.pop("t"),
+            q=found.pop("q", joints),
+            v=found.pop("v", joints),
+            current=joints if current is None else current,
+            source=str(self.path),
+            tau_J=tau_J,
+            dropout=np.zeros(size, bool) if dropout is None else dropout[:, 0] != 0,
+            extra=found,
+            row=rows,
+            row_word=self._table.row_word,
+        )
+
+    def _fit_to_robot(self) -> None:
+        robot, size = self._robot, self.num_joints
+        if robot is not None and size and size != robot.num_joints:
+            raise InputError(
+                self.path,
+                "columns",
+                f"holds {size} joints, but {robot.name} has {robot.num_joints}",
+                "give the robot that the log comes from, " + _DESCRIBE,
+            )
+
+    def _opened(
+        self, description: str | Path | None
+    ) -> tuple[RecordingFormat, str, TextTable | ParquetTable]:
+        path = self.path
+        is_parquet = path.suffix.lower() in (".parquet", ".pq")
+        _check_there(path)
+        if not is_parquet and path.suffix.lower() != ".csv" and description is None:
+            raise InputError(
+                path,
+                "",
+                f'has the ending "{path.suffix}", expected .csv, .parquet or .yaml',
+                "export the log as CSV, " + _DESCRIBE,
+            )
+        if description is not None:
+            form, form_path = load_format(description)
+            table: TextTable | ParquetTable = (
+                ParquetTable(path)
+                if is_parquet
+                else TextTable(
+                    path, form.separator, form.decimal_mark, form.skip_lines, form.header
+                )
+            )
+            return form, str(form_path), table
+        table = ParquetTable(path) if is_parquet else TextTable(path)
+        known = self._known_format(table)
+        if known is not None:
+            return known
+        if table.names is None:
+            raise InputError(
+                path,
+                "line 1",
+                f"holds {table.num_columns} numbers and no names",
+                "add a first line t,q1,..,qn,v1,..,vn,i1,..,in, " + _DESCRIBE,
+            )
+        if isinstance(table, TextTable) and table.separator != ",":
+            word = {";": "semicolons", "\t": "tabs", " ": "spaces"}[table.separator]
+            table.notices.append(f"columns are separated by {word}")
+        if "" in table.names:
+            self._notices.append("a column without a name is left out")
+        num_joints = self._robot.num_joints if self._robot is not None else None
+        return header_format(_in_lower_case(table.names), path, num_joints), str(path), table
+
+    def _known_format(
+        self, table: TextTable | ParquetTable
+    ) -> tuple[RecordingFormat, str, TextTable | ParquetTable] | None:
+        """The bundled description that fits a log: by its name, or by the names of its columns."""
+        if table.names is not None and "t" in (name.lower() for name in table.names):
+            return None
+        for name in bundled_formats():
+            form, form_path = load_format(name)
+            if form.num_columns != table.num_columns or form.header != (table.names is not None):
+                continue
+            if table.names is None and self.path.name not in form.rows:
+                continue
+            if table.names is not None and not _has_columns(form, table.names):
+                continue
+            notice = f'columns read as "{name}"'
+            rows = rows_for(form, self.path)
+            if rows:
+                notice += f", rows {rows[0]} to {rows[1]}"
+            self._notices.append(notice)
+            return form, str(form_path), table
+        return None
+
+
+def header_format(
+    names: Sequence[str], path: Path, num_joints: int | None = None
+) -> RecordingFormat:
+    """The description of a log whose header says it all: t,q1..qn,v1..vn,i1..in.
+
+    Motor torque is tau1..taun, a flag for bridged samples dropout, and name.1..name.k a further
+    signal.
+
+    Args:
+        num_joints: n, if it is known.
+
+    Raises:
+        InputError: a column is missing, unknown or there twice.
+    """
+    place = "header"
+    names = [name for name in names if name]  # a table's index, or a separator at the line's end
+    for name in names:
+        if list(names).count(name) > 1:
+            what = f'the column "{name}" is there twice'
+            raise InputError(path, place, what, "correct the header, " + _DESCRIBE)
+    joints: dict[str, list[int]] = {letter: [] for letter in _JOINT_SIGNALS}
+    extra: dict[str, list[int]] = {}
+    for name in names:
+        joint = re.fullmatch(r"(q|v|i|tau)(\d+)", name)
+        part = re.fullmatch(r"(.+)\.(\d+)", name)
+        if joint and int(joint[2]) > 0:
+            joints[joint[1]].append(int(joint[2]))
+        elif part and part[1] not in ("t", "q", "v", "current", "tau_J", "dropout"):
+            extra.setdefault(part[1], []).append(int(part[2]))
+        elif name not in ("t", "dropout"):
+            raise _unknown(name, names, path)
+    size = num_joints or max((max(v) for k, v in joints.items() if v and k in "qv"), default=1)
+    wanted = ["q", "v"] + (["tau"] if joints["tau"] else [])
+    wanted += ["i"] if joints["i"] or not joints["tau"] else []
+    missing = ["t"] if "t" not in names else []
+    missing += [f"{k}{j}" for k in wanted for j in range(1, size + 1) if j not in joints[k]]
+    missing += [f"{k}.{j}" for k, v in extra.items() for j in range(1, max(v) + 1) if j not in v]
+    if missing:
+        raise InputError(
+            path,
+            place,
+            f"lacks the column{'s' if len(missing) > 1 else ''} {_listed(missing)}",
+            f"expected t,q1..q{size},v1..v{size},i1..i{size}; correct the header, {_DESCRIBE}",
+        )
+    surplus = [f"{k}{j}" for k in wanted for j in joints[k] if j > size]
+    if surplus:
+        raise InputError(
+            path,
+            place,
+            f"has the column{'s' if len(surplus) > 1 else ''} {_listed(surplus)}, expected {size} "
+            "joints",
+            "give the robot that the log comes from, or correct the header",
+        )
+    form = RecordingFormat(time=SignalColumns("t"))
+    for letter in wanted:
+        setattr(form, _JOINT_SIGNALS[letter], SignalColumns(f"{letter}{{1..{size}}}"))
+    form.extra = {k: SignalColumns(f"{k}.{{1..{max(v)}}}") for k, v in extra.items()}
+    if "dropout" in names:
+        form.extra["dropout"] = SignalColumns("dropout")
+    return form
+
+
+def _unknown(name: str, names: Sequence[str], path: Path) -> InputError:
+    remedy = "remove it, " + _DESCRIBE
+    if re.fullmatch(r"(q|v|i|tau)0", name):
+        remedy = "joints are numbered from 1"
+    elif match := re.fullmatch(r"(q|v|i|tau)[^\d]*(\d+)", name):
+        remedy = f'did you mean "{match[1]}{match[2]}"? Otherwise {remedy}'
+    elif near := difflib.get_close_matches(name, ["t", "dropout"], n=1):
+        remedy = f'did you mean "{near[0]}"? Otherwise {remedy}'
+    elif name in ("time", "timestamp", "time_s") and "t" not in names:
+        remedy = 'name the time "t", ' + _DESCRIBE
+    return InputError(
+        path, "header", f'unknown column "{name}", expected t, q1.., v1.., i1..', remedy
+    )
+
+
+def _in_lower_case(names: Sequence[str]) -> tuple[str, ...]:
+    """Names of columns in which T, Q1 and the like are in lower case."""
+    own = re.compile(r"t|dropout|(q|v|i|tau)\d+", re.IGNORECASE)
+    return tuple(name.lower() if own.fullmatch(name) else name for name in names)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+
+
+def _has_columns(form: RecordingFormat, names: Sequence[str]) -> bool:
+    try:
+        resolve_layout(form, "", Path(), names, len(names))
+    except InputError:
+        return False
+    return True
+
+
+def _file_of(description: Path) -> Path:
+    form, _ = load_format(description)
+    if not form.file:
+        raise InputError(
+            description,
+            "",
+            'names no "file"',
+            "give the log itself with --log-format, or add the key file",
+        )
+    return description.parent / form.file
+
+
+def _check_there(path: Path) -> None:
+    if path.is_dir():
+        raise InputError(path, "", "is a directory, expected a log", "name a file in it")
+    if path.exists():
+        return
+    remedy = "check the path"
+    if path.parent.is_dir():
+        near = difflib.get_close_matches(path.name, [p.name for p in path.parent.iterdir()], n=1)
+        remedy = f'did you mean "{near[0]}"?' if near else remedy
+    raise InputError(path, "", "no such file", remedy)
+
+
+def _check_time(chunk: Recording, last: Recording | None) -> None:
+    if last is not None and chunk.num_samples and chunk.t[0] <= last.t[0]:
+        raise time_error(concatenated([last, chunk]), 1)
+    wrong = np.flatnonzero(np.diff(chunk.t) <= 0)
+    if len(wrong):
+        raise time_error(chunk, int(wrong[0]) + 1)

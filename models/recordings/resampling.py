@@ -1,0 +1,205 @@
+"""Logs on a uniform time grid, chunk by chunk.
+
+The rule is causal, so that chunks of any size give the samples of one pass, bit by bit:
+
+- The step h is the median step of the first 65,536 samples, unless it is given.
+- As long as every step of the log is within 1 % of h, its samples are taken as they are.
+- From the first other step on, the signals are interpolated linearly on the grid t_0 + k h, where
+  t_0 is the last sample that was taken as it is.
+- A step longer than 1.75 h means that samples are missing. Grid points inside it are bridged by
+  the same interpolation and flagged in `dropout`. A gap longer than `max_gap` is an error.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.files.input_error import InputError
+from models.recordings.recording import Recording, concatenated
+
+Array = NDArray[np.float64]
+
+UNIFORM_TOLERANCE = 0.01  # of the step
+DROPOUT_STEPS = 1.75  # a longer step misses a sample; jitter stays below in logs of real robots
+_ROUNDING = 1e-3  # of the step; UNIX time in a double has a grain of 0.24 us
+MAX_GAP_S = 0.1  # at 1 rad/s^2 the interpolated q is then off by at most 1.3 mrad
+MAX_GAP_STEPS = 3  # the least number of steps that may be bridged, for slow logs
+STEP_SAMPLES = 1 << 16  # whose median step counts
+_COARSE_CLOCK = 0.1  # share of repeated times: no accident
+_PLAUSIBLE_STEP = (1e-5, 0.25)  # s; an estimator of motor currents has no use for others
+_SHORTEST_GIVEN_STEP = 1e-5
+
+
+def resample_chunks(
+    chunks: Iterable[Recording], time_step: float | None = None, max_gap: float | None = None
+) -> Iterator[Recording]:
+    """Puts a recording that comes in chunks on a uniform grid by the rule above.
+
+    There is no filter: a step longer than the log's folds faster content into the result.
+
+    Args:
+        chunks: successive parts of one recording.
+        time_step: h, s.
+        max_gap: longest step of the log that is bridged, s; by default 0.1 s or 3 h, whichever is
+            longer.
+
+    Raises:
+        InputError: time stands still or runs backwards, a gap is too long, or the step is no
+            plausible one (wrong unit of time).
+    """
+    if time_step is not None and not time_step >= _SHORTEST_GIVEN_STEP:
+        raise InputError(
+            "time step", "", f"{time_step} s is too short", "give a step in seconds, such as 0.001"
+        )
+    if max_gap is not None and not max_gap >= 0:
+        raise InputError("max gap", "", f"is {max_gap}", "give a time in seconds, such as 0.1")
+    grid: _Grid | None = None
+    for chunk in _with_long_first(iter(chunks)):
+        if grid is None:
+            step = time_step or plausible_step(chunk)
+            grid = _Grid(step, max_gap if max_gap is not None else default_max_gap(step))
+        yield grid.resampled(chunk)
+
+
+def default_max_gap(time_step: float) -> float:
+    """Longest gap that is bridged unless another one is given, s."""
+    return max(MAX_GAP_S, MAX_GAP_STEPS * time_step * (1 + UNIFORM_TOLERANCE))
+
+
+def _with_long_first(chunks: Iterator[Recording]) -> Iterator[Recording]:
+    """The same samples, the first chunk long enough to find the step in."""
+    first: list[Recording] = []
+    for chunk in chunks:
+        first.append(chunk)
+        if sum(part.num_samples for part in first) >= STEP_SAMPLES:
+            break
+    if first:
+        yield concatenated(first)
+    yield from chunks
+
+
+def plausible_step(chunk: Recording) -> float:
+    """The median step of the first samples of a recording, s, to nine digits.
+
+    Raises:
+        InputError: the step is none of a robot's log: time in another unit.
+    """
+    if chunk.num_samples < 2:
+        raise InputError(chunk.source, "", "holds one sample only", "record a longer log")
+    median = np.median(np.diff(chunk.t[:STEP_SAMPLES]))
+    step = float(f"{median:.9g}")  # 0.01 rather than 0.00999999999990905
+    shortest, longest = _PLAUSIBLE_STEP
+    if shortest <= step <= longest or step <= 0:  # time that runs backwards gets its own line
+        return step
+    units = (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
+    fitting = [name for name, factor in units if shortest <= step * factor <= longest]
+    remedy = "check the unit of time"
+    if fitting:
+        remedy = f"it looks like {fitting[0]}: set time: {{unit: {fitting[0]}}} in a description"
+    raise InputError(
+        chunk.source,
+        "column t",
+        f"the median step is {step:.6g} s, expected {shortest} to {longest} s",
+        remedy,
+    )
+
+
+class _Grid:
+    """Resamples successive chunks; carries the last sample and the grid over their borders."""
+
+    def __init__(self, step: float, max_gap: float) -> None:
+        self._step = step
+        self._max_gap = max_gap
+        self._last: Recording | None = None  # one sample
+        self._is_uniform = True
+        self._origin = 0.0  # of the grid, once the log is not uniform
+        self._next = 1  # grid point
+
+    def resampled(self, chunk: Recording) -> Recording:
+        is_first = self._last is None
+        part = chunk if self._last is None else concatenated([self._last, chunk])
+        self._last = part[-1:]
+        steps = np.diff(part.t)
+        self._check_steps(part, steps)
+        if not self._is_uniform:
+            return self._interpolated(part, steps)
+        begin = 0 if is_first else 1  # the carried sample has been given out already
+        irregular = np.flatnonzero(np.abs(steps - self._step) > UNIFORM_TOLERANCE * self._step)
+        if not len(irregular):
+            return part[begin:]
+        last_regular = int(irregular[0])
+        self._is_uniform = False
+        self._origin = float(part.t[last_regular])
+        rest = self._interpolated(part[last_regular:], steps[last_regular:])
+        return concatenated([part[begin : last_regular + 1], rest])
+
+    def _check_steps(self, part: Recording, steps: Array) -> None:
+        wrong = np.flatnonzero(~((steps > 0) & (steps <= self._max_gap)))
+        if not len(wrong):
+            return
+        k = int(wrong[0])
+        if steps[k] <= 0:
+            raise time_error(part, k + 1)
+        raise InputError(
+            part.source,
+            f"{place_of(part, k)} to {place_of(part, k + 1)}, column t",
+            f"a gap of {steps[k]:.4g} s, expected at most {self._max_gap:.4g} s",
+            "split the log there, or allow a longer gap",
+        )
+
+    def _interpolated(self, part: Recording, steps: Array) -> Recording:
+        """Grid points in (t[0], t[-1]] of the part, both ends later by what rounding may do."""
+        h = self._step
+        ends = part.t + _ROUNDING * h
+        last = int(np.floor((ends[-1] - self._origin) / h)) + 1
+        t = self._origin + h * np.arange(self._next, last + 1)
+        t = t[t <= ends[-1]]
+        self._next += len(t)
+        left = np.searchsorted(ends, t, side="left") - 1  # ends[left] < grid point <= the next
+        weight = (t - part.t[left]) / steps[left]
+        offset = np.minimum(t - part.t[left], part.t[left + 1] - t)
+        is_bridged = (steps[left] > DROPOUT_STEPS * h) & (offset > UNIFORM_TOLERANCE * h)
+        nearest = np.where(weight < 0.5, left, left + 1)
+        return replace(
+            part,
+            t=t,
+            q=_between(part.q, left, weight),
+            v=_between(part.v, left, weight),
+            current=_between(part.current, left, weight),
+            tau_J=None if part.tau_J is None else _between(part.tau_J, left, weight),
+            dropout=is_bridged | part.dropout[left + 1] | (part.dropout[left] & (weight < 1)),
+            extra={name: _between(signal, left, weight) for name, signal in part.extra.items()},
+            row=None if part.row is None else part.row[nearest],
+        )
+
+
+def _between(signal: Array, left: NDArray[np.int64], weight: Array) -> Array:
+    weight = weight.reshape(-1, *[1] * (signal.ndim - 1))
+    return signal[left] + weight * (signal[left + 1] - signal[left])
+
+
+def place_of(recording: Recording, sample: int) -> str:
+    """Where a sample stands in its log, for an error line."""
+    if recording.row is None:
+        return f"sample {sample + 1}"
+    return f"{recording.row_word} {recording.row[sample]}"
+
+
+def time_error(recording: Recording, sample: int) -> InputError:
+    """The error for a sample whose time is not after that of the one before."""
+    before, now = recording.t[sample - 1], recording.t[sample]
+    found = "repeats" if now == before else "runs backwards from"
+    remedy = "remove the repeated rows, or split the log there"
+    is_long = recording.num_samples > 2 / _COARSE_CLOCK
+    if is_long and np.mean(np.diff(recording.t) == 0) > _COARSE_CLOCK:
+        remedy = "t has too few digits: log it with more"
+    return InputError(
+        recording.source,
+        f"{place_of(recording, sample)}, column t",
+        f"time {found} {before:.9g} s"
+        + ("" if now == before else f" to {now:.9g} s")
+        + ", expected to increase",
+        remedy,
+    )

@@ -1,0 +1,358 @@
+"""Tables of numbers in text files (CSV), read block by block with constant memory."""
+
+import csv
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pa_csv
+from numpy.typing import NDArray
+
+from models.files.files_read import about_to_read
+from models.files.input_error import InputError
+
+Array = NDArray[np.float64]
+Lines = NDArray[np.int64]
+
+BLOCK_BYTES = 1 << 23  # small beside any memory, large enough that a block's overhead vanishes
+_LONGEST_LINE = 1 << 17  # more than any number of joints needs
+_SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "spaces"}
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_BLANK_LINE = re.compile(rb"(?m)^[ \t]+(?=\r?$)")
+_KINDS_OF_BINARY = (
+    (b"PAR1", "a Parquet file", "name it .parquet"),
+    (b"\x1f\x8b", "compressed by gzip", "unpack it"),
+    (b"PK\x03\x04", "a zip archive or a spreadsheet", "unpack it, or export it as CSV"),
+    (b"\x89HDF", "an HDF5 file", "export it as CSV or Parquet"),
+    (b"MATLAB", "a MATLAB file", "export it as CSV (writematrix)"),
+    (b"#ROSBAG", "a ROS bag", "export its topics as CSV"),
+    (b"\xff\xfe", "text in UTF-16", "save it as UTF-8"),
+    (b"\xfe\xff", "text in UTF-16", "save it as UTF-8"),
+)
+
+
+class TextTable:
+    """A text file of numbers, one sample a line; the rows are numbered as lines of the file.
+
+    Args:
+        path: the file; UTF-8, with or without a byte order mark, any line ends.
+        separator: one character; None: found from the first line, which must then hold names.
+        decimal_mark: "." or ","; None: found from the first line of numbers.
+        skip_lines: lines before the header or the first row.
+        header: whether the first line after these names the columns; None: it does if it holds a
+            cell that is no number.
+
+    Raises:
+        InputError: no such file, a directory, a binary file, no line of numbers.
+    """
+
+    row_word = "line"
+
+    def __init__(
+        self,
+        path: Path,
+        separator: str | None = None,
+        decimal_mark: str | None = None,
+        skip_lines: int = 0,
+        header: bool | None = None,
+    ) -> None:
+        self.path = path
+        self.notices: list[str] = []
+        self.progress = 0.0  # share of the file that has been read
+        with _opened(path) as file:
+            _refuse_binary(path, file)
+            self._begin = _after_byte_order_mark(file)
+            for _ in range(skip_lines):
+                self._line(file)
+            first = self._line(file).lstrip("#").strip()  # numpy.savetxt puts "# " before its names
+            while not first and header is not False and file.tell() < path.stat().st_size:
+                skip_lines += 1
+                first = self._line(file).lstrip("#").strip()
+            if not first:
+                raise InputError(path, "", "is empty", "record the log again")
+            self.separator = separator or _separator_of(first)
+            cells = self._cells(first)
+            if header is None:
+                header = not all(_is_number(cell.replace(",", ".")) for cell in cells)
+            self.names: tuple[str, ...] | None = tuple(cells) if header else None
+            self._num_head_lines = skip_lines + (1 if header else 0)
+            second = self._line(file).strip() if header else first
+        self.num_columns = len(cells)
+        self._head = first
+        self.decimal_mark = decimal_mark or self._found_decimal_mark(second)
+        if header and all(_is_number(cell, self.decimal_mark) for cell in cells):
+            raise InputError(
+                path,
+                f"line {self._num_head_lines}",
+                "holds numbers where the names of the columns are expected",
+                "set header: false in the description, or add a first line t,q1,...",
+            )
+
+    def blocks(
+        self, columns: list[int], rows: tuple[int, int] | None = None
+    ) -> Iterator[tuple[Array, Lines]]:
+        """Reads the columns of the given numbers (0-based), block by block.
+
+        Args:
+            rows: first and last row, counted from 1 at the first line after the header.
+
+        Yields:
+            (N, k) values, all finite, and (N,) the lines that they stand on.
+
+        Raises:
+            InputError: a line has missing or extra cells, a cell is empty, no number or not
+                finite, or the file ends before the last row. It names line and column.
+        """
+        first_line, last_line = self._num_head_lines + 1, np.iinfo(np.int64).max
+        if rows is not None:
+            first_line, last_line = self._num_head_lines + rows[0], self._num_head_lines + rows[1]
+        end = 0
+        for block, line in self._raw_blocks():
+            num_lines = block.count(b"\n") + (not block.endswith(b"\n"))
+            end = line + num_lines - 1
+            if line > last_line:
+                break
+            if end < first_line:
+                continue
+            if line < first_line or end > last_line:
+                breaks = np.flatnonzero(np.frombuffer(block, np.uint8) == ord("\n")) + 1
+                start = int(breaks[first_line - line - 1]) if line < first_line else 0
+                stop = int(breaks[last_line - line]) if end > last_line else len(block)
+                block, line = block[start:stop], max(line, first_line)
+            values, lines = self._parsed(block, line, columns)
+            if len(lines):
+                yield values, lines
+        if rows is not None and end < last_line:
+            raise InputError(
+                self.path,
+                "",
+                f"ends at row {end - self._num_head_lines}, but rows {rows[0]} to {rows[1]} are "
+                "wanted",
+                "correct the rows in the description",
+            )
+
+    def _raw_blocks(self) -> Iterator[tuple[bytes, int]]:
+        """Whole lines below the header, some MB at a time, with the first one's number."""
+        line = self._num_head_lines + 1
+        with _opened(self.path) as file:
+            file.seek(self._begin)
+            for _ in range(self._num_head_lines):
+                file.readline()
+            rest = b""
+            size = max(1, self.path.stat().st_size)
+            while data := file.read(BLOCK_BYTES):
+                self.progress = min(1.0, file.tell() / size)
+                cut = data.rfind(b"\n") + 1
+                if not cut:
+                    rest += data
+                    if len(rest) > _LONGEST_LINE:
+                        raise self._endless(f"line {line}")
+                    continue
+                block, rest = rest + data[:cut], data[cut:]
+                yield block, line
+                line += block.count(b"\n")
+            if rest.strip():
+                rest = self._without_truncated_end(rest, line)
+                if rest:
+                    yield rest, line
+
+    def _without_truncated_end(self, rest: bytes, line: int) -> bytes:
+        """Drops a last line that was cut off while it was written: a crash, a full disk."""
+        cells = self._cells(rest.decode("utf-8", "replace"))
+        if len(cells) >= self.num_columns or line == self._num_head_lines + 1:
+            return rest
+        self.notices.append(
+            f"line {line}, the last one, is cut off after {len(cells)} of {self.num_columns} "
+            "columns: left out"
+        )
+        return b""
+
+    def _parsed(self, block: bytes, line: int, columns: list[int]) -> tuple[Array, Lines]:
+        names = [str(k) for k in range(self.num_columns)]
+        used = [str(k) for k in columns]
+        try:
+            try:
+                table = self._table(block, names, used)
+            except pa.ArrowInvalid:
+                without_blanks = _BLANK_LINE.sub(b"", block)
+                if without_blanks == block:
+                    raise
+                block = without_blanks
+                table = self._table(block, names, used)
+        except pa.ArrowInvalid as error:
+            self._find_fault(block, line, columns)
+            raise InputError(
+                self.path, f"line {line} or below", f"cannot be read: {error}", "correct it"
+            ) from error
+        values = np.empty((table.num_rows, len(columns)))
+        for k in range(len(columns)):
+            values[:, k] = table.column(k).to_numpy()  # an empty cell becomes NaN
+        if not np.isfinite(values).all():
+            self._find_fault(block, line, columns)
+        num_lines = block.count(b"\n") + (not block.endswith(b"\n"))
+        if table.num_rows == num_lines:
+            return values, np.arange(line, line + num_lines)
+        filled = [k for k, text in enumerate(block.split(b"\n")) if text.strip()]
+        return values, line + np.array(filled, dtype=np.int64)
+
+    def _table(self, block: bytes, names: list[str], used: list[str]) -> pa.Table:
+        if not block.strip():
+            return pa.table({name: np.empty(0) for name in used})
+        return pa_csv.read_csv(
+            pa.BufferReader(block),
+            read_options=pa_csv.ReadOptions(column_names=names),
+            parse_options=pa_csv.ParseOptions(delimiter=self.separator),
+            convert_options=pa_csv.ConvertOptions(
+                column_types={name: pa.float64() for name in used},
+                include_columns=used,
+                null_values=[""],
+                decimal_point=self.decimal_mark,
+            ),
+        )
+
+    def _find_fault(self, block: bytes, line: int, columns: list[int]) -> None:
+        """Raises an InputError for the first line of a block that is wrong."""
+        for number, data in enumerate(block.split(b"\n"), start=line):
+            if not data.strip(b" \t\r"):
+                continue
+            place = f"line {number}"
+            if b"\0" in data:
+                raise InputError(
+                    self.path,
+                    place,
+                    "holds zero bytes instead of text, as after a power failure",
+                    "cut the file before this line",
+                )
+            text = data.decode("utf-8", "replace").strip("\r")
+            if self.names and text.strip() == self._head:
+                raise InputError(
+                    self.path,
+                    place,
+                    "repeats the header: two logs in one file",
+                    "split the file before this line",
+                )
+            cells = self._cells(text)
+            if len(cells) != self.num_columns:
+                remedy = "correct or remove the line"
+                if len(cells) > self.num_columns and self.separator == ",":
+                    remedy += "; decimal commas need another separator, such as ;"
+                if re.search(r"[^\d\s.,;+\-eE]", text):
+                    remedy += f' (it begins with "{text[:30]}")'
+                raise InputError(
+                    self.path,
+                    place,
+                    f"has {len(cells)} columns, expected {self.num_columns}",
+                    remedy,
+                )
+            for column in columns:
+                self._check_cell(cells[column], place, column)
+
+    def _check_cell(self, cell: str, place: str, column: int) -> None:
+        name = self.names[column] if self.names else ""
+        place += f", column {column + 1}" + (f" ({name})" if name else "")
+        if _is_number(cell, self.decimal_mark):
+            if np.isfinite(float(cell.replace(self.decimal_mark, "."))):
+                return
+            raise InputError(
+                self.path, place, f"{cell} is beyond any number", "correct or remove the line"
+            )
+        if not cell:
+            problem = "is empty, expected a number"
+        elif re.fullmatch(r"[+-]?(nan|inf|infinity)(\(.*\))?", cell, re.IGNORECASE):
+            problem = f"holds {cell}, expected a finite number"
+        else:
+            problem = f'holds "{cell[:40]}", expected a number'
+        remedy = "correct or remove the line; a short gap is bridged"
+        if self.names is None and place.startswith(f"line {self._num_head_lines + 1},"):
+            remedy = "set header: true in the description if this line names the columns"
+        elif self.decimal_mark == "." and _is_number(cell, ","):
+            remedy = 'set decimal_mark: "," in the description'
+        elif self.decimal_mark == "," and _is_number(cell, "."):
+            remedy = "use one decimal mark in all lines"
+        raise InputError(self.path, place, problem, remedy)
+
+    def _endless(self, place: str) -> InputError:
+        remedy = "expected text with one sample a line"
+        return InputError(self.path, place, "does not end", remedy)
+
+    def _cells(self, text: str) -> list[str]:
+        try:
+            cells = next(csv.reader([text], delimiter=self.separator), [""])
+        except csv.Error:
+            cells = text.split(self.separator)
+        return [cell.strip() for cell in cells]
+
+    def _found_decimal_mark(self, line: str) -> str:
+        if self.separator == "," or "," not in line:
+            return "."
+        if any(_is_number(cell, ",") and "," in cell for cell in self._cells(line)):
+            self.notices.append("read with decimal commas")
+            return ","
+        return "."
+
+    def _line(self, file: BinaryIO) -> str:
+        line = file.readline(_LONGEST_LINE)
+        if len(line) == _LONGEST_LINE:
+            raise self._endless("the first line or the header")
+        if b"\r" in line.rstrip(b"\r\n"):
+            raise InputError(
+                self.path,
+                "line 1",
+                "lines end with carriage returns alone",
+                "convert the line ends (dos2unix -c mac)",
+            )
+        try:
+            return line.decode("utf-8")
+        except UnicodeDecodeError as error:
+            raise InputError(
+                self.path, "", "is no text (UTF-8)", "expected numbers in CSV"
+            ) from error
+
+
+def _is_number(text: str, decimal_mark: str = ".") -> bool:
+    if decimal_mark == ",":
+        text = text.replace(".", "x").replace(",", ".")
+    return _NUMBER.fullmatch(text) is not None
+
+
+def _separator_of(line: str) -> str:
+    """The separator that most likely parts a line of names or numbers."""
+    for separator in (";", "\t", ","):
+        if separator in line:
+            return separator
+    return " " if " " in line else ","
+
+
+def _opened(path: Path) -> BinaryIO:
+    if path.is_dir():
+        raise InputError(path, "", "is a directory, expected a log", "name a file in it")
+    about_to_read(path)
+    try:
+        return path.open("rb")
+    except FileNotFoundError as error:
+        raise InputError(path, "", "no such file", "check the path") from error
+    except OSError as error:
+        raise InputError(
+            path, "", f"cannot be read ({error.strerror})", "check the path"
+        ) from error
+
+
+def _refuse_binary(path: Path, file: BinaryIO) -> None:
+    head = file.read(1 << 12)
+    if not head:
+        raise InputError(path, "", "is empty", "record the log again")
+    for magic, kind, remedy in _KINDS_OF_BINARY:
+        if head.startswith(magic):
+            raise InputError(path, "", f"is {kind}, expected text (CSV)", remedy)
+    if b"\0" in head.split(b"\n")[0]:
+        raise InputError(path, "", "is a binary file, expected text (CSV)", "export it as CSV")
+    file.seek(0)
+
+
+def _after_byte_order_mark(file: BinaryIO) -> int:
+    begin = 3 if file.read(3) == b"\xef\xbb\xbf" else 0
+    file.seek(begin)
+    return begin

@@ -1,0 +1,1 @@
+"""Rigid-body mathematics: arrays in, arrays out, and no knowledge of files."""

@@ -1,0 +1,1 @@
+"""What a robot.yaml and its URDF say about one arm."""

@@ -1,0 +1,464 @@
+"""A serial arm: its URDF, its drives, its tool, and how it joins a MultibodyPlant.
+
+A robot is a `robot.yaml` beside a URDF. The URDF is read once, checked, and turned into one
+self-contained text (`Robot.urdf_text`) that Drake and any other URDF reader load alike: base link
+as root, locked joints fixed, the tool and the frame E added, pictures that cannot be drawn dropped.
+"""
+
+import hashlib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import JointIndex, ModelInstanceIndex
+
+from models.files.configuration import REQUIRED, load_configuration, nearest
+from models.files.input_error import InputError
+from models.robot.urdf import EffectiveUrdf, JointLimits, read_urdf
+
+if TYPE_CHECKING:
+    from models.rigid_body.serial_chain import SerialChain
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class PoseConfig:
+    """Pose of a frame in its parent: X = translation(xyz) RollPitchYaw(rpy), as in URDF."""
+
+    xyz: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # m
+    rpy: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # rad
+
+
+@dataclass
+class ShapeConfig:
+    """One solid of the tool; exactly one of sphere, cylinder and box."""
+
+    sphere: float | None = None  # radius, m
+    cylinder: list[float] | None = None  # radius, length along z, m
+    box: list[float] | None = None  # sides along x, y, z, m
+    pose: PoseConfig = field(default_factory=PoseConfig)  # of its centre, in the flange
+    rgba: list[float] = field(default_factory=lambda: [0.3, 0.3, 0.32, 1.0])
+
+
+@dataclass
+class ToolConfig:
+    """The rigid body on the flange; all of it in axes of the flange."""
+
+    name: str = "tool"  # of its link
+    mass: float = field(default=0.0, metadata=REQUIRED)  # kg
+    com: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # m, from the flange
+    inertia: list[float] = field(default_factory=list, metadata=REQUIRED)
+    # about its centre of mass: ixx, iyy, izz, ixy, ixz, iyz, kg m^2
+    visual: list[ShapeConfig] = field(default_factory=list)
+    collision: list[ShapeConfig] = field(default_factory=list)
+
+
+@dataclass
+class DriveConfig:
+    """Motor, gear and current loop of one joint."""
+
+    joint: str = field(default="", metadata=REQUIRED)
+    torque_per_ampere: float | None = None  # N m/A on the joint side; or the next two
+    torque_constant: float | None = None  # N m/A of the motor
+    gear_ratio: float | None = None  # motor turns per joint turn
+    rotor_inertia: float = field(default=0.0, metadata=REQUIRED)  # kg m^2
+    rotor_inertia_side: str = (
+        "motor"  # "motor" (times gear_ratio^2), or "joint" (reflected already)
+    )
+    current_sign: int = 1  # +1 or -1: sign of the torque that a positive current gives
+    current_resolution: float = 0.0  # A, step of the measured current
+    current_noise_sd: float = 0.0  # A, of one sample
+    current_bandwidth: float | None = None  # Hz, of the measurement; without it: not limited
+    effort_limit: float | None = None  # N m; without it: the URDF's
+
+
+@dataclass
+class JointFrictionConfig:
+    """True friction of a simulated arm, one number per joint (all zero where not given)."""
+
+    stiction: list[float] = field(default_factory=list)  # N m, to break away
+    coulomb: list[float] = field(default_factory=list)  # N m, once it moves
+    stribeck_velocity: list[float] = field(default_factory=list)  # rad/s
+    viscous: list[float] = field(default_factory=list)  # N m s/rad
+    load_dependence: list[float] = field(default_factory=list)  # N m of friction per N m carried
+    ripple_amplitude: list[float] = field(default_factory=list)  # N m, over the joint position
+    ripple_periods: list[float] = field(default_factory=list)  # per turn of the joint
+
+
+@dataclass
+class SimulatedTruthConfig:
+    """What only the simulation knows; no model or estimator reads it."""
+
+    friction: JointFrictionConfig = field(default_factory=JointFrictionConfig)
+
+
+@dataclass
+class RobotConfig:
+    """The contents of a robot.yaml."""
+
+    name: str = field(default="", metadata=REQUIRED)
+    urdf: Path = field(default=Path(), metadata=REQUIRED)  # beside the robot.yaml, or absolute
+    base_link: str = field(default="", metadata=REQUIRED)  # W is its frame
+    flange: str = field(default="", metadata=REQUIRED)  # the link that carries the tool
+    tool_frame: PoseConfig = field(default_factory=PoseConfig)  # E in the flange
+    tool: ToolConfig | None = None
+    gravity: list[float] = field(default_factory=lambda: [0.0, 0.0, -9.81])  # in W, m/s^2
+    locked_joints: dict[str, float] = field(default_factory=dict)  # rad or m
+    home: list[float] = field(default_factory=list, metadata=REQUIRED)  # rad or m
+    payload: float = field(default=0.0, metadata=REQUIRED)  # kg, rated
+    drives: list[DriveConfig] = field(default_factory=list, metadata=REQUIRED)
+    simulated_truth: SimulatedTruthConfig = field(default_factory=SimulatedTruthConfig)
+
+
+@dataclass(frozen=True)
+class SimulatedTruth:
+    """True friction of the simulated joints; each field (n,), units as in JointFrictionConfig."""
+
+    stiction: Array
+    coulomb: Array
+    stribeck_velocity: Array
+    viscous: Array
+    load_dependence: Array
+    ripple_amplitude: Array
+    ripple_periods: Array
+
+
+@dataclass(frozen=True)
+class RobotInPlant:
+    """The parts of a robot after `Robot.add_to_plant`."""
+
+    model_instance: ModelInstanceIndex
+    frame_E: Any  # Frame
+    joints: tuple[Any, ...]  # Joint, base to tool
+    actuators: tuple[Any, ...]  # JointActuator, in the order of the joints
+    tool_weld: JointIndex | None  # the weld of the tool to the flange; None without a tool
+
+
+class Robot:
+    """A serial arm with its drives and its tool; immutable once loaded.
+
+    W is the frame of `config.base_link`, E the tool centre point. Arrays are (n,) in the order of
+    `joint_names`, from base to tool, in SI units and radians.
+    """
+
+    def __init__(self, config: RobotConfig, source: Path, urdf: EffectiveUrdf) -> None:
+        self.config = config
+        self.source = source
+        self.name = config.name
+        self._urdf = urdf
+        self.joint_names: tuple[str, ...] = tuple(joint.name for joint in urdf.joints)
+        self.num_joints = len(self.joint_names)
+        self.notices: tuple[str, ...] = urdf.notices
+        self.payload = config.payload
+        self.gravity = _frozen(config.gravity)
+        drives = _ordered_drives(config, source, self.joint_names)
+        self._drives = drives
+        self.torque_per_ampere = _frozen([_torque_per_ampere(d, source) for d in drives])
+        self.reflected_inertia = _frozen([_reflected_inertia(d, source) for d in drives])
+        self.current_sign = _frozen([float(d.current_sign) for d in drives])
+        self.current_resolution = _frozen([d.current_resolution for d in drives])
+        self.current_noise_sd = _frozen([d.current_noise_sd for d in drives])
+        self.current_bandwidth = _frozen([d.current_bandwidth or math.inf for d in drives])
+        self.effort_limit = _frozen(
+            [
+                _effort_limit(d, j, source, urdf.source)
+                for d, j in zip(drives, urdf.joints, strict=True)
+            ]
+        )
+        self.velocity_limit = _frozen([joint.velocity for joint in urdf.joints])
+        self.position_lower = _frozen([joint.lower for joint in urdf.joints])
+        self.position_upper = _frozen([joint.upper for joint in urdf.joints])
+        self.home = _frozen(self._checked_home())
+        self.truth = _simulated_truth(config.simulated_truth.friction, source, self.num_joints)
+
+    @classmethod
+    def load(cls, name_or_path: "str | Path") -> "Robot":
+        """Loads a bundled robot by its name, or any robot by the path of its robot.yaml.
+
+        Raises:
+            InputError: one line for whatever is wrong with robot.yaml or the URDF.
+        """
+        path = _robot_file(name_or_path)
+        config = load_configuration(path, RobotConfig)
+        _check_lists(config, path)
+        urdf_path = config.urdf if config.urdf.is_absolute() else path.parent / config.urdf
+        return cls(config, path, read_urdf(urdf_path, config, path))
+
+    @property
+    def urdf_text(self) -> str:
+        """The effective URDF: all that Drake or another reader needs, in one text."""
+        return self._urdf.text(self.name)
+
+    @cached_property
+    def chain(self) -> "SerialChain":
+        """The arm's batched kernels, read from a plant of its own (URDF values)."""
+        from models.rigid_body.serial_chain import SerialChain
+
+        plant = MultibodyPlant(0.0)
+        parts = self.add_to_plant(plant)
+        plant.Finalize()
+        return SerialChain.from_plant(plant, parts.model_instance, parts.frame_E)
+
+    @cached_property
+    def kinematics_digest(self) -> str:
+        """Short hash of what fixes the joint motions: names, kinds, frames and axes."""
+        chain = self.chain
+        digest = hashlib.sha256("\n".join(self.joint_names).encode())
+        for array in (chain.R_PJ, chain.p_PJ, chain.axis, chain.prismatic):
+            # Rounded, and without the sign of zero, so that the last bit of another machine's
+            # sine does not make another robot of it.
+            digest.update((np.round(np.asarray(array, dtype=np.float64), 9) + 0.0).tobytes())
+        return digest.hexdigest()[:16]
+
+    def add_to_plant(self, plant: Any, name: str | None = None) -> RobotInPlant:
+        """Adds the arm to a plant that is not finalized yet, and welds its base to the world.
+
+        Sets the plant's gravity, one actuator per joint with rotor inertia, gear ratio and effort
+        limit, and the home posture as default positions. Friction is not added.
+
+        Args:
+            plant: with or without a SceneGraph.
+            name: of the model instance; the robot's own without it.
+        """
+        text = self._urdf.text(name or self.name)
+        (instance,) = Parser(plant).AddModelsFromString(text, "urdf")
+        base = plant.GetFrameByName(self.config.base_link, instance)
+        plant.WeldFrames(plant.world_frame(), base)
+        plant.mutable_gravity_field().set_gravity_vector(self.gravity)
+        joints = tuple(plant.GetJointByName(joint, instance) for joint in self.joint_names)
+        actuators = []
+        for i, (joint, drive) in enumerate(zip(joints, self._drives, strict=True)):
+            actuator = plant.AddJointActuator(joint.name(), joint, float(self.effort_limit[i]))
+            # Without a gear ratio the inertia is given on the joint side: a ratio of one.
+            ratio = drive.gear_ratio if drive.gear_ratio is not None else 1.0
+            actuator.set_default_gear_ratio(ratio)
+            actuator.set_default_rotor_inertia(float(self.reflected_inertia[i]) / ratio**2)
+            joint.set_default_positions([float(self.home[i])])
+            actuators.append(actuator)
+        tool_weld = None
+        if self.config.tool is not None:
+            tool_weld = plant.GetJointByName("tool_mount", instance).index()
+        return RobotInPlant(
+            model_instance=instance,
+            frame_E=plant.GetFrameByName("E", instance),
+            joints=joints,
+            actuators=tuple(actuators),
+            tool_weld=tool_weld,
+        )
+
+    def _checked_home(self) -> list[float]:
+        home = self.config.home
+        if len(home) != self.num_joints:
+            raise InputError(
+                self.source, "home", f"{len(home)} positions, expected {self.num_joints}"
+            )
+        for joint, position in zip(self._urdf.joints, home, strict=True):
+            if not joint.lower <= position <= joint.upper:
+                raise InputError(
+                    self.source,
+                    "home",
+                    f"{joint.name} = {position:g} lies outside its limits "
+                    f"[{joint.lower:g}, {joint.upper:g}]",
+                )
+        return home
+
+
+def bundled_robots() -> list[str]:
+    """Names of the robots that come with the package."""
+    folder = _bundled_folder()
+    return sorted(entry.name for entry in folder.iterdir() if (entry / "robot.yaml").is_file())
+
+
+def _bundled_folder() -> Path:
+    return Path(str(resources.files("models"))) / "robots"
+
+
+def _robot_file(name_or_path: "str | Path") -> Path:
+    text = str(name_or_path)
+    if text in bundled_robots():
+        return _bundled_folder() / text / "robot.yaml"
+    path = Path(name_or_path)
+    if path.is_dir() and (path / "robot.yaml").is_file():
+        return path / "robot.yaml"
+    if not path.exists() and path.suffix not in {".yaml", ".yml"}:
+        names = bundled_robots()
+        remedy = nearest(text, names) or f"give the path of a robot.yaml or one of {names}"
+        raise InputError(text, "", "no such robot", remedy)
+    if path.suffix in {".urdf", ".xacro", ".sdf", ".xml"}:
+        raise InputError(path, "", "is no robot.yaml", "write one that names this file as its urdf")
+    return path
+
+
+def _frozen(values: Sequence[float]) -> Array:
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array
+
+
+def _check_lists(config: RobotConfig, source: Path) -> None:
+    """Lengths and signs that the YAML schema cannot state."""
+
+    def expect(values: Sequence[float], length: int, place: str) -> None:
+        if len(values) != length:
+            raise InputError(source, place, f"{len(values)} numbers, expected {length}")
+        if not all(math.isfinite(value) for value in values):
+            raise InputError(source, place, f"{list(values)} is not finite")
+
+    expect(config.tool_frame.xyz, 3, "tool_frame.xyz")
+    expect(config.tool_frame.rpy, 3, "tool_frame.rpy")
+    expect(config.gravity, 3, "gravity")
+    if not (math.isfinite(config.payload) and config.payload > 0):
+        raise InputError(source, "payload", f"{config.payload:g}, expected kg above 0")
+    if config.tool is None:
+        return
+    expect(config.tool.com, 3, "tool.com")
+    expect(config.tool.inertia, 6, "tool.inertia (ixx, iyy, izz, ixy, ixz, iyz)")
+    for kind in ("visual", "collision"):
+        for index, shape in enumerate(getattr(config.tool, kind)):
+            place = f"tool.{kind}[{index}]"
+            expect(shape.pose.xyz, 3, f"{place}.pose.xyz")
+            expect(shape.pose.rpy, 3, f"{place}.pose.rpy")
+            expect(shape.rgba, 4, f"{place}.rgba")
+            given = [n for n in ("sphere", "cylinder", "box") if getattr(shape, n) is not None]
+            if len(given) != 1:
+                raise InputError(source, place, "expected one of sphere, cylinder and box")
+            if shape.cylinder is not None:
+                expect(shape.cylinder, 2, f"{place}.cylinder (radius, length)")
+            if shape.box is not None:
+                expect(shape.box, 3, f"{place}.box")
+
+
+def _ordered_drives(
+    config: RobotConfig, source: Path, joint_names: tuple[str, ...]
+) -> list[DriveConfig]:
+    """The drives in joint order, each checked."""
+    by_joint: dict[str, DriveConfig] = {}
+    for index, drive in enumerate(config.drives):
+        place = f"drives[{index}]"
+        if drive.joint not in joint_names:
+            known = nearest(drive.joint, joint_names) or f"it has {', '.join(joint_names)}"
+            problem = f'"{drive.joint}" is no moving joint of the arm'
+            raise InputError(source, place, problem, known)
+        if drive.joint in by_joint:
+            raise InputError(source, place, f'a second drive for "{drive.joint}"')
+        by_joint[drive.joint] = drive
+        checks = {
+            "current_sign": (drive.current_sign in (-1, 1), "expected 1 or -1"),
+            "rotor_inertia": (0 <= drive.rotor_inertia < math.inf, "expected kg m^2, 0 or more"),
+            "rotor_inertia_side": (
+                drive.rotor_inertia_side in ("motor", "joint"),
+                'expected "motor" or "joint"',
+            ),
+            "current_resolution": (0 <= drive.current_resolution < math.inf, "expected A"),
+            "current_noise_sd": (0 <= drive.current_noise_sd < math.inf, "expected A"),
+            "gear_ratio": (drive.gear_ratio is None or 0 < drive.gear_ratio < math.inf, "> 0"),
+            "current_bandwidth": (
+                drive.current_bandwidth is None or drive.current_bandwidth > 0,
+                "expected Hz above 0",
+            ),
+        }
+        for key, (holds, expected) in checks.items():
+            if not holds:
+                value = getattr(drive, key)
+                raise InputError(source, f"{place}.{key}", f"{value!r}, {expected}")
+    missing = [name for name in joint_names if name not in by_joint]
+    if missing:
+        raise InputError(
+            source,
+            "drives",
+            f"no drive for {', '.join(missing)}",
+            "add one, or name the joint under locked_joints",
+        )
+    return [by_joint[name] for name in joint_names]
+
+
+def _torque_per_ampere(drive: DriveConfig, source: Path) -> float:
+    place = f"drive of {drive.joint}"
+    if drive.torque_per_ampere is not None:
+        if drive.torque_constant is not None:
+            raise InputError(
+                source, place, "gives torque_per_ampere and torque_constant", "drop one"
+            )
+        value = drive.torque_per_ampere
+    elif drive.torque_constant is not None and drive.gear_ratio is not None:
+        value = drive.torque_constant * drive.gear_ratio
+    else:
+        raise InputError(
+            source, place, "needs torque_per_ampere, or torque_constant with gear_ratio"
+        )
+    if not 0 < value < math.inf:
+        raise InputError(
+            source,
+            place,
+            f"{value:g} N m/A, expected a positive number",
+            "the sign belongs in current_sign",
+        )
+    return value
+
+
+def _reflected_inertia(drive: DriveConfig, source: Path) -> float:
+    if drive.rotor_inertia_side == "joint":
+        return drive.rotor_inertia
+    if drive.gear_ratio is None:
+        if drive.rotor_inertia == 0.0:
+            return 0.0
+        raise InputError(
+            source,
+            f"drive of {drive.joint}",
+            "rotor_inertia is on the motor side, and gear_ratio is missing",
+            "add it, or set rotor_inertia_side: joint",
+        )
+    return drive.rotor_inertia * drive.gear_ratio**2
+
+
+def _effort_limit(drive: DriveConfig, joint: JointLimits, source: Path, urdf: Path) -> float:
+    if drive.effort_limit is not None:
+        if not 0 < drive.effort_limit < math.inf:
+            problem = f"effort_limit {drive.effort_limit:g}, expected N m above 0"
+            raise InputError(source, f"drive of {drive.joint}", problem)
+        return drive.effort_limit
+    if joint.effort is None:
+        raise InputError(
+            urdf,
+            f"line {joint.line}",
+            f'joint "{joint.name}" has no effort limit above 0',
+            'add effort="..." (N m) to its <limit>, or effort_limit to its drive in robot.yaml',
+        )
+    return joint.effort
+
+
+def _simulated_truth(
+    friction: JointFrictionConfig, source: Path, num_joints: int
+) -> SimulatedTruth:
+    arrays: dict[str, Array] = {}
+    for name in SimulatedTruth.__dataclass_fields__:
+        values: list[float] = getattr(friction, name)
+        place = f"simulated_truth.friction.{name}"
+        if not values:
+            # One rad/s, so that nobody divides by a Stribeck velocity of zero.
+            values = [1.0 if name == "stribeck_velocity" else 0.0] * num_joints
+        if len(values) != num_joints:
+            raise InputError(source, place, f"{len(values)} numbers, expected {num_joints}")
+        if not all(0 <= value < math.inf for value in values):
+            raise InputError(source, place, f"{values}, expected numbers of 0 or more")
+        arrays[name] = _frozen(values)
+    if np.any(arrays["stiction"] < arrays["coulomb"]) and friction.stiction:
+        raise InputError(
+            source, "simulated_truth.friction.stiction", "below coulomb", "stiction >= coulomb"
+        )
+    return SimulatedTruth(**arrays)
+
+
+def pose_of(config: PoseConfig) -> RigidTransform:
+    """The transform that a PoseConfig states."""
+    return RigidTransform(RollPitchYaw(config.rpy), config.xyz)

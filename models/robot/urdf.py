@@ -1,0 +1,603 @@
+"""Reads a URDF, checks it, and turns it into the effective URDF of a serial arm.
+
+Drake's own messages about a broken URDF name neither line nor remedy, and some faults pass
+silently (an effort limit that is not there, a mesh that cannot be drawn). So the file is checked
+here first, with its line numbers.
+"""
+
+import math
+import xml.etree.ElementTree as ET
+import xml.parsers.expat
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.eigen_geometry import AngleAxis
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+
+from models.files.configuration import nearest
+from models.files.files_read import about_to_read
+from models.files.input_error import InputError
+
+if TYPE_CHECKING:
+    from models.robot.robot import RobotConfig, ShapeConfig, ToolConfig
+
+Array = NDArray[np.float64]
+
+_MOVING = ("revolute", "continuous", "prismatic")
+_KNOWN_TYPES = (*_MOVING, "fixed", "floating", "planar")
+_VISUAL_MESHES = (".obj", ".gltf", ".vtk")
+_COLLISION_MESHES = (".obj", ".gltf", ".vtk")
+_SHAPES = ("box", "cylinder", "sphere", "capsule", "ellipsoid", "drake:capsule", "drake:ellipsoid")
+_KEPT = ("link", "joint", "material", "drake:collision_filter_group")
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """What the URDF says of a moving joint."""
+
+    name: str
+    line: int
+    lower: float  # rad or m; -inf where there is none
+    upper: float
+    velocity: float  # rad/s or m/s; inf where there is none
+    effort: float | None  # N m or N; None where it is missing or not above 0
+
+
+class EffectiveUrdf:
+    """A checked serial arm as one self-contained URDF document."""
+
+    def __init__(
+        self,
+        root: ET.Element,
+        joints: tuple[JointLimits, ...],
+        notices: tuple[str, ...],
+        source: Path,
+    ) -> None:
+        self._root = root
+        self.joints = joints  # moving ones, base to tool
+        self.notices = notices
+        self.source = source
+
+    def text(self, name: str) -> str:
+        """The document, with `name` as the robot's."""
+        self._root.set("name", name)
+        return ET.tostring(self._root, encoding="unicode")
+
+
+def read_urdf(path: Path, config: "RobotConfig", config_source: Path) -> EffectiveUrdf:
+    """Reads and checks `path` as the arm that `config` (from `config_source`) describes.
+
+    Raises:
+        InputError: the file is no URDF; its tree is broken; a joint has an unknown type; a moving
+            body has no physical inertia; the arm branches; a link or joint that `config` names is
+            not there.
+    """
+    return _Reader(path, config, config_source).read()
+
+
+class _Reader:
+    def __init__(self, path: Path, config: "RobotConfig", config_source: Path) -> None:
+        self.path = path
+        self.config = config
+        self.config_source = config_source
+        self.lines: dict[ET.Element, int] = {}
+        self.notices: list[str] = []
+        self.root = self._parse()
+        self.links: dict[str, ET.Element] = {}
+        self.joints: dict[str, ET.Element] = {}
+        self.parent_joint: dict[str, ET.Element] = {}  # by child link
+        self.child_joints: dict[str, list[ET.Element]] = {}  # by parent link
+
+    def read(self) -> EffectiveUrdf:
+        self._collect()
+        self._check_tree()
+        self._lock_joints()
+        self._keep_below_base()
+        moving = self._serial_chain()
+        self._check_inertias(moving)
+        self._drop_pictures()
+        self._tidy_joints(moving)
+        self._add_tool()
+        limits = tuple(self._limits(joint) for joint in moving)
+        return EffectiveUrdf(self.root, limits, tuple(self.notices), self.path)
+
+    # Reading ----------------------------------------------------------------------------------
+
+    def _parse(self) -> ET.Element:
+        about_to_read(self.path)
+        try:
+            data = self.path.read_bytes()
+        except OSError as error:
+            what = "no such file" if isinstance(error, FileNotFoundError) else error.strerror
+            raise InputError(self.path, "", f"URDF: {what}", f"see {self.config_source}") from error
+        builder = ET.TreeBuilder()
+        parser = xml.parsers.expat.ParserCreate()
+
+        def start(tag: str, attributes: dict[str, str]) -> None:
+            self.lines[builder.start(tag, attributes)] = parser.CurrentLineNumber
+
+        parser.StartElementHandler = start
+        parser.EndElementHandler = builder.end
+        parser.CharacterDataHandler = builder.data
+        try:
+            parser.Parse(data, True)
+        except xml.parsers.expat.ExpatError as error:
+            what = xml.parsers.expat.ErrorString(error.code)
+            raise InputError(self.path, f"line {error.lineno}", f"no valid XML: {what}") from error
+        root = builder.close()
+        if root.tag != "robot":
+            self._fail(root, f"<{root.tag}> is the root element, expected <robot> of a URDF")
+        for element in root:
+            if element.tag.startswith("xacro:"):
+                self._fail(element, f"<{element.tag}> is unexpanded xacro", "run xacro on it first")
+        return root
+
+    def _collect(self) -> None:
+        for link in self.root.findall("link"):
+            self._register(link, self.links)
+        for joint in self.root.findall("joint"):
+            name = self._register(joint, self.joints)
+            kind = joint.get("type", "")
+            if kind not in _KNOWN_TYPES:
+                remedy = nearest(kind, _KNOWN_TYPES) or "known types: " + ", ".join(_KNOWN_TYPES)
+                self._fail(joint, f'joint "{name}" has the unknown type "{kind}"', remedy)
+            for role in ("parent", "child"):
+                end = joint.find(role)
+                link_name = end.get("link", "") if end is not None else ""
+                if link_name not in self.links:
+                    problem = f'joint "{name}": its {role} link "{link_name}" does not exist'
+                    self._fail(
+                        end if end is not None else joint, problem, self._near_link(link_name)
+                    )
+            self._origin(joint)
+            if kind in _MOVING and np.linalg.norm(self._axis(joint)) < 1e-9:
+                self._fail(joint, f'joint "{name}" has an axis of length zero')
+
+    def _register(self, element: ET.Element, known: dict[str, ET.Element]) -> str:
+        name = element.get("name", "")
+        if not name:
+            self._fail(element, f"a <{element.tag}> without a name")
+        if name in known:
+            self._fail(element, f'a second {element.tag} "{name}"')
+        known[name] = element
+        return name
+
+    def _check_tree(self) -> None:
+        for joint in self.joints.values():
+            child = self._child(joint)
+            if child in self.parent_joint:
+                first = self.parent_joint[child].get("name")
+                problem = f'link "{child}" is the child of two joints, "{first}" and '
+                self._fail(joint, problem + f'"{joint.get("name")}"', "a URDF is a tree")
+            self.parent_joint[child] = joint
+            self.child_joints.setdefault(self._parent(joint), []).append(joint)
+        roots = [name for name in self.links if name not in self.parent_joint]
+        if len(roots) > 1:
+            listed = ", ".join(f'"{name}"' for name in roots)
+            self._fail(
+                self.links[roots[1]],
+                f"the tree has {len(roots)} roots: {listed}",
+                "join them with a fixed joint",
+            )
+        reached = set(self._below(roots[0])) if roots else set()
+        for name, link in self.links.items():
+            if name not in reached:
+                self._fail(link, f'link "{name}" is part of a loop of joints', "a URDF is a tree")
+        if not self.links:
+            self._fail(self.root, "holds no <link>")
+
+    # Reshaping --------------------------------------------------------------------------------
+
+    def _lock_joints(self) -> None:
+        for name, position in self.config.locked_joints.items():
+            joint = self.joints.get(name)
+            if joint is None:
+                remedy = nearest(name, self.joints)
+                problem = f'"{name}" is no joint of {self.path.name}'
+                raise InputError(self.config_source, "locked_joints", problem, remedy)
+            kind = joint.get("type", "")
+            if kind == "fixed":
+                continue
+            if kind not in _MOVING:
+                self._fail(joint, f'joint "{name}" of type "{kind}" cannot be locked')
+            if position != 0.0:
+                axis = self._axis(joint)
+                axis /= np.linalg.norm(axis)
+                motion = (
+                    RigidTransform(position * axis)
+                    if kind == "prismatic"
+                    else RigidTransform(AngleAxis(position, axis), np.zeros(3))
+                )
+                self._set_origin(joint, self._origin(joint) @ motion)
+            joint.set("type", "fixed")
+
+    def _keep_below_base(self) -> None:
+        """Drops all that does not hang on the base link: W is the base link's frame."""
+        base = self.config.base_link
+        if base not in self.links or base == "world":
+            raise InputError(
+                self.config_source,
+                "base_link",
+                f'"{base}" is no link of the robot in {self.path.name}',
+                self._near_link(base),
+            )
+        joint = self.parent_joint.get(base)
+        turned = RotationMatrix()
+        while joint is not None:
+            turned = self._origin(joint).rotation() @ turned
+            joint = self.parent_joint.get(self._parent(joint))
+        if not turned.IsNearlyIdentity(1e-6):
+            self.notices.append(
+                f'the mounting of "{base}" in the URDF is ignored: W is "{base}", '
+                "gravity is as robot.yaml states it"
+            )
+        kept = set(self._below(base))
+        dropped = [name for name in self.links if name not in kept]
+        for name in dropped:
+            self.root.remove(self.links.pop(name))
+        for name, element in list(self.joints.items()):
+            if self._child(element) not in kept or self._parent(element) not in kept:
+                self.root.remove(self.joints.pop(name))
+        self.parent_joint.pop(base, None)
+        if dropped and dropped != ["world"]:
+            self.notices.append(f'links not carried by "{base}" dropped: {", ".join(dropped)}')
+        for element in list(self.root):
+            if element.tag not in _KEPT:
+                self.root.remove(element)
+            for member in element.findall("drake:member"):
+                if member.get("link") not in kept:
+                    element.remove(member)
+
+    def _serial_chain(self) -> list[ET.Element]:
+        """The moving joints from base to flange; any other moving joint is a branch."""
+        flange = self.config.flange
+        if flange not in self.links:
+            raise InputError(
+                self.config_source,
+                "flange",
+                f'"{flange}" is no link below "{self.config.base_link}"',
+                self._near_link(flange),
+            )
+        chain: list[ET.Element] = []
+        joint = self.parent_joint.get(flange)
+        while joint is not None:
+            if joint.get("type") != "fixed":
+                chain.insert(0, joint)
+            joint = self.parent_joint.get(self._parent(joint))
+        if not chain:
+            raise InputError(self.config_source, "flange", f'no moving joint carries "{flange}"')
+        for joint in chain:
+            kind, name = joint.get("type"), joint.get("name")
+            if kind not in _MOVING:
+                self._fail(joint, f'joint "{name}": type "{kind}" is not supported in an arm')
+            if joint.find("mimic") is not None:
+                self._fail(joint, f'joint "{name}" mimics another one', "lock it in robot.yaml")
+        branches = [j for j in self.joints.values() if j.get("type") != "fixed" and j not in chain]
+        if branches:
+            names = ", ".join(f'"{joint.get("name")}"' for joint in branches)
+            self._fail(
+                branches[0],
+                f"moving joints off the line from base to flange: {names}",
+                f"name them under locked_joints in {self.config_source.name}",
+            )
+        return chain
+
+    def _drop_pictures(self) -> None:
+        dropped: dict[tuple[str, str], int] = {}
+        for link in self.links.values():
+            for kind, meshes in (("visual", _VISUAL_MESHES), ("collision", _COLLISION_MESHES)):
+                for element in link.findall(kind):
+                    reason = self._undrawable(element, meshes)
+                    if reason:
+                        link.remove(element)
+                        dropped[kind, reason] = dropped.get((kind, reason), 0) + 1
+        without = {"visual": "it is drawn without them", "collision": "nothing collides with them"}
+        for (kind, reason), count in dropped.items():
+            shapes = "shape" if count == 1 else "shapes"
+            self.notices.append(f"{count} {kind} {shapes} dropped ({reason}): {without[kind]}")
+
+    def _undrawable(self, element: ET.Element, meshes: tuple[str, ...]) -> str:
+        """Why Drake cannot take a visual or collision element; '' if it can."""
+        geometry = element.find("geometry")
+        shape = next(iter(geometry), None) if geometry is not None else None
+        if shape is None:
+            return "no geometry"
+        if shape.tag in _SHAPES:
+            return ""
+        if shape.tag != "mesh":
+            return f"<{shape.tag}>"
+        name = shape.get("filename", "")
+        suffix = Path(name).suffix.lower()
+        if suffix not in meshes:
+            return suffix or "no file name"
+        found = self._resolve(name)
+        if found is None:
+            return f"{suffix}, file not found"
+        about_to_read(found)
+        shape.set("filename", found.as_uri())
+        return ""
+
+    def _resolve(self, name: str) -> Path | None:
+        """The file that a mesh's URI means; package:// is looked for upwards from the URDF."""
+        folder = self.path.resolve().parent
+        if name.startswith("package://"):
+            relative = name.removeprefix("package://")
+            inside = relative.partition("/")[2]
+            candidates = [parent / relative for parent in (folder, *folder.parents)]
+            candidates += [
+                parent / inside
+                for parent in (folder, *folder.parents)
+                if (parent / "package.xml").is_file()
+            ]
+        else:
+            candidates = [folder / name.removeprefix("file://")]
+        return next((path for path in candidates if path.is_file()), None)
+
+    def _tidy_joints(self, moving: list[ET.Element]) -> None:
+        damped = []
+        for joint in self.joints.values():
+            dynamics = joint.find("dynamics")
+            if dynamics is not None and joint in moving:
+                values = (self._number(dynamics, key, 0.0) for key in ("damping", "friction"))
+                if any(values):
+                    damped.append(joint.get("name", ""))
+            for child in list(joint):
+                kept = ("parent", "child", "origin", "axis", "limit")
+                if child.tag not in kept or (child.tag == "limit" and joint not in moving):
+                    joint.remove(child)
+        if damped:
+            self.notices.append(
+                f"joint friction of the URDF ignored ({', '.join(damped)}): "
+                "robot.yaml states the friction"
+            )
+
+    def _add_tool(self) -> None:
+        config = self.config
+        for name in ("E", config.tool.name if config.tool else "E"):
+            if name in self.links:
+                self._fail(self.links[name], f'the link name "{name}" is taken', "rename the link")
+        for name in ("tool_mount", "tool_frame"):
+            if name in self.joints:
+                self._fail(self.joints[name], f'the joint name "{name}" is taken', "rename it")
+        carrier = config.flange
+        if config.tool is not None:
+            tool = config.tool
+            link = ET.SubElement(self.root, "link", name=tool.name)
+            inertial = ET.SubElement(link, "inertial")
+            ET.SubElement(inertial, "origin", xyz=_text(tool.com), rpy="0 0 0")
+            ET.SubElement(inertial, "mass", value=repr(float(tool.mass)))
+            keys = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+            values = (repr(float(value)) for value in tool.inertia)
+            ET.SubElement(inertial, "inertia", dict(zip(keys, values, strict=True)))
+            for kind, shapes in (("visual", tool.visual), ("collision", tool.collision)):
+                for index, shape in enumerate(shapes):
+                    self._add_shape(link, kind, f"{tool.name}_{kind}_{index}", shape)
+            self._add_fixed("tool_mount", carrier, tool.name, RigidTransform())
+            carrier = tool.name
+        ET.SubElement(self.root, "link", name="E")
+        pose = ET.SubElement(self._add_fixed("tool_frame", carrier, "E", None), "origin")
+        pose.set("xyz", _text(config.tool_frame.xyz))
+        pose.set("rpy", _text(config.tool_frame.rpy))
+
+    def _add_shape(self, link: ET.Element, kind: str, name: str, shape: "ShapeConfig") -> None:
+        element = ET.SubElement(link, kind, name=name)
+        ET.SubElement(element, "origin", xyz=_text(shape.pose.xyz), rpy=_text(shape.pose.rpy))
+        geometry = ET.SubElement(element, "geometry")
+        if shape.sphere is not None:
+            ET.SubElement(geometry, "sphere", radius=repr(shape.sphere))
+        elif shape.cylinder is not None:
+            radius, length = shape.cylinder
+            ET.SubElement(geometry, "cylinder", radius=repr(radius), length=repr(length))
+        elif shape.box is not None:
+            ET.SubElement(geometry, "box", size=_text(shape.box))
+        if kind == "visual":
+            material = ET.SubElement(element, "material", name=f"{name}_colour")
+            ET.SubElement(material, "color", rgba=_text(shape.rgba))
+
+    def _add_fixed(
+        self, name: str, parent: str, child: str, pose: RigidTransform | None
+    ) -> ET.Element:
+        joint = ET.SubElement(self.root, "joint", name=name, type="fixed")
+        ET.SubElement(joint, "parent", link=parent)
+        ET.SubElement(joint, "child", link=child)
+        if pose is not None:
+            self._set_origin(joint, pose)
+        return joint
+
+    # Inertia ----------------------------------------------------------------------------------
+
+    def _check_inertias(self, moving: list[ET.Element]) -> None:
+        if self.config.tool is not None:
+            self._check_tool(self.config.tool)
+        for name, link in self.links.items():
+            mass, _, about_com = self._inertia(link)
+            if mass < 0:
+                self._fail(link, f'link "{name}" has a mass of {mass:g} kg')
+            moves = any(name in self._rigidly_below(self._child(joint)) for joint in moving)
+            if mass == 0 and np.any(about_com != 0):
+                self._fail(link, f'link "{name}" has a rotational inertia but no mass')
+            if mass > 0 and moves and np.any(about_com != 0):
+                self._check_physical(link, f'link "{name}"', about_com)
+        tool = self.config.tool
+        for joint in moving:
+            body = self._child(joint)
+            parts = []
+            for name, pose in self._rigidly_below(body).items():
+                mass, com, about_com = self._inertia(self.links[name])
+                R = pose.rotation().matrix()
+                parts.append((mass, pose @ com, R @ about_com @ R.T))
+                if tool is not None and name == self.config.flange:
+                    parts.append(
+                        (tool.mass, pose @ np.array(tool.com), R @ _matrix(tool.inertia) @ R.T)
+                    )
+            total = sum(mass for mass, _, _ in parts)
+            link = self.links[body]
+            if total <= 0:
+                self._fail(
+                    link,
+                    f'moving link "{body}" and what is fixed to it have no mass',
+                    "give it an <inertial>",
+                )
+            com = sum((mass * p for mass, p, _ in parts), np.zeros(3)) / total
+            composite = np.zeros((3, 3))
+            for mass, p, about_com in parts:
+                d = p - com
+                composite += about_com + mass * (d @ d * np.eye(3) - np.outer(d, d))
+            self._check_physical(
+                link, f'moving link "{body}" (with what is fixed to it)', composite
+            )
+
+    def _check_tool(self, tool: "ToolConfig") -> None:
+        if not tool.mass > 0:
+            raise InputError(self.config_source, "tool.mass", f"{tool.mass:g}, expected kg above 0")
+        problem = _unphysical(_matrix(tool.inertia))
+        if problem:
+            raise InputError(self.config_source, "tool.inertia", f"not physical: {problem}")
+
+    def _check_physical(self, link: ET.Element, what: str, inertia: Array) -> None:
+        problem = _unphysical(inertia)
+        if problem:
+            inertial = link.find("inertial")
+            self._fail(
+                inertial if inertial is not None else link,
+                f"{what} has no physical inertia: {problem}",
+                "expected values about the centre of mass in kg m^2",
+            )
+
+    def _inertia(self, link: ET.Element) -> tuple[float, Array, Array]:
+        """Mass, centre of mass and inertia about it, in axes of the link."""
+        inertial = link.find("inertial")
+        if inertial is None:
+            return 0.0, np.zeros(3), np.zeros((3, 3))
+        mass_element, inertia_element = inertial.find("mass"), inertial.find("inertia")
+        mass = 0.0 if mass_element is None else self._number(mass_element, "value", 0.0)
+        pose = self._origin(inertial)
+        values = [0.0] * 6
+        if inertia_element is not None:
+            keys = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+            values = [self._number(inertia_element, key, 0.0) for key in keys]
+        R = pose.rotation().matrix()
+        return mass, pose.translation(), R @ _matrix(values) @ R.T
+
+    # Small parts ------------------------------------------------------------------------------
+
+    def _below(self, link: str) -> Iterator[str]:
+        """`link` and every link that it carries."""
+        waiting = [link]
+        while waiting:
+            name = waiting.pop()
+            yield name
+            waiting += [self._child(joint) for joint in self.child_joints.get(name, [])]
+
+    def _rigidly_below(self, link: str) -> dict[str, RigidTransform]:
+        """`link` and every link fixed to it, with their poses in it."""
+        poses = {link: RigidTransform()}
+        waiting = [link]
+        while waiting:
+            name = waiting.pop()
+            for joint in self.child_joints.get(name, []):
+                if joint.get("type") == "fixed":
+                    poses[self._child(joint)] = poses[name] @ self._origin(joint)
+                    waiting.append(self._child(joint))
+        return poses
+
+    def _limits(self, joint: ET.Element) -> JointLimits:
+        name = joint.get("name", "")
+        limit = joint.find("limit")
+        lower, upper, velocity, effort = -math.inf, math.inf, math.inf, 0.0
+        if limit is not None:
+            velocity = self._number(limit, "velocity", 0.0) or math.inf
+            effort = self._number(limit, "effort", 0.0)
+            if joint.get("type") != "continuous":
+                lower = self._number(limit, "lower", 0.0)
+                upper = self._number(limit, "upper", 0.0)
+        if lower >= upper:
+            self._fail(
+                limit if limit is not None else joint,
+                f'joint "{name}": lower limit {lower:g} is not below the upper {upper:g}',
+            )
+        return JointLimits(
+            name, self.lines[joint], lower, upper, velocity, effort if effort > 0 else None
+        )
+
+    def _axis(self, joint: ET.Element) -> Array:
+        axis = joint.find("axis")
+        return np.array([1.0, 0.0, 0.0]) if axis is None else self._vector(axis, "xyz")
+
+    def _origin(self, element: ET.Element) -> RigidTransform:
+        origin = element.find("origin")
+        if origin is None:
+            return RigidTransform()
+        return RigidTransform(
+            RollPitchYaw(self._vector(origin, "rpy")), self._vector(origin, "xyz")
+        )
+
+    def _set_origin(self, element: ET.Element, pose: RigidTransform) -> None:
+        origin = element.find("origin")
+        if origin is None:
+            origin = ET.SubElement(element, "origin")
+        origin.set("xyz", _text(pose.translation()))
+        origin.set("rpy", _text(RollPitchYaw(pose.rotation()).vector()))
+
+    def _vector(self, element: ET.Element, key: str) -> Array:
+        text = element.get(key, "0 0 0")
+        try:
+            values = np.array([float(word) for word in text.split()])
+        except ValueError:
+            values = np.array([])
+        if values.shape != (3,) or not np.all(np.isfinite(values)):
+            self._fail(element, f'{key}="{text}" of <{element.tag}>, expected three numbers')
+        return values
+
+    def _number(self, element: ET.Element, key: str, default: float) -> float:
+        text = element.get(key)
+        try:
+            value = default if text is None else float(text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            self._fail(element, f'{key}="{text}" of <{element.tag}>, expected a number')
+        return value
+
+    @staticmethod
+    def _end(joint: ET.Element, role: str) -> str:
+        element = joint.find(role)
+        return element.get("link", "") if element is not None else ""
+
+    def _parent(self, joint: ET.Element) -> str:
+        return self._end(joint, "parent")
+
+    def _child(self, joint: ET.Element) -> str:
+        return self._end(joint, "child")
+
+    def _near_link(self, name: str) -> str:
+        return nearest(name, self.links) or "links: " + ", ".join(self.links)
+
+    def _fail(self, element: ET.Element, problem: str, remedy: str = "") -> NoReturn:
+        line = self.lines.get(element)
+        raise InputError(self.path, f"line {line}" if line else "", problem, remedy)
+
+
+def _matrix(values: list[float]) -> Array:
+    ixx, iyy, izz, ixy, ixz, iyz = values
+    return np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+
+
+def _unphysical(inertia: Array) -> str:
+    """Why a rotational inertia about a centre of mass cannot be real; '' if it can."""
+    moments = np.linalg.eigvalsh(inertia)
+    listed = ", ".join(f"{moment:.3g}" for moment in moments)
+    if not moments[0] > 1e-12 * max(moments[2], 1e-12):
+        return f"principal moments {listed} are not all above 0"
+    # A flat body meets the triangle inequality with equality; published values are rounded.
+    if moments[0] + moments[1] < moments[2] * (1 - 1e-6):
+        return f"principal moments {listed} break the triangle inequality"
+    return ""
+
+
+def _text(values: "Array | list[float]") -> str:
+    return " ".join(repr(float(value)) for value in values)

@@ -1,0 +1,162 @@
+"""From the reaction at the tool's mount to the wrench that the environment applies at E."""
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from models.signals.low_pass import low_pass_update
+
+Array = NDArray[np.float64]
+
+# Rows of the table of constants, (_NUM_ROWS, 3).
+_MASS, _COM, _INERTIA, _GRAVITY, _P_EJ, _R_EJ, _NUM_ROWS = 0, 1, 2, 5, 6, 7, 10
+
+
+def tool_table(
+    mass: float, p_EC: Array, I_C: Array, gravity: Array, R_EJ: Array, p_EJ: Array
+) -> Array:
+    """Packs what `contact_wrench` needs to know of a tool that E is fixed to.
+
+    Args:
+        mass: kg.
+        p_EC: (3,) its centre of mass C from E, axes of E, m.
+        I_C: (3, 3) its rotational inertia about C, axes of E, kg m^2.
+        gravity: (3,) m/s^2, axes of W.
+        R_EJ, p_EJ: (3, 3), (3,) pose in E of the frame J at which the reaction is known.
+    """
+    table = np.zeros((_NUM_ROWS, 3))
+    table[_MASS, 0] = mass
+    table[_COM] = p_EC
+    table[_INERTIA : _INERTIA + 3] = I_C
+    table[_GRAVITY] = gravity
+    table[_P_EJ] = p_EJ
+    table[_R_EJ : _R_EJ + 3] = R_EJ
+    return table
+
+
+@numba.njit(cache=True)
+def _turn(R: Array, x: Array, y: Array) -> None:
+    for i in range(3):
+        y[i] = R[i, 0] * x[0] + R[i, 1] * x[1] + R[i, 2] * x[2]
+
+
+@numba.njit(cache=True)
+def _turn_back(R: Array, x: Array, y: Array) -> None:
+    for i in range(3):
+        y[i] = R[0, i] * x[0] + R[1, i] * x[1] + R[2, i] * x[2]
+
+
+@numba.njit(cache=True)
+def _add_cross(gain: float, a: Array, b: Array, y: Array) -> None:
+    y[0] += gain * (a[1] * b[2] - a[2] * b[1])
+    y[1] += gain * (a[2] * b[0] - a[0] * b[2])
+    y[2] += gain * (a[0] * b[1] - a[1] * b[0])
+
+
+@numba.njit(cache=True)
+def tool_acceleration(J: Array, v: Array, vdot: Array, out: Array) -> None:
+    """Writes the acceleration J vdot + dJ/dt v of E (6,), rotation first, axes of W.
+
+    The rate of the Jacobian needs nothing but the Jacobian: with angular parts S and linear parts L
+    of its columns, the derivative of column j by q_i is S_i x S_j (only for i < j) and
+    S_min(i,j) x L_max(i,j), for revolute and prismatic joints alike.
+    """
+    n = v.shape[0]
+    out[:] = 0.0
+    w = np.zeros(3)  # angular velocity of what carries joint j
+    S, L, rate = np.empty(3), np.empty(3), np.empty(3)
+    for j in range(n):
+        for k in range(3):
+            S[k], L[k] = J[k, j], J[3 + k, j]
+            rate[k] = S[k] * v[j]
+            out[k] += S[k] * vdot[j]
+            out[3 + k] += L[k] * vdot[j]
+        _add_cross(1.0, w, rate, out[:3])
+        # i < j twice (i before j, and j before i), i = j once
+        _add_cross(2.0 * v[j], w, L, out[3:])
+        _add_cross(v[j], rate, L, out[3:])
+        for k in range(3):
+            w[k] += rate[k]
+
+
+@numba.njit(cache=True)
+def contact_wrench(
+    table: Array, R_WE: Array, w_WE: Array, A_WE: Array, reaction: Array, out: Array
+) -> None:
+    """Writes what acts on the tool besides gravity and its mount: (6,) at E in W, rotation first.
+
+    Newton and Euler about the tool's centre of mass C, worked in axes of E, the mount's reaction
+    being known:
+
+        force          = m (a_C - g) - force_J
+        moment about C = I alpha + w x I w - moment_J - (p_J - p_C) x force_J
+
+    Args:
+        table: of `tool_table`.
+        R_WE: (3, 3).
+        w_WE: (3,) angular velocity, axes of W, rad/s.
+        A_WE: (6,) acceleration of E, rotation first, axes of W, rad/s^2 and m/s^2.
+        reaction: (6,) on the tool at J, axes of J, rotation first: N m, N.
+        out: (6,) N m and N.
+    """
+    com, I_C = table[_COM], table[_INERTIA : _INERTIA + 3]
+    R_EJ = table[_R_EJ : _R_EJ + 3]
+    w, alpha, force, moment = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    force_J, moment_J, x = np.empty(3), np.empty(3), np.empty(3)
+    _turn_back(R_WE, w_WE, w)
+    _turn_back(R_WE, A_WE[:3], alpha)
+    _turn_back(R_WE, A_WE[3:] - table[_GRAVITY], force)
+    _turn(R_EJ, reaction[:3], moment_J)
+    _turn(R_EJ, reaction[3:], force_J)
+    x[:] = 0.0
+    _add_cross(1.0, w, com, x)
+    _add_cross(1.0, alpha, com, force)
+    _add_cross(1.0, w, x, force)
+    for k in range(3):
+        force[k] = table[_MASS, 0] * force[k] - force_J[k]
+    _turn(I_C, alpha, moment)
+    _turn(I_C, w, x)
+    _add_cross(1.0, w, x, moment)
+    for k in range(3):
+        moment[k] -= moment_J[k]
+        x[k] = table[_P_EJ, k] - com[k]
+    _add_cross(-1.0, x, force_J, moment)
+    _add_cross(1.0, com, force, moment)
+    _turn(R_WE, moment, out[:3])
+    _turn(R_WE, force, out[3:])
+
+
+@numba.njit(cache=True)
+def measure_contact_wrench(
+    table: Array,
+    A: Array,
+    B: Array,
+    C: Array,
+    J: Array,
+    R_WE: Array,
+    V_WE: Array,
+    v: Array,
+    vdot: Array,
+    reaction: Array,
+    noise_sd: Array,
+    noise: Array,
+    wrench: Array,
+    state: Array,
+) -> None:
+    """Takes a sample of the contact's wrench: `wrench` (6,) is written, `state` moved on.
+
+    Args:
+        table, reaction: as in `contact_wrench`.
+        A, B, C: of the sensor's LowPass.
+        J, R_WE, V_WE, v: of E and the joints.
+        vdot: (n,) rad/s^2.
+        noise_sd: (6,) N m, N.
+        noise: (6,) unit Gaussian draws.
+        state: (6 order,) of the filter.
+    """
+    A_WE = np.empty(6)
+    tool_acceleration(J, v, vdot, A_WE)
+    contact_wrench(table, R_WE, V_WE[:3], A_WE, reaction, wrench)
+    for i in range(6):
+        wrench[i] += noise_sd[i] * noise[i]
+    low_pass_update(A, B, C, wrench, state)

@@ -1,0 +1,58 @@
+"""Friction laws compared: the figure of merit by hand, and the experiment, shortened."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analyses.experiments.free_motion.friction_laws import ARTICLE, EXPERIMENT, PLAIN, NearZero
+from analyses.methods.learning.identification import LAWS
+from analyses.output.outputs import plain_metrics
+from analyses.study.experiment import ExperimentContext
+from analyses.study.outcome import look_up
+
+DATA = Path(__file__).parents[5] / "shared" / "data"
+
+
+def test_near_zero_counts_slow_samples_only():
+    v = np.array([-0.2, -0.01, 0.02, 0.5])
+    own = NearZero(v, np.array([9.0, -1.0, 2.0, 9.0]), {"a": np.array([0.0, -4.0, 6.0, 0.0])})
+    assert own.rmse("a", 0.05) == pytest.approx(np.sqrt((9.0 + 16.0) / 2.0))
+    assert np.isnan(own.rmse("a", 0.001))
+
+
+@pytest.fixture(scope="module")
+def outcome(tmp_path_factory):
+    out = tmp_path_factory.mktemp("friction-laws")
+    return out, EXPERIMENT.run(ExperimentContext(out=out, data=DATA, quick=True))
+
+
+@pytest.mark.slow
+def test_laws_near_zero_on_the_simulated_arm(outcome):
+    _, result = outcome
+    simulated = result.metrics["simulated"]
+    assert [law for law in simulated if law in LAWS] == list(LAWS)
+    for law in (ARTICLE, "presliding"):
+        assert simulated[law]["near_zero_mean_reduction_pct"] >= 60.0
+    assert simulated[PLAIN]["near_zero_mean_reduction_pct"] == 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    not (DATA / "ur10e").is_dir(), reason="the recordings are not beside the project (shared/data)"
+)
+def test_laws_on_the_real_arm(outcome):
+    real = outcome[1].metrics["real"]
+    rests = {law: real[law]["validation"]["ptp_10_points"]["relative_pct"] for law in LAWS}
+    assert rests["presliding"][4] <= 9.0
+    assert rests["presliding"][5] <= 22.0
+    assert (np.asarray(rests[PLAIN])[4:] > np.asarray(rests["presliding"])[4:]).all()
+    assert (real["presliding"]["near_zero_reduction_pct"] > 0.0).all()
+
+
+@pytest.mark.slow
+def test_results_are_whole(outcome):
+    out, result = outcome
+    for row in result.comparison:
+        look_up(plain_metrics(result.metrics), row.key)
+    assert all((out / figure.path).is_file() for figure in result.figures)

@@ -1,0 +1,105 @@
+"""The UR10e's model, fitted and checked on recordings of the real arm."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analyses.experiments.real_arms.ur10e_identification import EXPERIMENT, FOLDER
+from analyses.methods.learning.identification import LAWS
+from analyses.output.outputs import plain_metrics
+from analyses.study.experiment import ExperimentContext
+from analyses.study.outcome import look_up
+from models.identification.identified_model import IdentifiedModel
+from models.robot.robot import Robot
+
+DATA = Path(__file__).parents[5] / "shared" / "data"
+needs_data = pytest.mark.skipif(
+    not (DATA / FOLDER).is_dir(), reason="the recordings are not beside the project (shared/data)"
+)
+
+
+@pytest.fixture(scope="module")
+def outcome(tmp_path_factory):
+    out = tmp_path_factory.mktemp("ur10e-identification")
+    told = []
+    result = EXPERIMENT.run(
+        ExperimentContext(out=out, data=DATA, progress=lambda share, what: told.append(share))
+    )
+    assert told == sorted(told)
+    return out, result
+
+
+@needs_data
+def test_predicts_torque_as_well_as_the_prototype(outcome):
+    _, result = outcome
+    found = result.metrics["validation"]["14harm50sec"]["rmse_nm"]
+    assert (found <= np.array([1.97, 3.11, 1.30, 0.44, 0.40, 0.34])).all()
+    assert (result.metrics["validation"]["14harm50sec"]["similarity_pct"] > 90.0).all()
+    assert len(result.metrics["validation"]["ptp_10_points"]["relative_pct"]) == 6
+
+
+@needs_data
+def test_the_best_law_reaches_what_the_prototype_reached(outcome):
+    _, result = outcome
+    best = result.metrics["best"]
+    assert best["law"].startswith("presliding")
+    harmonic = best["validation"]["14harm50sec"]["rmse_nm"]
+    assert (harmonic <= np.array([1.15, 1.2, 0.56, 0.23, 0.25, 0.21])).all()
+    resting = best["validation"]["ptp_10_points"]["relative_pct"]
+    assert resting[4] <= 9.0
+    assert resting[5] <= 22.0
+    same = result.metrics[best["law"]]["validation"]["14harm50sec"]["rmse_nm"]
+    np.testing.assert_array_equal(same, harmonic)
+
+
+@needs_data
+def test_each_law_is_there_and_none_is_worse_than_plain_where_it_is_richer(outcome):
+    _, result = outcome
+    rmse = {law: result.metrics[law]["validation"]["14harm50sec"]["rmse_nm"] for law in LAWS}
+    assert (rmse["load-dependent"][1:3] < 0.6 * rmse["coulomb-viscous-offset"][1:3]).all()
+    assert (rmse["presliding"] < rmse["coulomb-viscous-offset"]).all()
+    np.testing.assert_array_equal(
+        rmse["coulomb-viscous-offset"], result.metrics["validation"]["14harm50sec"]["rmse_nm"]
+    )
+
+
+@needs_data
+def test_the_consistent_fit_costs_little(outcome):
+    out, result = outcome
+    for part in (result.metrics["consistent"], result.metrics["best"]["consistent"]):
+        assert part["inconsistent_links"] == []
+        assert part["worst_ratio_pct"] < 5.0
+    assert result.metrics["consistent"]["inconsistent_links_of_plain_fit"]
+    assert (out / "robot.urdf").is_file()
+
+
+@needs_data
+def test_filtering_the_regressor_is_what_held_out_runs_ask_for(outcome):
+    _, result = outcome
+    plain = result.metrics["unfiltered_regressor"]["cross_validation"]["rmse_nm"]
+    assert (result.metrics["cross_validation"]["rmse_nm"] < plain).all()
+
+
+@needs_data
+def test_results_are_whole(outcome):
+    out, result = outcome
+    for row in result.comparison:
+        look_up(plain_metrics(result.metrics), row.key)
+    assert all((out / figure.path).is_file() for figure in result.figures)
+    robot = Robot.load("ur10e")
+    model = IdentifiedModel.load(out / "model.yaml", robot)
+    # 14 n = 84 parameters: 36 base inertial ones of a 6R arm, 18 of friction, and 4 of 6 rotor
+    # inertias, since those of the first two joints go with inertias of their links.
+    assert len(model.base_parameters.names) == 58
+    assert [(log.first_row, log.last_row) for log in model.provenance.logs] == [
+        (635, 3510),
+        (500, 4460),
+        (355, 5090),
+    ]
+    # Friction opposes motion, and the arm's inertia is positive wherever it went.
+    assert (model.friction.coulomb_viscous.coulomb > 0.0).all()
+    assert (model.friction.coulomb_viscous.viscous > 0.0).all()
+    rng = np.random.default_rng(0)
+    q = rng.uniform(model.validity.q_min, model.validity.q_max, (500, 6))
+    assert np.linalg.eigvalsh(model.chain(robot).mass_matrix(q)).min() > 0.0

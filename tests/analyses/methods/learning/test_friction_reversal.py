@@ -1,0 +1,101 @@
+"""Friction by reversal on the simulated arm and on a real one's recordings."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analyses.methods.learning.friction_reversal import (
+    reversal_figure,
+    reversals_of_simulated_arm,
+    separate_recordings,
+)
+from analyses.methods.learning.friction_training import (
+    TrainingConfig,
+    semi_parametric,
+    train_networks,
+)
+from analyses.output.figures import save_figure
+from models.friction.true_friction import DryFriction
+from models.friction.velocity_friction import CoulombViscous
+from models.identification.identified_model import IdentifiedModel
+from models.recordings.recording import Recording
+from models.robot.robot import Robot
+
+DATA = Path("../shared/data/ur10e")
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Robot.load("sts_sre4_600")
+
+
+@pytest.fixture(scope="module")
+def separated(robot):
+    """Half a minute of passes at one posture; the separation knows the nominal inertias."""
+    return reversals_of_simulated_arm(
+        robot, IdentifiedModel.nominal(robot), robot.home, (0.02, 0.08, 0.25, 0.9)
+    )
+
+
+def true_law(robot):
+    names = DryFriction.__dataclass_fields__
+    return DryFriction(**{name: getattr(robot.truth, name) for name in names})
+
+
+@pytest.mark.slow
+def test_the_simulated_arms_friction_comes_back(robot, separated):
+    truth = true_law(robot)
+    for j, samples in enumerate(separated.samples):
+        assert len(samples.speed) > 100
+        v = np.zeros((len(samples.speed), robot.num_joints))
+        v[:, j] = samples.speed
+        # The load term is left out of the oracle: at most 2 % of the torque carried, some 1 N m.
+        expected = truth.sliding_torque(v)[:, j]
+        error = np.sqrt(np.mean((samples.symmetric - expected) ** 2))
+        assert error < 0.12 * truth.stiction[j]
+    metrics = separated.metrics()
+    # What eq. 15 assumes away is there, from the ripple, and no larger than it.
+    asymmetric = np.array(metrics["asymmetric_rms_nm"])
+    assert (asymmetric > 0.1 * robot.truth.ripple_amplitude).all()
+    assert (asymmetric < 1.5 * robot.truth.ripple_amplitude + 0.05).all()
+
+
+@pytest.mark.slow
+def test_a_network_on_it_beats_coulomb_viscous_near_zero(separated, tmp_path):
+    law = CoulombViscous(  # of study `identification`, which fits it to excitations up to 4 rad/s
+        np.array([10.2, 16.7, 9.8, 1.7, 3.05, 1.6]),
+        np.array([7.6, 5.4, 3.6, 1.4, 1.5, 0.9]),
+        np.zeros(6),
+    )
+    v, torque = separated.table(symmetric=True)
+    trained = train_networks(v, torque, law, config=TrainingConfig(odd=True))
+    both = semi_parametric(law, trained)
+    near = np.isfinite(v) & (np.abs(v) <= trained.v_crit)
+
+    def rms(found):
+        return np.sqrt(np.mean((found - torque) ** 2, axis=0, where=near))
+
+    filled = np.nan_to_num(v)
+    assert (rms(both.torque(filled)) < 0.4 * rms(law.torque(filled))).all()
+    path = save_figure(reversal_figure(separated, law, "test", both.torque), tmp_path / "x.png")
+    assert path.is_file()
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason="the UR10e's recordings are not here")
+def test_a_real_arms_friction_is_almost_odd():
+    robot = Robot.load("ur10e")
+    log = Recording.read(DATA / "ur-20_01_22-joint_1.csv", robot=robot, check=False)
+    found = separate_recordings(robot, [log], IdentifiedModel.nominal(robot), joints=[0])
+    samples = found.samples[0]
+    assert len(samples.speed) > 1000
+    # The first axis is vertical: the nominal model's gravity has no part in it.
+    assert samples.asymmetric_share < 0.05
+    slope, level = np.polyfit(samples.speed, samples.symmetric, 1)
+    assert 8.0 < level < 25.0 and 10.0 < slope < 35.0
+    assert [len(s.speed) for s in found.samples[1:]] == [0] * 5
+
+
+def test_recordings_and_joints_must_match(robot):
+    with pytest.raises(ValueError, match="one joint per recording"):
+        separate_recordings(robot, [], IdentifiedModel.nominal(robot), joints=[0])

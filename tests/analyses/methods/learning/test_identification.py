@@ -1,0 +1,453 @@
+"""Identification: known parameters from simulated logs, honest errors, and bad input."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yaml
+
+from analyses.methods.learning.identification import (
+    LAWS,
+    IdentificationConfig,
+    TorqueFit,
+    best_law,
+    identify,
+    identify_logs,
+    residual_covariance,
+)
+from analyses.output.outputs import OutputFolder
+from models.files.input_error import InputError
+from models.friction.friction_structure import STRUCTURES
+from models.identification.identified_model import IdentifiedModel
+from models.recordings.recording import Recording
+from models.robot.robot import Robot
+
+STEP = 0.01
+COULOMB = np.array([8.0, 7.0, 5.0, 2.0, 2.5, 1.5])
+VISCOUS = np.array([10.0, 9.0, 6.0, 2.0, 2.0, 1.0])
+OFFSET = np.array([0.5, -0.4, 0.3, 0.1, -0.1, 0.05])
+NOISE = np.array([3.0, 2.0, 1.5, 0.5, 0.4, 0.3])  # N m, per sample of 100 Hz
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Robot.load("sts_sre4_600")
+
+
+@pytest.fixture(scope="module")
+def truth(robot):
+    """Pinocchio's model of the arm with inertias that its file does not have, and rotor inertia."""
+    rng = np.random.default_rng(3)
+    model = pin.buildModelFromXML(robot.urdf_text)
+    for i in range(robot.num_joints):
+        pi = model.inertias[i + 1].toDynamicParameters() * rng.uniform(0.7, 1.3, 10)
+        model.inertias[i + 1] = pin.Inertia.FromDynamicParameters(pi)
+    model.armature = rng.uniform(0.5, 2.0, robot.num_joints)
+    return model
+
+
+def recording(robot, truth, seed, duration=20.0, noise=0.0, name=None):
+    """Five harmonics of 0.1 Hz, torque from pinocchio plus friction, read as motor current."""
+    rng = np.random.default_rng(seed)
+    n = robot.num_joints
+    t = np.arange(0.0, duration, STEP)
+    q, v, vdot = np.zeros((3, len(t), n))
+    for k in range(1, 6):
+        w = 2 * np.pi * 0.1 * k
+        amplitude, phase = rng.uniform(0.2, 0.6, n) / k, rng.uniform(0, 2 * np.pi, n)
+        angle = w * t[:, None] + phase
+        q += amplitude * np.sin(angle)
+        v += amplitude * w * np.cos(angle)
+        vdot -= amplitude * w**2 * np.sin(angle)
+    data = truth.createData()
+    rigid = np.array([pin.rnea(truth, data, *row) for row in zip(q, v, vdot, strict=True)])
+    tau = rigid + COULOMB * np.sign(v) + VISCOUS * v + OFFSET
+    tau = tau + noise * NOISE * rng.normal(size=tau.shape)
+    current = tau / (robot.torque_per_ampere * robot.current_sign)
+    return Recording(t=t + 5.0, q=q, v=v, current=current, source=name or f"run_{seed}.csv")
+
+
+@pytest.fixture(scope="module")
+def noisy(robot, truth):
+    """Three fitted logs and one for validation, with noise."""
+    return [recording(robot, truth, seed, noise=1.0) for seed in (1, 2, 3, 4)]
+
+
+@pytest.fixture(scope="module")
+def result(robot, noisy):
+    return identify(noisy[:3], robot, noisy[3:])
+
+
+def test_known_parameters_come_back_from_clean_logs(robot, truth):
+    result = identify([recording(robot, truth, seed) for seed in (1, 2)], robot)
+    n = robot.num_joints
+    inertial = np.array([truth.inertias[i + 1].toDynamicParameters() for i in range(n)])
+    own = np.stack([truth.armature, COULOMB, VISCOUS, OFFSET], axis=1)
+    expected = result.base.combination @ np.concatenate([inertial.ravel(), own.ravel()])
+    found = np.array(result.model.base_parameters.values)
+    # What remains is sgn(v) on a grid: the instant of a reversal is known to 10 ms, so that a
+    # reversal leaves an error of one sample's Coulomb torque. 0.2 % of the largest parameter.
+    np.testing.assert_allclose(found, expected, atol=2e-3 * np.abs(expected).max())
+    law = result.model.friction.coulomb_viscous
+    np.testing.assert_allclose(law.coulomb, COULOMB, rtol=0.01)
+    np.testing.assert_allclose(law.viscous, VISCOUS, rtol=0.02)
+    np.testing.assert_allclose(law.offset, OFFSET, atol=0.05)
+    for fit in result.cross_validation:
+        assert (fit.relative < 0.01).all()
+
+
+def test_validation_error_is_the_noise_that_the_filter_passes(result):
+    (fit,) = result.validation
+    # White noise of 100 Hz through |H|^4, cutoff 5 Hz: the share of its variance that passes is
+    # the filter's mean gain, integrated here over the discrete frequencies.
+    f = np.linspace(0.0, 0.5, 20001)
+    with np.errstate(over="ignore"):
+        gain = 1.0 / (1.0 + (np.tan(np.pi * f[:-1]) / np.tan(np.pi * 0.05)) ** 10)
+    expected = NOISE * np.sqrt(np.mean(gain**2))
+    # 20 s at 10 independent samples a second: 200, so a sd to 5 %; three of those, and the error
+    # of the parameters on top.
+    np.testing.assert_allclose(fit.rmse, expected, rtol=0.25)
+    assert (fit.similarity > 0.9).all()
+
+
+def test_residual_covariance_is_cross_validated(robot, noisy):
+    # Plain squares: Huber's weights are found once, on all logs.
+    config = IdentificationConfig(loss="squares")
+    result = identify(noisy[:3], robot, config=config)
+
+    def held_out(k):
+        others = [noisy[i] for i in range(3) if i != k]
+        (fit,) = identify(others, robot, [noisy[k]], config).validation
+        return fit.residual
+
+    residuals = [held_out(k) for k in range(3)]
+    stacked = np.vstack(residuals)
+    expected = np.einsum("ki,kj->ij", stacked, stacked) / len(stacked)
+    # The base parameters are read off two logs there and three here: the same up to rounding.
+    np.testing.assert_allclose(result.model.residual_covariance, expected, rtol=1e-5, atol=1e-8)
+    assert "predicted from the others" in result.model.provenance.residual
+
+
+def test_residual_covariance_counts_a_constant_error():
+    x = np.array([[1.0, 2.0], [3.0, 2.0]])
+    np.testing.assert_allclose(residual_covariance([x[:1], x[1:]]), [[5.0, 4.0], [4.0, 4.0]])
+
+
+def test_a_single_log_states_the_residual_of_the_fit(robot, noisy):
+    single = identify(noisy[:1], robot)
+    assert single.cross_validation == ()
+    assert "single log" in single.model.provenance.residual
+    fit_sd = single.fit[0].rmse
+    stated = np.sqrt(np.diag(single.model.residual_covariance))
+    # 58 parameters on 190 rows of six joints: 5 % fewer degrees of freedom.
+    assert (stated > fit_sd).all()
+    np.testing.assert_allclose(stated, fit_sd, rtol=0.1)
+
+
+def test_torque_fit_states_what_it_says():
+    measured = np.array([[1.0, 2.0], [-1.0, -2.0], [1.0, 2.0], [-1.0, -2.0]])
+    fit = TorqueFit("x", np.arange(4.0), measured, measured * [0.5, -1.0])
+    np.testing.assert_allclose(fit.rmse, [0.5, 4.0])
+    np.testing.assert_allclose(fit.relative, [0.5, 2.0])
+    np.testing.assert_allclose(fit.similarity, [1.0, -1.0])
+
+
+def test_results_do_not_depend_on_the_logs_own_clock(robot, noisy):
+    moved = [replace(r, t=r.t + 1000.0) for r in noisy[:1]]
+    a, b = identify(noisy[:1], robot), identify(moved, robot)
+    # 1e-9: times near 1000 s carry 1e-13, the grid's interpolation multiplies it by the slopes.
+    np.testing.assert_allclose(
+        a.model.base_parameters.values, b.model.base_parameters.values, atol=1e-7
+    )
+
+
+def test_missing_samples_are_bridged_and_a_dropout_is_left_out(robot, noisy):
+    """Each 40th sample lost, and once 80 ms: the same model but for the noise of what is lost."""
+    log = noisy[0]
+    lost = np.arange(len(log.t)) % 40 == 7
+    lost[700:708] = True
+    uneven = replace(
+        log,
+        **{key: getattr(log, key)[~lost] for key in ("t", "q", "v", "current", "dropout")},
+    )
+    even, result = identify([log], robot), identify([uneven], robot)
+    law, other = (r.model.friction.coulomb_viscous for r in (even, result))
+    np.testing.assert_allclose(other.coulomb, law.coulomb, rtol=0.05)
+    left_out = np.setdiff1d(even.fit[0].t.round(6), result.fit[0].t.round(6))
+    # 80 ms and less than the filter's 200 ms, around the dropout alone.
+    assert 8 <= len(left_out) <= 28
+    assert log.t[690] < left_out.min() < log.t[700]
+
+
+def test_kilohertz_logs_give_what_their_decimation_gives(robot, truth):
+    """The regressor is built on a coarser grid when the log is finer than the cutoff needs."""
+    log = recording(robot, truth, 1)
+    t = np.arange(log.t[0], log.t[-1], 0.001)
+    fine = Recording(
+        t=t,
+        **{key: _interpolated(log, key, t) for key in ("q", "v", "current")},
+        source="fine.csv",
+    )
+    a, b = identify([log], robot), identify([fine], robot)
+    assert b.config.time_step == pytest.approx(0.001)
+    law, other = (r.model.friction.coulomb_viscous for r in (a, b))
+    np.testing.assert_allclose(other.coulomb, law.coulomb, rtol=0.01)
+    assert len(b.fit[0].t) < 0.15 * len(t)
+
+
+def _interpolated(log, key, t):
+    signal = getattr(log, key)
+    return np.stack([np.interp(t, log.t, signal[:, j]) for j in range(signal.shape[1])], axis=1)
+
+
+def test_measured_torque_is_preferred_to_current(robot, noisy):
+    log = noisy[0]
+    tau = log.current * robot.torque_per_ampere * robot.current_sign
+    direct = replace(log, tau_J=tau, current=np.zeros_like(log.current))
+    np.testing.assert_allclose(
+        identify([direct], robot).model.base_parameters.values,
+        identify([log], robot).model.base_parameters.values,
+        rtol=1e-9,
+        atol=1e-9,
+    )
+
+
+def test_model_states_ranges_and_origin(robot, noisy, result):
+    validity, provenance = result.model.validity, result.model.provenance
+    q = np.vstack([log.q for log in noisy[:3]])
+    # The ranges leave out half a second at each end of a log.
+    assert (np.array(validity.q_min) >= q.min(axis=0) - 1e-3).all()
+    assert (np.array(validity.q_max) <= q.max(axis=0) + 1e-3).all()
+    assert [log.name for log in provenance.logs] == ["run_1.csv", "run_2.csv", "run_3.csv"]
+    assert (provenance.time_step, provenance.cutoff) == (0.01, 5.0)
+    assert provenance.logs[0].first_row == 1
+    assert provenance.logs[0].last_row == 2000
+
+
+def test_the_whole_command_and_its_files(robot, noisy, tmp_path):
+    logs = []
+    for k, log in enumerate(noisy):
+        logs.append(tmp_path / f"log_{k}.csv")
+        log.to_csv(logs[-1])
+    told = []
+    result = identify_logs(
+        logs[:3],
+        "sts_sre4_600",
+        tmp_path / "out",
+        logs[3:],
+        progress=lambda share, what: told.append(share),
+    )
+    assert told == sorted(told)
+    assert told[-1] == 1.0
+    out = tmp_path / "out"
+    assert (out / "figures" / "torque_log_3.png").stat().st_size > 10_000
+    metrics = json.loads((out / "metrics.json").read_text())
+    np.testing.assert_allclose(metrics["validation"]["log_3"]["rmse_nm"], result.validation[0].rmse)
+    config = yaml.safe_load((out / "config.yaml").read_text())
+    assert config["identification"]["cutoff"] == 5.0
+    loaded = IdentifiedModel.load(out / "model.yaml", robot)
+    np.testing.assert_array_equal(loaded.inertial_parameters, result.model.inertial_parameters)
+    assert len(loaded.provenance.logs[0].sha256) == 64
+    # The same logs give the same bytes.
+    before = {p.name: p.read_bytes() for p in out.iterdir() if p.is_file()}
+    identify_logs(logs[:3], "sts_sre4_600", out, logs[3:])
+    assert before == {p.name: p.read_bytes() for p in out.iterdir() if p.is_file()}
+
+
+# ---------------------------------------------------------------------------------- bad input
+
+
+def refusal(*args, **kwargs) -> str:
+    with pytest.raises(InputError) as error:
+        identify(*args, **kwargs)
+    line = str(error.value)
+    assert "\n" not in line
+    return line
+
+
+def test_no_log_is_refused(robot):
+    assert "no log" in refusal([], robot)
+
+
+def test_joints_that_hardly_move_are_named(robot, noisy):
+    log = noisy[0]
+    q, v = log.q.copy(), log.v.copy()
+    q[:, [1, 4]], v[:, [1, 4]] = 0.3, 0.0
+    line = refusal([replace(log, q=q, v=v)], robot)
+    assert "joint_2" in line
+    assert "joint_5" in line
+    assert "joint_3" not in line
+
+
+def test_a_joint_that_moves_in_one_log_only_is_enough(robot, noisy):
+    log = noisy[0]
+    q, v = log.q.copy(), log.v.copy()
+    q[:, 5], v[:, 5] = 0.3, 0.0
+    identify([replace(log, q=q, v=v), noisy[1]], robot)
+
+
+def test_a_log_of_another_number_of_joints_is_refused(robot, noisy):
+    log = noisy[0]
+    short = replace(log, q=log.q[:, :5], v=log.v[:, :5], current=log.current[:, :5])
+    assert "5 joints" in refusal([short], robot)
+    assert "5 joints" in refusal([log], robot, [short])
+
+
+def test_a_short_log_is_refused(robot, noisy):
+    assert "lasts 2.99 s" in refusal([noisy[0][:300]], robot)
+
+
+def test_a_cutoff_above_the_logs_rate_is_refused(robot, noisy):
+    line = refusal([noisy[0]], robot, config=IdentificationConfig(cutoff=40.0))
+    assert "160 samples a second" in line
+
+
+@pytest.mark.parametrize(
+    "change", [{"cutoff": 0.0}, {"filter_order": 0}, {"num_passes": 0}, {"time_step": -1.0}]
+)
+def test_impossible_settings_are_refused(robot, noisy, change):
+    (key,) = change
+    assert key in refusal([noisy[0]], robot, config=IdentificationConfig(**change))
+
+
+def test_validating_on_a_fitted_log_warns(robot, noisy):
+    result = identify(noisy[:2], robot, [replace(noisy[1], source="copy.csv")])
+    (warning,) = [w for w in result.warnings if "copy.csv" in w]
+    assert "validates nothing" in warning
+
+
+def test_a_log_given_twice_warns(robot, noisy):
+    result = identify([noisy[0], noisy[0]], robot)
+    assert any("given twice" in w for w in result.warnings)
+    assert [fit.name for fit in result.fit] == ["run_1", "run_1_2"]
+
+
+def test_torque_that_belongs_to_another_motion_warns(robot, noisy):
+    """A wrong robot of the same number of joints looks like this: nothing explains the torque."""
+    wrong = replace(noisy[0], current=noisy[1].current)
+    result = identify([wrong], robot)
+    assert any("unexplained" in w and "sts_sre4_600" in w for w in result.warnings)
+
+
+def loaded(robot, truth, mass):
+    """The same arm with a point mass 10 cm beyond its last link's frame."""
+    carrying = truth.copy()
+    body = pin.Inertia(mass, np.array([0.0, 0.05, 0.1]), np.zeros((3, 3)))
+    carrying.inertias[6] = carrying.inertias[6] + body
+    return carrying
+
+
+def test_a_payload_changed_between_logs_is_reported(robot, truth, noisy):
+    carrying = recording(robot, loaded(robot, truth, 1.5), 5, noise=1.0)
+    (warning,) = [w for w in identify([*noisy[:2], carrying], robot).warnings if "payload" in w]
+    assert "run_5 +" in warning
+    assert "run_1 -" in warning
+    # The same payload in all logs is part of the last link.
+    every = [recording(robot, loaded(robot, truth, 1.5), k, noise=1.0) for k in (1, 2)]
+    assert not any("payload" in w for w in identify(every, robot).warnings)
+
+
+@pytest.mark.parametrize("joint", [1, 2])
+def test_a_wrong_torque_constant_is_reported(robot, noisy, joint):
+    gain = np.ones(6)
+    gain[joint] = 1.4
+    wrong = [replace(log, current=log.current * gain) for log in noisy[:2]]
+    (warning,) = [w for w in identify(wrong, robot).warnings if "gravity" in w]
+    assert f"joint_{joint + 1}" in warning
+    assert "torque_per_ampere" in warning
+
+
+def test_right_torque_constants_are_not(result):
+    assert not any("gravity" in w or "payload" in w for w in result.warnings)
+
+
+def test_spikes_in_the_current_hardly_move_the_model(robot, noisy):
+    """Twenty samples of 50 A in each joint of a log: a drive's log has them."""
+    rng = np.random.default_rng(6)
+    current = noisy[0].current.copy()
+    for j in range(6):
+        rows = rng.choice(len(current), 20, replace=False)
+        current[rows, j] += 50.0 * rng.choice([-1.0, 1.0], 20)
+    spiked = [replace(noisy[0], current=current), noisy[1]]
+
+    def error(loss):
+        return (
+            identify(spiked, robot, noisy[3:], IdentificationConfig(loss=loss)).validation[0].rmse
+        )
+
+    clean = identify(noisy[:2], robot, noisy[3:]).validation[0].rmse
+    assert (error("huber") < 1.3 * clean).all()
+    assert (error("squares") > error("huber")).all()
+
+
+@pytest.mark.parametrize("law", ["coulomb-viscous", "stribeck", "presliding"])
+def test_each_law_predicts_what_coulomb_and_viscous_friction_made(robot, noisy, law):
+    """All of them contain it; the richer ones must not lose by it."""
+    logs = [
+        replace(log, current=log.current - OFFSET / (robot.torque_per_ampere * robot.current_sign))
+        for log in noisy
+    ]
+    found = identify(logs[:3], robot, config=IdentificationConfig(friction=law))
+    assert found.law == law
+    plain = identify(logs[:3], robot)
+    # Up to 30 % for what ten more parameters and a displacement of at least 0.03 mrad cost.
+    assert (found.held_out[law] < 1.3 * plain.held_out[plain.law]).all()
+
+
+def test_cross_validation_chooses_a_law_and_states_all(robot, noisy):
+    found = identify(noisy[:2], robot, config=IdentificationConfig(friction="best"))
+    assert set(STRUCTURES) <= set(found.held_out) <= set(LAWS)
+    assert found.law == best_law(found.held_out)
+    assert found.metrics()["friction"]["law"] == found.law
+    # No fit depends on those made before it: to the last bit what the law gives alone.
+    alone = identify(noisy[:2], robot, config=IdentificationConfig(friction="load-dependent"))
+    np.testing.assert_array_equal(
+        found.held_out["load-dependent"], alone.held_out["load-dependent"]
+    )
+
+
+def test_the_best_law_counts_joints_alike():
+    held_out = {"a": np.array([10.0, 1.0]), "b": np.array([9.0, 1.2]), "c": np.array([20.0, 0.4])}
+    assert best_law(held_out) == "c"
+
+
+def test_an_unknown_law_is_refused_with_a_suggestion(robot, noisy):
+    line = refusal([noisy[0]], robot, config=IdentificationConfig(friction="presliding+net"))
+    assert 'did you mean "presliding+network"' in line
+    assert "semi-parametric" in line
+
+
+def test_the_consistent_fit_is_a_robot_and_hardly_worse(robot, noisy, tmp_path):
+    config = IdentificationConfig(consistent=True)
+    plain = identify(noisy[:3], robot, noisy[3:])
+    found = identify(noisy[:3], robot, noisy[3:], config)
+    assert found.metrics()["inconsistent_links"] == []
+    assert (found.validation[0].rmse < 1.05 * plain.validation[0].rmse).all()
+    found.write(OutputFolder(tmp_path), {})
+    model = pin.buildModelFromXML((tmp_path / "robot.urdf").read_text())
+    found_inertias = np.array([model.inertias[i + 1].toDynamicParameters() for i in range(6)])
+    np.testing.assert_allclose(
+        found_inertias, found.model.inertial_parameters, rtol=1e-9, atol=1e-12
+    )
+
+
+def test_parameters_are_determined_combined_or_named_as_undetermined(result):
+    parameters = result.metrics()["parameters"]
+    assert "coulomb[joint_3]" in parameters["determined"]
+    assert parameters["determined"]["coulomb[joint_3]"]["standard_deviation"] > 0.0
+    assert "m[joint_5]" in parameters["only_in_combinations"]
+    assert "m[joint_1]" in parameters["undetermined"]
+
+
+def test_figures_for_any_number_of_joints(tmp_path):
+    from analyses.methods.learning.identification import torque_figure
+
+    t = np.arange(0.0, 5.0, 0.1)
+    for n in (1, 6, 7):
+        wave = np.sin(t)[:, None] * np.ones(n)
+        fit = TorqueFit("x", t, wave, 0.9 * wave)
+        figure = torque_figure(fit, [f"joint_{j}" for j in range(n)], "validation")
+        path = OutputFolder(tmp_path).write_figure(f"fit_{n}", figure)
+        assert path.stat().st_size > 10_000

@@ -1,0 +1,83 @@
+"""The command excite: trajectory, files, figures to reach, bad input."""
+
+import json
+import time
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from analyses.__main__ import app
+from analyses.methods.planning.excitation import ExcitationConfig, excite, excite_robot
+from models.excitation.excitation_program import ExcitationLimits
+from models.excitation.fourier_trajectory import FourierTrajectory
+from models.files.input_error import InputError
+from models.robot.robot import Robot
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Robot.load("sts_sre4_600")
+
+
+@pytest.mark.slow
+def test_the_figures_to_reach(robot):
+    start = time.perf_counter()
+    result = excite(robot)
+    assert time.perf_counter() - start < 60.0
+    assert result.condition_number < 10.0  # the goal is 60
+    assert result.unweighted_condition_number < 30.0
+    assert result.ratio_to_random > 5.0
+    assert result.num_parameters == 58 and result.undetermined == ()
+    assert result.warnings == ()
+    assert result.closest is None or result.closest.slack > 0.0
+
+
+def test_files_and_their_content(robot, tmp_path):
+    config = ExcitationConfig(num_starts=2, iterations=20)
+    first, second = excite_robot("sts_sre4_600", tmp_path, config)
+    assert np.abs(first.trajectory.sine - second.trajectory.sine).max() > 0.01
+    for name in ("trajectory", "validation"):
+        assert (tmp_path / f"{name}.html").stat().st_size > 1e6
+        assert (tmp_path / "figures" / f"{name}.png").is_file()
+    assert (tmp_path / "config.yaml").is_file()
+    table = np.loadtxt(tmp_path / "trajectory.csv", delimiter=",", skiprows=1)
+    header = (tmp_path / "trajectory.csv").read_text().splitlines()[0].split(",")
+    assert header[:2] == ["t", "q1"] and header[-1] == "vdot6" and len(header) == 19
+    assert table.shape == (10001, 19)  # 1 kHz
+    series = FourierTrajectory.load(tmp_path / "trajectory.yaml", robot.name)
+    expected = np.hstack([table[:, :1], *series.sample(table[:, 0])])
+    np.testing.assert_allclose(table, expected, rtol=1e-7, atol=1e-7)
+    metrics = json.loads((tmp_path / "metrics.json").read_text())
+    assert metrics["condition_number"] == pytest.approx(first.condition_number)
+    assert metrics["validation"]["condition_number"] == pytest.approx(second.condition_number)
+    assert (np.array(metrics["peak_torque_share"]) < 0.7).all()
+
+
+def test_a_motion_too_slow_to_tell_inertias_says_so(robot):
+    limits = ExcitationLimits(acceleration=[2e-3], velocity_share=1e-3)
+    result = excite(robot, ExcitationConfig(limits=limits, num_starts=1, iterations=2))
+    assert any("Ixx" in name or "Izz" in name for name in result.undetermined)
+    assert any("undetermined" in warning for warning in result.warnings)
+
+
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
+        (ExcitationConfig(measure="cond"), "measure"),
+        (ExcitationConfig(num_harmonics=1), "num_harmonics"),
+        (ExcitationConfig(base_frequency=0.0), "base_frequency"),
+        (ExcitationConfig(limits=ExcitationLimits(floor=0.6)), "clearance: no trajectory found"),
+    ],
+)
+def test_bad_settings_are_one_line(robot, config, message):
+    with pytest.raises(InputError, match=message) as error:
+        excite(robot, config)
+    assert "\n" not in str(error.value)
+
+
+def test_the_command_line_ends_in_one_line(tmp_path):
+    arguments = ["excite", "--robot", "sts_sre4_600", "--position-margin", "3", "--out"]
+    result = CliRunner().invoke(app, [*arguments, str(tmp_path)])
+    assert result.exit_code == 2
+    assert not (tmp_path / "metrics.json").exists()

@@ -1,0 +1,120 @@
+"""What one pass through the air teaches about another."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analyses.methods.runs.air_pass import record_air_pass, teach
+from diagrams.machining import make_machining_path
+from diagrams.scenario import load_scenario
+from models.estimation.momentum_observer import MomentumObserver
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.identification.identified_model import IdentifiedModel
+from models.machining.air_pass import LEAD, raised_motion
+from models.robot.robot import Robot
+
+LOW, HIGH = 0.005, 0.01
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Robot.load("sts_sre4_600")
+
+
+@pytest.fixture(scope="module")
+def model(robot):
+    """Slow friction is known, as slow passes show it; ripple, load and curvature are not."""
+    law = CoulombViscous(robot.truth.stiction, robot.truth.viscous, np.zeros(6))
+    return replace(IdentifiedModel.nominal(robot), friction=SemiParametricFriction(law))
+
+
+@pytest.fixture(scope="module", params=["Polishing", "Grinding"])
+def passes(request, robot):
+    """The scenario, its plan, and a motion and its recording by height."""
+    scenario = load_scenario(request.param)
+    scenario = replace(scenario, machining=replace(scenario.machining, one_way=2.0))
+    plan = make_machining_path(scenario, robot)
+    flown = {}
+    for seed, height in enumerate((LOW, HIGH)):
+        motion = raised_motion(robot, plan.trajectory, height)
+        told = []
+        recording = record_air_pass(
+            scenario, robot, motion, seed, lambda share, what, told=told: told.append(share)
+        )
+        assert told[-1] == 1.0 and np.all(np.diff(told) > 0.0)
+        flown[height] = motion, recording
+    return scenario, plan, flown
+
+
+def rms(x):
+    return np.sqrt(np.mean(np.sum(x**2, axis=1)))
+
+
+def test_the_arm_does_the_motion_and_touches_nothing(robot, passes):
+    scenario, plan, flown = passes
+    for height, (motion, recording) in flown.items():
+        assert recording.t[-1] == pytest.approx(motion.duration)
+        assert recording.time_step == pytest.approx(scenario.time_step)
+        # Where joints turn round the drives wait for their integral: 7 mrad of the last joint for
+        # a moment, .6 mrad in the mean.
+        error = recording.q - motion.sample(recording.t)[0]
+        assert np.abs(error).max() < 0.01
+        assert np.sqrt(np.mean(error**2, axis=0)).max() < 1e-3
+        work = recording.t >= LEAD
+        R_WE, p_WE = robot.chain.pose(recording.q[work])
+        place = np.interp(recording.t[work] - LEAD, plan.trajectory.t, plan.s)
+        s = plan.path.distance / plan.path.distance[-1]
+        surface = np.stack([np.interp(place, s, p) for p in plan.path.p_WS.T], axis=1)
+        above = np.sum((p_WE - surface) * -R_WE[:, :, 2], axis=1)
+        # A tenth of the lower height; the plan itself is right to 20 um.
+        assert np.abs(above - height).max() < 5e-4
+
+
+def test_what_is_read_on_a_second_pass_is_mostly_known(robot, model, passes):
+    """Another height, other noise: ripple, gravity and all that a place has to itself come back."""
+    scenario, plan, flown = passes
+    low, high = (
+        teach(recording, motion, plan, robot, model, scenario.estimator)
+        for motion, recording in flown.values()
+    )
+    assert low.t[-1] == pytest.approx(4.0)
+    # It counts where the plan says that the feed is steady: from .65 s on, to .25 s before the end.
+    counts = np.array([low.counts_at(t) for t in (0.5, 0.7, 1.7, 1.8, 2.5, 2.7, 3.7, 3.8)])
+    np.testing.assert_array_equal(counts, [0, 1, 1, 0, 0, 1, 1, 0])
+    left = high.tau_ext - low.at(high.t)
+    # 8 % on the plate, 2 % on the blade: joints move by up to 10 mrad from one height to the other.
+    assert rms(left) < 0.2 * rms(high.tau_ext)
+    assert rms(high.tau_ext) > 1.0
+    # Feed time is what it hangs on: a tenth of a second later much of it is lost at the turn.
+    late = high.tau_ext - low.at(np.maximum(high.t - 0.1, 0.0))
+    assert rms(late) > 2.0 * rms(left)
+
+
+def test_it_is_the_observers_output_with_friction_at_planned_speeds(robot, model, passes):
+    """Fed by hand, tick by tick: a simulated estimator reads with just that friction."""
+    scenario, plan, flown = passes
+    motion, recording = flown[LOW]
+    taught = teach(recording, motion, plan, robot, model, scenario.estimator)
+    chain = model.chain(robot)
+    law = model.friction.velocity_law.coulomb_viscous
+    config = replace(scenario.estimator.observer, time_step=recording.time_step)
+    observer = MomentumObserver(config, 6)
+    q, v = recording.q, recording.v
+    v_planned = motion.sample(recording.t)[1]
+    momentum = np.einsum("tij,tj->ti", [chain.mass_matrix(row) for row in q], v)
+    expected, _ = observer.run(
+        observer.initial_state(),
+        momentum,
+        np.array([chain.coriolis_transpose(*row) for row in zip(q, v, strict=True)]),
+        np.array([chain.gravity_torque(row) for row in q]),
+        recording.current * robot.torque_per_ampere * robot.current_sign,
+        law.coulomb * np.sign(v_planned) + law.viscous * v_planned,
+    )
+    error = np.abs(expected[round(LEAD / recording.time_step) :] - taught.tau_ext)
+    # `teach` takes friction off the current, which is held over a tick; the observer takes the mean
+    # of both ends. Where a joint turns round, twice Coulomb's torque is there half a tick longer:
+    # 2 x 23 N m K_0 T / 2 = .46 N m, which dies away with K_0.
+    jump = 2.0 * law.coulomb * 20.0 * 0.5e-3
+    assert np.all(error.max(axis=0) < 1.1 * jump + 1e-3)
+    assert rms(error) < 0.01 * rms(taught.tau_ext) + 0.03

@@ -1,0 +1,153 @@
+"""Runs of a task: the right motion, a log that hides the truth, readings that use the log alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analyses.methods.runs.task_runs import (
+    PATHS,
+    highest_speed,
+    on_path,
+    read_repetition,
+    read_run,
+    repetition_torque,
+    run_task,
+    task_path,
+    task_scenario,
+    uniform_motion,
+)
+from diagrams.scenario import LineMotion, make_trajectory
+from models.estimation.estimator import WrenchEstimator
+from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
+from models.identification.identified_model import IdentifiedModel
+from models.recordings.recording import Recording
+from models.robot.robot import Robot
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Robot.load("sts_sre4_600")
+
+
+@pytest.fixture(scope="module")
+def run(robot):
+    return run_task(task_scenario("Combined", 0, one_way=0.4), robot)
+
+
+def test_the_articles_paths_have_its_condition_numbers(robot):
+    largest = {"initial": 59.567, "optimised": 17.665}
+    scenario = task_scenario("Combined", 0)
+    for name in PATHS[:2]:
+        trajectory = make_trajectory(on_path(scenario, robot, *task_path(robot, name)), robot)
+        jcn = robot.chain.condition_number(trajectory.q)
+        assert jcn.max() == pytest.approx(largest[name], abs=2e-3)
+        _, p_WE = robot.chain.pose(trajectory.q[[0, -1]])
+        assert np.linalg.norm(p_WE[1] - p_WE[0]) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_three_joints_turn_round_in_the_middle_of_the_friction_run(robot):
+    scenario = task_scenario("FrictionAtReversal", 0)
+    trajectory = make_trajectory(scenario, robot)
+    assert trajectory.duration == scenario.duration == 100.0
+    _, v, _ = trajectory.sample(np.array([49.0, 51.0]))
+    assert set(np.flatnonzero(v[0] * v[1] < 0.0)) >= {1, 2, 4}
+    assert uniform_motion(scenario.motion) == (1.0, 99.0)
+
+
+def test_both_cycles_of_the_repeated_motion_are_alike(robot):
+    scenario = task_scenario("RepeatCycle", 0)
+    trajectory = make_trajectory(scenario, robot)
+    assert trajectory.duration == pytest.approx(scenario.duration)
+    start = scenario.motion.lead_in
+    t = start + np.linspace(0.0, 400.0, 401)
+    for first, second in zip(trajectory.sample(t), trajectory.sample(t + 400.0), strict=True):
+        np.testing.assert_allclose(first[:-1], second[:-1], atol=1e-9)
+    # The lead-in is the end of the way back.
+    q, v, _ = trajectory.sample(np.array([start - 5.0, start + 5.0]))
+    np.testing.assert_allclose(q[0], q[1], atol=1e-9)
+    np.testing.assert_allclose(v[0], -v[1], atol=1e-9)
+
+
+def test_a_shortened_task_keeps_its_parts_in_order():
+    long, short = (task_scenario("RepeatCyclePush", 3, one_way) for one_way in (None, 2.0))
+    assert isinstance(short.motion, LineMotion)
+    assert short.seed == long.seed
+    assert short.duration == pytest.approx(short.motion.lead_in + 4 * 2.0)
+    (push,) = short.wrench
+    assert push.start == pytest.approx(short.motion.lead_in + 4.0)  # with the second cycle
+    assert push.start + push.duration == pytest.approx(short.duration)
+
+
+def test_the_highest_speed_is_the_fastest_joints_of_all_runs(robot):
+    slow, fast = (task_scenario("Combined", 0, one_way) for one_way in (40.0, 20.0))
+    assert highest_speed([slow, fast], robot) == highest_speed([fast], robot)
+    assert highest_speed([slow], robot) < 0.75 * highest_speed([fast], robot)
+
+
+def test_readings_use_encoders_and_current_alone(robot, run):
+    model = IdentifiedModel.nominal(robot)
+    estimator = WrenchEstimator(robot, model)
+    reading = read_run("a", run, estimator)
+    blind = replace(
+        run,
+        wrench_true=np.full_like(run.wrench_true, np.nan),
+        ft_wrench=np.full_like(run.ft_wrench, np.nan),
+        tau_f_true=np.full_like(run.tau_f_true, np.nan),
+    )
+    other = read_run("a", blind, estimator)
+    np.testing.assert_array_equal(reading.force, other.force)
+    np.testing.assert_array_equal(reading.sd, other.sd)
+    # Row for row what the estimator makes of the log, without its start.
+    own = estimator.run(
+        estimator.initial_state(), run.recording.q, run.recording.v, run.recording.current
+    )
+    assert reading.t[0] == pytest.approx(0.15)
+    np.testing.assert_array_equal(reading.force, own.wrench[150:, 3:])
+    np.testing.assert_array_equal(reading.reference, run.ft_wrench[150:, 3:])
+
+
+def test_part_of_a_run_has_all_its_columns(run):
+    part = run.between(0.1, 0.2)
+    assert len(part.recording.t) == 101
+    assert part.recording.t[0] == pytest.approx(0.1)
+    for column in (part.wrench_true, part.ft_wrench, part.tau_f_true, part.condition_number):
+        assert len(column) == 101
+    np.testing.assert_array_equal(part.recording.q, run.recording.q[100:201])
+
+
+def test_eq_4_reads_the_wrench_that_the_second_cycle_adds(robot):
+    """A wrench of known size, written into the second cycle's torques, and nothing else."""
+    rng = np.random.default_rng(1)
+    period, n = 400, robot.num_joints
+    q = np.tile(robot.home + 0.05 * rng.normal(size=(period, n)).cumsum(0) / 20.0, (2, 1))
+    F = np.array([0.1, -0.2, 0.3, 5.0, -7.0, 9.0])  # on the robot
+    tau = np.tile(3.0 * rng.normal(size=(period, n)), (2, 1))
+    tau[period:] -= robot.chain.jacobian(q[period:]).transpose(0, 2, 1) @ F  # the motors give less
+    drive = robot.torque_per_ampere * robot.current_sign
+    t = np.arange(2 * period) / 1000.0
+    recording = Recording(t=t, q=q, v=np.zeros_like(q), current=tau / drive, source="made")
+    raw = repetition_torque(recording, robot, period)
+    np.testing.assert_allclose(raw, robot.chain.jacobian(q[:period]).transpose(0, 2, 1) @ F)
+
+    class Run:
+        pass
+
+    run = Run()
+    run.recording, run.reference = recording, np.tile(F[3:], (2 * period, 1))
+    run.condition_number = np.ones(2 * period)
+    inverse = WrenchReconstruction(WrenchReconstructionConfig("inverse"), np.eye(n))
+    reading = read_repetition("eq. 4", run, robot, period, inverse)
+    np.testing.assert_allclose(reading.error, 0.0, atol=1e-8)  # rounding at JCN of some tens
+    assert reading.t[0] == 0.0
+
+
+def test_the_low_pass_of_eq_4_is_the_observers(robot):
+    period, K_0 = 300, 20.0
+    tau = np.zeros((2 * period, robot.num_joints))
+    tau[period:] = -1.0  # a step of the external torque
+    drive = robot.torque_per_ampere * robot.current_sign
+    t = np.arange(2 * period) / 1000.0
+    recording = Recording(t=t, q=0 * tau, v=0 * tau, current=tau / drive, source="made")
+    read = repetition_torque(recording, robot, period, K_0)
+    np.testing.assert_allclose(read[:, 0], -np.expm1(-K_0 * (t[:period] + 1e-3)), atol=1e-12)

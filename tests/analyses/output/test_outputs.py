@@ -1,0 +1,264 @@
+"""Result files: whole or not at all, plain, the same each time."""
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from analyses.output.figures import new_figure
+from analyses.output.outputs import (
+    OutputFolder,
+    json_text,
+    plain,
+    recover_folder,
+    replace_folder,
+)
+from models.files.input_error import InputError
+
+
+class Method(Enum):
+    INVERSE = "inverse"
+
+
+@dataclass
+class Setting:
+    method: Method
+    gain: np.ndarray
+    file: Path
+
+
+def _names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+# ---- what may be written ----
+
+
+def test_numpy_and_dataclasses_become_plain():
+    value = {
+        "setting": Setting(Method.INVERSE, np.array([1.5, 2.0]), Path("a") / "b"),
+        "count": np.int64(3),
+        "yes": np.bool_(True),
+        "single": np.float64(0.1),
+        "zero_dimensional": np.array(7.0),
+        "matrix": np.arange(4).reshape(2, 2),
+        "tuple": (1, "x", None),
+        5: "key",
+    }
+    result = plain(value)
+    assert result == {
+        "setting": {"method": "inverse", "gain": [1.5, 2.0], "file": "a/b"},
+        "count": 3,
+        "yes": True,
+        "single": 0.1,
+        "zero_dimensional": 7.0,
+        "matrix": [[0, 1], [2, 3]],
+        "tuple": [1, "x", None],
+        "5": "key",
+    }
+    assert type(result["count"]) is int
+    assert type(result["single"]) is float
+    assert result["yes"] is True
+    json.dumps(result, allow_nan=False)
+
+
+@pytest.mark.parametrize("value", [{"a": {1, 2}}, {"a": 1j}, {"a": b"x"}, {"a": object()}])
+def test_what_has_no_plain_form_is_named(value):
+    with pytest.raises(TypeError, match=r"^a: "):
+        plain(value)
+
+
+def test_json_round_trips_with_sorted_keys_and_full_precision(tmp_path):
+    out = OutputFolder(tmp_path)
+    value = {"z": 1 / 3, "a": {"y": [1.0, 2.5e-17], "x": []}, "e": {}, "list": [{"b": 1, "a": [2]}]}
+    text = out.write_json("m.json", value).read_text()
+    assert json.loads(text) == value
+    order = json.loads(text, object_pairs_hook=lambda pairs: [k for k, _ in pairs])
+    assert order == ["a", "e", "list", "z"]
+    assert '"y": [1.0, 2.5e-17]' in text
+    assert text == out.write_json("m.json", dict(reversed(value.items()))).read_text()
+
+
+def test_json_text_equals_the_standard_library_s():
+    value = {"a": [1, 2.5, 'ü \n"', None, True], "b": [[1], [2, 3]], "c": [{"d": {}}], "e": "x"}
+    assert json.loads(json_text(value)) == value
+
+
+def test_not_finite_values_become_null_and_are_listed(tmp_path):
+    value = {"jcn": {"max": math.inf}, "rmse": np.array([1.0, np.nan, -np.inf]), "fine": 2.0}
+    written = json.loads(OutputFolder(tmp_path).write_json("m.json", value).read_text())
+    assert written["jcn"] == {"max": None}
+    assert written["rmse"] == [1.0, None, None]
+    assert written["not_finite"] == ["jcn.max", "rmse.1", "rmse.2"]
+
+
+def test_without_such_values_there_is_no_note(tmp_path):
+    assert json.loads(OutputFolder(tmp_path).write_json("m.json", {"a": 1.0}).read_text()) == {
+        "a": 1.0
+    }
+
+
+def test_yaml_reads_back_equal_and_is_deterministic(tmp_path):
+    out = OutputFolder(tmp_path)
+    value = {"b": 1e-05, "a": {"K_0": np.full(6, 20.0), "name": "no", "n": None}, "c": "1e5"}
+    path = out.write_yaml("config.yaml", value)
+    assert yaml.safe_load(path.read_text()) == {
+        "b": 1e-05,
+        "a": {"K_0": [20.0] * 6, "name": "no", "n": None},
+        "c": "1e5",
+    }
+    assert (
+        path.read_bytes() == out.write_yaml("c2.yaml", dict(reversed(value.items()))).read_bytes()
+    )
+
+
+def test_figures_go_below_figures(tmp_path):
+    figure, _ = new_figure()
+    path = OutputFolder(tmp_path).write_figure("bode", figure)
+    assert path == tmp_path / "figures" / "bode.png"
+    assert path.read_bytes().startswith(b"\x89PNG")
+
+
+# ---- the folder ----
+
+
+def test_the_folder_is_made_with_its_parents(tmp_path):
+    assert OutputFolder(tmp_path / "a" / "b").path.is_dir()
+    OutputFolder(tmp_path / "a" / "b")  # again is no error
+
+
+@pytest.mark.parametrize("below", ["", "deeper/still"])
+def test_a_file_in_the_way_is_named(tmp_path, below):
+    (tmp_path / "out").write_text("precious")
+    with pytest.raises(InputError) as caught:
+        OutputFolder(tmp_path / "out" / below)
+    assert str(tmp_path / "out") + ":" in str(caught.value)
+    assert "--out" in str(caught.value)
+    assert (tmp_path / "out").read_text() == "precious"
+
+
+def test_a_folder_without_permission_is_refused(tmp_path, monkeypatch):
+    # Patched rather than chmod: the administrator, as whom containers run, may write everywhere.
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    with pytest.raises(InputError, match="permission"):
+        OutputFolder(tmp_path)
+
+
+def test_a_folder_that_cannot_be_made_is_one_line(tmp_path):
+    with pytest.raises(InputError, match="cannot make this folder"):
+        OutputFolder(tmp_path / ("x" * 300))
+
+
+# ---- whole or not at all ----
+
+
+def test_an_error_while_writing_leaves_the_earlier_file(tmp_path):
+    out = OutputFolder(tmp_path)
+    out.write_text("a.txt", "old")
+    with pytest.raises(RuntimeError), out.atomic("a.txt") as partial:
+        partial.write_text("half of the n")
+        raise RuntimeError
+    assert (tmp_path / "a.txt").read_text() == "old"
+    assert _names(tmp_path) == ["a.txt"]
+
+
+def test_an_interrupt_leaves_the_earlier_file(tmp_path):
+    out = OutputFolder(tmp_path)
+    with pytest.raises(KeyboardInterrupt), out.atomic("a.txt") as partial:
+        partial.write_text("half")
+        raise KeyboardInterrupt
+    assert _names(tmp_path) == []
+
+
+def test_a_value_that_cannot_be_written_leaves_the_earlier_file(tmp_path):
+    out = OutputFolder(tmp_path)
+    out.write_json("m.json", {"a": 1})
+    with pytest.raises(TypeError):
+        out.write_json("m.json", {"a": 2, "b": object()})
+    assert json.loads((tmp_path / "m.json").read_text()) == {"a": 1}
+
+
+def test_a_killed_writer_leaves_the_earlier_file(tmp_path):
+    """SIGKILL runs no clean-up code: what protects the file is only how it is written."""
+    (tmp_path / "big.txt").write_text("old and whole")
+    program = """
+import sys
+from pathlib import Path
+from analyses.output.outputs import OutputFolder
+with OutputFolder(Path(sys.argv[1])).atomic("big.txt") as partial:
+    with partial.open("w") as file:
+        while True:
+            file.write("new, not whole" * 1000)
+            file.flush()
+"""
+    writer = subprocess.Popen([sys.executable, "-c", program, str(tmp_path)])
+    deadline = time.monotonic() + 30
+    while not any(p.stat().st_size > 10_000 for p in tmp_path.glob(".big.txt*")):
+        assert time.monotonic() < deadline
+        assert writer.poll() is None
+        time.sleep(0.01)
+    writer.send_signal(signal.SIGKILL)
+    writer.wait()
+    assert (tmp_path / "big.txt").read_text() == "old and whole"
+    # What it left is hidden: no reader takes it for a result.
+    assert [p.name for p in tmp_path.iterdir() if not p.name.startswith(".")] == ["big.txt"]
+
+
+# ---- folders ----
+
+
+def test_replace_folder_puts_the_new_in_place_of_the_old(tmp_path):
+    for name in ("old", "new"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / f"{name}.txt").write_text(name)
+    replace_folder(tmp_path / "new", tmp_path / "old")
+    assert _names(tmp_path) == ["old"]
+    assert _names(tmp_path / "old") == ["new.txt"]
+
+
+def test_replace_folder_without_an_old_one(tmp_path):
+    (tmp_path / "new").mkdir()
+    replace_folder(tmp_path / "new", tmp_path / "old")
+    assert _names(tmp_path) == ["old"]
+
+
+def test_a_failed_replacement_leaves_the_old(tmp_path):
+    (tmp_path / "old").mkdir()
+    (tmp_path / "old" / "a").write_text("a")
+    with pytest.raises(FileNotFoundError):
+        replace_folder(tmp_path / "not there", tmp_path / "old")
+    assert _names(tmp_path) == ["old"]
+    assert _names(tmp_path / "old") == ["a"]
+
+
+def test_a_crash_between_the_renames_is_recovered(tmp_path, monkeypatch):
+    for name in ("old", "new"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "old" / "a").write_text("a")
+    rename = Path.rename
+
+    def crash_at_the_second(self, target):
+        if self.name == "new":
+            os.kill(os.getpid(), signal.SIGKILL)
+        return rename(self, target)
+
+    child = os.fork()
+    if child == 0:
+        monkeypatch.setattr(Path, "rename", crash_at_the_second)
+        replace_folder(tmp_path / "new", tmp_path / "old")
+        os._exit(0)
+    _, status = os.waitpid(child, 0)
+    assert os.WTERMSIG(status) == signal.SIGKILL
+    assert not (tmp_path / "old").exists()
+    recover_folder(tmp_path / "old")
+    assert _names(tmp_path / "old") == ["a"]

@@ -1,0 +1,148 @@
+"""The README's table of results, between its markers."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from analyses.output.outputs import OutputFolder
+from analyses.study import readme_table
+from analyses.study.readme_table import (
+    BEGIN,
+    END,
+    RESULTS,
+    SHOWN,
+    collect,
+    fill,
+    main,
+    results_table,
+)
+from models.files.input_error import InputError
+
+README = f"# Title\n\n{BEGIN}\nold\n{END}\n\nAfter ü.\n"
+
+
+@pytest.fixture
+def study(tmp_path):
+    out = OutputFolder(tmp_path / "study")
+    metrics = {
+        "bandwidth": {"max_phase_error_deg": 20.5},
+        "constant-wrench": {"initial": {"max_error_y_n": 24.7}, "rmse": [1.0, 2.0]},
+        "silent": {},
+    }
+    out.write_json("metrics.json", metrics)
+
+    def row(label, key, unit="", article=None, remark="", source="article"):
+        names = ("label", "key", "unit", "article", "remark", "source")
+        return dict(zip(names, (label, key, unit, article, remark, source), strict=True))
+
+    rows = {
+        "bandwidth": [row("Pole", "max_phase_error_deg", "1/s", 20, "a | b", "eq. 30")],
+        "constant-wrench": [
+            row("Largest", "initial.max_error_y_n", "N", 24.86),
+            row("Per axis", "rmse"),
+        ],
+        "silent": [],
+    }
+    for name, comparison in rows.items():
+        OutputFolder(out / name).write_json(
+            "result.json",
+            {"title": f"The {name}", "comparison": comparison, "quick": False, "seed": 0},
+        )
+    return out.path
+
+
+@pytest.fixture
+def readme(tmp_path):
+    path = tmp_path / "README.md"
+    path.write_text(README, encoding="utf-8")
+    return path
+
+
+def test_the_table_has_one_line_a_row_in_the_report_s_order(study):
+    assert results_table(collect(study)).splitlines() == [
+        "| Experiment | Measure | Article | Here | Why, where they differ |",
+        "|---|---|---:|---:|---|",
+        "| The constant-wrench | Largest [N] | 24.86 | 24.70 |  |",
+        r"| The bandwidth | Pole [1/s] | 20.0 (eq. 30) | 20.5 | a \| b |",
+    ]
+
+
+def test_shortened_runs_are_called_that(study):
+    results = collect(study)
+    assert "quick" not in results_table(results)
+    assert "shortened runs (`--quick`)" in results_table(results | {"quick": True}).splitlines()[0]
+
+
+def test_the_committed_readme_shows_the_committed_figures():
+    root = Path(readme_table.__file__).parents[2]
+    results = json.loads((root / RESULTS).read_text(encoding="utf-8"))
+    keys = {e["name"]: {row["key"] for row in e["rows"]} for e in results["experiments"]}
+    assert keys == {name: set(rows) for name, rows in SHOWN.items()}
+    assert not results["quick"]
+    shown = (root / "README.md").read_text(encoding="utf-8").split(BEGIN)[1].split(END)[0]
+    assert shown == "\n" + results_table(results), "run `make readme` after `make study`"
+
+
+def test_the_figures_are_written_beside_the_readme(study, readme):
+    assert main([str(study), str(readme)]) == 0
+    written = json.loads((readme.parent / RESULTS).read_text(encoding="utf-8"))
+    assert written == collect(study)
+    shown = readme.read_text(encoding="utf-8").split(BEGIN)[1].split(END)[0]
+    assert shown == "\n" + results_table(written)
+    written["experiments"][0]["rows"][0]["here"] = 9.9
+    assert shown != "\n" + results_table(written)
+
+
+def test_only_what_is_between_the_markers_changes(study, readme):
+    assert main([str(study), str(readme)]) == 0
+    text = readme.read_text(encoding="utf-8")
+    assert text == README.replace("old\n", results_table(collect(study)))
+
+
+def test_filling_twice_changes_nothing(study, readme):
+    table = results_table(collect(study))
+    assert fill(readme, table)
+    before = readme.stat().st_mtime_ns
+    assert not fill(readme, table)
+    assert readme.stat().st_mtime_ns == before
+
+
+def test_the_file_keeps_its_permissions(study, readme):
+    readme.chmod(0o664)
+    fill(readme, results_table(collect(study)))
+    assert readme.stat().st_mode & 0o777 == 0o664
+
+
+@pytest.mark.parametrize(
+    "text", ["none", BEGIN, END, f"{END}\n{BEGIN}", f"{BEGIN}{END}{BEGIN}{END}"]
+)
+def test_wrong_markers_are_named_and_the_file_stays(study, readme, text):
+    readme.write_text(text)
+    with pytest.raises(InputError, match="results: begin"):
+        fill(readme, results_table(collect(study)))
+    assert readme.read_text() == text
+
+
+@pytest.mark.parametrize("content", [None, "{", "{}"])
+def test_a_folder_without_results_is_named(tmp_path, content, capsys):
+    if content is not None:
+        (tmp_path / "metrics.json").write_text(content)
+    assert main([str(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "metrics.json" in error
+
+
+def test_it_runs_as_a_module(study, readme):
+    command = [sys.executable, "-m", "analyses.study.readme_table", str(study), str(readme)]
+    result = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert "filled" in result.stdout
+    assert "24.86" in readme.read_text(encoding="utf-8")
+
+
+def test_too_many_arguments_are_refused(capsys):
+    assert main(["a", "b", "c"]) == 2
+    assert "STUDY_FOLDER README" in capsys.readouterr().err

@@ -1,0 +1,55 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from diagrams.closed_loop import make_closed_loop
+from diagrams.pages.run_page import FORCE_ARROWS, make_meshcat, start_recording, write_recording
+from diagrams.scenario import load_scenario
+from models.files.input_error import InputError
+from models.identification.identified_model import IdentifiedModel
+from models.robot.robot import Robot
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Robot.load("sts_sre4_600")
+
+
+def test_a_run_becomes_one_page_with_arm_arrows_and_legend(robot, tmp_path):
+    scenario = replace(load_scenario("OneOfEverything"), duration=0.1)
+    meshcat = make_meshcat(robot, [0.35, 0.0, 0.3])
+    loop = make_closed_loop(scenario, robot, IdentifiedModel.nominal(robot), meshcat)
+    simulator = Simulator(loop.diagram)
+    simulator.Initialize()
+    for name in FORCE_ARROWS:
+        assert meshcat.HasPath(f"/forces/{name}")
+    assert meshcat.HasPath("visualizer/sts_sre4_600")
+    start_recording(meshcat, scenario.recording.fps)
+    simulator.AdvanceTo(scenario.duration)
+    path = tmp_path / "run.html"
+    write_recording(meshcat, path, "Polish <& press>")
+    page = path.read_text()
+    assert page.rstrip().endswith("</html>")
+    assert "Polish &lt;&amp; press&gt;" in page
+    for name in FORCE_ARROWS:
+        assert name in page
+    # The true robot's motion is in it, and nothing has to be fetched from elsewhere.
+    assert 'src="http' not in page
+    assert [file.name for file in tmp_path.iterdir()] == ["run.html"]
+
+
+def test_the_two_forces_can_be_told_apart():
+    true, estimated = FORCE_ARROWS.values()
+    assert np.abs(np.subtract(true.rgb, estimated.rgb)).max() > 0.5
+    # The estimate's wider, translucent arrow shows a true one inside it.
+    assert estimated.shaft_radius > true.shaft_radius
+    assert estimated.opacity < 1.0
+
+
+def test_nothing_is_left_where_it_cannot_be_written(robot, tmp_path):
+    meshcat = make_meshcat(robot, [0.35, 0.0, 0.3])
+    with pytest.raises(InputError, match="cannot be written"):
+        write_recording(meshcat, tmp_path / "none" / "run.html", "x")
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,271 @@
+"""The whole chain: against pinocchio and numpy, tick against log, holes, signs."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from numpy.typing import NDArray
+
+from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from models.estimation.momentum_observer import MomentumObserverConfig
+from models.estimation.wrench import METHODS, WrenchReconstructionConfig, live_prior
+from models.files.input_error import InputError
+from models.friction.friction_network import FrictionNetworks
+from models.friction.presliding_friction import PreslidingFriction
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.identification.identified_model import IdentifiedModel
+from models.robot.motors import torque_to_current
+from models.robot.robot import Robot
+
+Array = NDArray[np.float64]
+T = 0.002
+
+
+@cache
+def arm() -> Robot:
+    return Robot.load("sts_sre4_600")
+
+
+@cache
+def model() -> IdentifiedModel:
+    """The arm's own inertias; every kind of friction; a full residual covariance."""
+    rng = np.random.default_rng(1)
+    friction = SemiParametricFriction(
+        CoulombViscous(rng.uniform(1, 10, 6), rng.uniform(1, 10, 6), rng.normal(size=6)),
+        FrictionNetworks(*rng.normal(size=(3, 6, 10)), rng.normal(size=6), np.full(6, 0.1)),
+        np.full(6, 0.1),
+    )
+    A = np.diag([1.5, 1.5, 1.0, 0.3, 0.3, 0.2]) @ (np.eye(6) + 0.2 * rng.normal(size=(6, 6)))
+    return replace(IdentifiedModel.nominal(arm()), friction=friction, residual_covariance=A @ A.T)
+
+
+def estimator(method: str = "bayesian", K_0: float = 20.0) -> WrenchEstimator:
+    config = WrenchEstimatorConfig(
+        MomentumObserverConfig([K_0], T), WrenchReconstructionConfig(method)
+    )
+    return WrenchEstimator(arm(), model(), config)
+
+
+def log(N: int = 600) -> tuple[Array, Array, Array]:
+    """All joints in smooth motion through their near-zero velocities, currents of a real size."""
+    t = T * np.arange(N)[:, None]
+    w = np.array([1.1, 0.9, 1.7, 2.3, 3.1, 2.0])
+    q = np.array([0.0, 0.2, -0.6, 0.3, 1.0, 0.0]) + 0.4 * np.sin(w * t + np.arange(6))
+    v = 0.4 * w * np.cos(w * t + np.arange(6))
+    rng = np.random.default_rng(2)
+    tau = arm().chain.gravity_torque(q) + model().friction.torque(v) + rng.normal(size=(N, 6))
+    return q, v, torque_to_current(tau, arm().torque_per_ampere, arm().current_sign)
+
+
+def test_the_chain_against_pinocchio_and_numpy() -> None:
+    """The equations of the module docstrings, from another rigid-body library."""
+    q, v, current = log(300)
+    robot, Sigma = arm(), model().residual_covariance
+    rigid = pin.buildModelFromXML(robot.urdf_text)
+    rigid.armature = robot.reflected_inertia
+    rigid.gravity.linear = robot.gravity
+    data = rigid.createData()
+    tool = rigid.getFrameId("E")
+    tau_J = current * robot.torque_per_ampere * robot.current_sign
+    tau_f = model().friction.torque(v)
+    force_sd, moment_sd = live_prior(robot.payload)
+    P = np.diag([moment_sd**2] * 3 + [force_sd**2] * 3)
+    a = np.exp(-20.0 * T)
+    expected, tau_ext = [], np.zeros(6)
+    before: tuple[Array, Array] | None = None
+    for k in range(len(q)):
+        C = pin.computeCoriolisMatrix(rigid, data, q[k], v[k])
+        momentum = pin.crba(rigid, data, q[k]) @ v[k]
+        G = pin.computeGeneralizedGravity(rigid, data, q[k])
+        part = C.T @ v[k] - G - tau_f[k]
+        if before is not None:
+            u = tau_J[k - 1] + 0.5 * (before[1] + part)
+            tau_ext = a * tau_ext + (1.0 - a) / T * (momentum - before[0] - T * u)
+        before = momentum, part
+        J = pin.computeFrameJacobian(rigid, data, q[k], tool, pin.LOCAL_WORLD_ALIGNED)[
+            [3, 4, 5, 0, 1, 2]
+        ]
+        gain = P @ J @ np.linalg.inv(J.T @ P @ J + Sigma)
+        expected.append((tau_ext, gain @ tau_ext, P - gain @ J.T @ P, np.linalg.cond(J)))
+    estimate = estimator().run(estimator().initial_state(), q, v, current)
+    # 1e-13 relative of the terms (100 N m), times K' = 20/s, over the period of 2 ms.
+    np.testing.assert_allclose(estimate.tau_ext, [e[0] for e in expected], atol=1e-8)
+    np.testing.assert_allclose(estimate.wrench, [e[1] for e in expected], atol=1e-7)
+    np.testing.assert_allclose(estimate.covariance, [e[2] for e in expected], rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(estimate.condition_number, [e[3] for e in expected], rtol=1e-9)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_tick_is_a_row_of_the_log_and_chunks_are_one_pass(method: str) -> None:
+    q, v, current = log()
+    current[200, 3] = np.nan
+    q[400] = np.nan
+    tool = estimator(method)
+    whole = tool.run(tool.initial_state(), q, v, current)
+    state = tool.initial_state()
+    parts = [
+        tool.run(state, q[a:b], v[a:b], current[a:b]) for a, b in ((0, 1), (1, 201), (201, 600))
+    ]
+    for name in whole._fields:
+        chunks = np.concatenate([getattr(part, name) for part in parts])
+        np.testing.assert_array_equal(chunks, getattr(whole, name))
+    state = tool.initial_state()
+    for k in range(600):
+        tick = tool.step(state, q[k], v[k], current[k])
+        for name in tick._fields:
+            np.testing.assert_array_equal(getattr(tick, name), getattr(whole, name)[k])
+
+
+def test_a_long_log_crosses_the_memory_bound_unchanged() -> None:
+    q, v, current = (np.tile(x, (30, 1)) for x in log())  # 18,000 rows
+    tool = estimator()
+    whole = tool.run(tool.initial_state(), q, v, current)
+    state = tool.initial_state()
+    first = tool.run(state, q[:16000], v[:16000], current[:16000])
+    second = tool.run(state, q[16000:], v[16000:], current[16000:])
+    np.testing.assert_array_equal(np.concatenate([first.wrench, second.wrench]), whole.wrench)
+
+
+@pytest.mark.parametrize("method", ["inverse", "bayesian"])
+def test_a_push_reads_as_what_the_environment_does(method: str) -> None:
+    """Held still under 30 N along +z of W: the motors carry less, the reading is +30 N."""
+    robot = arm()
+    F = np.array([0.5, -0.3, 0.2, 0.0, 10.0, 30.0])
+    q = np.tile([0.0, 0.2, -0.6, 0.3, 1.0, 0.0], (1000, 1))
+    v = np.zeros_like(q)
+    tau = robot.chain.gravity_torque(q) + model().friction.torque(v)
+    tau -= robot.chain.jacobian(q[0]).T @ F
+    current = torque_to_current(tau, robot.torque_per_ampere, robot.current_sign)
+    tool = estimator(method)
+    if method == "bayesian":
+        tool = tool.with_prior(1e5, 1e5)
+    estimate = tool.run(tool.initial_state(), q, v, current)
+    # Settled to exp(-40); the loose prior shrinks by (sd / 1e5)^2.
+    np.testing.assert_allclose(estimate.wrench[-1], F, atol=1e-6)
+    # K_0 = 40 / s: until 3 / K_0 the observer is on its way from zero.
+    np.testing.assert_array_equal(estimate.valid, np.arange(1000) >= 75)
+
+
+def test_a_hole_is_flagged_finite_and_forgotten() -> None:
+    q, v, current = log()
+    tool = estimator()
+    clean = tool.run(tool.initial_state(), q, v, current)
+    v[300:303, 1] = np.nan
+    holed = tool.run(tool.initial_state(), q, v, current)
+    assert np.isfinite(holed.wrench).all()
+    assert np.isfinite(holed.covariance).all()
+    assert np.flatnonzero(holed.valid != clean.valid).tolist() == [300, 301, 302, 303]
+    # 300 samples of 2 ms at K_0 = 20: exp(-12) of what was missed.
+    np.testing.assert_allclose(holed.wrench[-1], clean.wrench[-1], atol=1e-3)
+
+
+def test_prior_of_the_configuration_and_of_the_rule() -> None:
+    force_sd, moment_sd = live_prior(arm().payload)
+    found = estimator().config.reconstruction
+    assert (found.prior_force_sd, found.prior_moment_sd) == (force_sd, moment_sd)
+    q, v, current = log(50)
+    tight = estimator().with_prior(1.0, 0.01)
+    estimate = tight.run(tight.initial_state(), q, v, current)
+    assert np.all(estimate.standard_deviation[:, 3:] <= 1.0)
+    assert np.all(estimate.standard_deviation[:, :3] <= 0.01)
+
+
+def test_gain_per_joint() -> None:
+    q, v, current = log(50)
+    K_0 = [5.0, 10.0, 20.0, 40.0, 80.0, 160.0]
+    config = WrenchEstimatorConfig(MomentumObserverConfig(K_0, T))
+    mixed = WrenchEstimator(arm(), model(), config)
+    together = mixed.run(mixed.initial_state(), q, v, current).tau_ext
+    for i, gain in enumerate(K_0):
+        alone = estimator(K_0=gain)
+        np.testing.assert_array_equal(
+            alone.run(alone.initial_state(), q, v, current).tau_ext[:, i], together[:, i]
+        )
+
+
+def test_any_layout_of_the_samples_reads_the_same() -> None:
+    q, v, current = log(50)
+    tool = estimator()
+    whole = tool.run(tool.initial_state(), q, v, current)
+    columns = [np.asfortranarray(x) for x in (q, v, current)]
+    for x in columns:
+        x.flags.writeable = False
+    again = tool.run(tool.initial_state(), *columns)
+    np.testing.assert_array_equal(again.wrench, whole.wrench)
+    state = tool.initial_state()
+    for k in range(50):
+        tick = tool.step(state, columns[0][k], columns[1][k].tolist(), columns[2][k])
+        np.testing.assert_array_equal(tick.wrench, whole.wrench[k])
+
+
+def test_model_of_another_robot_and_wrong_shapes_are_refused() -> None:
+    with pytest.raises(InputError, match="somebody"):
+        WrenchEstimator(arm(), replace(model(), robot="somebody"))
+    q, v, current = log(10)
+    with pytest.raises(ValueError, match=r"must be \(N, 6\)"):
+        estimator().run(estimator().initial_state(), q, v[:5], current)
+    with pytest.raises(ValueError, match="broadcast"):
+        estimator().step(estimator().initial_state(), q[0, :5], v[0], current[0])
+    with pytest.raises(ValueError, match=r"state must be \(3, 6\)"):
+        estimator().step(np.zeros(6), q[0], v[0], current[0])
+    with pytest.raises(ValueError, match="K_0"):
+        WrenchEstimator(
+            arm(), model(), WrenchEstimatorConfig(MomentumObserverConfig([1.0, 2.0], T))
+        )
+
+
+@cache
+def remembering() -> WrenchEstimator:
+    """The same arm with a law that has memory and load dependence, and a network on top."""
+    rng = np.random.default_rng(3)
+    nets = FrictionNetworks(*rng.normal(size=(3, 6, 10)), rng.normal(size=6), np.full(6, 0.1))
+    near_zero = SemiParametricFriction(
+        CoulombViscous(np.zeros(6), rng.uniform(1, 10, 6), rng.normal(size=6)),
+        nets,
+        np.full(6, 0.1),
+    )
+    friction = PreslidingFriction(
+        near_zero,
+        coulomb=rng.uniform(2, 9, 6),
+        stribeck=rng.uniform(-1, 1, 6),
+        stribeck_velocity=np.full(6, 0.05),
+        load=rng.uniform(0.0, 0.1, 6),
+        cubic=rng.normal(size=6),
+        weight=np.tile([0.8, 0.2], (6, 1)),
+        displacement=np.tile([2e-4, 2e-3], (6, 1)),
+    )
+    config = WrenchEstimatorConfig(MomentumObserverConfig([20.0], T))
+    return WrenchEstimator(arm(), replace(model(), friction=friction), config)
+
+
+def test_friction_with_memory_tick_by_tick_is_the_log_in_any_split() -> None:
+    own, (q, v, current) = remembering(), log(300)
+    whole = own.run(own.initial_state(), q, v, current)
+    state = own.initial_state()
+    assert state.shape == (3 + 4, 6)
+    parts = [
+        own.run(state, q[rows], v[rows], current[rows]) for rows in (slice(0, 7), slice(7, 90))
+    ]
+    for k in range(90, 300):
+        tick = own.step(state, q[k], v[k], current[k])
+        np.testing.assert_array_equal(tick.tau_ext, whole.tau_ext[k])
+    np.testing.assert_array_equal(np.vstack([p.tau_ext for p in parts]), whole.tau_ext[:90])
+
+
+def test_the_load_is_the_torque_transmitted_at_the_sample_before() -> None:
+    """The observer fed with the law written out, L_k = tau_J,k-1 - tau_f,k-1."""
+    own, (q, v, current) = remembering(), log(200)
+    law = own.model.friction
+    tau_J = current * arm().torque_per_ampere * arm().current_sign
+    load = np.zeros_like(q)
+    for k in range(1, len(q)):
+        load[k] = tau_J[k - 1] - law.torque_along(q[:k], v[:k], load[:k])[-1]
+    tau_f = law.torque_along(q, v, load)
+    momentum, CTv, G = own.chain.momentum_terms(q, v)
+    observer = own.observer
+    expected, _ = observer.run(observer.initial_state(), momentum, CTv, G, tau_J, tau_f)
+    found = own.run(own.initial_state(), q, v, current)
+    # The same numbers in another order of additions, 1e-13 of 100 N m, times K' = 20/s over 2 ms.
+    np.testing.assert_allclose(found.tau_ext, expected, atol=1e-8)

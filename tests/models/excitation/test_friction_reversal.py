@@ -1,0 +1,104 @@
+"""Friction by reversal: the planner keeps eq. 16, the separation gives friction back."""
+
+import numpy as np
+import pytest
+
+from models.excitation.friction_reversal import reversal_motion, separate, separate_crossings
+from models.files.input_error import InputError
+from models.robot.robot import Robot
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Robot.load("sts_sre4_600")
+
+
+def friction(v):
+    """Odd part and an offset that eq. 15 assumes away."""
+    return np.tanh(v / 0.004) * (5.0 + 3.0 * np.exp(-((v / 0.1) ** 2))) + 4.0 * v, 0.7
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_passes_have_opposite_velocity_and_acceleration(robot, joint):
+    speeds, accelerations = [0.01, 0.2], [0.0, 1.5, -1.5]
+    motion = reversal_motion(robot, joint, robot.home, speeds, accelerations)
+    q, v, vdot = motion.trajectory.sample(motion.crossings)  # (K, 2, n)
+    assert len(motion.crossings) == 2 * 2 * 3
+    np.testing.assert_allclose(q, np.broadcast_to(robot.home, q.shape), atol=1e-9)
+    np.testing.assert_allclose(v[:, 0], -v[:, 1], atol=1e-9)
+    np.testing.assert_allclose(vdot[:, 0], -vdot[:, 1], atol=1e-9)
+    np.testing.assert_allclose(np.abs(v[:, 0, joint]), motion.speed, atol=1e-9)
+    np.testing.assert_allclose(vdot[:, 0, joint], motion.acceleration, atol=1e-9)
+    rest = np.delete(v, joint, axis=2)
+    np.testing.assert_array_equal(rest, 0.0)
+
+
+def test_the_plan_starts_and_ends_at_rest_and_is_smooth(robot):
+    motion = reversal_motion(robot, 2, robot.home, [0.05, 0.3]).trajectory
+    np.testing.assert_allclose(motion.v[[0, -1]], 0.0, atol=1e-12)
+    difference = np.gradient(motion.q[:, 2], motion.t)
+    np.testing.assert_allclose(difference[1:-1], motion.v[1:-1, 2], atol=1e-4)
+    difference = np.gradient(motion.v[:, 2], motion.t)
+    np.testing.assert_allclose(difference[1:-1], motion.vdot[1:-1, 2], atol=1e-3)
+
+
+def test_friction_comes_back_from_planned_passes(robot):
+    """All joints together; with accelerations, which eq. 19 takes off by M vdot."""
+    way = np.array([1.0, -1, 1, -1, 1, -1])
+    motion = reversal_motion(robot, way, robot.home, [0.02, 0.1, 0.4], [0.0, 2.0])
+    t, q = motion.trajectory.t, motion.trajectory.q
+    v, vdot = motion.trajectory.v, motion.trajectory.vdot
+    odd, offset = friction(v)
+    tau = robot.chain.inverse_dynamics(q, v, vdot) + odd + offset
+    for joint in range(6):
+        found = separate_crossings(robot.chain, motion, t, q, v, vdot, tau, joint)
+        np.testing.assert_allclose(found.speed, motion.speed, atol=1e-9)
+        np.testing.assert_allclose(found.symmetric, friction(found.speed)[0], atol=1e-8)
+        np.testing.assert_allclose(found.asymmetric, offset, atol=1e-8)
+
+
+def test_friction_comes_back_from_a_log(robot):
+    """Also where the inertias in use are wrong in all that the passes cancel: gravity."""
+    t = np.arange(0.0, 20.0, 1e-3)
+    q = np.tile(robot.home, (len(t), 1))
+    v, vdot = np.zeros_like(q), np.zeros_like(q)
+    size, omega = 0.4 * np.linspace(0.2, 1.0, 5).repeat(4000), 2 * np.pi / 4.0
+    q[:, 1] += size * np.sin(omega * t)
+    v[:, 1] = size * omega * np.cos(omega * t)
+    vdot[:, 1] = -size * omega**2 * np.sin(omega * t)
+    odd, offset = friction(v)
+    tau = robot.chain.inverse_dynamics(q, v, vdot) + odd + offset
+    found = separate(robot.chain, t, q, v, vdot, tau, 1, rest=1e-3, settle=0.1)
+    assert len(found.speed) > 500
+    # Speeds of the two passes differ where the amplitude steps; friction is not linear.
+    np.testing.assert_allclose(found.symmetric, friction(found.speed)[0], atol=0.05)
+    np.testing.assert_allclose(found.asymmetric, offset, atol=0.05)
+    assert found.asymmetric_share == pytest.approx(0.7 / 7.0, rel=0.3)
+    heavier = robot.chain.with_inertial_parameters(
+        1.3 * robot.chain.inertial_parameters, 1.3 * robot.chain.reflected_inertia
+    )
+    wrong = separate(heavier, t, q, v, vdot, tau, 1, rest=1e-3, settle=0.1)
+    np.testing.assert_allclose(wrong.symmetric, found.symmetric, atol=0.05)
+    assert np.abs(wrong.asymmetric - offset).max() > 1.0
+
+
+def test_a_log_that_never_turns_has_no_pairs(robot):
+    t = np.arange(0.0, 1.0, 1e-3)
+    q = robot.home + 0.2 * t[:, None]
+    v = np.full_like(q, 0.2)
+    tau = np.zeros_like(q)
+    assert len(separate(robot.chain, t, q, v, tau, tau, 0).speed) == 0
+
+
+@pytest.mark.parametrize(
+    ("posture", "speeds", "message"),
+    [
+        ([2.9, 0, 0, 0, 0, 0], [2.0], "joint_1: position"),
+        ([0.0] * 6, [20.0], "joint_1: "),
+        ([0.0] * 6, [0.0], "positive"),
+        ([0.0] * 5, [0.1], "6 joints"),
+    ],
+)
+def test_bad_plans_are_one_line(robot, posture, speeds, message):
+    with pytest.raises(InputError, match=message):
+        reversal_motion(robot, 0, posture, speeds)

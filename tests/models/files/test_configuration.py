@@ -1,0 +1,147 @@
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models.files.configuration import REQUIRED, load_configuration, nearest, save_configuration
+from models.files.input_error import InputError
+
+
+@dataclass
+class Ball:
+    radius: float = 0.1
+
+
+@dataclass
+class Box:
+    sides: list[float] = field(default_factory=lambda: [1.0, 1.0, 1.0])
+
+
+@dataclass
+class Thing:
+    name: str = field(default="", metadata=REQUIRED)
+    count: int = 1
+    mass: float = 1.0
+    fixed: bool = False
+    path: Path = Path()
+    matrix: np.ndarray = field(default_factory=lambda: np.zeros((2, 2)))
+    shape: Ball | Box = field(default_factory=Ball)
+    balls: list[Ball] = field(default_factory=list)
+    limits: dict[str, float] = field(default_factory=dict)
+    lid: Ball | None = None
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "thing.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_reads_every_kind_of_value(tmp_path: Path) -> None:
+    thing = load_configuration(
+        write(
+            tmp_path,
+            "name: cup\ncount: 3\nmass: 1e-3\nfixed: true\npath: a/b\nmatrix: [[1, 2], [3, 4.5]]\n"
+            "shape: !Box {sides: [1, 2, 3]}\nballs:\n- {radius: 2}\n- {}\nlimits: {a: 1}\n"
+            "lid: {radius: .5}\n",
+        ),
+        Thing,
+    )
+    assert thing.mass == 1e-3  # which YAML 1.1 itself takes for a text
+    assert (thing.name, thing.count, thing.fixed, thing.path) == ("cup", 3, True, Path("a/b"))
+    np.testing.assert_array_equal(thing.matrix, [[1.0, 2.0], [3.0, 4.5]])
+    assert thing.shape == Box([1.0, 2.0, 3.0])
+    assert thing.balls == [Ball(2.0), Ball(0.1)]
+    assert thing.limits == {"a": 1.0}
+    assert thing.lid == Ball(0.5)
+
+
+def test_null_optional_and_default_union_are_read(tmp_path: Path) -> None:
+    thing = load_configuration(write(tmp_path, "name: a\nlid: null\nshape: {radius: 3}\n"), Thing)
+    assert thing.lid is None
+    assert thing.shape == Ball(3.0)
+
+
+def test_what_is_saved_is_read_back_to_the_last_digit(tmp_path: Path) -> None:
+    thing = Thing("a", 2, 1 / 3, True, Path("x"), np.array([[0.1, 1e-17]]), Box([1e300]), [Ball()])
+    path = tmp_path / "saved.yaml"
+    save_configuration(thing, path)
+    again = load_configuration(path, Thing)
+    np.testing.assert_array_equal(again.matrix, thing.matrix)
+    again.matrix = thing.matrix
+    assert again.__dict__ == thing.__dict__
+
+
+def test_child_name_selects_a_part(tmp_path: Path) -> None:
+    path = write(tmp_path, "a: {name: first}\nb: {name: second}\n")
+    assert load_configuration(path, Thing, "b").name == "second"
+    with pytest.raises(InputError, match='holds no "c"'):
+        load_configuration(path, Thing, "c")
+
+
+def test_a_table_of_configurations_and_yaml_templates(tmp_path: Path) -> None:
+    path = write(
+        tmp_path,
+        "_base: &base {count: 7}\na: {<<: *base, name: x}\nb: {<<: *base, name: y, count: 8}\n",
+    )
+    table = load_configuration(path, dict[str, Thing])  # type: ignore[type-var]
+    assert {key: (thing.name, thing.count) for key, thing in table.items()} == {
+        "a": ("x", 7),
+        "b": ("y", 8),
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("name: a\nmas: 1\n", 'line 2: unknown key "mas"; did you mean "mass"?'),
+        ("name: a\nzzzz: 1\n", 'line 2: unknown key "zzzz"; known keys: name, count'),
+        ("name: a\nname: b\n", 'line 2: the key "name" is given twice'),
+        ("count: 2\n", 'the file lacks the key "name"'),
+        ("name: a\n\ncount: 1.5\n", 'line 3, count: expected a whole number, found "1.5"'),
+        ("name: a\nmass: heavy\n", 'line 2, mass: expected a number, found "heavy"'),
+        ("name: a\nmass: .nan\n", "line 2, mass: expected a number"),
+        ("name: a\nmass: true\n", "line 2, mass: expected a number"),
+        ("name: a\nmass:\n", "line 2, mass: expected a number, found nothing"),
+        ("name: a\nmass: [1]\n", "line 2, mass: expected a number, found a list"),
+        ("name: 5\n", 'line 1, name: expected a text, found "5"'),
+        ("name: a\nfixed: 1\n", "line 2, fixed: expected true or false"),
+        ("name: a\nballs: {radius: 1}\n", "line 2, balls: expected a list, found keys with values"),
+        ("name: a\nballs:\n- radius: 1\n- radus: 2\n", 'line 4: unknown key "radus" of "balls[1]"'),
+        ("name: a\nlid: 3\n", 'line 2, lid: expected keys with values, found "3"'),
+        ("name: a\nshape: !Bocks {}\n", "line 2, shape: unknown kind !Bocks, expected !Ball or"),
+        ("name: a\nmatrix: [[1], [2, 3]]\n", "line 2, matrix: the rows have different lengths"),
+        ("name: a\nmatrix: [[1, x]]\n", 'line 2, matrix[0][1]: expected a number, found "x"'),
+        ("name: a\nlimits: {a: b}\n", "line 2, limits.a: expected a number"),
+        ("name: [a\n", "no valid YAML"),
+        ("- a\n", "line 1: expected keys with values, found a list"),
+        ("", "the file is empty"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line_with_its_place(
+    tmp_path: Path, text: str, expected: str
+) -> None:
+    path = write(tmp_path, text)
+    with pytest.raises(InputError) as error:
+        load_configuration(path, Thing)
+    line = str(error.value)
+    assert line.startswith(f"{path}: ")
+    assert expected in line
+    assert "\n" not in line
+
+
+def test_files_that_are_no_text(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file"):
+        load_configuration(tmp_path / "absent.yaml", Thing)
+    with pytest.raises(InputError, match="is a directory"):
+        load_configuration(tmp_path, Thing)
+    binary = tmp_path / "binary.yaml"
+    binary.write_bytes(b"\xff\xfe\x00\x81")
+    with pytest.raises(InputError, match="no text file"):
+        load_configuration(binary, Thing)
+
+
+def test_nearest() -> None:
+    assert nearest("hme", ["home", "drives"]) == 'did you mean "home"?'
+    assert nearest("qqq", ["home"]) == ""

@@ -1,0 +1,23 @@
+from pathlib import Path
+
+import pytest
+
+from models.files.input_error import InputError
+from models.files.task_files import bundled_tasks, task_file
+
+
+def test_a_bundled_name_gives_its_file() -> None:
+    assert task_file("blade_path", "redundancy").read_text().startswith("#")
+    assert "linear_path" in bundled_tasks("placement")
+    assert "linear_path" not in bundled_tasks("redundancy")
+
+
+def test_a_path_is_left_as_it_is(tmp_path: Path) -> None:
+    assert task_file(tmp_path / "missing.yaml", "placement") == tmp_path / "missing.yaml"
+
+
+def test_a_name_that_is_none_is_answered_with_the_nearest() -> None:
+    with pytest.raises(InputError, match='did you mean "linear_path"'):
+        task_file("linear_pth", "placement")
+    with pytest.raises(InputError, match="blade_path"):
+        task_file("xyz", "redundancy")

@@ -1,0 +1,248 @@
+"""The model file: bit-exact round trip, and one clear line for everything wrong with it."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from models.files.input_error import InputError
+from models.friction.friction_network import FrictionNetworks
+from models.friction.presliding_friction import PreslidingFriction
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.identification.identified_model import (
+    BaseParameterTable,
+    IdentifiedModel,
+    LogSource,
+    Provenance,
+    Validity,
+)
+from models.robot.robot import Robot
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Robot.load("sts_sre4_600")
+
+
+@pytest.fixture(scope="module")
+def model(robot):
+    """A model whose every number uses all its bits, with networks."""
+    rng = np.random.default_rng(0)
+    n = robot.num_joints
+    A = rng.normal(size=(n, n))
+    wide = {key: rng.normal(size=(n, 10)) for key in ("W1", "b1", "W2")}
+    networks = FrictionNetworks(
+        **wide, b2=rng.normal(size=n) * 1e-17, v_scale=rng.uniform(0.1, 1.0, n)
+    )
+    law = CoulombViscous(*rng.normal(size=(3, n)))
+    return IdentifiedModel(
+        robot=robot.name,
+        joint_names=robot.joint_names,
+        kinematics_digest=robot.kinematics_digest,
+        inertial_parameters=rng.normal(size=(n, 10)) * 10.0 ** rng.integers(-20, 5, (n, 10)),
+        reflected_inertia=rng.uniform(size=n),
+        friction=SemiParametricFriction(law, networks, rng.uniform(size=n), "literal"),
+        residual_covariance=A @ A.T + np.eye(n),
+        base_parameters=BaseParameterTable(["a + 2 b", "c"], [1 / 3, 1e-300], [0.1, 0.2], ["d"]),
+        condition_number=1 / 7,
+        validity=Validity([-1 / 3] * n, [1 / 3] * n, [2 / 3] * n, [1.0] * n, [1e3] * n),
+        provenance=Provenance(
+            method="test",
+            logs=[LogSource("a.csv", "00ff", 2, 9, 1 / 3)],
+            time_step=0.001,
+            cutoff=5.0,
+            filter_order=5,
+            residual="made up",
+        ),
+    )
+
+
+def saved(model, folder) -> Path:
+    path = folder / "model.yaml"
+    model.save(path)
+    return path
+
+
+def test_round_trip_is_bit_exact(model, robot, tmp_path):
+    loaded = IdentifiedModel.load(saved(model, tmp_path), robot)
+    for key in ("inertial_parameters", "reflected_inertia", "residual_covariance"):
+        np.testing.assert_array_equal(getattr(loaded, key), getattr(model, key))
+    for key in ("robot", "joint_names", "kinematics_digest", "condition_number"):
+        assert getattr(loaded, key) == getattr(model, key)
+    for key in ("base_parameters", "validity", "provenance"):
+        assert getattr(loaded, key) == getattr(model, key)
+    np.testing.assert_array_equal(loaded.friction.v_crit, model.friction.v_crit)
+    assert loaded.friction.handover == "literal"
+    np.testing.assert_array_equal(loaded.friction.table, model.friction.table)
+
+
+def test_same_model_gives_the_same_bytes(model, tmp_path):
+    first = saved(model, tmp_path).read_bytes()
+    assert saved(model, tmp_path).read_bytes() == first
+
+
+def test_a_failed_save_leaves_the_old_file(model, robot, tmp_path):
+    path = saved(model, tmp_path)
+    before = path.read_bytes()
+    with pytest.raises(Exception, match="object"):
+        replace(model, provenance=object()).save(path)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["model.yaml"]
+
+
+def test_nominal_model_is_the_robot_file(robot, tmp_path):
+    nominal = IdentifiedModel.nominal(robot)
+    rng = np.random.default_rng(1)
+    q, v, vdot = rng.normal(size=(3, 5, robot.num_joints))
+    np.testing.assert_array_equal(
+        nominal.chain(robot).inverse_dynamics(q, v, vdot),
+        robot.chain.inverse_dynamics(q, v, vdot),
+    )
+    np.testing.assert_array_equal(nominal.friction.torque(v), np.zeros_like(v))
+    IdentifiedModel.load(saved(nominal, tmp_path), robot)
+
+
+def test_chain_carries_the_models_inertias(model, robot):
+    chain = model.chain(robot)
+    np.testing.assert_array_equal(chain.inertial_parameters, model.inertial_parameters)
+    np.testing.assert_array_equal(chain.reflected_inertia, model.reflected_inertia)
+    np.testing.assert_array_equal(chain.p_PJ, robot.chain.p_PJ)
+
+
+def refusal(path, robot) -> str:
+    with pytest.raises(InputError) as error:
+        IdentifiedModel.load(path, robot)
+    line = str(error.value)
+    assert "\n" not in line
+    assert str(path) in line
+    return line
+
+
+def edited(model, folder, edit) -> Path:
+    path = saved(model, folder)
+    content = yaml.safe_load(path.read_text())
+    edit(content)
+    path.write_text(yaml.safe_dump(content))
+    return path
+
+
+def put(*keys, value):
+    def edit(content):
+        for key in keys[:-1]:
+            content = content[key]
+        content[keys[-1]] = value
+
+    return edit
+
+
+@pytest.mark.parametrize(
+    ("edit", "expected"),
+    [
+        (put("robot", value="other_arm"), "of robot 'other_arm'"),
+        (put("kinematics_digest", value="0123456789abcdef"), "other kinematics"),
+        (put("joint_names", 0, value="elbow"), "has joints elbow"),
+        (put("version", value=2), "version 2"),
+        (put("format", value="something"), "something"),
+        (put("reflected_inertia", 2, value=float("inf")), "reflected_inertia"),
+        (put("inertial_parameters", 1, 3, value=float("nan")), "inertial_parameters[1][3]"),
+        (put("reflected_inertia", value=[1.0]), "expected 6 numbers, found 1"),
+        (put("inertial_parameters", 0, value=[1.0]), "rows of unequal length"),
+        (put("residual_covariance", 0, 0, value=-1.0), "positive definite"),
+        (put("residual_covariance", 0, 1, value=50.0), "symmetric"),
+        (put("friction", "handover", value="jump"), "continuous or literal"),
+        (put("friction", "v_crit", 0, value=-1.0), "friction.v_crit"),
+        (put("friction", "coulomb", value=[1.0]), "friction.coulomb"),
+        (put("friction", "networks", "v_scale", 0, value=0.0), "v_scale"),
+        (put("friction", "networks", "b1", value=[[1.0]]), "friction.networks.b1"),
+        (put("base_parameters", "values", value=[1.0]), "base_parameters.values"),
+        (put("validity", "q_min", value=[1.0]), "validity.q_min"),
+        (put("inertial_paramters", value=[]), "inertial_parameters"),  # misspelt: the nearest key
+        (lambda content: content.pop("friction"), "friction"),
+        (put("reflected_inertia", 0, value="much"), "much"),
+    ],
+)
+def test_wrong_content_gets_one_line(model, robot, tmp_path, edit, expected):
+    assert expected in refusal(edited(model, tmp_path, edit), robot)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.99, 0.999])
+def test_a_truncated_file_is_refused(model, robot, tmp_path, share):
+    path = saved(model, tmp_path)
+    text = path.read_text()
+    # At a line's end: the YAML may well be whole, only keys or rows are missing.
+    path.write_text("\n".join(text.splitlines()[: int(share * text.count("\n"))]))
+    refusal(path, robot)
+
+
+def test_no_file_a_folder_and_a_binary_file_are_refused(model, robot, tmp_path):
+    refusal(tmp_path / "none.yaml", robot)
+    refusal(tmp_path, robot)
+    binary = tmp_path / "model.yaml"
+    binary.write_bytes(bytes(range(256)))
+    refusal(binary, robot)
+
+
+def test_the_model_of_another_robot_has_no_chain_here(model):
+    with pytest.raises(InputError, match="of robot 'sts_sre4_600', not of 'ur10e'"):
+        model.chain(Robot.load("ur10e"))
+
+
+def with_memory(model):
+    n = len(model.joint_names)
+    rng = np.random.default_rng(8)
+    near_zero = SemiParametricFriction(
+        CoulombViscous(np.zeros(n), *rng.normal(size=(2, n))),
+        model.friction.networks,
+        rng.uniform(size=n),
+    )
+    weight = rng.uniform(0.1, 0.9, n)
+    friction = PreslidingFriction(
+        near_zero,
+        coulomb=rng.uniform(size=n),
+        stribeck=rng.normal(size=n),
+        stribeck_velocity=rng.uniform(0.1, 1.0, n),
+        load=rng.uniform(size=n),
+        cubic=rng.normal(size=n),
+        weight=np.stack([weight, 1.0 - weight], axis=1),
+        displacement=rng.uniform(size=(n, 2)) * 1e-3,
+    )
+    return replace(model, friction=friction)
+
+
+@pytest.mark.parametrize("networks", [True, False])
+def test_a_law_with_memory_makes_the_round_trip(model, robot, tmp_path, networks):
+    remembering = with_memory(model)
+    if not networks:
+        near_zero = replace(remembering.friction.velocity_law, networks=None)
+        law = replace(remembering.friction, velocity_law=near_zero)
+        remembering = replace(remembering, friction=law)
+    loaded = IdentifiedModel.load(saved(remembering, tmp_path), robot).friction
+    assert isinstance(loaded, PreslidingFriction)
+    np.testing.assert_array_equal(loaded.slip_table, remembering.friction.slip_table)
+    np.testing.assert_array_equal(
+        loaded.velocity_law.table, remembering.friction.velocity_law.table
+    )
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("load", 1.5, "load must be in"),
+        ("stribeck_velocity", 0.0, "must be positive"),
+        ("displacement", None, "presliding.displacement"),
+    ],
+)
+def test_a_broken_law_with_memory_is_one_clear_line(model, robot, tmp_path, key, value, message):
+    path = saved(with_memory(model), tmp_path)
+    content = yaml.safe_load(path.read_text())
+    block = content["friction"]["presliding"]
+    if value is None:
+        block[key] = block[key][:-1]
+    else:
+        block[key][0] = value
+    path.write_text(yaml.safe_dump(content))
+    with pytest.raises(InputError, match=message) as error:
+        IdentifiedModel.load(path, robot)
+    assert "\n" not in str(error.value)

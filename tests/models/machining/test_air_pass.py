@@ -1,0 +1,128 @@
+import numpy as np
+import pytest
+from scipy.interpolate import make_interp_spline
+
+from diagrams.machining import make_machining_path
+from diagrams.scenario import load_scenario
+from models.files.input_error import InputError
+from models.machining.air_pass import LEAD, TaughtTorque, raised_motion
+from models.robot.robot import Robot
+
+HEIGHT = 0.005
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Robot.load("sts_sre4_600")
+
+
+@pytest.fixture(scope="module", params=["Polishing", "Grinding"])
+def motion(request, robot):
+    """Of a flat surface, and of one along which the tool turns."""
+    return make_machining_path(load_scenario(request.param), robot).trajectory
+
+
+def taught(num_samples=50, step=1e-3):
+    tau_ext = np.random.default_rng(5).normal(size=(num_samples, 6))
+    return TaughtTorque(step * np.arange(num_samples), tau_ext)
+
+
+def test_between_two_samples_it_is_the_line():
+    known = taught()
+    assert known.num_joints == 6
+    at = np.random.default_rng(6).uniform(0.0, known.t[-1], (7, 3))
+    tau = known.at(at)
+    assert tau.shape == (7, 3, 6)
+    for j in range(6):
+        expected = np.interp(at, known.t, known.tau_ext[:, j])
+        np.testing.assert_allclose(tau[..., j], expected, atol=1e-12)
+    np.testing.assert_allclose(known.at(known.t), known.tau_ext, atol=1e-12)
+    np.testing.assert_array_equal(known.at(at[0, 0]), tau[0, 0])
+
+
+@pytest.mark.parametrize("feed_time", [-1.0, -1e-9, 0.049 + 1e-6, 60.0, np.inf, -np.inf])
+def test_outside_the_motion_nothing_is_known(feed_time):
+    np.testing.assert_array_equal(taught().at(feed_time), np.zeros(6))
+
+
+@pytest.mark.parametrize("num_samples", [3, 50, 7501, 30_001])
+def test_the_last_sample_counts(num_samples):
+    """Also where the times are differences of a log's, which are not even to the last digit."""
+    t = 1e-3 * np.arange(500 + num_samples)
+    t = t[500:] - t[500]
+    known = TaughtTorque(t, np.ones((num_samples, 6)))
+    np.testing.assert_allclose(known.at(t[-1]), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("t", "tau_ext", "words"),
+    [
+        ([0.0, 0.1, 0.2], np.zeros((2, 6)), "expected t"),
+        ([0.0], np.zeros((1, 6)), "expected t"),
+        ([0.0, 0.1], np.zeros(2), "expected t"),
+        ([0.0, 0.1, 0.2], np.full((3, 6), np.nan), "not finite"),
+        ([0.0, np.inf, 0.2], np.zeros((3, 6)), "not finite"),
+        ([0.1, 0.2, 0.3], np.zeros((3, 6)), "evenly from 0"),
+        ([0.0, 0.1, 0.3], np.zeros((3, 6)), "evenly from 0"),
+        ([0.0, -0.1, -0.2], np.zeros((3, 6)), "evenly from 0"),
+        ([0.0, 0.0, 0.0], np.zeros((3, 6)), "evenly from 0"),
+    ],
+)
+def test_what_is_no_taught_torque_is_refused(t, tau_ext, words):
+    with pytest.raises(ValueError, match=words):
+        TaughtTorque(np.array(t), tau_ext)
+
+
+def test_the_tool_is_led_alike_but_higher(robot, motion):
+    raised = raised_motion(robot, motion, HEIGHT)
+    assert raised.duration == pytest.approx(motion.duration + LEAD)
+    at = np.linspace(0.0, motion.duration, 307)  # mostly between the knots
+    R, p = robot.chain.pose(motion.sample(at)[0])
+    R_up, p_up = robot.chain.pose(raised.sample(LEAD + at)[0])
+    # Inverse kinematics at the knots is right to 1e-10; between them both are quintics.
+    np.testing.assert_allclose(R_up, R, atol=1e-7)
+    np.testing.assert_allclose(p_up, p - HEIGHT * R[:, :, 2], atol=1e-7)
+
+
+def test_it_rests_first_and_last(robot, motion):
+    raised = raised_motion(robot, motion, HEIGHT)
+    q, v, vdot = raised.sample(np.linspace(0.0, LEAD, 11))
+    np.testing.assert_allclose(q, np.broadcast_to(raised.q[0], q.shape), atol=1e-12)
+    np.testing.assert_allclose([v, vdot], 0.0, atol=1e-9)
+    np.testing.assert_allclose(raised.v[-1], 0.0, atol=1e-12)
+
+
+def test_its_speed_and_acceleration_are_derivatives(robot, motion):
+    raised = raised_motion(robot, motion, HEIGHT)
+    t, q = raised.t[1:], raised.q[1:]
+    spline = make_interp_spline(t, q, k=5)
+    # Where ramps begin and end the third derivative jumps, which a spline rounds off: 8e-6 rad/s.
+    np.testing.assert_allclose(spline.derivative(1)(t), raised.v[1:], atol=5e-5)
+    assert np.abs(raised.v).max() > 0.05
+    # vdot is a difference of v over two steps, right but for these jumps: 1 % in the mean.
+    error = spline.derivative(2)(t) - raised.vdot[1:]
+    assert np.sqrt(np.mean(error**2)) < 0.02 * np.sqrt(np.mean(raised.vdot**2))
+
+
+def test_alike_motions_have_alike_speeds(robot, motion):
+    """What is learnt is of the same friction: joints turn round at the same times."""
+    raised = raised_motion(robot, motion, HEIGHT)
+    difference = np.abs(raised.v[1:] - motion.v).max(axis=0)
+    # 5 mm of .5 m and more.
+    assert np.all(difference < 0.05 * np.abs(motion.v).max())
+
+
+@pytest.mark.parametrize("height", [0.0, -0.005, np.nan, np.inf, 1.5])
+def test_a_height_that_is_none_is_one_line(robot, motion, height):
+    with pytest.raises(InputError, match="height") as caught:
+        raised_motion(robot, motion, height, "cell.yaml: machining")
+    assert str(caught.value).startswith("cell.yaml: machining")
+    assert "\n" not in str(caught.value)
+
+
+def test_steady_must_be_one_number_a_sample():
+    t, tau_ext = np.array([0.0, 1.0]), np.zeros((2, 6))
+    with pytest.raises(ValueError, match="steady"):
+        TaughtTorque(t, tau_ext, np.ones(3))
+    assert TaughtTorque(t, tau_ext).counts_at(0.7)
+    assert not TaughtTorque(t, tau_ext, np.array([1.0, 0.0])).counts_at(0.7)

@@ -1,0 +1,90 @@
+import math
+
+import numpy as np
+import pytest
+
+from models.files.input_error import InputError
+from models.machining.machining_process import (
+    MachiningProcess,
+    ProcessConfig,
+    add_unbalance_force,
+    advance_feed,
+    advance_process,
+    cutting_force,
+)
+
+
+def table(**changes):
+    return MachiningProcess(ProcessConfig(**changes)).table
+
+
+def cut(constants, normal_force, feed):
+    force = np.empty(3)
+    cutting_force(constants, normal_force, np.asarray(feed, float), force)
+    return force
+
+
+def test_resistance_is_the_ratio_of_the_normal_force_against_the_feed():
+    # Far above the rest speed of 2 mm/s the law is the plain power law.
+    force = cut(table(cutting_ratio=0.3, speed_exponent=0.0), 50.0, [0.0, 0.5, 0.0])
+    np.testing.assert_allclose(force, [0.0, -15.0, 0.0], atol=15 * 1e-5)
+
+
+def test_resistance_grows_with_the_feed_by_its_exponent():
+    constants = table(speed_exponent=0.4, reference_speed=0.5)
+    slow, fast = (-cut(constants, 40.0, [v, 0.0, 0.0])[0] for v in (0.5, 4.0))
+    assert fast / slow == pytest.approx(8.0**0.4, rel=1e-4)
+    assert slow == pytest.approx(0.1 * 40.0, rel=1e-4)
+
+
+@pytest.mark.parametrize("speed", [0.0, 1e-5, 1e-3, 0.02, 1.0])
+def test_resistance_only_takes_power(speed):
+    feed = speed * np.array([0.6, 0.0, -0.8])
+    force = cut(table(), 40.0, feed)
+    assert np.all(np.isfinite(force))
+    assert force @ feed <= 0.0
+    np.testing.assert_allclose(np.cross(force, feed), 0.0, atol=1e-12)
+
+
+def test_the_feed_follows_the_tangential_velocity_with_its_lag():
+    constants = table(lag=0.02)
+    n, v, feed = np.array([0.0, 0.0, 1.0]), np.array([0.03, -0.01, 5.0]), np.zeros(3)
+    for _ in range(20):
+        advance_feed(constants, 1e-3, n, v, feed)
+    # One time constant later: 1 - 1/e, and nothing of the velocity along the normal.
+    np.testing.assert_allclose(feed, (1 - math.exp(-1)) * np.array([0.03, -0.01, 0]), atol=1e-12)
+
+
+def test_a_tick_takes_the_contact_and_keeps_the_last_normal():
+    constants, T = table(lag=0.02), 1e-3
+    V_WE = np.array([9.0, 9.0, 9.0, 0.03, -0.01, 0.02])
+    state = np.array([50.0, 0.0, 0.0, 1.0, 0.0, 0.01, 0.0])
+    contact = np.array([31.0, 0.0, 0.6, 0.8])
+    for normal_force, n in ((31.0, contact[1:]), (0.0, contact[1:].copy())):
+        feed = state[4:].copy()
+        advance_feed(constants, T, n, V_WE[3:], feed)
+        advance_process(constants, T, contact, V_WE, state)
+        np.testing.assert_array_equal(state, [normal_force, *n, *feed])
+        contact[:] = 0.0
+
+
+def test_unbalance_turns_across_the_spindle():
+    constants = table(spindle_frequency=50.0, unbalance=2e-5)
+    R_WE = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+    forces = np.zeros((4, 3))
+    for k in range(4):
+        add_unbalance_force(constants, k * 0.005, R_WE, forces[k])
+    size = 2e-5 * (2 * math.pi * 50.0) ** 2
+    np.testing.assert_allclose(np.linalg.norm(forces, axis=1), size, rtol=1e-12)
+    np.testing.assert_allclose(forces @ R_WE[:, 2], 0.0, atol=1e-12)
+    np.testing.assert_allclose(forces[0], size * R_WE[:, 0], atol=1e-12)
+    np.testing.assert_allclose(forces[1], size * R_WE[:, 1], atol=1e-12)  # a quarter turn later
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("cutting_ratio", -0.1), ("lag", 0.0), ("unbalance", math.nan), ("spindle_frequency", 600.0)],
+)
+def test_bad_parameters_are_named(key, value):
+    with pytest.raises(InputError, match=key):
+        table(**{key: value})

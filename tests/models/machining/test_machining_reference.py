@@ -1,0 +1,221 @@
+"""The kernels against the same in plain numpy; what they are for is tested in the system."""
+
+import numpy as np
+import pytest
+
+from models.machining.machining_phases import (
+    FORCE_THERE,
+    PHASE,
+    SINCE,
+    Fault,
+    Phase,
+    PhasesConfig,
+    initial_state,
+)
+from models.machining.machining_reference import advance_reference, machining_reference
+from models.motion.paths import JointTrajectory
+from models.rigid_body.serial_chain import SCRATCH_COLUMNS
+from models.robot.robot import Robot
+
+PHASES = PhasesConfig()
+T = 1e-3
+TRUSTED = np.where(np.abs(np.arange(201) - 100) <= 50, 1.0, 0.0)  # from .5 s to 1.5 s
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Robot.load("sts_sre4_600")
+
+
+@pytest.fixture(scope="module")
+def path(robot):
+    """A motion of two seconds, the place along it and a force that grows."""
+    t = np.linspace(0.0, 2.0, 201)
+    q = robot.home + 0.1 * np.sin(np.outer(t, np.arange(1, 7)))
+    return JointTrajectory.from_positions(t, q), t / 2.0, 30.0 + 5.0 * t
+
+
+def reference(robot, path, t, state, anchor, pushes_on=0.0):
+    trajectory, place, force = path
+    terms = robot.chain.terms(robot.home, np.zeros(6))
+    out = np.empty(18 + 18 + 7)
+    machining_reference(
+        PHASES.table,
+        np.ascontiguousarray(robot.chain.table),
+        trajectory.t,
+        trajectory.q,
+        trajectory.v,
+        trajectory.vdot,
+        place,
+        force,
+        TRUSTED,
+        pushes_on,
+        t,
+        state,
+        anchor,
+        terms.q,
+        terms.J,
+        np.empty((6, SCRATCH_COLUMNS)),
+        out,
+    )
+    return np.split(out, [18, 36]), terms
+
+
+@pytest.mark.parametrize(
+    ("phase", "time", "force"),
+    [(Phase.TOUCH, 0.0, None), (Phase.WORK, 0.7, 33.5), (Phase.RELEASE, 2.0, None)],
+)
+def test_under_force_control_it_is_the_path(robot, path, phase, time, force):
+    state = initial_state()
+    state[[PHASE, SINCE, FORCE_THERE]] = phase, 5.0, 8.0
+    (pose, joints, rest), _ = reference(robot, path, 5.7, state, np.zeros(15))
+    q, v, vdot = path[0].sample(time)
+    np.testing.assert_allclose(joints, np.concatenate([q, v, vdot]), atol=1e-13)
+    terms = robot.chain.terms(q, v)
+    np.testing.assert_allclose(pose[:9], terms.R_WE.ravel(), atol=1e-13)
+    np.testing.assert_allclose(pose[9:12], terms.p_WE, atol=1e-13)
+    np.testing.assert_allclose(pose[12:], terms.V_WE, atol=1e-13)
+    assert rest[0] == (pytest.approx(force) if force else rest[0])
+    feed_time = time if phase == Phase.WORK else -1.0
+    expected = [1.0, phase, 0.0, time / 2.0, feed_time, 1.0]
+    np.testing.assert_allclose(rest[1:], expected, atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("phase", "way", "speed"),
+    [
+        (Phase.APPROACH, -PHASES.approach_speed * (1.0 - 0.075), -PHASES.approach_speed),
+        (Phase.RETREAT, PHASES.lift, 0.0),
+        (Phase.DONE, PHASES.lift, 0.0),
+    ],
+)
+def test_else_it_moves_along_the_anchors_direction(robot, path, phase, way, speed):
+    state = initial_state()
+    state[[PHASE, SINCE]] = phase, 3.0
+    outward = np.array([0.6, 0.0, 0.8])
+    anchor = np.concatenate([np.eye(3).ravel(), [0.1, 0.2, 0.3], outward])
+    (pose, joints, rest), terms = reference(robot, path, 4.0, state, anchor)
+    np.testing.assert_array_equal(pose[:9], anchor[:9])
+    np.testing.assert_allclose(pose[9:12], anchor[9:12] + way * outward, atol=1e-13)
+    np.testing.assert_allclose(pose[12:], [0.0, 0.0, 0.0, *(speed * outward)], atol=1e-13)
+    mobility = terms.J @ terms.J.T + 1e-6 * np.eye(6)
+    v = terms.J.T @ np.linalg.solve(mobility, pose[12:])
+    np.testing.assert_allclose(joints, np.concatenate([terms.q, v, np.zeros(6)]), atol=1e-13)
+    np.testing.assert_array_equal(rest[:3], [0.0, 0.0, phase])
+    np.testing.assert_array_equal(rest[-2:], [-1.0, 1.0])
+
+
+def tick(robot, path, state, anchor, push, q=None, pushes_on=0.0, t=5.0):
+    terms = robot.chain.terms(robot.home if q is None else q, np.zeros(6))
+    wrench = np.concatenate([[7.0, 8.0, 9.0], -push * terms.R_WE[:, 2]])
+    advance_reference(
+        PHASES.table,
+        np.asarray(robot.position_lower),
+        np.asarray(robot.position_upper),
+        path[0].t,
+        path[2],
+        TRUSTED,
+        pushes_on,
+        T,
+        t,
+        terms.q,
+        terms.R_WE,
+        terms.p_WE,
+        wrench,
+        state,
+        anchor,
+    )
+    return terms
+
+
+def test_a_retreat_starts_from_where_it_is_decided(robot, path):
+    state, anchor = initial_state(), np.zeros(15)
+    state[[PHASE, SINCE]] = Phase.WORK, 4.0
+    tick(robot, path, state, anchor, push=40.0)
+    assert state[PHASE] == Phase.WORK
+    np.testing.assert_array_equal(anchor, 0.0)
+    terms = tick(robot, path, state, anchor, push=PHASES.max_force + 1.0)
+    np.testing.assert_array_equal(state[:3], [Phase.RETREAT, 5.0 + T, Fault.OVER_FORCE])
+    expected = np.concatenate([terms.R_WE.ravel(), terms.p_WE, -terms.R_WE[:, 2]])
+    np.testing.assert_array_equal(anchor, expected)
+
+
+def test_a_joint_near_its_limit_ends_it(robot, path):
+    for limit, sign in ((robot.position_lower, 1.0), (robot.position_upper, -1.0)):
+        q = np.array(robot.home)
+        q[4] = limit[4] + sign * 0.5 * PHASES.joint_margin
+        state = initial_state()
+        state[[PHASE, SINCE]] = Phase.WORK, 4.0
+        tick(robot, path, state, np.zeros(15), 40.0, q)
+        assert state[2] == Fault.JOINT_LIMIT
+
+
+def test_in_the_touch_joints_push_on_where_no_sensor_reads(robot, path):
+    """Their friction is fed forward into the surface, the place stays."""
+    state = initial_state()
+    state[[PHASE, SINCE, FORCE_THERE]] = Phase.TOUCH, 5.0, 8.0
+    (pose, joints, rest), _ = reference(robot, path, 5.7, state, np.zeros(15))
+    (same_pose, pushing, blind), _ = reference(robot, path, 5.7, state, np.zeros(15), 0.008)
+    np.testing.assert_array_equal(pose, same_pose)
+    np.testing.assert_array_equal(
+        joints[[*range(6), *range(12, 18)]], pushing[[*range(6), *range(12, 18)]]
+    )
+    terms = robot.chain.terms(path[0].q[0], np.zeros(6))
+    inward = np.concatenate([np.zeros(3), 0.008 * terms.R_WE[:, 2]])
+    # The damping of J, 1e-6, against its smallest singular value squared.
+    np.testing.assert_allclose(terms.J @ pushing[6:12], inward, atol=1e-5)
+    assert np.abs(joints[6:12] - pushing[6:12]).max() > 1e-3
+    np.testing.assert_array_equal(rest[:-1], blind[:-1])
+    assert rest[-1] == 1.0 and blind[-1] == 0.0
+
+
+@pytest.mark.parametrize("phase", [Phase.WORK, Phase.RELEASE, Phase.APPROACH, Phase.LIFT])
+def test_elsewhere_the_motion_is_the_same_without_a_sensor(robot, path, phase):
+    state = initial_state()
+    state[[PHASE, SINCE]] = phase, 5.0
+    anchor = np.concatenate([np.eye(3).ravel(), [0.1, 0.2, 0.3], [0.0, 0.0, 1.0]])
+    (*motion, rest), _ = reference(robot, path, 5.7, state, anchor)
+    (*blind_motion, blind), _ = reference(robot, path, 5.7, state, anchor, 0.008)
+    np.testing.assert_array_equal(np.concatenate(motion), np.concatenate(blind_motion))
+    np.testing.assert_array_equal(rest[:-1], blind[:-1])
+
+
+@pytest.mark.parametrize(
+    ("phase", "time", "valid"),
+    [
+        (Phase.APPROACH, 1.0, 0.0),
+        (Phase.TOUCH, 1.0, 0.0),
+        (Phase.WORK, 0.2, 0.0),
+        (Phase.WORK, 0.494, 0.0),
+        (Phase.WORK, 0.505, 1.0),
+        (Phase.WORK, 1.0, 1.0),
+        (Phase.WORK, 1.495, 1.0),
+        (Phase.WORK, 1.506, 0.0),
+        (Phase.WORK, 3.0, 0.0),
+        (Phase.RELEASE, 0.1, 0.0),
+        (Phase.DONE, 1.0, 0.0),
+    ],
+)
+def test_an_estimate_counts_where_the_feed_is_steady(robot, path, phase, time, valid):
+    state = initial_state()
+    state[[PHASE, SINCE]] = phase, 5.0
+    anchor = np.zeros(15)
+    for pushes_on, expected in ((0.008, valid), (0.0, 1.0)):
+        (_, _, rest), _ = reference(robot, path, 5.0 + time, state, anchor, pushes_on)
+        assert rest[-1] == expected
+        assert rest[-2] == (pytest.approx(min(time, 2.0)) if phase == Phase.WORK else -1.0)
+
+
+@pytest.mark.parametrize(("time", "retreats"), [(0.2, False), (1.0, True), (1.8, False)])
+@pytest.mark.parametrize("push", [PHASES.max_force + 1.0, np.nan])
+def test_without_a_sensor_an_over_force_counts_where_it_can_be_read(
+    robot, path, push, time, retreats
+):
+    state = initial_state()
+    state[[PHASE, SINCE]] = Phase.WORK, 5.0 - time
+    tick(robot, path, state, np.zeros(15), push, pushes_on=0.008)
+    # What is no number is no reading, wherever that is.
+    assert (state[PHASE] == Phase.RETREAT) == (retreats or bool(np.isnan(push)))
+    state[[PHASE, SINCE]] = Phase.WORK, 5.0 - time
+    tick(robot, path, state, np.zeros(15), push)
+    assert state[PHASE] == Phase.RETREAT

@@ -1,0 +1,160 @@
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
+from models.files.input_error import InputError
+from models.motion.posture_measures import ConditionNumber, ForceSd, PathMeasure
+from models.rigid_body.serial_chain import SerialChain
+from models.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+METHODS = ("bayesian", "force_only", "inverse")
+
+
+def random_chain(num_joints: int, prismatic: tuple[int, ...] = (), seed: int = 0) -> SerialChain:
+    """An arm of links of any shape; some joints slide."""
+    rng = np.random.default_rng(seed)
+    axes = rng.normal(size=(num_joints, 3))
+    return SerialChain(
+        joint_names=tuple(f"j{i}" for i in range(num_joints)),
+        prismatic=np.isin(np.arange(num_joints), prismatic),
+        R_PJ=Rotation.random(num_joints, random_state=seed).as_matrix(),
+        p_PJ=rng.uniform(-0.4, 0.4, (num_joints, 3)),
+        axis=axes / np.linalg.norm(axes, axis=1)[:, np.newaxis],
+        inertial_parameters=np.zeros((num_joints, 10)),
+        reflected_inertia=np.zeros(num_joints),
+        gravity=np.zeros(3),
+        R_LE=np.eye(3),
+        p_LE=np.array([0.05, -0.1, 0.2]),
+    )
+
+
+CHAINS = {
+    "sts": lambda: Robot.load("sts_sre4_600").chain,
+    "seven joints": lambda: random_chain(7),
+    "a sliding joint": lambda: random_chain(6, prismatic=(2,)),
+    "seven, two sliding": lambda: random_chain(7, prismatic=(0, 4)),
+}
+
+
+@pytest.fixture(scope="module", params=list(CHAINS))
+def chain(request: pytest.FixtureRequest) -> SerialChain:
+    return CHAINS[request.param]()
+
+
+def torque_covariance(n: int) -> Array:
+    L = np.random.default_rng(5).normal(size=(n, n))
+    return 0.2 * L @ L.T + np.diag(np.linspace(4.0, 0.2, n))
+
+
+def finite_differences(measure: ConditionNumber | ForceSd, q: Array) -> Array:
+    h = 1e-5
+    columns = [
+        (measure.values(q + h * d) - measure.values(q - h * d)) / (2.0 * h)
+        for d in np.eye(q.shape[1])
+    ]
+    return np.stack(columns, axis=1)
+
+
+def assert_gradient(measure: ConditionNumber | ForceSd, q: Array) -> None:
+    values, gradients = measure.values_and_gradients(q)
+    expected = finite_differences(measure, q)
+    # Steps of 1e-5 leave an error of some 1e-10 of the third derivative; near singular postures
+    # that is large, so errors are measured by the value and the gradient there.
+    scale = values + np.max(np.abs(gradients), axis=1)
+    assert np.max(np.abs(gradients - expected) / scale[:, np.newaxis]) < 1e-6
+
+
+def test_condition_number_is_numpys_and_its_gradient_is_that_of_finite_differences(
+    chain: SerialChain,
+) -> None:
+    q = np.random.default_rng(0).uniform(-1.5, 1.5, (40, chain.num_joints))
+    measure = ConditionNumber(chain)
+    expected = np.linalg.cond(chain.jacobian(q))
+    good = expected < 300.0  # where finite differences can follow
+    assert np.sum(good) >= 20
+    values, _ = measure.values_and_gradients(q)
+    np.testing.assert_allclose(values, expected, rtol=1e-9)
+    np.testing.assert_allclose(measure.values(q), expected, rtol=1e-9)
+    assert_gradient(measure, q[good])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_force_sd_is_that_of_the_reconstruction_and_so_is_its_gradient(
+    chain: SerialChain, method: str
+) -> None:
+    n = chain.num_joints
+    config = WrenchReconstructionConfig(method=method).with_prior(30.0, 2.0)
+    Sigma = torque_covariance(n)
+    measure = ForceSd(chain, Sigma, config)
+    q = np.random.default_rng(1).uniform(-1.5, 1.5, (40, n))
+    q = q[np.linalg.cond(chain.jacobian(q)) < 100.0]
+    assert len(q) >= 12
+    stated = reconstruct_wrench(chain.jacobian(q), np.zeros((len(q), n)), Sigma, config)
+    expected = np.sqrt(np.trace(stated.covariance[:, 3:, 3:], axis1=1, axis2=2))
+    np.testing.assert_allclose(measure.values(q), expected, rtol=1e-9)
+    assert_gradient(measure, q)
+
+
+def test_many_postures_are_the_same_as_each_alone() -> None:
+    chain = Robot.load("sts_sre4_600").chain
+    q = np.random.default_rng(2).uniform(-2.0, 2.0, (300, 6))
+    config = WrenchReconstructionConfig().with_prior(20.0, 1.0)
+    for measure in (ConditionNumber(chain), ForceSd(chain, torque_covariance(6), config)):
+        values, gradients = measure.values_and_gradients(q.reshape(10, 30, 6))
+        assert values.shape == (10, 30)
+        assert gradients.shape == (10, 30, 6)
+        one, its_gradient = measure.values_and_gradients(q[137])
+        assert one == values.ravel()[137]
+        np.testing.assert_array_equal(its_gradient, gradients.reshape(-1, 6)[137])
+
+
+def test_the_condition_number_does_not_see_the_first_and_last_joint() -> None:
+    chain = Robot.load("sts_sre4_600").chain
+    q = np.random.default_rng(3).uniform(-1.0, 1.0, (20, 6))
+    _, gradients = ConditionNumber(chain).values_and_gradients(q)
+    size = np.max(np.abs(gradients), axis=1)
+    assert np.all(np.abs(gradients[:, 0]) < 1e-9 * size)
+    assert np.all(np.abs(gradients[:, 5]) < 1e-9 * size)
+
+
+def test_a_singular_posture_has_a_large_finite_value() -> None:
+    chain = Robot.load("sts_sre4_600").chain
+    singular = np.array([0.3, 0.2, -0.5, 0.1, 0.0, 0.4])  # two wrist axes in line
+    value, gradient = ConditionNumber(chain).values_and_gradients(singular)
+    assert value >= 1e12
+    assert np.all(np.isfinite(gradient))
+
+
+def test_the_path_measure_is_the_mean_over_all_points() -> None:
+    chain = Robot.load("sts_sre4_600").chain
+    q = np.random.default_rng(4).uniform(-1.0, 1.0, (21, 6))
+    measure = ConditionNumber(chain)
+    mean, gradient = PathMeasure(measure).value_and_gradient(q)
+    values, gradients = measure.values_and_gradients(q)
+    assert mean == pytest.approx(np.mean(values), rel=1e-14)
+    np.testing.assert_allclose(gradient, gradients / 21.0)
+    assert PathMeasure(measure).value(q) == pytest.approx(mean, rel=1e-12)
+
+
+@pytest.mark.parametrize("method", ["damped", "truncated"])
+def test_methods_that_state_less_the_less_they_read_are_refused(method: str) -> None:
+    chain = Robot.load("sts_sre4_600").chain
+    with pytest.raises(InputError, match=f"method: {method} states a smaller sd"):
+        ForceSd(chain, np.eye(6), WrenchReconstructionConfig(method=method))
+
+
+def test_what_does_not_suit_the_arm_is_refused() -> None:
+    chain = Robot.load("sts_sre4_600").chain
+    config = WrenchReconstructionConfig(method="inverse")
+    with pytest.raises(InputError, match="is of 7 joints, the arm has 6"):
+        ForceSd(chain, np.eye(7), config)
+    with pytest.raises(InputError, match="positive definite"):
+        ForceSd(chain, np.zeros((6, 6)), config)
+    with pytest.raises(InputError, match="5 joints cannot hold"):
+        ConditionNumber(random_chain(5))
+    with pytest.raises(ValueError, match="expected q of shape"):
+        ConditionNumber(chain).values_and_gradients(np.zeros(5))

@@ -1,0 +1,231 @@
+"""A log is held against its robot: here a planar pendulum of two links with known gravity."""
+
+import itertools
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from models.files.input_error import InputError
+from models.recordings.recording import Recording
+from models.recordings.recording_checks import RecordingChecks, check_plausible
+from models.recordings.recording_format import ColumnLayout, Signal
+
+_DATA = Path(__file__).parents[4] / "shared" / "data"
+_GAIN = np.array([10.0, 5.0])  # N m/A
+_SIGN = np.array([1.0, -1.0])
+
+
+def _gravity(q: np.ndarray) -> np.ndarray:
+    """Torque that holds two links of 4 kg and 2 kg, centres 0.25 m out, 0.5 m long; q = 0 level."""
+    outer = 2 * 9.81 * 0.25 * np.cos(q[..., 0] + q[..., 1])
+    inner = (4 * 0.25 + 2 * 0.5) * 9.81 * np.cos(q[..., 0])
+    return np.stack([inner + outer, outer], axis=-1)
+
+
+def _robot() -> SimpleNamespace:
+    return SimpleNamespace(
+        name="pendulum",
+        num_joints=2,
+        joint_names=("shoulder", "elbow"),
+        position_lower=np.array([-3.0, -np.inf]),
+        position_upper=np.array([3.0, np.inf]),
+        velocity_limit=np.array([3.0, np.inf]),
+        effort_limit=np.array([80.0, 20.0]),
+        torque_per_ampere=_GAIN,
+        current_sign=_SIGN,
+        chain=SimpleNamespace(gravity_torque=_gravity, prismatic=np.zeros(2, bool)),
+    )
+
+
+def _log(duration: float = 6.0, step: float = 0.004) -> Recording:
+    """A plausible log: encoder steps, late and noisy velocity, friction of a fifth of gravity."""
+    rng = np.random.default_rng(3)
+    t = 50 + np.cumsum(step * rng.uniform(0.8, 1.2, round(duration / step)))
+    rate = np.array([1.0, 1.7])
+    q = np.sin(t[:, None] * rate) * [0.9, 0.6]
+    v = np.cos((t - 0.008)[:, None] * rate) * [0.9, 0.6] * rate
+    torque = _gravity(q) + np.array([5.0, 1.0]) * np.sign(v) + rng.normal(size=q.shape)
+    return Recording(
+        t=t,
+        q=np.round(q / 2e-5) * 2e-5,
+        v=v + 0.01 * rng.normal(size=v.shape),
+        current=torque / (_GAIN * _SIGN),
+        source="log.csv",
+        row=np.arange(len(t)) + 2,
+        row_word="line",
+    )
+
+
+_LAYOUT = ColumnLayout(
+    tuple(
+        Signal(name, (first, first + 1), np.ones(2), np.zeros(2), (2,))
+        for name, first in (("q", 1), ("v", 3), ("current", 5))
+    ),
+    ("t", "q1", "q2", "v1", "v2", "i1", "i2"),
+)
+
+
+def _refused(log: Recording, *words: str, num_chunks: int = 1) -> None:
+    checks = RecordingChecks(_robot(), _LAYOUT)
+    edges = np.linspace(0, log.num_samples, num_chunks + 1).astype(int)
+    with pytest.raises(InputError) as caught:
+        for a, b in itertools.pairwise(edges):
+            checks.feed(log[a:b])
+    line = str(caught.value)
+    assert line.startswith("log.csv: ")
+    for word in words:
+        assert word in line, line
+
+
+@pytest.mark.parametrize("num_chunks", [1, 7, 200])
+def test_a_plausible_log_passes(num_chunks: int) -> None:
+    log = _log()
+    checks = RecordingChecks(_robot(), _LAYOUT)
+    edges = np.linspace(0, log.num_samples, num_chunks + 1).astype(int)
+    for a, b in itertools.pairwise(edges):
+        checks.feed(log[a:b])
+    check_plausible(log, _robot())
+
+
+def test_a_log_at_rest_passes() -> None:
+    log = _log()
+    rest = replace(log, q=np.full_like(log.q, 0.3), v=0.002 * np.sin(np.outer(log.t, [70, 90])))
+    current = np.broadcast_to(_gravity(rest.q) / (_GAIN * _SIGN), log.q.shape)
+    check_plausible(replace(rest, current=current), _robot())
+
+
+def test_a_small_excess_of_a_soft_limit_passes() -> None:
+    log = _log()
+    robot = _robot()
+    robot.position_upper = np.array([0.8, 0.5])
+    check_plausible(log, robot)
+
+
+def test_degrees() -> None:
+    log = _log()
+    _refused(
+        replace(log, q=np.rad2deg(log.q), v=np.rad2deg(log.v)),
+        "q1, joint 1 (shoulder)",
+        "expected -3 to 3 rad",
+        "if these are degrees",
+    )
+    _refused(replace(log, v=np.rad2deg(log.v)), "v1", "the joint reaches 3 rad/s", "deg/s")
+    # Within all limits: only dq/dt tells.
+    small = replace(log, q=log.q * 0.02, v=log.v * 0.02)
+    _refused(replace(small, q=np.rad2deg(small.q)), "dq/dt is 57.3 times v", "unit: deg}")
+    _refused(replace(small, v=np.rad2deg(small.v)), "dq/dt is 0.0174", "unit: deg/s")
+
+
+def test_beyond_a_limit() -> None:
+    log = _log()
+    q = log.q + np.array([2.6, 0.0])
+    _refused(replace(log, q=q), "q1, joint 1 (shoulder)", "of this robot")
+
+
+def test_one_joint_in_degrees() -> None:
+    log = _log()
+    mixed = log.v * [1.0, 180 / np.pi]
+    _refused(replace(log, v=mixed), "v2, joint 2 (elbow)", "dq/dt is 0.0174")
+
+
+@pytest.mark.parametrize("num_chunks", [1, 50])
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda v: -v, ["times v, expected 1", "opposite sign"]),
+        (lambda v: v * 60 / (2 * np.pi) * 0.5, ["expected 1", "units of q, v and t"]),
+        (np.zeros_like, ["v stands still while q moves"]),
+        (lambda v: v[:, ::-1], ["v does not follow dq/dt", "one order"]),
+        (lambda v: np.roll(v, 500, axis=0), ["v1"]),
+    ],
+    ids=["sign", "scale", "zero", "swapped", "shifted"],
+)
+def test_velocity_against_position(
+    change: Callable[[np.ndarray], np.ndarray], words: list[str], num_chunks: int
+) -> None:
+    log = _log()
+    robot_words = ["up to line"]
+    _refused(replace(log, v=change(log.v)), *words, *robot_words, num_chunks=num_chunks)
+
+
+def test_position_that_stands_still() -> None:
+    log = _log()
+    _refused(replace(log, q=np.full_like(log.q, 0.5)), "q stands still while v moves")
+
+
+def test_jumps() -> None:
+    log = _log()
+    q = log.q.copy()
+    q[700:, 1] += 2 * np.pi
+    _refused(replace(log, q=q), "line 702, q2", "q jumps by 6.28", "unwrap")
+    q = log.q.copy()
+    q[700, 0] -= 0.4
+    _refused(replace(log, q=q), "line 702, q1", "correct or remove")
+
+
+@pytest.mark.parametrize("num_chunks", [1, 20])
+def test_currents_of_the_wrong_sign(num_chunks: int) -> None:
+    log = _log()
+    _refused(
+        replace(log, current=-log.current),
+        "i1, joint 1 (shoulder)",
+        "pulls with gravity",
+        "joints shoulder, elbow",
+        "current_sign",
+        "gain: -1",
+        num_chunks=num_chunks,
+    )
+    _refused(replace(log, current=log.current * [1, -1]), "i2, joint 2", "joints elbow:")
+
+
+def test_currents_that_are_not_there() -> None:
+    log = _log()
+    dead = log.current * [1, 0]
+    _refused(replace(log, current=dead), "i2, joint 2 (elbow)", "the current is zero, but gravity")
+
+
+def test_currents_in_another_unit() -> None:
+    log = _log()
+    _refused(replace(log, current=1000 * log.current), "median torque", "unit: mA")
+    _refused(replace(log, current=0.001 * log.current), "0.001", "amperes, not mA")
+
+
+def test_a_load_does_not_turn_the_sign() -> None:
+    """A payload of the arm's own weight upwards or downwards stays within what is accepted."""
+    log = _log()
+    load = np.stack([0.8 * _gravity(log.q)[:, 0], np.zeros(log.num_samples)], axis=1)
+    for factor in (-1.0, 1.0):
+        check_plausible(
+            replace(log, current=log.current + factor * load / (_GAIN * _SIGN)), _robot()
+        )
+
+
+# --- with the bundled UR10e and its real logs --------------------------------------------------
+
+_LOGS = sorted(path.name for path in (_DATA / "ur10e").glob("*.csv"))
+
+
+@pytest.mark.skipif(not _LOGS, reason=f"no recordings in {_DATA}")
+def test_real_logs_pass_and_their_distortions_do_not() -> None:
+    from models.robot.robot import Robot
+
+    robot = Robot.load("ur10e")
+    for name in _LOGS:
+        recording = Recording.read(_DATA / "ur10e" / name, robot=robot)
+        check_plausible(recording, robot)
+        degrees = replace(recording, q=np.rad2deg(recording.q), v=np.rad2deg(recording.v))
+        with pytest.raises(InputError, match="degrees"):
+            check_plausible(degrees, robot)
+        with pytest.raises(InputError, match=r"dq/dt|but the joint reaches"):
+            check_plausible(replace(recording, v=np.rad2deg(recording.v)), robot)
+        turned = replace(recording, current=-recording.current)
+        if np.sqrt(np.mean(robot.chain.gravity_torque(recording.q) ** 2)) < 5:
+            continue  # an upright arm carries no gravity: nothing tells the sign
+        with pytest.raises(InputError, match="pulls with gravity"):
+            check_plausible(turned, robot)
+        with pytest.raises(InputError, match="mA"):
+            check_plausible(replace(recording, current=1000 * recording.current), robot)

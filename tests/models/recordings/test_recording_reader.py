@@ -1,0 +1,505 @@
+"""Logs as they come: good ones read exactly, broken ones refused with one line.
+
+The oracle for the numbers is numpy's own reader, or the array that was written.
+"""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from models.files.input_error import InputError
+from models.recordings import text_table
+from models.recordings.recording import Recording
+from models.recordings.recording_reader import RecordingReader
+
+_DATA = Path(__file__).parents[4] / "shared" / "data"
+_NUM_ROWS = 40
+_HEADER = "t,q1,q2,v1,v2,i1,i2"
+
+
+def _table(num_rows: int = _NUM_ROWS) -> np.ndarray:
+    """t, q1, q2, v1, v2, i1, i2 of a smooth motion at 100 Hz, with six decimals."""
+    t = 0.01 * np.arange(num_rows)
+    q = np.c_[np.sin(t), 0.5 * np.cos(2 * t)]
+    v = np.c_[np.cos(t), -np.sin(2 * t)]
+    return np.round(np.c_[t, q, v, 1.0 + q], 6)
+
+
+def _lines(table: np.ndarray, separator: str = ",") -> list[str]:
+    return [separator.join(f"{x:.6f}" for x in row) for row in table]
+
+
+def _csv(tmp_path: Path, *lines: str, end: str = "\n", name: str = "log.csv") -> Path:
+    path = tmp_path / name
+    path.write_bytes((end.join(lines) + end).encode())
+    return path
+
+
+def _good(tmp_path: Path) -> Path:
+    return _csv(tmp_path, _HEADER, *_lines(_table()))
+
+
+def _same(recording: Recording, table: np.ndarray) -> None:
+    read = np.c_[recording.t, recording.q, recording.v, recording.current]
+    np.testing.assert_array_equal(read, table)
+
+
+def _description(tmp_path: Path, text: str = "") -> Path:
+    path = tmp_path / "columns.yaml"
+    path.write_text(
+        "time: {columns: 1}\nposition: {columns: 2-3}\nvelocity: {columns: 4-5}\n"
+        "current: {columns: 6-7}\n" + text
+    )
+    return path
+
+
+def _refused(path: Path, *words: str, description: Path | None = None) -> None:
+    with pytest.raises(InputError) as caught:
+        Recording.read(path, description)
+    line = str(caught.value)
+    assert "\n" not in line
+    assert path.name in line
+    for word in words:
+        assert word in line, line
+
+
+# --- what reads well ---------------------------------------------------------------------------
+
+
+def test_a_csv_with_the_plain_header(tmp_path: Path) -> None:
+    recording = Recording.read(_good(tmp_path))
+    _same(recording, _table())
+    assert recording.notices == ()
+    assert not recording.dropout.any()
+    assert recording.row.tolist() == list(range(2, _NUM_ROWS + 2))
+    assert recording.row_word == "line"
+
+
+@pytest.mark.parametrize("block", [1, 64, 700])
+def test_small_blocks_read_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int
+) -> None:
+    path = _csv(tmp_path, _HEADER, *_lines(_table())[:7], "", *_lines(_table())[7:])
+    monkeypatch.setattr(text_table, "BLOCK_BYTES", block)
+    chunks = list(RecordingReader(path).chunks())
+    assert len(chunks) > 3
+    np.testing.assert_array_equal(np.concatenate([c.t for c in chunks]), _table()[:, 0])
+    np.testing.assert_array_equal(np.concatenate([c.current for c in chunks]), _table()[:, 5:])
+    rows = [*range(2, 9), *range(10, _NUM_ROWS + 3)]  # line 9 is empty
+    assert np.concatenate([c.row for c in chunks]).tolist() == rows
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda data: data.replace(b"\n", b"\r\n"),
+        lambda data: b"\xef\xbb\xbf" + data,
+        lambda data: data.rstrip(b"\n"),
+        lambda data: data + b"\n  \n\n",
+        lambda data: b"# " + data,  # numpy.savetxt
+        lambda data: data.replace(b",", b" , "),
+        lambda data: data.replace(b"t,q1", b'"T","Q1"'),
+    ],
+    ids=["crlf", "bom", "no-last-newline", "blank-tail", "savetxt", "spaces", "quotes-capitals"],
+)
+def test_harmless_variants(tmp_path: Path, change: Callable[[bytes], bytes]) -> None:
+    path = _good(tmp_path)
+    path.write_bytes(change(path.read_bytes()))
+    recording = Recording.read(path)
+    _same(recording, _table())
+    assert recording.notices == ()
+
+
+def test_columns_in_any_order(tmp_path: Path) -> None:
+    order = [3, 0, 6, 2, 5, 1, 4]
+    names = [_HEADER.split(",")[k] for k in order]
+    path = _csv(tmp_path, ",".join(names), *_lines(_table()[:, order]))
+    _same(Recording.read(path), _table())
+
+
+def test_columns_without_a_name_are_left_out(tmp_path: Path) -> None:
+    """An index that pandas wrote, and separators at the ends of the lines."""
+    lines = [f"{k},{line}," for k, line in enumerate(_lines(_table()))]
+    recording = Recording.read(_csv(tmp_path, f",{_HEADER},", *lines))
+    _same(recording, _table())
+    assert recording.notices == ("a column without a name is left out",)
+
+
+def test_semicolons_and_decimal_commas(tmp_path: Path) -> None:
+    lines = [line.replace(".", ",") for line in _lines(_table(), ";")]
+    recording = Recording.read(_csv(tmp_path, _HEADER.replace(",", ";"), *lines))
+    _same(recording, _table())
+    assert "decimal commas" in recording.notices[0]
+    assert "semicolons" in recording.notices[1]
+
+
+def test_a_description_of_another_layout(tmp_path: Path) -> None:
+    table = _table()
+    scaled = table * [1e3, 180 / np.pi, 180 / np.pi, *[180 / np.pi] * 2, -1e3, 1e3]
+    text = [";".join(map(str, row)) + ";idle" for row in scaled]  # a last column with words
+    path = _csv(tmp_path, "recorded by a person", *text, name="log.txt")
+    description = tmp_path / "format.yaml"
+    description.write_text(
+        """
+        separator: ";"
+        header: false
+        skip_lines: 1
+        num_columns: 8
+        time: {columns: 1, unit: ms}
+        position: {columns: 2-3, unit: deg}
+        velocity: {columns: 4..5, unit: deg/s}
+        current: {columns: "6, 7", unit: mA, gain: [-1, 1]}
+        extra:
+          pair: {columns: 2-5, shape: [2, 2]}
+        rows: {log.txt: [3, 30]}
+        """
+    )
+    recording = Recording.read(path, description)
+    read = np.c_[recording.t, recording.q, recording.v, recording.current]
+    np.testing.assert_allclose(read, table[2:30], rtol=1e-14, atol=1e-16)  # one rounding each
+    np.testing.assert_array_equal(recording.extra["pair"][:, 1, 0], scaled[2:30, 3])
+    assert recording.row[0] == 4  # line of the file
+
+
+def test_the_description_names_its_file(tmp_path: Path) -> None:
+    _csv(tmp_path, *_lines(_table()), name="numbers.csv")
+    path = _description(tmp_path, "header: false\nfile: numbers.csv\n")
+    _same(Recording.read(path), _table())
+    with pytest.raises(InputError, match="is a description itself"):
+        Recording.read(path, path)
+    with pytest.raises(InputError, match='names no "file"'):
+        Recording.read(_description(tmp_path, "header: false\n"))
+    with pytest.raises(InputError, match=r"numbersx\.csv: no such file.*numbers\.csv"):
+        Recording.read(_description(tmp_path, "file: numbersx.csv\n"))
+
+
+def test_torque_instead_of_current_needs_the_robot(tmp_path: Path) -> None:
+    path = _csv(tmp_path, _HEADER.replace("i", "tau"), *_lines(_table()))
+    robot = SimpleNamespace(
+        name="two",
+        num_joints=2,
+        torque_per_ampere=np.array([10.0, 4.0]),
+        current_sign=np.array([1.0, -1.0]),
+    )
+    recording = Recording.read(path, robot=robot, check=False)
+    np.testing.assert_array_equal(recording.tau_J, _table()[:, 5:])
+    np.testing.assert_allclose(recording.current, _table()[:, 5:] / [10.0, -4.0], rtol=1e-15)
+    RecordingReader(path, robot=robot, check=False).require_joint_signals()
+    with pytest.raises(InputError, match="holds no motor currents"):
+        RecordingReader(path).require_joint_signals()
+
+
+def test_a_truncated_last_line_is_left_out_with_a_notice(tmp_path: Path) -> None:
+    path = _good(tmp_path)
+    path.write_bytes(path.read_bytes()[:-30])
+    recording = Recording.read(path)
+    _same(recording, _table()[:-1])
+    assert recording.notices == (
+        f"line {_NUM_ROWS + 1}, the last one, is cut off after 4 of 7 columns: left out",
+    )
+
+
+# --- Parquet -----------------------------------------------------------------------------------
+
+
+def _parquet(tmp_path: Path, **columns: object) -> Path:
+    names = _HEADER.split(",")
+    data = {name: _table()[:, k] for k, name in enumerate(names)} | columns
+    path = tmp_path / "log.parquet"
+    pq.write_table(pa.table(data), path, row_group_size=15)
+    return path
+
+
+def test_parquet_reads_alike(tmp_path: Path) -> None:
+    recording = Recording.read(_parquet(tmp_path))
+    _same(recording, _table())
+    assert recording.row.tolist() == list(range(1, _NUM_ROWS + 1))
+
+
+def test_parquet_of_other_types_with_a_description(tmp_path: Path) -> None:
+    stamps = (1.7e9 + _table()[:, 0]) * 1e9
+    path = _parquet(
+        tmp_path,
+        stamp=pa.array(np.round(stamps).astype(np.int64)).cast(pa.timestamp("ns")),
+        q1=pa.array(_table()[:, 1].astype(np.float32)),
+        i2=pa.array(np.arange(_NUM_ROWS, dtype=np.int16)),
+    )
+    description = tmp_path / "format.yaml"
+    description.write_text(
+        "time: {columns: stamp}\nposition: {columns: 'q{1..2}'}\nvelocity: {columns: 'v{1..2}'}\n"
+        "current: {columns: 'i{1..2}', unit: mA}\nrows: {log.parquet: [11, 30]}\n"
+    )
+    recording = Recording.read(path, description)
+    np.testing.assert_allclose(recording.t - 1.7e9, _table()[10:30, 0], atol=5e-7)  # two ulp
+    np.testing.assert_array_equal(recording.q[:, 0], _table()[10:30, 1].astype(np.float32))
+    np.testing.assert_array_equal(recording.current[:, 1], np.arange(10, 30) * 1e-3)
+    assert recording.row[0] == 11
+
+
+def _empty_cell(values: np.ndarray) -> pa.Array:
+    mask = np.zeros(len(values), bool)
+    mask[20] = True
+    return pa.array(values, mask=mask)
+
+
+def test_broken_parquet_is_one_line(tmp_path: Path) -> None:
+    table = _table()
+    _refused(_parquet(tmp_path, v1=_empty_cell(table[:, 3])), "row 21, column v1", "is empty")
+    bad = table[:, 2].copy()
+    bad[17] = np.nan
+    _refused(_parquet(tmp_path, q2=bad), "row 18, column q2", "not finite")
+    _refused(_parquet(tmp_path, q2=["a"] * _NUM_ROWS), "column q2", "holds string")
+    _refused(_parquet(tmp_path, q2=[[1.0]] * _NUM_ROWS), "column q2", "holds list")
+
+    path = _parquet(tmp_path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    _refused(path, "damaged Parquet file")
+    path.write_bytes(whole[:100] + bytes(400) + whole[500:])
+    _refused(path, "damaged")
+    path.write_bytes(b"")
+    _refused(path, "is empty")
+    path.write_text(_HEADER + "\n")
+    _refused(path, "is no Parquet file")
+    pq.write_table(pa.table({"t": np.empty(0)}), path)
+    _refused(path, "has no rows")
+    path = _parquet(tmp_path)
+    description = tmp_path / "format.yaml"
+    description.write_text("time: {columns: t}\nrows: {log.parquet: [30, 60]}\n")
+    _refused(path, "has 40 rows, but rows 30 to 60", description=description)
+
+
+# --- files that are no log ---------------------------------------------------------------------
+
+
+def test_files_that_are_no_log(tmp_path: Path) -> None:
+    _refused(tmp_path, "is a directory")
+    _good(tmp_path)
+    _refused(tmp_path / "lgo.csv", "no such file", 'did you mean "log.csv"?')
+    _refused(tmp_path / "none" / "a.csv", "no such file")
+    _refused(_csv(tmp_path, "", name="log.xlsx"), 'has the ending ".xlsx"', "--log-format")
+    empty = tmp_path / "empty.csv"
+    for content in (b"", b"\n\n  \n", b"\xef\xbb\xbf"):
+        empty.write_bytes(content)
+        _refused(empty, "is empty")
+    _refused(_csv(tmp_path, _HEADER), "holds no samples")
+    _refused(_csv(tmp_path, _HEADER, *_lines(_table(9))), "holds 9 samples, expected 10 or more")
+
+
+@pytest.mark.parametrize(
+    ("content", "word"),
+    [
+        (b"PAR1" + bytes(40), "is a Parquet file"),
+        (b"\x1f\x8b\x08" + bytes(40), "compressed by gzip"),
+        (b"PK\x03\x04" + bytes(40), "spreadsheet"),
+        (b"\x7fELF\x02\x01" + bytes(40), "is a binary file"),
+        (("\ufeff" + _HEADER).encode("utf-16-le"), "text in UTF-16"),
+        (bytes(range(128, 256)), "is no text"),
+        (b"x" * (1 << 23), "header: does not end"),
+        ((_HEADER + "\n").encode() + b"x" * (1 << 23), "does not end"),
+        (b"1,2,3\r4,5,6\r7,8,9", "carriage returns alone"),
+    ],
+)
+def test_binary_files(tmp_path: Path, content: bytes, word: str) -> None:
+    path = tmp_path / "log.csv"
+    path.write_bytes(content)
+    _refused(path, word)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_a_file_without_permission(tmp_path: Path) -> None:
+    path = _good(tmp_path)
+    path.chmod(0)
+    _refused(path, "cannot be read", "Permission denied")
+
+
+# --- headers -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("header", "words"),
+    [
+        ("t,q1,q2,v1,i1,i2,tau1", ["lacks the columns v2, tau2"]),
+        ("t,q1,q2,v1,v3,i1,i2", ["lacks the column", "v2"]),
+        ("time,q1,q2,v1,v2,i1,i2", ['unknown column "time"', 'name the time "t"']),
+        ("t,q0,q1,v0,v1,i0,i1", ['unknown column "q0"', "numbered from 1"]),
+        ("t,q_1,q2,v1,v2,i1,i2", ['unknown column "q_1"', 'did you mean "q1"?']),
+        ("t,q1,q2,v1,v2,i1,temperature", ['unknown column "temperature"', "--log-format"]),
+        ("t,q1,q2,v1,v2,i1,i1", ['the column "i1" is there twice']),
+        ("t,q1,q2,v1,v2,i1,", ["lacks the column i2"]),
+        ("t;q1;q2;v1,v2,i1,i2", ['unknown column "v1,v2,i1,i2"']),
+    ],
+)
+def test_wrong_headers(tmp_path: Path, header: str, words: list[str]) -> None:
+    _refused(_csv(tmp_path, header, *_lines(_table())), "header", *words)
+
+
+def test_numbers_without_names(tmp_path: Path) -> None:
+    path = _csv(tmp_path, *_lines(_table()))
+    _refused(path, "line 1: holds 7 numbers and no names", "--log-format")
+    _refused(path, "line 1", "holds numbers where the names", description=_description(tmp_path))
+    path = _good(tmp_path)
+    description = _description(tmp_path, "header: false\n")
+    _refused(path, "line 1, column 1", 'holds "t"', "header: true", description=description)
+
+
+def test_another_number_of_joints(tmp_path: Path) -> None:
+    three = SimpleNamespace(name="three", num_joints=3)
+    with pytest.raises(InputError, match=r"lacks the columns q3, v3, i3"):
+        Recording.read(_good(tmp_path), robot=three)
+    one = SimpleNamespace(name="one", num_joints=1)
+    with pytest.raises(InputError, match=r"has the columns q2, v2, i2, expected 1 joints"):
+        Recording.read(_good(tmp_path), robot=one)
+    description = _description(tmp_path)
+    with pytest.raises(InputError, match="holds 2 joints, but three has 3"):
+        Recording.read(_good(tmp_path), description, robot=three)
+
+
+# --- broken lines ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("cell", "words"),
+    [
+        ("", ["line 12, column 4 (v1)", "is empty, expected a number"]),
+        ("nan", ["line 12, column 4 (v1)", "holds nan"]),
+        ("-Inf", ["line 12, column 4 (v1)", "holds -Inf"]),
+        ("error", ["line 12, column 4 (v1)", 'holds "error"']),
+        ("1e999", ["line 12, column 4 (v1)", "beyond any number"]),
+        ("0x1F", ["line 12, column 4 (v1)", 'holds "0x1F"']),
+        ("1_000", ["line 12, column 4 (v1)", 'holds "1_000"']),
+        ("0,5", ["line 12", "has 8 columns, expected 7", "decimal commas"]),
+        ("1.0,2.0", ["line 12", "has 8 columns"]),
+        ("\0\0\0", ["line 12", "zero bytes", "power failure"]),
+    ],
+)
+def test_broken_cells(tmp_path: Path, cell: str, words: list[str]) -> None:
+    lines = _lines(_table())
+    cells = lines[10].split(",")
+    lines[10] = ",".join([*cells[:3], cell, *cells[4:]])
+    _refused(_csv(tmp_path, _HEADER, *lines), *words)
+    _refused(_csv(tmp_path, _HEADER, *lines, end="\r\n"), *words)
+
+
+def test_a_short_line(tmp_path: Path) -> None:
+    lines = _lines(_table())
+    lines[20] = lines[20].rsplit(",", 2)[0]
+    _refused(_csv(tmp_path, _HEADER, *lines), "line 22", "has 5 columns, expected 7")
+    lines = _lines(_table())
+    lines[-1] = lines[-1].rsplit(",", 2)[0]  # complete with its newline: no crash cut it
+    _refused(_csv(tmp_path, _HEADER, *lines), f"line {_NUM_ROWS + 1}", "has 5 columns")
+
+
+def test_a_repeated_header(tmp_path: Path) -> None:
+    lines = _lines(_table())
+    _refused(_csv(tmp_path, _HEADER, *lines, _HEADER, *lines), "line 42", "repeats the header")
+
+
+def test_mixed_decimal_marks(tmp_path: Path) -> None:
+    lines = [line.replace(".", ",") for line in _lines(_table(), ";")]
+    lines[4] = lines[4].replace(",", ".")
+    path = _csv(tmp_path, _HEADER.replace(",", ";"), *lines)
+    _refused(path, "line 6, column 1 (t)", "use one decimal mark")
+    description = _description(tmp_path, 'separator: ";"\n')
+    lines = [line.replace(".", ",") for line in _lines(_table(), ";")]
+    path = _csv(tmp_path, _HEADER.replace(",", ";"), *lines)
+    _refused(path, "line 2, column 1", 'set decimal_mark: ","', description=description)
+
+
+def test_the_first_fault_is_found_in_a_late_block(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(text_table, "BLOCK_BYTES", 200)
+    lines = _lines(_table())
+    lines[33] = lines[33].replace("0.", "O.", 1)
+    _refused(_csv(tmp_path, _HEADER, *lines), "line 35, column 1 (t)", 'holds "O.330000"')
+
+
+def test_a_faulty_row_outside_the_wanted_rows_does_not_matter(tmp_path: Path) -> None:
+    lines = _lines(_table())
+    lines[2] = "way to the start"
+    path = _csv(tmp_path, _HEADER, *lines)
+    description = _description(tmp_path, "rows: {log.csv: [4, 40]}\n")
+    _same(Recording.read(path, description), _table()[3:])
+    description = _description(tmp_path, "rows: {log.csv: [4, 41]}\n")
+    _refused(path, "ends at row 40, but rows 4 to 41 are wanted", description=description)
+    description = _description(tmp_path, "rows: {log.csv: [400, 410]}\n")
+    _refused(path, "ends at row 40, but rows 400", description=description)
+
+
+@pytest.mark.parametrize("block", [1 << 20, 150])
+def test_time_that_does_not_increase(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int
+) -> None:
+    monkeypatch.setattr(text_table, "BLOCK_BYTES", block)
+    table = _table()
+    table[21, 0] = table[20, 0]
+    path = _csv(tmp_path, _HEADER, *_lines(table))
+    _refused(path, "line 23, column t", "time repeats 0.2 s")
+    table[21, 0] = table[18, 0]
+    path = _csv(tmp_path, _HEADER, *_lines(table))
+    _refused(path, "line 23, column t", "runs backwards from 0.2 s to 0.18 s")
+
+
+def test_a_clock_of_too_few_digits(tmp_path: Path) -> None:
+    table = _table()
+    table[:, 0] = np.round(0.001 * np.arange(_NUM_ROWS), 2)  # 1 kHz, two decimals
+    path = _csv(tmp_path, _HEADER, *_lines(table))
+    _refused(path, "line 3, column t", "time repeats 0 s", "too few digits")
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns")])
+def test_time_in_another_unit(tmp_path: Path, factor: float, unit: str) -> None:
+    table = _table() * [factor, 1, 1, 1, 1, 1, 1]
+    path = _csv(tmp_path, _HEADER, *_lines(table))
+    _refused(path, "column t", "the median step is", f"it looks like {unit}")
+
+
+# --- real logs ---------------------------------------------------------------------------------
+
+
+def _real(*parts: str) -> Path:
+    path = _DATA.joinpath(*parts)
+    if not path.exists():
+        pytest.skip(f"no recordings in {_DATA}")
+    return path
+
+
+def test_the_ur10e_log_is_known_by_its_name() -> None:
+    path = _real("ur10e", "ur-20_02_19_14harm50secLoad.csv")
+    recording = Recording.read(path)
+    table = np.loadtxt(path, delimiter=",")[307:5071]
+    np.testing.assert_array_equal(recording.t, table[:, 0])
+    np.testing.assert_array_equal(recording.q, table[:, 1:7])
+    np.testing.assert_array_equal(recording.v, table[:, 7:13])
+    np.testing.assert_array_equal(recording.current, table[:, 13:19])
+    np.testing.assert_array_equal(recording.extra["tau_desired"], table[:, 25:31])
+    assert recording.notices == ('columns read as "ur10e-dynamic-calibration", rows 308 to 5071',)
+
+
+def test_the_ur10e_log_under_another_name_needs_the_description(tmp_path: Path) -> None:
+    path = tmp_path / "copy.csv"
+    path.write_bytes(_real("ur10e", "ur-20_02_10-30sec_12harm.csv").read_bytes())
+    _refused(path, "line 1: holds 31 numbers and no names", "--log-format")
+    recording = Recording.read(path, "ur10e-dynamic-calibration")
+    assert recording.num_samples == len(np.loadtxt(path, delimiter=","))
+
+
+def test_the_panda_log_is_known_by_its_columns() -> None:
+    path = _real("panda_ati_gamma", "data_pos_3.csv")
+    recording = Recording.read(path)
+    table = np.genfromtxt(path, delimiter=",", names=True)
+    np.testing.assert_array_equal(recording.extra["jacobian"][:, 2, 4], table["jacobian_2_4"])
+    np.testing.assert_array_equal(recording.extra["tau_ext"][:, 6], table["tau_ext_6"])
+    np.testing.assert_array_equal(
+        recording.extra["sensor_moment"][:, 1], table["ft_wrench_torque_y"]
+    )
+    assert recording.num_joints == 0
+    with pytest.raises(InputError, match="holds no joint positions"):
+        RecordingReader(path).require_joint_signals()

@@ -1,0 +1,113 @@
+"""wrenchsight: the wrench at an industrial arm's tool, from its motor currents.
+
+    from wrenchsight import IdentifiedModel, Robot, WrenchEstimator
+
+This module offers what users need under one name. Nothing heavy is imported before it is asked for:
+`import wrenchsight` itself brings in neither Drake nor numba.
+"""
+
+import sys
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+# Public name -> the module that defines it. `__init__.pyi` says the same to a type checker.
+_HOME = {
+    "Robot": "models.robot.robot",
+    "bundled_robots": "models.robot.robot",
+    "InputError": "models.files.input_error",
+    "IdentifiedModel": "models.identification.identified_model",
+    "Recording": "models.recordings.recording",
+    "WrenchEstimator": "models.estimation.estimator",
+    "WrenchEstimatorConfig": "models.estimation.estimator",
+    "TickEstimate": "models.estimation.estimator",
+    "EstimateBatch": "models.estimation.estimator",
+    "MomentumObserverConfig": "models.estimation.momentum_observer",
+    "WrenchReconstructionConfig": "models.estimation.wrench",
+    "CoulombViscous": "models.friction.velocity_friction",
+    "SemiParametricFriction": "models.friction.velocity_friction",
+    "PreslidingFriction": "models.friction.presliding_friction",
+    "FrictionLaw": "models.friction.presliding_friction",
+    "make_estimator": "diagrams.estimator",
+    "add_estimator": "diagrams.estimator",
+    "Scenario": "diagrams.scenario",
+    "load_scenario": "diagrams.scenario",
+    "bundled_scenarios": "diagrams.scenario",
+    "ClosedLoop": "diagrams.closed_loop",
+    "make_closed_loop": "diagrams.closed_loop",
+    "RobotCell": "diagrams.robot_cell",
+    "make_robot_cell": "diagrams.robot_cell",
+    "IdentificationConfig": "analyses.methods.learning.identification",
+    "IdentificationResult": "analyses.methods.learning.identification",
+    "identify": "analyses.methods.learning.identification",
+    "identify_logs": "analyses.methods.learning.identification",
+    "EstimateConfig": "analyses.methods.reading.estimation",
+    "EstimateResult": "analyses.methods.reading.estimation",
+    "estimate_log": "analyses.methods.reading.estimation",
+    "ExcitationConfig": "analyses.methods.planning.excitation",
+    "ExcitationResult": "analyses.methods.planning.excitation",
+    "excite_robot": "analyses.methods.planning.excitation",
+    "place_task": "analyses.methods.planning.placement",
+    "PlacementResult": "analyses.methods.planning.placement",
+    "SimulationResult": "analyses.methods.runs.simulation",
+    "simulate": "analyses.methods.runs.simulation",
+}
+
+_PACKAGES = ("models", "systems", "diagrams", "analyses")
+_ROOT = Path(__file__).resolve().parent.parent  # holds the four packages and this one
+
+__all__ = ["__version__", *_HOME]  # noqa: PLE0604  (the table holds strings)
+
+
+def __getattr__(name: str) -> Any:
+    """Imports a public name when it is first used.
+
+    Raises:
+        AttributeError: the name is not offered.
+        ImportError: another package stands in the way of one of ours; the sentence says which.
+    """
+    if name == "__version__":
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            value: Any = version("wrenchsight")
+        except PackageNotFoundError:  # a checkout that is not installed
+            value = "0+unknown"
+    elif name in _HOME:
+        refuse_shadows()
+        value = getattr(import_module(_HOME[name]), name)
+    else:
+        raise AttributeError(f"module 'wrenchsight' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
+def refuse_shadows() -> None:
+    """Raises ImportError where another module has the name of one of our four packages."""
+    for package in _PACKAGES:
+        ours = _ROOT / package
+        found = _place_of(package)
+        if found != ours:
+            where = f"Python finds {found} first" if found else "it is not there"
+            raise ImportError(
+                f"wrenchsight needs its own package '{package}' in {ours}, but {where}: "
+                f"rename or move what is in the way, or run from another folder",
+                name=package,
+            )
+
+
+def _place_of(package: str) -> Path | None:
+    """The folder or file that `import package` gives, or would give."""
+    module = sys.modules.get(package)
+    spec = getattr(module, "__spec__", None) if module else find_spec(package)
+    if spec is None:
+        path = getattr(module, "__file__", None)
+        return Path(path).resolve() if path else None
+    if spec.submodule_search_locations:
+        return Path(next(iter(spec.submodule_search_locations))).resolve()
+    return Path(spec.origin).resolve() if spec.origin else None
