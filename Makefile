@@ -8,7 +8,7 @@ STUDY_OPTIONS = $(if $(QUICK),--quick) $(if $(FRESH),--fresh)
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
-.PHONY: study test lint bench readme clean
+.PHONY: study test lint bench docs readme clean
 .DELETE_ON_ERROR:
 
 study: .venv/.ready
@@ -25,6 +25,10 @@ lint: .venv/.ready-lint
 
 bench: .venv/.ready-test
 	@set -e; for file in tests/benchmarks/bench_*.py; do echo "== $$file"; $(BIN)/python $$file; done
+
+docs: .venv/.ready-docs
+	$(BIN)/mkdocs build --strict --quiet
+	@echo "out/docs/index.html"
 
 readme: .venv/.ready
 	$(BIN)/python -m analyses.readme_table $(OUT) README.md
@@ -48,4 +52,8 @@ clean:
 
 .venv/.ready-lint: .venv/.ready
 	$(INSTALL) --editable '.[test,lint]'
+	@touch $@
+
+.venv/.ready-docs: .venv/.ready
+	$(INSTALL) --editable '.[docs]'
 	@touch $@

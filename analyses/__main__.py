@@ -211,7 +211,8 @@ def identify(
     out: _Out = Path("out/identify"),
 ) -> None:
     """Find a robot's dynamic model and friction: logs in, model.yaml out."""
-    from analyses.methods.learning.identification import IdentificationConfig, identify_logs
+    from analyses.methods.learning.identification import identify_logs
+    from analyses.methods.learning.identification_config import IdentificationConfig
 
     with _progress("identify") as progress:
         result = identify_logs(
@@ -288,7 +289,8 @@ def estimate(
     out: _Out = Path("out/estimate"),
 ) -> None:
     """Tell the wrench at the tool, with its uncertainty: log and model in, wrench.csv out."""
-    from analyses.methods.reading.estimation import EstimateConfig, estimate_log
+    from analyses.methods.reading.estimate_config import EstimateConfig
+    from analyses.methods.reading.estimation import estimate_log
 
     config = EstimateConfig(
         engine=engine,
@@ -513,8 +515,8 @@ def jcn_map(
     out: _Out = Path("out/jcn-map"),
 ) -> None:
     """Map the condition number over the workspace, and say where a table belongs."""
-    from analyses.experiments.postures.jcn_map import SliceConfig
-    from analyses.experiments.postures.jcn_map import jcn_map as map_workspace
+    from analyses.methods.planning.jcn_map import SliceConfig
+    from analyses.methods.planning.jcn_map import jcn_map as map_workspace
 
     config = None
     if plane is not None:
@@ -613,7 +615,7 @@ def redundancy(
     out: _Out = Path("out/redundancy"),
 ) -> None:
     """Choose the free angle about the normal, and the branch, along a path on a surface."""
-    from analyses.experiments.postures.surface_path import redundancy as choose_angles
+    from analyses.methods.planning.redundancy_results import redundancy as choose_angles
 
     logging.getLogger("drake").setLevel(logging.WARNING)
     with _progress("redundancy") as progress:

@@ -25,7 +25,8 @@ from pydrake.systems.framework import DiagramBuilder
 from models.placement.placement_descent import PlacementBatch
 from models.placement.placement_program import quaternion_from, rotation_of
 from models.placement.placement_task import ClearanceConfig, ObstacleConfig
-from models.robot.robot import Robot, pose_of
+from models.robot.robot import Robot
+from models.robot.robot_config import pose_of
 
 Array = NDArray[np.float64]
 

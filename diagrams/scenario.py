@@ -86,7 +86,7 @@ class FourierMotion:
     centre: list[float] = field(default_factory=list)  # rad
     sine: list[list[float]] = field(default_factory=list)  # rad, per joint and harmonic
     cosine: list[list[float]] = field(default_factory=list)  # rad, per joint and harmonic
-    periods: int = 1
+    periods: int = 1  # of the base frequency
 
 
 MotionConfig = Union[HoldMotion, JointSineMotion, LineMotion, FourierMotion]  # noqa: UP007 (yaml_load_typed)
@@ -125,8 +125,8 @@ class BladeConfig:
     span: float = 0.5  # m
     root_chord: float = 0.34  # m
     tip_chord: float = 0.26  # m
-    root_twist_deg: float = 10.0
-    tip_twist_deg: float = 2.0
+    root_twist_deg: float = 10.0  # of the chord, at one end
+    tip_twist_deg: float = 2.0  # at the other end
     thickness: float = 0.24  # of the chord
     camber: float = 0.05  # of the chord
     mesh_size: float = 0.006  # m, edges of the triangles that are touched
@@ -145,7 +145,7 @@ class MachiningConfig:
     # (u, v) of the path's ends on the workpiece, each 0 to 1: along x and y of a plate; round the
     # profile (suction side above .5) and along the span of a blade
     start: list[float] = field(default_factory=lambda: [0.5, 0.2])
-    end: list[float] = field(default_factory=lambda: [0.5, 0.8])
+    end: list[float] = field(default_factory=lambda: [0.5, 0.8])  # (u, v)
     num_samples: int = 61  # of the path
     # deg about the normal, at the start; without it the angle that reads forces best at each sample
     angle_deg: float | None = None
@@ -166,7 +166,7 @@ class MachiningConfig:
 class RecordingConfig:
     """The picture of the run."""
 
-    fps: float = 30.0
+    fps: float = 30.0  # pictures a second
     metres_per_newton: float = 0.01  # length of the force arrows
 
 
@@ -174,7 +174,7 @@ class RecordingConfig:
 class Scenario:
     """All that a simulation is made of, but the robot's and the model's own files."""
 
-    description: str = ""
+    description: str = ""  # one sentence, for people
     robot: str = "sts_sre4_600"  # bundled name, or path of a robot.yaml
     duration: float = 5.0  # s; machining ends earlier, when the pass is done
     time_step: float = 1e-3  # s, of the plant, the drives and every block

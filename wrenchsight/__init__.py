@@ -38,11 +38,11 @@ _HOME = {
     "make_closed_loop": "diagrams.closed_loop",
     "RobotCell": "diagrams.robot_cell",
     "make_robot_cell": "diagrams.robot_cell",
-    "IdentificationConfig": "analyses.methods.learning.identification",
+    "IdentificationConfig": "analyses.methods.learning.identification_config",
     "IdentificationResult": "analyses.methods.learning.identification",
     "identify": "analyses.methods.learning.identification",
     "identify_logs": "analyses.methods.learning.identification",
-    "EstimateConfig": "analyses.methods.reading.estimation",
+    "EstimateConfig": "analyses.methods.reading.estimate_config",
     "EstimateResult": "analyses.methods.reading.estimation",
     "estimate_log": "analyses.methods.reading.estimation",
     "ExcitationConfig": "analyses.methods.planning.excitation",
@@ -52,6 +52,11 @@ _HOME = {
     "PlacementResult": "analyses.methods.planning.placement",
     "SimulationResult": "analyses.methods.runs.simulation",
     "simulate": "analyses.methods.runs.simulation",
+    "FourierMotion": "diagrams.scenario",
+    "excite": "analyses.methods.planning.excitation",
+    "read_recording": "models.recordings.recording_reader",
+    "write_recording": "models.recordings.recording_writer",
+    "resampled": "models.recordings.resampling",
 }
 
 _PACKAGES = ("models", "systems", "diagrams", "analyses")

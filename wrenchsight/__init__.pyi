@@ -1,15 +1,18 @@
 """The public names, for a type checker; `__init__.py` imports them when they are used."""
 
-from analyses.methods.learning.identification import IdentificationConfig as IdentificationConfig
 from analyses.methods.learning.identification import IdentificationResult as IdentificationResult
 from analyses.methods.learning.identification import identify as identify
 from analyses.methods.learning.identification import identify_logs as identify_logs
+from analyses.methods.learning.identification_config import (
+    IdentificationConfig as IdentificationConfig,
+)
 from analyses.methods.planning.excitation import ExcitationConfig as ExcitationConfig
 from analyses.methods.planning.excitation import ExcitationResult as ExcitationResult
+from analyses.methods.planning.excitation import excite as excite
 from analyses.methods.planning.excitation import excite_robot as excite_robot
 from analyses.methods.planning.placement import PlacementResult as PlacementResult
 from analyses.methods.planning.placement import place_task as place_task
-from analyses.methods.reading.estimation import EstimateConfig as EstimateConfig
+from analyses.methods.reading.estimate_config import EstimateConfig as EstimateConfig
 from analyses.methods.reading.estimation import EstimateResult as EstimateResult
 from analyses.methods.reading.estimation import estimate_log as estimate_log
 from analyses.methods.runs.simulation import SimulationResult as SimulationResult
@@ -20,6 +23,7 @@ from diagrams.estimator import add_estimator as add_estimator
 from diagrams.estimator import make_estimator as make_estimator
 from diagrams.robot_cell import RobotCell as RobotCell
 from diagrams.robot_cell import make_robot_cell as make_robot_cell
+from diagrams.scenario import FourierMotion as FourierMotion
 from diagrams.scenario import Scenario as Scenario
 from diagrams.scenario import bundled_scenarios as bundled_scenarios
 from diagrams.scenario import load_scenario as load_scenario
@@ -36,7 +40,12 @@ from models.friction.velocity_friction import CoulombViscous as CoulombViscous
 from models.friction.velocity_friction import SemiParametricFriction as SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel as IdentifiedModel
 from models.recordings.recording import Recording as Recording
+from models.recordings.recording_reader import read_recording as read_recording
+from models.recordings.recording_writer import write_recording as write_recording
+from models.recordings.resampling import resampled as resampled
 from models.robot.robot import Robot as Robot
 from models.robot.robot import bundled_robots as bundled_robots
 
 __version__: str
+
+def refuse_shadows() -> None: ...

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from pydrake.perception import BaseField, Fields, PointCloud
 
 from diagrams.pages.arm_picture import ArmPicture, colour_scale, scale_legend
-from diagrams.pages.run_page import make_meshcat, start_recording, write_recording
+from diagrams.pages.run_page import make_meshcat, start_recording, write_page
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -38,4 +38,4 @@ def record_cloud(
     picture = ArmPicture(robot, meshcat)
     start_recording(meshcat, 30.0)
     picture.show(robot.home)
-    write_recording(meshcat, path, title, scale_legend(label, low, high))
+    write_page(meshcat, path, title, scale_legend(label, low, high))

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagrams.pages.arm_picture import ArmPicture
-from diagrams.pages.run_page import make_meshcat, start_recording, write_recording
+from diagrams.pages.run_page import make_meshcat, start_recording, write_page
 from models.motion.paths import JointTrajectory
 from models.robot.robot import Robot
 
@@ -30,4 +30,4 @@ def record_motion(
     start_recording(meshcat, fps)
     for time, posture in zip(times - times[0], q, strict=True):
         picture.show(posture, float(time))
-    write_recording(meshcat, path, title, {})
+    write_page(meshcat, path, title, {})

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydrake.geometry import Meshcat, Rgba
 
 from diagrams.pages.arm_picture import ArmPicture, colour_scale, scale_legend
-from diagrams.pages.run_page import make_meshcat, start_recording, write_recording
+from diagrams.pages.run_page import make_meshcat, start_recording, write_page
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -87,7 +87,7 @@ def record_paths(
         if index + 1 < len(motions):
             picture.show(motion.q[-1], start - 1.0 / fps)
     names = ", then ".join(motion.name for motion in motions)
-    write_recording(meshcat, path, f"{title}: {names}", scale_legend(label, low, high))
+    write_page(meshcat, path, f"{title}: {names}", scale_legend(label, low, high))
 
 
 def _place(motion: PathMotion) -> str:

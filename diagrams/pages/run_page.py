@@ -79,7 +79,7 @@ def start_recording(meshcat: Meshcat, fps: float) -> None:
     meshcat.StartRecording(frames_per_second=fps, set_visualizations_while_recording=False)
 
 
-def write_recording(
+def write_page(
     meshcat: Meshcat, path: Path, title: str, legend: Mapping[str, ArrayLike] | None = None
 ) -> None:
     """Ends the recording and writes it as a web page that needs nothing else; whole or not at all.

@@ -268,7 +268,7 @@ def impedance_action(
         setpoint: N; while force is not controlled, that which is there already.
         wrench: (6,) F_E_W of the feedback.
         integral: N s, of the force error so far; that at the end of the tick is written.
-        The others as in impedance_wrench and impedance_torque.
+        others: as in impedance_wrench and impedance_torque.
     """
     n = v.shape[0]
     K, B = stiffness.reshape(6, 6), damping.reshape(6, 6)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from models.files.input_error import InputError
 from models.files.whole_file import whole_file, writing_to
-from models.recordings.recording import write_csv_header
+from models.recordings.text_table import write_csv_header
 
 Array = NDArray[np.float64]
 

@@ -129,7 +129,7 @@ def advance_reference(
         t: s, the beginning of the tick.
         q, R_WE, p_WE: joints and pose of E now.
         wrench: (6,) F_E_W of the force feedback, environment on robot, rotation first.
-        The others as in `machining_reference`.
+        others: as in `machining_reference`.
     """
     room = np.inf
     for j in range(q.shape[0]):

@@ -12,7 +12,8 @@ from models.files.input_error import InputError
 from models.files.task_files import task_file
 from models.motion.paths import StraightPath
 from models.placement.placement_program import PlacementBounds
-from models.robot.robot import PoseConfig, Robot
+from models.robot.robot import Robot
+from models.robot.robot_config import PoseConfig
 
 Array = NDArray[np.float64]
 
@@ -32,7 +33,7 @@ class GuessConfig:
 class ObstacleConfig:
     """A box that stands still in the cell: a table, a fence."""
 
-    name: str = field(default="", metadata=REQUIRED)
+    name: str = field(default="", metadata=REQUIRED)  # as messages call it
     size: list[float] = field(default_factory=list, metadata=REQUIRED)  # along x, y, z, m
     pose: PoseConfig = field(default_factory=PoseConfig)  # of its centre in W
 
@@ -64,10 +65,10 @@ class PlacementTask:
 
     path_length: float = field(default=0.0, metadata=REQUIRED)  # m
     midpoint_lower: list[float] = field(default_factory=list, metadata=REQUIRED)  # box in W, m
-    midpoint_upper: list[float] = field(default_factory=list, metadata=REQUIRED)
+    midpoint_upper: list[float] = field(default_factory=list, metadata=REQUIRED)  # m
     num_segments: int = 20  # k; the path has k + 1 points
     angle_lower_deg: float = 0.0  # of the tool's rotation from W (theta of eq. 27)
-    angle_upper_deg: float = 180.0
+    angle_upper_deg: float = 180.0  # of the same
     limit_margin_deg: float = 0.0  # kept from every joint limit (of a prismatic joint: mm)
     max_joint_step_deg: float = 60.0  # from one point to the next (of a prismatic joint: 1/57 m)
     path_in_surface: bool = False  # whether the path is perpendicular to the tool's z axis

@@ -1,21 +1,38 @@
-"""Tables of numbers in Parquet files, read batch by batch with constant memory."""
+"""Tables of numbers in Parquet files: read batch by batch with constant memory, and written."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from models.files.files_read import about_to_read
 from models.files.input_error import InputError
+from models.files.whole_file import whole_file, writing_to
+from models.recordings.recording_format import RecordingFormat
 
 Array = NDArray[np.float64]
 Lines = NDArray[np.int64]
 
 _BATCH_ROWS = 1 << 16
 _MAGIC = b"PAR1"
+
+
+class ParquetContainer:
+    """Logs in Parquet files; implements `log_container.LogContainer`."""
+
+    suffixes: tuple[str, ...] = (".parquet", ".pq")
+
+    def open(self, path: Path, form: RecordingFormat | None) -> "ParquetTable":
+        """As the protocol; the file says all by itself, so that `form` is not read."""
+        return ParquetTable(path)
+
+    def write(self, path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
+        """As the protocol."""
+        with whole_file(path) as partial, writing_to(path):
+            pq.write_table(pa.table(dict(columns)), partial, row_group_size=1 << 18)
 
 
 class ParquetTable:
@@ -125,7 +142,6 @@ class ParquetTable:
         path = self.path
         if path.is_dir():
             raise InputError(path, "", "is a directory, expected a log", "name a file in it")
-        about_to_read(path)
         try:
             with path.open("rb") as raw:
                 head = raw.read(4)

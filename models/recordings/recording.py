@@ -1,20 +1,15 @@
-"""Recordings: typed signals of a robot over time, read from logs and written to them."""
+"""Recordings: typed signals of a robot over time.
+
+They are read by `recording_reader.read_recording`, written by `recording_writer.write_recording`
+and put on a uniform grid by `resampling.resampled`.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv as pa_csv
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
-
-from models.files.whole_file import whole_file, writing_to
-
-if TYPE_CHECKING:
-    from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
@@ -50,32 +45,6 @@ class Recording:
         if not self.q.shape == self.v.shape == self.current.shape or self.q.ndim != 2:
             raise ValueError(f"{self.source}: q, v and current must have one shape (T, n)")
 
-    @classmethod
-    def read(
-        cls,
-        path: str | Path,
-        description: str | Path | None = None,
-        robot: "Robot | None" = None,
-        check: bool = True,
-    ) -> "Recording":
-        """Reads a whole log into memory; `RecordingReader` streams a long one.
-
-        Args:
-            path: *.csv with the header t,q1..qn,v1..vn,i1..in (tau1..taun instead of or besides the
-                currents; name.1..name.k for further signals), *.parquet with such columns, or
-                the *.yaml of a description that names its file.
-            description: of other columns: a bundled name or the path of a *.yaml.
-            robot: that the log must fit: number of joints, and where `check` is set also limits,
-                velocity against position, current against gravity.
-
-        Raises:
-            InputError: the log is missing, damaged or implausible.
-        """
-        from models.recordings.recording_reader import RecordingReader
-
-        reader = RecordingReader(path, description, robot, check)
-        return replace(concatenated(list(reader.chunks())), notices=reader.notices)
-
     @property
     def num_samples(self) -> int:
         return len(self.t)
@@ -108,33 +77,13 @@ class Recording:
             row=None if self.row is None else self.row[part],
         )
 
-    def resample(self, time_step: float | None = None, max_gap: float | None = None) -> "Recording":
-        """Puts the signals on a uniform grid; see `resampling.resample_chunks`."""
-        from models.recordings.resampling import resample_chunks
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """Every signal as named columns (T,), the way logs are written.
 
-        chunks = list(resample_chunks([self], time_step, max_gap))
-        return replace(concatenated(chunks), notices=self.notices)
-
-    def to_csv(self, path: str | Path) -> None:
-        """Writes t,q1..qn,v1..vn,i1..in and what else there is, whole or not at all.
-
-        Motor torque becomes tau1..taun, a signal of `extra` name.1..name.k (its shape is lost),
-        bridged samples a column dropout. Numbers have full precision; `read` reads them back.
+        t, q1..qn, v1..vn, i1..in; motor torque as tau1..taun, a signal of `extra` as
+        name.1..name.k (its shape is lost), bridged samples as dropout where there are any.
         """
-        table = self._table()
-        with whole_file(path) as partial, writing_to(path), partial.open("wb") as file:
-            write_csv_header(file, table.schema.names)
-            options = pa_csv.WriteOptions(include_header=False)
-            with pa_csv.CSVWriter(file, table.schema, write_options=options) as writer:
-                writer.write_table(table, max_chunksize=1 << 16)
-
-    def to_parquet(self, path: str | Path) -> None:
-        """Writes the columns of `to_csv` as Parquet; whole or not at all."""
-        with whole_file(path) as partial, writing_to(path):
-            pq.write_table(self._table(), partial, row_group_size=1 << 18)
-
-    def _table(self) -> pa.Table:
-        columns: dict[str, Any] = {"t": self.t}
+        columns: dict[str, NDArray[Any]] = {"t": self.t}
         for letter, signal in (("q", self.q), ("v", self.v), ("i", self.current)):
             columns |= {f"{letter}{j + 1}": signal[:, j] for j in range(self.num_joints)}
         if self.tau_J is not None:
@@ -144,7 +93,7 @@ class Recording:
             columns |= {f"{name}.{k + 1}": flat[:, k] for k in range(flat.shape[1])}
         if self.dropout.any():
             columns["dropout"] = self.dropout.astype(np.int8)
-        return pa.table(columns)
+        return columns
 
 
 def concatenated(chunks: Sequence[Recording]) -> Recording:
@@ -175,6 +124,8 @@ def _joined(parts: Sequence[Any]) -> Any:
     return None if any(part is None for part in parts) else np.concatenate(parts)
 
 
-def write_csv_header(file: Any, names: Sequence[str]) -> None:
-    """Writes names without quotes, which pyarrow's own header has."""
-    file.write((",".join(names) + "\n").encode())
+def place_of(recording: Recording, sample: int) -> str:
+    """Where a sample stands in its log, for an error line."""
+    if recording.row is None:
+        return f"sample {sample + 1}"
+    return f"{recording.row_word} {recording.row[sample]}"

@@ -7,18 +7,14 @@ delay do not matter.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.files.input_error import InputError
-from models.recordings.recording import Recording, concatenated
+from models.recordings.recording import Recording, concatenated, place_of
 from models.recordings.recording_format import ColumnLayout
-from models.recordings.resampling import place_of
-
-if TYPE_CHECKING:
-    from models.robot.robot import Robot
+from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
@@ -88,7 +84,7 @@ class RecordingChecks:
         layout: of the log, for the names of columns in error lines; None for signals in memory.
     """
 
-    def __init__(self, robot: "Robot", layout: ColumnLayout | None = None) -> None:
+    def __init__(self, robot: Robot, layout: ColumnLayout | None = None) -> None:
         self._robot = robot
         self._layout = layout
         self._last: Recording | None = None  # one sample
@@ -312,15 +308,6 @@ class RecordingChecks:
         elif recording.row is not None and len(recording.row):
             place = f"up to {recording.row_word} {recording.row[-1]}, {place}"
         return InputError(recording.source, place, problem, remedy)
-
-
-def check_plausible(recording: Recording, robot: "Robot") -> None:
-    """Holds a recording in memory against its robot.
-
-    Raises:
-        InputError: it is implausible.
-    """
-    RecordingChecks(robot).feed(recording)
 
 
 def _first(wrong: NDArray[np.bool_]) -> tuple[int, int]:

@@ -58,7 +58,7 @@ class RecordingFormat:
     source: str = ""  # where it comes from
     file: str = ""  # the log itself, relative to this description, if the description stands for it
     separator: str = ","  # between cells of a text log; "\t" for tabs
-    decimal_mark: str = "."
+    decimal_mark: str = "."  # or ","
     skip_lines: int = 0  # lines before the header or the first row
     header: bool = True  # the first line (after skip_lines) names the columns
     num_columns: int = 0  # columns that the log must have; 0: any number

@@ -3,15 +3,17 @@
 import difflib
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from models.files.files_read import about_to_read
 from models.files.input_error import InputError
-from models.recordings.parquet_table import ParquetTable
-from models.recordings.recording import Recording, concatenated
+from models.recordings.log_container import LogTable
+from models.recordings.log_containers import TEXT, container_of, usual_suffixes
+from models.recordings.recording import Recording, concatenated, place_of
 from models.recordings.recording_checks import RecordingChecks
 from models.recordings.recording_format import (
     ColumnLayout,
@@ -22,11 +24,8 @@ from models.recordings.recording_format import (
     resolve_layout,
     rows_for,
 )
-from models.recordings.resampling import place_of, plausible_step, time_error
-from models.recordings.text_table import TextTable
-
-if TYPE_CHECKING:
-    from models.robot.robot import Robot
+from models.recordings.resampling import plausible_step, time_error
+from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
@@ -36,11 +35,34 @@ _DESCRIBE = "or describe the columns with --log-format"
 _JOINT_SIGNALS = {"q": "position", "v": "velocity", "i": "current", "tau": "motor_torque"}
 
 
+def read_recording(
+    path: str | Path,
+    description: str | Path | None = None,
+    robot: Robot | None = None,
+    check: bool = True,
+) -> Recording:
+    """Reads a whole log into memory; `RecordingReader` streams a long one.
+
+    Args:
+        path: *.csv with the header t,q1..qn,v1..vn,i1..in (tau1..taun instead of or besides the
+            currents; name.1..name.k for further signals), *.parquet with such columns, or
+            the *.yaml of a description that names its file.
+        description: of other columns: a bundled name or the path of a *.yaml.
+        robot: that the log must fit: number of joints, and where `check` is set also limits,
+            velocity against position, current against gravity.
+
+    Raises:
+        InputError: the log is missing, damaged or implausible.
+    """
+    reader = RecordingReader(path, description, robot, check)
+    return replace(concatenated(list(reader.chunks())), notices=reader.notices)
+
+
 class RecordingReader:
     """A log on disk; `chunks()` reads it with constant memory.
 
     Args:
-        path, description, robot, check: as in `Recording.read`.
+        path, description, robot, check: as in `read_recording`.
 
     Raises:
         InputError: the log cannot be opened, or its columns do not fit.
@@ -50,7 +72,7 @@ class RecordingReader:
         self,
         path: str | Path,
         description: str | Path | None = None,
-        robot: "Robot | None" = None,
+        robot: Robot | None = None,
         check: bool = True,
     ) -> None:
         path = Path(path)
@@ -193,30 +215,22 @@ class RecordingReader:
                 "give the robot that the log comes from, " + _DESCRIBE,
             )
 
-    def _opened(
-        self, description: str | Path | None
-    ) -> tuple[RecordingFormat, str, TextTable | ParquetTable]:
+    def _opened(self, description: str | Path | None) -> tuple[RecordingFormat, str, LogTable]:
         path = self.path
-        is_parquet = path.suffix.lower() in (".parquet", ".pq")
+        container = container_of(path)
         _check_there(path)
-        if not is_parquet and path.suffix.lower() != ".csv" and description is None:
+        about_to_read(path)
+        if description is not None:
+            form, form_path = load_format(description)
+            return form, str(form_path), (container or TEXT).open(path, form)
+        if container is None:
             raise InputError(
                 path,
                 "",
-                f'has the ending "{path.suffix}", expected .csv, .parquet or .yaml',
+                f'has the ending "{path.suffix}", expected {", ".join(usual_suffixes())} or .yaml',
                 "export the log as CSV, " + _DESCRIBE,
             )
-        if description is not None:
-            form, form_path = load_format(description)
-            table: TextTable | ParquetTable = (
-                ParquetTable(path)
-                if is_parquet
-                else TextTable(
-                    path, form.separator, form.decimal_mark, form.skip_lines, form.header
-                )
-            )
-            return form, str(form_path), table
-        table = ParquetTable(path) if is_parquet else TextTable(path)
+        table = container.open(path, None)
         known = self._known_format(table)
         if known is not None:
             return known
@@ -227,17 +241,12 @@ class RecordingReader:
                 f"holds {table.num_columns} numbers and no names",
                 "add a first line t,q1,..,qn,v1,..,vn,i1,..,in, " + _DESCRIBE,
             )
-        if isinstance(table, TextTable) and table.separator != ",":
-            word = {";": "semicolons", "\t": "tabs", " ": "spaces"}[table.separator]
-            table.notices.append(f"columns are separated by {word}")
         if "" in table.names:
             self._notices.append("a column without a name is left out")
         num_joints = self._robot.num_joints if self._robot is not None else None
         return header_format(_in_lower_case(table.names), path, num_joints), str(path), table
 
-    def _known_format(
-        self, table: TextTable | ParquetTable
-    ) -> tuple[RecordingFormat, str, TextTable | ParquetTable] | None:
+    def _known_format(self, table: LogTable) -> tuple[RecordingFormat, str, LogTable] | None:
         """The bundled description that fits a log: by its name, or by the names of its columns."""
         if table.names is not None and "t" in (name.lower() for name in table.names):
             return None

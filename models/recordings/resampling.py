@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.files.input_error import InputError
-from models.recordings.recording import Recording, concatenated
+from models.recordings.recording import Recording, concatenated, place_of
 
 Array = NDArray[np.float64]
 
@@ -61,6 +61,14 @@ def resample_chunks(
             step = time_step or plausible_step(chunk)
             grid = _Grid(step, max_gap if max_gap is not None else default_max_gap(step))
         yield grid.resampled(chunk)
+
+
+def resampled(
+    recording: Recording, time_step: float | None = None, max_gap: float | None = None
+) -> Recording:
+    """Returns a recording on a uniform grid; arguments and errors as `resample_chunks`."""
+    chunks = list(resample_chunks([recording], time_step, max_gap))
+    return replace(concatenated(chunks), notices=recording.notices)
 
 
 def default_max_gap(time_step: float) -> float:
@@ -178,13 +186,6 @@ class _Grid:
 def _between(signal: Array, left: NDArray[np.int64], weight: Array) -> Array:
     weight = weight.reshape(-1, *[1] * (signal.ndim - 1))
     return signal[left] + weight * (signal[left + 1] - signal[left])
-
-
-def place_of(recording: Recording, sample: int) -> str:
-    """Where a sample stands in its log, for an error line."""
-    if recording.row is None:
-        return f"sample {sample + 1}"
-    return f"{recording.row_word} {recording.row[sample]}"
 
 
 def time_error(recording: Recording, sample: int) -> InputError:

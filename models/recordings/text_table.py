@@ -1,18 +1,19 @@
-"""Tables of numbers in text files (CSV), read block by block with constant memory."""
+"""Tables of numbers in text files (CSV): read block by block with constant memory, and written."""
 
 import csv
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 from numpy.typing import NDArray
 
-from models.files.files_read import about_to_read
 from models.files.input_error import InputError
+from models.files.whole_file import whole_file, writing_to
+from models.recordings.recording_format import RecordingFormat
 
 Array = NDArray[np.float64]
 Lines = NDArray[np.int64]
@@ -32,6 +33,35 @@ _KINDS_OF_BINARY = (
     (b"\xff\xfe", "text in UTF-16", "save it as UTF-8"),
     (b"\xfe\xff", "text in UTF-16", "save it as UTF-8"),
 )
+
+
+class TextContainer:
+    """Logs in text files; implements `log_container.LogContainer`."""
+
+    suffixes: tuple[str, ...] = (".csv",)
+
+    def open(self, path: Path, form: RecordingFormat | None) -> "TextTable":
+        """As the protocol; without a description, separator, decimal mark and header are found."""
+        if form is not None:
+            return TextTable(path, form.separator, form.decimal_mark, form.skip_lines, form.header)
+        table = TextTable(path)
+        if table.names is not None and table.separator != ",":
+            table.notices.append(f"columns are separated by {_SEPARATORS[table.separator]}")
+        return table
+
+    def write(self, path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
+        """As the protocol."""
+        table = pa.table(dict(columns))
+        with whole_file(path) as partial, writing_to(path), partial.open("wb") as file:
+            write_csv_header(file, table.schema.names)
+            options = pa_csv.WriteOptions(include_header=False)
+            with pa_csv.CSVWriter(file, table.schema, write_options=options) as writer:
+                writer.write_table(table, max_chunksize=1 << 16)
+
+
+def write_csv_header(file: BinaryIO, names: Sequence[str]) -> None:
+    """Writes names without quotes, which pyarrow's own header has."""
+    file.write((",".join(names) + "\n").encode())
 
 
 class TextTable:
@@ -329,7 +359,6 @@ def _separator_of(line: str) -> str:
 def _opened(path: Path) -> BinaryIO:
     if path.is_dir():
         raise InputError(path, "", "is a directory, expected a log", "name a file in it")
-    about_to_read(path)
     try:
         return path.open("rb")
     except FileNotFoundError as error:

@@ -8,116 +8,25 @@ as root, locked joints fixed, the tool and the frame E added, pictures that cann
 import hashlib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JointIndex, ModelInstanceIndex
 
-from models.files.configuration import REQUIRED, load_configuration, nearest
+from models.files.configuration import load_configuration, nearest
 from models.files.input_error import InputError
+from models.rigid_body.serial_chain import SerialChain
+from models.robot.robot_config import DriveConfig, JointFrictionConfig, RobotConfig
 from models.robot.urdf import EffectiveUrdf, JointLimits, read_urdf
 
-if TYPE_CHECKING:
-    from models.rigid_body.serial_chain import SerialChain
-
 Array = NDArray[np.float64]
-
-
-@dataclass
-class PoseConfig:
-    """Pose of a frame in its parent: X = translation(xyz) RollPitchYaw(rpy), as in URDF."""
-
-    xyz: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # m
-    rpy: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # rad
-
-
-@dataclass
-class ShapeConfig:
-    """One solid of the tool; exactly one of sphere, cylinder and box."""
-
-    sphere: float | None = None  # radius, m
-    cylinder: list[float] | None = None  # radius, length along z, m
-    box: list[float] | None = None  # sides along x, y, z, m
-    pose: PoseConfig = field(default_factory=PoseConfig)  # of its centre, in the flange
-    rgba: list[float] = field(default_factory=lambda: [0.3, 0.3, 0.32, 1.0])
-
-
-@dataclass
-class ToolConfig:
-    """The rigid body on the flange; all of it in axes of the flange."""
-
-    name: str = "tool"  # of its link
-    mass: float = field(default=0.0, metadata=REQUIRED)  # kg
-    com: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # m, from the flange
-    inertia: list[float] = field(default_factory=list, metadata=REQUIRED)
-    # about its centre of mass: ixx, iyy, izz, ixy, ixz, iyz, kg m^2
-    visual: list[ShapeConfig] = field(default_factory=list)
-    collision: list[ShapeConfig] = field(default_factory=list)
-
-
-@dataclass
-class DriveConfig:
-    """Motor, gear and current loop of one joint."""
-
-    joint: str = field(default="", metadata=REQUIRED)
-    torque_per_ampere: float | None = None  # N m/A on the joint side; or the next two
-    torque_constant: float | None = None  # N m/A of the motor
-    gear_ratio: float | None = None  # motor turns per joint turn
-    rotor_inertia: float = field(default=0.0, metadata=REQUIRED)  # kg m^2
-    rotor_inertia_side: str = (
-        "motor"  # "motor" (times gear_ratio^2), or "joint" (reflected already)
-    )
-    current_sign: int = 1  # +1 or -1: sign of the torque that a positive current gives
-    current_resolution: float = 0.0  # A, step of the measured current
-    current_noise_sd: float = 0.0  # A, of one sample
-    current_bandwidth: float | None = None  # Hz, of the measurement; without it: not limited
-    effort_limit: float | None = None  # N m; without it: the URDF's
-
-
-@dataclass
-class JointFrictionConfig:
-    """True friction of a simulated arm, one number per joint (all zero where not given)."""
-
-    stiction: list[float] = field(default_factory=list)  # N m, to break away
-    coulomb: list[float] = field(default_factory=list)  # N m, once it moves
-    stribeck_velocity: list[float] = field(default_factory=list)  # rad/s
-    viscous: list[float] = field(default_factory=list)  # N m s/rad
-    load_dependence: list[float] = field(default_factory=list)  # N m of friction per N m carried
-    ripple_amplitude: list[float] = field(default_factory=list)  # N m, over the joint position
-    ripple_periods: list[float] = field(default_factory=list)  # per turn of the joint
-
-
-@dataclass
-class SimulatedTruthConfig:
-    """What only the simulation knows; no model or estimator reads it."""
-
-    friction: JointFrictionConfig = field(default_factory=JointFrictionConfig)
-
-
-@dataclass
-class RobotConfig:
-    """The contents of a robot.yaml."""
-
-    name: str = field(default="", metadata=REQUIRED)
-    urdf: Path = field(default=Path(), metadata=REQUIRED)  # beside the robot.yaml, or absolute
-    base_link: str = field(default="", metadata=REQUIRED)  # W is its frame
-    flange: str = field(default="", metadata=REQUIRED)  # the link that carries the tool
-    tool_frame: PoseConfig = field(default_factory=PoseConfig)  # E in the flange
-    tool: ToolConfig | None = None
-    gravity: list[float] = field(default_factory=lambda: [0.0, 0.0, -9.81])  # in W, m/s^2
-    locked_joints: dict[str, float] = field(default_factory=dict)  # rad or m
-    home: list[float] = field(default_factory=list, metadata=REQUIRED)  # rad or m
-    payload: float = field(default=0.0, metadata=REQUIRED)  # kg, rated
-    drives: list[DriveConfig] = field(default_factory=list, metadata=REQUIRED)
-    simulated_truth: SimulatedTruthConfig = field(default_factory=SimulatedTruthConfig)
 
 
 @dataclass(frozen=True)
@@ -200,10 +109,8 @@ class Robot:
         return self._urdf.text(self.name)
 
     @cached_property
-    def chain(self) -> "SerialChain":
+    def chain(self) -> SerialChain:
         """The arm's batched kernels, read from a plant of its own (URDF values)."""
-        from models.rigid_body.serial_chain import SerialChain
-
         plant = MultibodyPlant(0.0)
         parts = self.add_to_plant(plant)
         plant.Finalize()
@@ -457,8 +364,3 @@ def _simulated_truth(
             source, "simulated_truth.friction.stiction", "below coulomb", "stiction >= coulomb"
         )
     return SimulatedTruth(**arrays)
-
-
-def pose_of(config: PoseConfig) -> RigidTransform:
-    """The transform that a PoseConfig states."""
-    return RigidTransform(RollPitchYaw(config.rpy), config.xyz)

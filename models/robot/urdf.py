@@ -11,7 +11,7 @@ import xml.parsers.expat
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +21,7 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from models.files.configuration import nearest
 from models.files.files_read import about_to_read
 from models.files.input_error import InputError
-
-if TYPE_CHECKING:
-    from models.robot.robot import RobotConfig, ShapeConfig, ToolConfig
+from models.robot.robot_config import RobotConfig, ShapeConfig, ToolConfig
 
 Array = NDArray[np.float64]
 
@@ -68,7 +66,7 @@ class EffectiveUrdf:
         return ET.tostring(self._root, encoding="unicode")
 
 
-def read_urdf(path: Path, config: "RobotConfig", config_source: Path) -> EffectiveUrdf:
+def read_urdf(path: Path, config: RobotConfig, config_source: Path) -> EffectiveUrdf:
     """Reads and checks `path` as the arm that `config` (from `config_source`) describes.
 
     Raises:
@@ -80,7 +78,7 @@ def read_urdf(path: Path, config: "RobotConfig", config_source: Path) -> Effecti
 
 
 class _Reader:
-    def __init__(self, path: Path, config: "RobotConfig", config_source: Path) -> None:
+    def __init__(self, path: Path, config: RobotConfig, config_source: Path) -> None:
         self.path = path
         self.config = config
         self.config_source = config_source
@@ -383,7 +381,7 @@ class _Reader:
         pose.set("xyz", _text(config.tool_frame.xyz))
         pose.set("rpy", _text(config.tool_frame.rpy))
 
-    def _add_shape(self, link: ET.Element, kind: str, name: str, shape: "ShapeConfig") -> None:
+    def _add_shape(self, link: ET.Element, kind: str, name: str, shape: ShapeConfig) -> None:
         element = ET.SubElement(link, kind, name=name)
         ET.SubElement(element, "origin", xyz=_text(shape.pose.xyz), rpy=_text(shape.pose.rpy))
         geometry = ET.SubElement(element, "geometry")
@@ -451,7 +449,7 @@ class _Reader:
                 link, f'moving link "{body}" (with what is fixed to it)', composite
             )
 
-    def _check_tool(self, tool: "ToolConfig") -> None:
+    def _check_tool(self, tool: ToolConfig) -> None:
         if not tool.mass > 0:
             raise InputError(self.config_source, "tool.mass", f"{tool.mass:g}, expected kg above 0")
         problem = _unphysical(_matrix(tool.inertia))

@@ -64,7 +64,7 @@ def measure_current(table, time_step, current_true, noise, state, current):  # t
 
     Args:
         table: (3, n) rows bandwidth, noise_sd, resolution.
-        The others as in `update_lag` and `report_current`.
+        others: as in `update_lag` and `report_current`.
     """
     current[:] = state
     update_lag(table[0], time_step, current_true, current)

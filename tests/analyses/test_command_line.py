@@ -272,7 +272,8 @@ def test_an_interrupt_is_one_line_and_its_code(tmp_path, number, code):
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         f"sys.path.insert(0, {str(tmp_path)!r})\n"
         "if __name__ == '__main__':\n"
-        "    from analyses import __main__, study\n"
+        "    from analyses import __main__\n"
+        "    from analyses.study import study\n"
         "    study.EXPERIMENTS = {'slow': 'fake_slow'}\n"
         f"    sys.argv = ['wrenchsight', 'study', '--out', {str(tmp_path / 'out')!r}]\n"
         "    __main__.main()\n"
@@ -405,7 +406,8 @@ def test_options_reach_the_estimate(invoke, monkeypatch, tmp_path):
 
 def test_the_defaults_are_those_of_the_analyses(invoke, monkeypatch):
     """An option must not change what the same call from Python does."""
-    from analyses.methods.reading import estimation, identification
+    from analyses.methods.learning import identification
+    from analyses.methods.reading import estimation
 
     configurations = []
 

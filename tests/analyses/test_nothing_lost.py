@@ -11,6 +11,7 @@ from analyses.__main__ import app
 from analyses.output.result_marker import MARKER
 from analyses.study import study
 from models.recordings.recording import Recording
+from models.recordings.recording_writer import write_recording
 from models.robot.robot import Robot
 
 ROOT = Path(study.__file__).parents[2]
@@ -49,7 +50,7 @@ def log(tmp_path_factory) -> Path:
     tau = robot.chain.inverse_dynamics(q, v, vdot)
     current = tau / (robot.torque_per_ampere * robot.current_sign)
     path = tmp_path_factory.mktemp("log") / "log.csv"
-    Recording(t=t, q=q, v=v, current=current, source="synthetic").to_csv(path)
+    write_recording(Recording(t=t, q=q, v=v, current=current, source="synthetic"), path)
     return path
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 
-from analyses.experiments.postures.jcn_map import SliceConfig, sample, slice_plane
+from analyses.methods.planning.jcn_map import SliceConfig, sample, slice_plane
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]

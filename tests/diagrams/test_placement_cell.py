@@ -12,7 +12,8 @@ from diagrams.placement_cell import (
 from models.placement.placement_descent import PlacementBatch
 from models.placement.placement_program import quaternion_from, rotation_of
 from models.placement.placement_task import ClearanceConfig, ObstacleConfig, WorkpieceConfig
-from models.robot.robot import PoseConfig, Robot
+from models.robot.robot import Robot
+from models.robot.robot_config import PoseConfig
 
 Array = NDArray[np.float64]
 

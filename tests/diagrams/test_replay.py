@@ -10,7 +10,8 @@ from diagrams.replay import make_replay
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.momentum_observer import MomentumObserverConfig
 from models.identification.identified_model import IdentifiedModel
-from models.recordings.recording import Recording
+from models.recordings.recording_reader import read_recording
+from models.recordings.resampling import resampled
 from models.robot.robot import Robot
 
 DATA = Path(__file__).parents[2] / "../shared/data"
@@ -109,7 +110,7 @@ def test_signals_that_do_not_fit_are_refused(synthetic):
 def test_a_real_robots_log():
     """The first three seconds of the loaded UR10e, resampled on its own time."""
     robot = Robot.load("ur10e")
-    recording = Recording.read(UR10E_LOG, robot=robot)[:400].resample(0.01)
+    recording = resampled(read_recording(UR10E_LOG, robot=robot)[:400], 0.01)
     log = tuple(signal[:300] for signal in (recording.q, recording.v, recording.current))
     model = IdentifiedModel.nominal(robot)
     configuration = config(0.01, "trapezoidal")

@@ -30,6 +30,7 @@ from pydrake.systems.framework import Context
 from pydrake.systems.primitives import VectorLogSink
 from scipy.optimize import minimize_scalar
 
+from analyses.methods.advance import advance
 from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
 from analyses.study.experiment import (
     ComparisonRow,
@@ -343,9 +344,11 @@ def _simulate(arm: HeldArm, duration: float, progress: Progress, *, smooth: bool
     if not smooth:
         integrator.set_target_accuracy(INTEGRATION_ACCURACY)
     num_ticks = round(duration / arm.time_step)
-    for part in range(1, 21):
-        simulator.AdvanceTo((num_ticks * part // 20 - 0.5) * arm.time_step)
-        progress(part / 20, f"{num_ticks * part // 20 * arm.time_step:.1f} s simulated")
+    advance(
+        simulator,
+        [(num_ticks * part // 20 - 0.5) * arm.time_step for part in range(1, 21)],
+        lambda share: progress(share, f"{share * duration:.1f} s simulated"),
+    )
     return simulator.get_context()
 
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analyses.experiments.free_motion.identification import ROBOT
-from analyses.experiments.postures.constant_wrench import found_path
 from analyses.methods.learning.arm_models import identify_arm
+from analyses.methods.learning.simulated_logs import ROBOT
+from analyses.methods.planning.article_paths import found_path
 from analyses.methods.reading.force_errors import (
     AXES,
     ForceReading,

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analyses.experiments.free_motion.identification import ROBOT
 from analyses.methods.learning.arm_models import identify_arm
+from analyses.methods.learning.simulated_logs import ROBOT
 from analyses.methods.reading.force_errors import (
     ForceReading,
     draw_signal,

@@ -28,30 +28,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.experiments.free_motion.identification import CONFIG, ROBOT, identify_simulated_arm
-from analyses.experiments.real_arms.ur10e_identification import (
-    FOLDER,
-    identify_ur10e,
-    validation_recordings,
-)
 from analyses.methods.learning.friction_reversal import (
     SeparatedFriction,
     reversal_recordings,
     separate_recordings,
 )
-from analyses.methods.learning.friction_training import (
-    TrainedNetworks,
-    TrainingConfig,
-    train_networks,
-)
-from analyses.methods.learning.identification import (
-    LAWS,
-    IdentificationConfig,
-    IdentificationResult,
-    TorqueFit,
-    identify,
-    predict_torque,
-)
+from analyses.methods.learning.identification import identify, predict_torque
+from analyses.methods.learning.identification_config import LAWS, IdentificationConfig
+from analyses.methods.learning.semi_parametric import POSTURES, semi_parametric_model
+from analyses.methods.learning.simulated_identification import CONFIG, identify_simulated_arm
+from analyses.methods.learning.simulated_logs import ROBOT
+from analyses.methods.learning.torque_fit import TorqueFit
+from analyses.methods.learning.ur10e_logs import FOLDER, identify_ur10e, validation_recordings
 from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
 from analyses.study.experiment import (
     ComparisonRow,
@@ -63,6 +51,8 @@ from analyses.study.experiment import (
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
+from models.recordings.recording_reader import read_recording
+from models.recordings.resampling import resampled
 from models.robot.robot import Robot
 from models.signals.zero_phase import ZeroPhaseLowPass, derivative
 
@@ -77,13 +67,6 @@ ARTICLE = "semi-parametric"
 COMPARED = tuple(law for law in LAWS if law != ARTICLE)  # fitted by `identify`
 NEAR_ZERO = 0.05  # rad/s
 SINGLE_JOINTS = tuple(f"ur-20_01_22-joint_{j + 1}.csv" for j in range(6))
-# Departures from the home posture, rad; the last one is the test's.
-POSTURES = (
-    (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-    (0.4, 0.2, -0.2, 0.5, 0.3, -0.4),
-    (-0.4, -0.2, 0.1, -0.5, -0.2, 0.4),
-    (0.2, 0.1, 0.15, 0.2, -0.4, 0.8),
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +195,7 @@ def real_arm(context: ExperimentContext, start: float) -> LawsOnOneArm:
         context.progress(start + (0.9 - start) * k / len(COMPARED), f"UR10e, {law}")
         config = IdentificationConfig(friction=law, cross_validate=False, seed=context.seed)
         results[law] = identify_ur10e(context.data, robot, config)
-    single = [Recording.read(context.data / FOLDER / name, robot=robot) for name in SINGLE_JOINTS]
+    single = [read_recording(context.data / FOLDER / name, robot=robot) for name in SINGLE_JOINTS]
     halves = [len(r.t) // 2 for r in single]
     joints = range(robot.num_joints)
     plain = results[WITH_OFFSET]
@@ -236,25 +219,10 @@ def real_arm(context: ExperimentContext, start: float) -> LawsOnOneArm:
     return LawsOnOneArm(robot.joint_names, ordered, near_zero, edge, trained.v_crit, separated)
 
 
-def semi_parametric_model(
-    robot: Robot,
-    plain: IdentificationResult,
-    separated: SeparatedFriction,
-    training: TrainingConfig | None = None,
-) -> tuple[IdentifiedModel, TrainedNetworks]:
-    """The article's way: symmetric friction by reversal; odd networks on the plain law."""
-    v, torque = separated.table(symmetric=True)
-    law = plain.model.friction.coulomb_viscous
-    config = training or TrainingConfig(seed=plain.config.seed, odd=True)
-    trained = train_networks(v, torque, law, config=config, joint_names=robot.joint_names)
-    friction = SemiParametricFriction(law, trained.networks, trained.v_crit)
-    return replace(plain.model, friction=friction), trained
-
-
 def _predicted(robot: Robot, recording: Recording, model: IdentifiedModel) -> Recording:
     """The recording with the torque that the model predicts along its motion, on a uniform grid."""
     step = float(f"{recording.time_step:.3g}")
-    uniform = recording.resample(step)
+    uniform = resampled(recording, step)
     low_pass = ZeroPhaseLowPass(CONFIG.cutoff, step)
     q, v = low_pass(uniform.q), low_pass(uniform.v)
     rigid = np.asarray(model.chain(robot).inverse_dynamics(q, v, derivative(v, step)))
@@ -278,7 +246,7 @@ def _one_joint(
         judge, friction=SemiParametricFriction(CoulombViscous.zero(robot.num_joints))
     )
     (rigid,) = predict_torque([recording], robot, frictionless, config)
-    uniform = recording.resample(float(f"{recording.time_step:.3g}"))
+    uniform = resampled(recording, float(f"{recording.time_step:.3g}"))
     v = ZeroPhaseLowPass(config.cutoff, uniform.time_step, config.filter_order)(uniform.v)
     predicted = {
         law: predict_torque([recording], robot, model, config)[0].predicted[:, joint]

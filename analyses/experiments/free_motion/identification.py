@@ -6,21 +6,19 @@ Coulomb-viscous model is identified from it and predicts the torque of a second,
 trajectory. Both trajectories were found by `excite` and lie beside the robot as coefficients.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.analysis import Simulator
 
-from analyses.methods.learning.identification import (
-    IdentificationConfig,
-    IdentificationResult,
-    identify,
-    torque_figure,
+from analyses.methods.learning.identification_figures import torque_figure
+from analyses.methods.learning.simulated_identification import (
+    identify_simulated_arm,
+    inertial_error,
+    with_known_friction,
 )
+from analyses.methods.learning.simulated_logs import PERIODS, ROBOT
 from analyses.output.figures import save_figure
 from analyses.study.experiment import (
     ComparisonRow,
@@ -29,178 +27,11 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
-from analyses.study.shared_results import shared
-from diagrams.closed_loop import make_closed_loop
-from diagrams.scenario import Scenario
-from models.excitation.fourier_trajectory import FourierTrajectory
-from models.identification.identified_model import IdentifiedModel
-from models.motion.paths import JointTrajectory
-from models.recordings.recording import Recording
-from models.robot.motors import current_to_torque
 from models.robot.robot import Robot
-from systems.joint_tracking_controller import JointTrackingConfig
 
 Array = NDArray[np.float64]
-ProgressCallback = Callable[[float, str], None]
 
-ROBOT = "sts_sre4_600"
 ARTICLE_RMSE = [3.2926, 3.5804, 2.2578, 0.5272, 0.7846, 0.3602]  # N m, section 4.1
-CONFIG = IdentificationConfig(cutoff=7.5, friction="coulomb-viscous")  # as in the article
-PERIODS = 2  # of each trajectory: 20 s
-# Servo drives follow a reference far more stiffly than a force controller may: 200 rad/s here. With
-# less, a wrist of little inertia sticks and slips through each reversal.
-TRACKING = JointTrackingConfig(kp=[4e4], kd=[400.0], ki=[2e6], integral_limit=[400.0])
-_STRETCH = 0.25  # s between two reports of progress
-
-
-@dataclass(frozen=True, eq=False)
-class SimulatedLog:
-    """What an excited arm's controller records, and what only the simulation knows.
-
-    Attributes:
-        recording: t, q, v and measured current at 1 kHz.
-        tau_f_true: (T, n) N m, the true friction.
-    """
-
-    recording: Recording
-    tau_f_true: Array
-
-
-def stored_excitation(robot: Robot, number: int) -> FourierTrajectory:
-    """Excitation `number` (1, 2) that lies beside the robot's own file.
-
-    Raises:
-        InputError: there is none; `excite` makes one.
-    """
-    return FourierTrajectory.load(robot.source.parent / f"excitation_{number}.yaml", robot.name)
-
-
-def simulate_excitation(
-    robot: Robot,
-    trajectory: FourierTrajectory,
-    num_periods: int = PERIODS,
-    seed: int = 0,
-    name: str = "excitation",
-    progress: ProgressCallback = lambda fraction, what: None,
-) -> SimulatedLog:
-    """Lets the true robot run a trajectory under a controller that knows only its nominal model.
-
-    Args:
-        robot: with its simulated truth.
-        trajectory: to follow.
-        num_periods: how often.
-        seed: of the currents' noise.
-        name: of the recording.
-        progress: told the share done.
-    """
-    return simulate_motion(
-        robot, trajectory.joint_trajectory(num_periods), seed, name, progress=progress
-    )
-
-
-def simulate_motion(
-    robot: Robot,
-    trajectory: JointTrajectory,
-    seed: int = 0,
-    name: str = "motion",
-    model: IdentifiedModel | None = None,
-    progress: ProgressCallback = lambda fraction, what: None,
-) -> SimulatedLog:
-    """The same for any motion of the joints; `model` is what the controller knows.
-
-    Within a study the same motion is simulated once for all experiments.
-    """
-    arguments = (robot, trajectory, seed, name, model)
-    return shared("simulate_motion", arguments, lambda: _simulate_motion(*arguments, progress))
-
-
-def _simulate_motion(
-    robot: Robot,
-    trajectory: JointTrajectory,
-    seed: int,
-    name: str,
-    model: IdentifiedModel | None,
-    progress: ProgressCallback,
-) -> SimulatedLog:
-    scenario = Scenario(
-        robot=robot.name, duration=trajectory.duration, seed=seed, controller=TRACKING
-    )
-    loop = make_closed_loop(
-        scenario,
-        robot,
-        IdentifiedModel.nominal(robot) if model is None else model,
-        also_log=("tau_f_true",),
-        trajectory=trajectory,
-        with_estimator=False,
-    )
-    simulator = Simulator(loop.diagram)
-    simulator.Initialize()
-    count = max(1, round(scenario.duration / _STRETCH))
-    for k in range(count):
-        simulator.AdvanceTo(scenario.duration * (k + 1) / count)
-        progress((k + 1) / count, f"simulating {name}")
-    t, signals = loop.logged(simulator.get_context())
-    recording = Recording(
-        t=t, q=signals["q"], v=signals["v"], current=signals["current"], source=name
-    )
-    return SimulatedLog(recording, signals["tau_f_true"])
-
-
-def identify_simulated_arm(
-    robot: Robot,
-    seed: int = 0,
-    num_periods: int = PERIODS,
-    config: IdentificationConfig = CONFIG,
-    progress: ProgressCallback = lambda fraction, what: None,
-) -> tuple[IdentificationResult, tuple[SimulatedLog, SimulatedLog]]:
-    """Identifies the simulated arm from its own log along excitation 1, checked on excitation 2.
-
-    This is where every simulated experiment has its model from.
-    """
-    logs = tuple(
-        simulate_excitation(
-            robot,
-            stored_excitation(robot, k + 1),
-            num_periods,
-            2 * seed + k,
-            f"excitation_{k + 1}",
-            lambda share, what, k=k: progress(0.4 * (k + share), what),  # type: ignore[misc]
-        )
-        for k in range(2)
-    )
-    result = identify(
-        [logs[0].recording],
-        robot,
-        [logs[1].recording],
-        config,
-        lambda share, what: progress(0.8 + 0.2 * share, what),
-    )
-    return result, (logs[0], logs[1])
-
-
-def inertial_error(robot: Robot, model: IdentifiedModel, number: int = 2) -> tuple[Array, Array]:
-    """RMS error (n,) of the identified rigid-body torque along an excitation, and RMS of the true.
-
-    Both in N m; measured on the planned motion, free of noise and filters.
-    """
-    trajectory = stored_excitation(robot, number)
-    motion = trajectory.sample(np.arange(1000) * trajectory.period / 1000)
-    true = robot.chain.inverse_dynamics(*motion)
-    found = model.chain(robot).inverse_dynamics(*motion)
-    return _rms(found - true), _rms(true)
-
-
-def with_known_friction(
-    robot: Robot, logs: tuple[SimulatedLog, SimulatedLog], config: IdentificationConfig = CONFIG
-) -> IdentificationResult:
-    """Identifies again from torques that the true friction has been taken off."""
-
-    def without(log: SimulatedLog) -> Recording:
-        recording = log.recording
-        tau = current_to_torque(recording.current, robot.torque_per_ampere, robot.current_sign)
-        return replace(recording, tau_J=tau - log.tau_f_true)
-
-    return identify([without(logs[0])], robot, [without(logs[1])], config)
 
 
 def run(context: ExperimentContext) -> ExperimentResult:

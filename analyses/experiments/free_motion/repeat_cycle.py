@@ -7,35 +7,33 @@ what friction does not repeat, is read as a force that grows with the condition 
 As the article has it, eq. 4 takes the drives' torque as it comes, without the observer's low-pass.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.experiments.free_motion.identification import ROBOT
-from analyses.experiments.postures.constant_wrench import branch_start
-from analyses.methods.learning.arm_models import repetition_covariances
+from analyses.methods.learning.simulated_logs import ROBOT
+from analyses.methods.planning.article_paths import branch_start
 from analyses.methods.reading.force_errors import (
-    AXES,
-    ForceReading,
-    draw_band,
     draw_signal,
     envelope,
-    reductions,
     variants_figure,
+)
+from analyses.methods.runs.repeated_cycles import (
+    AFTER,
+    BEFORE,
+    OURS,
+    VARIANTS,
+    RepeatedCycles,
+    cycle_metrics,
+    force_figure,
+    repeat_cycles,
 )
 from analyses.methods.runs.task_runs import (
     PATHS,
-    TaskRun,
-    on_path,
-    read_repetition,
     record_runs,
-    repetition_torque,
-    run_task,
     task_path,
-    task_scenario,
 )
 from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
 from analyses.study.experiment import (
@@ -45,8 +43,6 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
-from diagrams.scenario import LineMotion, Scenario
-from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig, live_prior
 from models.motion.inverse_kinematics import follow_path
 from models.motion.paths import TimeLaw, constant_speed, steady_speed, thirds, uniform_acceleration
 from models.robot.robot import Robot
@@ -57,117 +53,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 SCENARIO = "RepeatCycle"
-ONE_WAY_QUICK = 5.0  # s
-K_0 = 20.0  # 1/s
-BEFORE, AFTER = "initial", "optimised"  # the article's two variants
-OURS = "found_bayesian"
-
-
-@dataclass(frozen=True)
-class Variant:
-    """One row of the table; each changes one thing of the one that it is compared with."""
-
-    key: str
-    label: str
-    path: str
-    K_0: float | None  # 1/s; None: raw, as eq. 4 stands
-    method: str
-
-
-VARIANTS = (
-    Variant(BEFORE, "article: initial path", "initial", None, "inverse"),
-    Variant(AFTER, "article: optimised path", "optimised", None, "inverse"),
-    Variant("found", "path found here", "found", None, "inverse"),
-    Variant("initial_filtered", "initial path, K$_0$ = 20", "initial", K_0, "inverse"),
-    Variant("optimised_filtered", "optimised path, K$_0$ = 20", "optimised", K_0, "inverse"),
-    Variant(
-        "optimised_bayesian", "optimised path, K$_0$ = 20, bayesian", "optimised", K_0, "bayesian"
-    ),
-    Variant(
-        "optimised_force_only",
-        "optimised path, K$_0$ = 20, force_only",
-        "optimised",
-        K_0,
-        "force_only",
-    ),
-    Variant(OURS, "path found here, K$_0$ = 20, bayesian", "found", K_0, "bayesian"),
-)
-
-
-@dataclass(frozen=True, eq=False)
-class RepeatedCycles:
-    """Runs and readings.
-
-    Attributes:
-        runs: by path.
-        readings: by variant.
-        scenario: as run, on the initial path.
-        torque_sd: (n,) N m of eq. 4, raw, as the identification's excitation says.
-        filtered_torque_sd: (n,) N m, the same behind K_0.
-        filtered_torque_rms: (n,) N m by path, what eq. 4 behind K_0 reads in the second cycle.
-    """
-
-    runs: dict[str, TaskRun]
-    readings: dict[str, ForceReading]
-    scenario: Scenario
-    torque_sd: Array
-    filtered_torque_sd: Array
-    filtered_torque_rms: dict[str, Array]
-
-
-def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCycles:
-    """Simulates two cycles on each path, and reads the second one with every variant."""
-    robot = Robot.load(ROBOT)
-    scenario = task_scenario(scenario_name, context.seed, ONE_WAY_QUICK if context.quick else None)
-    covariances = repetition_covariances(
-        robot, (None, K_0), context.seed, lambda share, what: context.progress(0.05 * share, what)
-    )
-    sigma = dict(zip((None, K_0), covariances, strict=True))
-    motion = scenario.motion
-    assert isinstance(motion, LineMotion)
-    period = round(2 * motion.one_way / scenario.time_step)
-    runs: dict[str, TaskRun] = {}
-    readings: dict[str, ForceReading] = {}
-    torque_rms: dict[str, Array] = {}
-    for k, path in enumerate(PATHS):
-
-        def told(share: float, what: str, k: int = k) -> None:
-            context.progress(0.05 + 0.85 * (k + share) / len(PATHS), what)
-
-        moved = on_path(scenario, robot, *task_path(robot, path))
-        run = run_task(moved, robot, path, told).between(motion.lead_in)
-        runs[path] = run
-        torque = repetition_torque(run.recording, robot, period, K_0)
-        torque_rms[path] = np.sqrt(np.mean(torque**2, axis=0))
-        for variant in VARIANTS:
-            if variant.path == path:
-                config = WrenchReconstructionConfig(variant.method).with_prior(
-                    *live_prior(robot.payload)
-                )
-                readings[variant.key] = read_repetition(
-                    variant.label,
-                    run,
-                    robot,
-                    period,
-                    WrenchReconstruction(config, sigma[variant.K_0]),
-                    variant.K_0,
-                )
-    ordered = {variant.key: readings[variant.key] for variant in VARIANTS}
-    sd, filtered_sd = (np.sqrt(np.diag(sigma[gain])) for gain in (None, K_0))
-    return RepeatedCycles(runs, ordered, scenario, sd, filtered_sd, torque_rms)
-
-
-def cycle_metrics(cycles: RepeatedCycles) -> dict[str, Any]:
-    """Figures by variant; the article's reductions on top; ours against the article's method."""
-    metrics: dict[str, Any] = {key: own.metrics() for key, own in cycles.readings.items()}
-    before, after = metrics[BEFORE], metrics[AFTER]
-    metrics["found_against_initial"] = reductions(before, metrics["found"])
-    metrics["filtered"] = reductions(metrics["initial_filtered"], metrics["optimised_filtered"])
-    metrics["ours_against_article"] = reductions(after, metrics[OURS])
-    metrics["torque_sd_nm"] = cycles.torque_sd
-    metrics["filtered_torque_sd_nm"] = cycles.filtered_torque_sd
-    metrics["filtered_torque_rms_nm"] = cycles.filtered_torque_rms
-    return {**reductions(before, after), **metrics}
 
 
 def noise_alone(robot: Robot, torque_sd: Array) -> dict[str, Any]:
@@ -366,27 +251,6 @@ def torque_figure(cycles: RepeatedCycles) -> "Figure":
             axes[row, column].set_ylabel(f"torque, joint {joint + 1} [N m]")
         axes[2, column].set_xlabel("time [s]")
     figure.suptitle("Two cycles: the first one's torques are tau_d in the second")
-    return figure
-
-
-def force_figure(cycles: RepeatedCycles, k: int, with_reference: bool, limit: float) -> "Figure":
-    """Force along axis k before and after the optimisation (the article's Figs. 16 and 17)."""
-    shown = (BEFORE, AFTER, OURS)
-    figure, axes = new_figure(len(shown), 1, height=2.3 * len(shown) + 0.6, share_x=True)
-    for panel, key, colour in zip(
-        axes[:, 0], shown, (COLOUR["before"], COLOUR["after"], COLOUR["estimate"]), strict=True
-    ):
-        reading = cycles.readings[key]
-        draw_signal(panel, reading.t, reading.force[:, k], colour, "read")
-        if with_reference:
-            draw_signal(panel, reading.t, reading.reference[:, k], COLOUR["truth"], "sensor")
-        draw_band(panel, reading, k, edges=not with_reference)
-        panel.set_title(reading.name)
-        panel.set_ylabel(f"force f{AXES[k]} [N]")
-        if with_reference or key != OURS:
-            panel.set_ylim(-limit, limit)
-        panel.legend(loc="upper center", ncols=3)
-    axes[-1, 0].set_xlabel("time in the second cycle [s]")
     return figure
 
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analyses.experiments.free_motion.identification import ROBOT
-from analyses.experiments.free_motion.repeat_cycle import (
+from analyses.methods.learning.simulated_logs import ROBOT
+from analyses.methods.reading.force_errors import draw_signal, force_metrics, variants_figure
+from analyses.methods.runs.repeated_cycles import (
     AFTER,
     BEFORE,
     OURS,
@@ -20,7 +21,6 @@ from analyses.experiments.free_motion.repeat_cycle import (
     force_figure,
     repeat_cycles,
 )
-from analyses.methods.reading.force_errors import draw_signal, force_metrics, variants_figure
 from analyses.methods.runs.task_runs import PATHS, record_runs
 from analyses.output.figures import COLOUR, new_figure, save_figure
 from analyses.study.experiment import (

@@ -1,6 +1,7 @@
 """Experiment `grinding`: a blade under a varying force, the normal force read (section 5.2)."""
 
-from analyses.methods.runs.machining import MachiningTask, study_machining
+from analyses.methods.runs.machining import MachiningTask
+from analyses.methods.runs.machining_study import study_machining
 from analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
 
 TASK = MachiningTask(

@@ -1,6 +1,7 @@
 """Experiment `polishing`: a plate under a held force, the tangential force read (section 5.1)."""
 
-from analyses.methods.runs.machining import MachiningTask, study_machining
+from analyses.methods.runs.machining import MachiningTask
+from analyses.methods.runs.machining_study import study_machining
 from analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
 
 TASK = MachiningTask(

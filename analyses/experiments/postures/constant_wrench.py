@@ -13,7 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.planning.placement import place
+from analyses.methods.planning.article_paths import (
+    INITIAL_PATH,
+    INITIAL_POSTURE,
+    OPTIMISED_PATH,
+    OPTIMISED_POSTURE,
+    OTHER_ELBOW_POSTURE,
+    branch_start,
+    found_path,
+)
 from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
 from analyses.study.experiment import (
     ComparisonRow,
@@ -23,10 +31,8 @@ from analyses.study.experiment import (
     FigureFile,
 )
 from models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
-from models.identification.identified_model import IdentifiedModel
 from models.motion.inverse_kinematics import follow_path
 from models.motion.paths import StraightPath, there_and_back, thirds, uniform_acceleration
-from models.placement.placement_task import load_task
 from models.rigid_body.conditioning import condition_number
 from models.robot.robot import Robot
 
@@ -39,22 +45,6 @@ AXES = ("mx_nm", "my_nm", "mz_nm", "fx_n", "fy_n", "fz_n")
 ERROR_WIDTH = 0.15  # peak to peak, as a fraction of each joint's own |torque|
 SAMPLES_ONE_WAY = 1500
 NUM_DRAWS, NUM_DRAWS_QUICK = 200, 40
-
-INITIAL_PATH = StraightPath(
-    n_W=np.array([0.0, 1.0, 0.0]),
-    p_WM=np.array([0.5, 0.0, 0.45]),
-    R_WE=np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]),
-)
-OPTIMISED_PATH = StraightPath(
-    n_W=np.array([-0.1720, 0.9851, 0.0]),
-    p_WM=np.array([0.2345, 0.0393, 0.3892]),
-    R_WE=np.diag([1.0, -1.0, -1.0]),
-)
-# Midpoint postures that name a branch. The first two are the article's: the initial maximum of the
-# condition number is met to all digits, the optimised mean to its printed rounding.
-INITIAL_POSTURE = np.array([0.0, -0.26, -0.567, 0.0, 0.827, 0.0])
-OPTIMISED_POSTURE = np.array([0.166, 0.395, -0.943, 0.0, -1.022, 0.166])
-OTHER_ELBOW_POSTURE = np.array([0.166, -2.349, 3.663, 0.0, -2.885, 0.166])
 
 
 @dataclass(frozen=True)
@@ -128,38 +118,6 @@ def constant_wrench(
     return ConstantWrench(*readings)
 
 
-def found_path(
-    robot: Robot, seed: int = 0, model: IdentifiedModel | None = None
-) -> tuple[StraightPath, Array]:
-    """The path that `linear-path` finds, and its posture at the midpoint.
-
-    Its condition numbers do not change when it is turned about the first axis. A wrench in W sees
-    the difference: it is turned so that its midpoint lies straight ahead, like the article's.
-
-    Args:
-        seed: of the search.
-        model: with it, the path whose Bayesian reading has the least force sd for this model's
-            residual covariance, instead of the one with the least mean condition number.
-    """
-    task, source = load_task("linear_path")
-    objective = "jcn" if model is None else "force-sd"
-    best = place(task, source, robot, objective=objective, model=model, seed=seed).best
-    ahead = -float(np.arctan2(best.placement.p_WM[1], best.placement.p_WM[0]))
-    c, s = np.cos(ahead), np.sin(ahead)
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    n_W = turn @ best.placement.n_W
-    posture = best.fine.q[len(best.fine.q) // 2].copy()
-    posture[0] += ahead
-    path = StraightPath(
-        n_W=n_W if n_W[1] > 0.0 else -n_W,
-        p_WM=turn @ best.placement.p_WM,
-        R_WE=turn @ best.placement.R_WE,
-        path_length=task.path_length,
-        num_segments=task.num_segments,
-    )
-    return path, posture
-
-
 def read_along(
     robot: Robot, path: StraightPath, posture: Array, seed: int, num_draws: int
 ) -> PathReadings:
@@ -211,12 +169,6 @@ def read_along(
         max_error=max_error,
         rmse=rmse,
     )
-
-
-def branch_start(robot: Robot, path: StraightPath, posture: Array) -> Array:
-    """(n,) configuration at the start of the path, on the branch of `posture` at its midpoint."""
-    halfway_back = np.linspace(0.5, 0.0, 51)
-    return np.asarray(follow_path(robot, *path.poses(halfway_back), posture)[-1])
 
 
 def _metrics(readings: PathReadings) -> dict[str, Any]:

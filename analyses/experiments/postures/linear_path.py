@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.experiments.postures.constant_wrench import (
+from analyses.methods.planning.article_paths import (
     OPTIMISED_PATH,
     OPTIMISED_POSTURE,
     OTHER_ELBOW_POSTURE,

@@ -36,6 +36,7 @@ from models.estimation.wrench import (
 )
 from models.files.input_error import InputError
 from models.recordings.recording import Recording
+from models.recordings.recording_reader import read_recording
 
 Array = NDArray[np.float64]
 
@@ -153,7 +154,7 @@ def read_pose_logs(data: Path) -> tuple[PoseLog, ...]:
         InputError: a log is missing or damaged, or lacks a signal.
     """
     return tuple(
-        _pose_log(Recording.read(data / FOLDER / f"data_pos_{i}.csv"))
+        _pose_log(read_recording(data / FOLDER / f"data_pos_{i}.csv"))
         for i in range(1, NUM_POSES + 1)
     )
 

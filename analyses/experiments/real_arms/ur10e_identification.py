@@ -9,22 +9,16 @@ shape (`analyses.methods.learning.friction_fit`) has no constant; `lowest_error`
 the lowest error would give.
 """
 
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from analyses.methods.learning.identification import (
-    LAWS,
-    IdentificationConfig,
-    IdentificationResult,
-    TorqueFit,
-    best_law,
-    identify,
-    torque_figure,
-)
+from analyses.methods.learning.identification import IdentificationResult, best_law
+from analyses.methods.learning.identification_config import LAWS, IdentificationConfig
+from analyses.methods.learning.identification_figures import torque_figure
+from analyses.methods.learning.torque_fit import TorqueFit
+from analyses.methods.learning.ur10e_logs import FITTED, FOLDER, VALIDATED, identify_ur10e
 from analyses.output.figures import SERIES, new_figure, save_figure
 from analyses.study.experiment import (
     ComparisonRow,
@@ -33,51 +27,7 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
-from models.recordings.recording import Recording
 from models.robot.robot import Robot
-
-FOLDER = "ur10e"  # below the data folder
-FITTED = (
-    "ur-20_02_10-30sec_12harm.csv",
-    "ur-20_02_12-40sec_12harm.csv",
-    "ur-20_02_12-50sec_12harm.csv",
-)
-VALIDATED = {
-    "14harm50sec": "ur-20_02_19_14harm50sec.csv",
-    "ptp_10_points": "ur-20_01_17-ptp_10_points.csv",
-}
-
-
-def validation_recordings(data: Path, robot: Robot) -> list[Recording]:
-    """The runs of `VALIDATED`, under their short names."""
-    return [
-        replace(Recording.read(data / FOLDER / name, robot=robot), source=key)
-        for key, name in VALIDATED.items()
-    ]
-
-
-def identify_ur10e(
-    data: Path,
-    robot: Robot,
-    config: IdentificationConfig | None = None,
-    progress: Callable[[float, str], None] = lambda fraction, what: None,
-) -> IdentificationResult:
-    """Fits the UR10e's model on the three unloaded runs below `data`.
-
-    The results of the validation logs carry the short names of `VALIDATED`.
-
-    Raises:
-        InputError: a log is missing or damaged.
-    """
-    fitted, validated = (
-        [Recording.read(data / FOLDER / name, robot=robot) for name in names]
-        for names in (FITTED, VALIDATED.values())
-    )
-    result = identify(fitted, robot, validated, config, progress)
-    short = {Path(name).stem: key for key, name in VALIDATED.items()}
-    return replace(
-        result, validation=tuple(replace(fit, name=short[fit.name]) for fit in result.validation)
-    )
 
 
 def run(context: ExperimentContext) -> ExperimentResult:

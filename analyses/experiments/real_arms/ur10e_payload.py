@@ -30,23 +30,31 @@ but the margin to a stated mass may owe something to the choice; `best.point_rul
 rules.
 """
 
-from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.stats import spearmanr
 
-from analyses.experiments.real_arms.ur10e_identification import (
-    FITTED,
-    FOLDER,
-    VALIDATED,
-    identify_ur10e,
+from analyses.methods.learning.identification_config import IdentificationConfig
+from analyses.methods.learning.ur10e_logs import FITTED, FOLDER, VALIDATED, identify_ur10e
+from analyses.methods.reading.known_payload import (
+    AXES,
+    MARGIN,
+    MASS,
+    METHODS,
+    REFERENCE_CUTOFF,
+    TIME_STEP,
+    AtLoad,
+    Reading,
+    Reference,
+    estimate_run,
+    estimator_config,
+    payload_reference,
+    read_at_load,
+    rms,
 )
-from analyses.methods.learning.identification import IdentificationConfig
-from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure, save_figure
+from analyses.methods.reading.payload_figures import force_figure, methods_figure, singular_figure
+from analyses.output.figures import save_figure
 from analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -54,168 +62,27 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
-from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.momentum_observer import MomentumObserverConfig
-from models.estimation.point_of_action import PointOfAction, find_point_of_action, jacobian_at
 from models.estimation.wrench import (
-    WrenchEstimate,
     WrenchReconstruction,
-    WrenchReconstructionConfig,
     evidence_prior,
     evidence_prior_and_noise,
     live_prior,
 )
 from models.identification.identified_model import IdentifiedModel
-from models.recordings.recording import Recording
 from models.robot.robot import Robot
-from models.signals.zero_phase import ZeroPhaseLowPass, derivative
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 LOADED = "ur-20_02_19_14harm50secLoad.csv"
 UNLOADED = VALIDATED["14harm50sec"]
-MASS = 2.805  # kg, of the payload
-TIME_STEP = 0.01  # s
-K_0 = 15.0  # 1/s
-REFERENCE_CUTOFF = 5.0  # Hz, zero-phase, of the kinematics behind the reference
-LEARNING_TIME = 10.0  # s of the loaded run that the point of action is found from
-LEARNING_STRIDE = 5  # samples; the observer's band is far below their rate
 # Whether the force at the point of action has a mean, and the noise a scale of its own.
 POINT_RULES = {
     "mean_and_noise": (True, True),  # the one in use
     "mean": (True, False),
     "neither": (False, False),
 }
-MARGIN = 1.0  # s left out at both ends: the observer's start, the reference's filter
-AXES = ("x", "y", "z")
-SIGMA_68, SIGMA_95 = 1.0, 1.96  # half widths of the bands, in standard deviations
-
-# Every method that is compared, with what sets it apart; the prior of the others, where they have
-# use for one, is the one that the log suggests.
-METHODS: dict[str, WrenchReconstructionConfig] = {
-    "bayesian": WrenchReconstructionConfig("bayesian"),
-    "bayesian_live_prior": WrenchReconstructionConfig("bayesian"),
-    "force_only": WrenchReconstructionConfig("force_only"),
-    "inverse": WrenchReconstructionConfig("inverse"),
-    "damped": WrenchReconstructionConfig("damped", damping=0.2),
-    "truncated": WrenchReconstructionConfig("truncated", truncation=0.05),
-    "truncated_1e_5": WrenchReconstructionConfig("truncated", truncation=1e-5),
-}
-LABELS = {
-    "bayesian": "Bayesian",
-    "bayesian_live_prior": "Bayesian,\nlive prior",
-    "force_only": "force only",
-    "inverse": "inverse\n(eq. 22)",
-    "damped": "damped\n(0.2)",
-    "truncated": "truncated\n(0.05)",
-    "truncated_1e_5": "truncated\n(1e-5)",
-}
-
-
-@dataclass(frozen=True, eq=False)
-class Reference:
-    """The payload's force on the flange, from its mass and the motion alone.
-
-    Attributes:
-        direction: (N, 3) g - a_E in axes of W, m/s^2.
-        force: (N, 3) N, exerted on the robot.
-    """
-
-    direction: Array
-    mass: float = MASS
-
-    @property
-    def force(self) -> Array:
-        return self.mass * self.direction
-
-
-@dataclass(frozen=True, eq=False)
-class Reading:
-    """What one method reads.
-
-    Attributes:
-        force: (N, 3) N in axes of W.
-        deviation: (N, 3) N, as stated.
-        valid: (N,).
-        condition_number: (N,).
-    """
-
-    force: Array
-    deviation: Array
-    valid: Flags
-    condition_number: Array
-
-    @classmethod
-    def of(cls, estimate: WrenchEstimate, fresh: slice) -> "Reading":
-        return cls(
-            estimate.wrench[fresh, 3:],
-            estimate.standard_deviation[fresh, 3:],
-            estimate.valid[fresh],
-            estimate.condition_number[fresh],
-        )
-
-    def metrics(self, reference: Reference) -> dict[str, Any]:
-        """Errors over all samples, and below `valid` over those that are flagged valid."""
-        error = np.linalg.norm(self.force - reference.force, axis=1)
-        worst_deviation = np.linalg.norm(self.deviation, axis=1)
-        return {
-            **self._errors(reference, np.ones(len(self.valid), bool)),
-            "share_valid_pct": 100.0 * float(self.valid.mean()),
-            "valid": self._errors(reference, self.valid),
-            "rank_correlation_with_error": {
-                "stated_sd": float(spearmanr(worst_deviation, error).statistic),
-                "condition_number": float(spearmanr(self.condition_number, error).statistic),
-            },
-        }
-
-    def _errors(self, reference: Reference, rows: Flags) -> dict[str, Any]:
-        names = [f"rmse_f{axis}_n" for axis in AXES]
-        if rows.sum() < 2:
-            keys = (*names, "rmse_n", "max_error_n", "mass_kg", "correlation")
-            return dict.fromkeys((*keys, "inside_68_pct", "inside_95_pct"))
-        force, truth = self.force[rows], reference.force[rows]
-        direction = reference.direction[rows]
-        error = force - truth
-        share = np.abs(error) / self.deviation[rows]
-        return {
-            **dict(zip(names, _rms(error).tolist(), strict=True)),
-            "rmse_n": float(np.sqrt(np.mean(np.sum(error**2, axis=1)))),
-            "max_error_n": float(np.linalg.norm(error, axis=1).max()),
-            "mass_kg": float(np.sum(force * direction) / np.sum(direction**2)),
-            "correlation": [_correlation(f, r) for f, r in zip(force.T, truth.T, strict=True)],
-            "inside_68_pct": 100.0 * np.mean(share <= SIGMA_68, axis=0),
-            "inside_95_pct": 100.0 * np.mean(share <= SIGMA_95, axis=0),
-        }
-
-
-def payload_reference(
-    robot: Robot, recording: Recording, cutoff: float, p_EP: Array | None = None
-) -> Reference:
-    """The force of the payload along a recording on a uniform grid.
-
-    a_E is the second derivative of the position of the flange (or of a point P fixed to it),
-    computed from positions that went through a zero-phase low-pass: no model, no current, no delay.
-    """
-    step = recording.time_step
-    q = ZeroPhaseLowPass(cutoff, step)(recording.q)
-    R_WE, p_WE = robot.chain.pose(q)
-    if p_EP is not None:
-        p_WE = p_WE + R_WE @ p_EP
-    a_E = derivative(derivative(p_WE, step), step)
-    return Reference(np.asarray(robot.gravity) - a_E)
-
-
-def estimator_config() -> WrenchEstimatorConfig:
-    """The estimator of this experiment; the log's current is a sampled continuous signal."""
-    return WrenchEstimatorConfig(
-        observer=MomentumObserverConfig(
-            K_0=[K_0], time_step=TIME_STEP, torque_samples="trapezoidal"
-        )
-    )
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
@@ -225,7 +92,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         context.data, robot, progress=lambda share, what: context.progress(0.3 * share, what)
     ).model
     context.progress(0.3, "estimating over the loaded run")
-    loaded, batch = _estimate(context.data / FOLDER / LOADED, robot, model)
+    loaded, batch = estimate_run(context.data / FOLDER / LOADED, robot, model)
     inner = slice(round(MARGIN / TIME_STEP), -round(MARGIN / TIME_STEP))
     t = loaded.t[inner] - loaded.t[0]
     reference = Reference(payload_reference(robot, loaded, REFERENCE_CUTOFF).direction[inner])
@@ -241,7 +108,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         readings[name] = Reading.of(reconstruction.reconstruct(batch.J, batch.tau_ext), inner)
 
     context.progress(0.7, "the same over an unloaded run")
-    _, empty = _estimate(context.data / FOLDER / UNLOADED, robot, model)
+    _, empty = estimate_run(context.data / FOLDER / UNLOADED, robot, model)
     bayesian = WrenchReconstruction(METHODS["bayesian"].with_prior(*prior), Sigma_tau)
     unloaded = bayesian.reconstruct(empty.J[inner], empty.tau_ext[inner])
     metrics: dict[str, Any] = {
@@ -261,9 +128,9 @@ def run(context: ExperimentContext) -> ExperimentResult:
             "noise_factor": noise_scale,
         },
         "unloaded": {
-            "observed_torque_rms_nm": _rms(empty.tau_ext[inner]),
+            "observed_torque_rms_nm": rms(empty.tau_ext[inner]),
             "stated_torque_sd_nm": np.sqrt(np.diag(Sigma_tau)),
-            "bayesian_force_rms_n": _rms(unloaded.wrench[:, 3:]),
+            "bayesian_force_rms_n": rms(unloaded.wrench[:, 3:]),
         },
         "condition_number": {
             "median": float(np.median(batch.condition_number[inner])),
@@ -325,42 +192,11 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class AtLoad:
-    """The readings at the point where the load acts.
-
-    Attributes:
-        t: (N,) s, of the test part.
-        found: from the part before.
-        prior: force sd (N) and moment sd (N m) of `bayesian_zero_mean`.
-        readings: by method.
-        reference: the payload's force at that point.
-    """
-
-    t: Array
-    found: PointOfAction
-    prior: tuple[float, float]
-    readings: dict[str, Reading]
-    reference: Reference
-
-    def metrics(self) -> dict[str, Any]:
-        return {
-            **{name: one.metrics(self.reference) for name, one in self.readings.items()},
-            "point_m": self.found.p_EP,
-            "mean_force_n": self.found.mean_force_W,
-            "force_sd_n": self.found.force_sd,
-            "moment_sd_nm": self.found.moment_sd,
-            "noise_factor": self.found.noise_scale,
-            "zero_mean_force_sd_n": self.prior[0],
-            "zero_mean_moment_sd_nm": self.prior[1],
-        }
-
-
 def _with_best_law(
     log: Path, robot: Robot, model: IdentifiedModel, reference: Reference
 ) -> tuple[AtLoad, dict[str, Any]]:
     """Readings at the point of action, and the metrics of those at the flange."""
-    loaded, batch = _estimate(log, robot, model)
+    loaded, batch = estimate_run(log, robot, model)
     margin = round(MARGIN / TIME_STEP)
     inner = slice(margin, -margin)
     Sigma_tau = model.residual_covariance
@@ -372,7 +208,7 @@ def _with_best_law(
         flange[name] = reading.metrics(reference)
 
     at_load = {
-        name: _at_load(robot, loaded, batch, Sigma_tau, with_mean, free_noise)
+        name: read_at_load(robot, loaded, batch, Sigma_tau, with_mean, free_noise)
         for name, (with_mean, free_noise) in POINT_RULES.items()
     }
     flange["point_rules"] = {
@@ -385,60 +221,6 @@ def _with_best_law(
         for name, one in at_load.items()
     }
     return at_load["mean_and_noise"], flange
-
-
-def _at_load(
-    robot: Robot,
-    loaded: Recording,
-    batch: EstimateBatch,
-    Sigma_tau: Array,
-    with_mean: bool,
-    free_noise: bool,
-) -> AtLoad:
-    """Finds the point of action from the first seconds and reads the rest there."""
-    margin, until = round(MARGIN / TIME_STEP), round(LEARNING_TIME / TIME_STEP)
-    learnt, test = slice(margin, until), slice(until, -margin)
-    R_WE, _ = robot.chain.pose(loaded.q)
-    every = slice(learnt.start, learnt.stop, LEARNING_STRIDE)
-    found = find_point_of_action(
-        batch.J[every], R_WE[every], batch.tau_ext[every], Sigma_tau, with_mean, free_noise
-    )
-    J = jacobian_at(batch.J, R_WE, found.p_EP)
-    Sigma = found.noise_scale**2 * Sigma_tau
-    own = found.force_sd, found.moment_sd
-    zero_mean = evidence_prior(J[learnt], batch.tau_ext[learnt], Sigma)
-    expected = J[:, 3:].transpose(0, 2, 1) @ found.mean_force_W
-    plain = batch.tau_ext
-    readings = {}
-    for name, config, tau, mean in (
-        ("bayesian", METHODS["bayesian"].with_prior(*own), plain - expected, found.mean_force_W),
-        ("bayesian_zero_mean", METHODS["bayesian"].with_prior(*zero_mean), plain, np.zeros(3)),
-        ("force_only", METHODS["force_only"].with_prior(*zero_mean), plain, np.zeros(3)),
-    ):
-        estimate = WrenchReconstruction(config, Sigma).reconstruct(J[test], tau[test])
-        estimate.wrench[:, 3:] += mean
-        readings[name] = Reading.of(estimate, slice(None))
-    direction = payload_reference(robot, loaded, REFERENCE_CUTOFF, found.p_EP).direction[test]
-    t = loaded.t[test] - loaded.t[0]
-    return AtLoad(t, found, zero_mean, readings, Reference(direction))
-
-
-def _estimate(log: Path, robot: Robot, model: IdentifiedModel) -> tuple[Recording, EstimateBatch]:
-    recording = Recording.read(log, robot=robot).resample(TIME_STEP)
-    estimator = WrenchEstimator(robot, model, estimator_config())
-    state = estimator.initial_state()
-    return recording, estimator.run(state, recording.q, recording.v, recording.current)
-
-
-def _rms(x: Array) -> Array:
-    return np.asarray(np.sqrt(np.mean(x**2, axis=0)))
-
-
-def _correlation(a: Array, b: Array) -> float | None:
-    """None where one of them does not vary."""
-    if np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
-        return None
-    return float(np.corrcoef(a, b)[0, 1])
 
 
 def _notes(metrics: dict[str, Any]) -> list[str]:
@@ -577,123 +359,6 @@ def _saved(figure: "Figure", out: Path, name: str, caption: str) -> FigureFile:
     path = Path("figures") / f"{name}.png"
     save_figure(figure, out / path)
     return FigureFile(path, caption)
-
-
-def force_figure(t: Array, reading: Reading, reference: Reference) -> "Figure":
-    """The three components of the force with their 95 % band, and the truth."""
-    figure, axes = new_figure(3, 1, height=7.4, share_x=True)
-    panels: list[Any] = list(axes[:, 0])
-    everything = slice(None)
-    for i, axis in enumerate(panels):
-        _shade(axis, t, ~reading.valid, "flagged invalid")
-        _draw_reading(axis, t, reading, i, everything)
-        axis.plot(t, reference.force[:, i], color=COLOUR["truth"], lw=1.4, label="payload (truth)")
-        axis.set_ylabel(f"force {AXES[i]} [N]")
-    panels[-1].set_xlabel("time [s]")
-    _legend_above(figure, panels[0])
-    return figure
-
-
-def singular_figure(t: Array, reading: Reading, inverse: Reading, reference: Reference) -> "Figure":
-    """Three seconds around a singular pass; eq. 22 leaves the picture there."""
-    rows = _singular_pass(inverse)
-    figure, axes = new_figure(4, 1, height=8.6, share_x=True)
-    panels: list[Any] = list(axes[:, 0])
-    for i, axis in enumerate(panels[:3]):
-        _shade(axis, t[rows], ~inverse.valid[rows], "eq. 22 flagged invalid")
-        _draw_reading(axis, t, reading, i, rows)
-        axis.plot(t[rows], inverse.force[rows, i], color=COLOUR["before"], lw=1.1, label="eq. 22")
-        axis.plot(t[rows], reference.force[rows, i], color=COLOUR["truth"], label="payload (truth)")
-        axis.set_ylim(-120.0, 120.0)
-        axis.set_ylabel(f"force {AXES[i]} [N]")
-    panels[3].semilogy(t[rows], inverse.condition_number[rows], color=COLOUR["reference"])
-    panels[3].set_ylabel("condition number")
-    panels[3].set_xlabel("time [s]")
-    _legend_above(figure, panels[0])
-    return figure
-
-
-def _singular_pass(inverse: Reading) -> slice:
-    """Rows around a sample where eq. 22 reads more than 300 N, chosen so that as many as possible
-    of the others are valid: there both sides of the flag can be seen.
-    """
-    half = round(1.5 / TIME_STEP)
-    size = np.linalg.norm(inverse.force, axis=1)
-    inside = np.arange(half, len(size) - half)
-    wild = inside[size[inside] > 300.0]
-    centres = wild if len(wild) else inside[[np.argmax(size[inside])]]
-    shares = [inverse.valid[c - half : c + half].mean() for c in centres]
-    centre = int(centres[int(np.argmax(shares))])
-    return slice(centre - half, centre + half + 1)
-
-
-def _shade(axis: Any, t: Array, where: Flags, label: str) -> None:
-    axis.fill_between(
-        t,
-        0,
-        1,
-        where=where,
-        step="mid",
-        color=COLOUR["invalid"],
-        lw=0,
-        zorder=0,
-        transform=axis.get_xaxis_transform(),
-        label=label,
-    )
-
-
-def _draw_reading(axis: Any, t: Array, reading: Reading, i: int, rows: slice) -> None:
-    force, deviation = reading.force[rows, i], SIGMA_95 * reading.deviation[rows, i]
-    colour = COLOUR["estimate"]
-    axis.fill_between(
-        t[rows],
-        force - deviation,
-        force + deviation,
-        color=colour,
-        alpha=BAND_ALPHA,
-        lw=0,
-        label="Bayesian, 95 % band",
-    )
-    axis.plot(t[rows], force, color=colour, lw=1.1, label="Bayesian")
-
-
-def _legend_above(figure: "Figure", axis: Any) -> None:
-    handles, labels = axis.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
-
-
-def methods_figure(metrics: dict[str, Any]) -> "Figure":
-    """Errors per axis and the mass, over all samples and over valid ones, for every method."""
-    figure, axes = new_figure(2, 1, height=6.6, share_x=True)
-    panels: list[Any] = list(axes[:, 0])
-    top, bottom = panels
-    places = np.arange(len(METHODS))
-    valid = {"color": COLOUR["truth"], "markerfacecolor": "white", "ls": "none", "marker": "o"}
-    for i, axis in enumerate(AXES):
-        key, at = f"rmse_f{axis}_n", places + 0.25 * (i - 1)
-        top.bar(at, [metrics[m][key] for m in METHODS], 0.23, color=SERIES[i], label=f"f{axis}")
-        kept = _or_nan(metrics[m]["valid"][key] for m in METHODS)
-        top.plot(at, kept, **valid, label="valid samples only" if i == 0 else None)
-    top.set_yscale("log")
-    top.set_ylim(bottom=2.0)
-    top.set_ylabel("force RMSE [N]")
-    masses = [metrics[m]["mass_kg"] for m in METHODS]
-    bottom.bar(places, np.clip(masses, 0.0, 4.0), 0.6, color=COLOUR["reference"])
-    for place, mass in zip(places, masses, strict=True):
-        bottom.annotate(f"{mass:.2f}", (place, 0.1), ha="center", color="white", weight="bold")
-    bottom.plot(places, _or_nan(metrics[m]["valid"]["mass_kg"] for m in METHODS), **valid)
-    bottom.axhline(MASS, color=COLOUR["truth"], lw=1.2, ls="--", label=f"true mass, {MASS} kg")
-    bottom.set_ylim(0.0, 3.5)
-    bottom.set_ylabel("mass read [kg]")
-    bottom.set_xticks(places, [LABELS[m] for m in METHODS])
-    handles, labels = top.get_legend_handles_labels()
-    line, text = bottom.get_legend_handles_labels()
-    figure.legend(handles + line, labels + text, loc="outside upper center", ncols=5)
-    return figure
-
-
-def _or_nan(values: Iterable[float | None]) -> list[float]:
-    return [float("nan") if value is None else value for value in values]
 
 
 EXPERIMENT = Experiment(

@@ -27,18 +27,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.experiments.free_motion.friction_laws import POSTURES, semi_parametric_model
-from analyses.experiments.free_motion.identification import (
-    CONFIG,
-    PERIODS,
-    identify_simulated_arm,
-    simulate_excitation,
-    stored_excitation,
-)
 from analyses.methods.learning.friction_reversal import reversal_recordings, separate_recordings
 from analyses.methods.learning.friction_training import TrainingConfig
 from analyses.methods.learning.identification import identify
-from analyses.methods.runs.task_runs import repetition_torque
+from analyses.methods.learning.semi_parametric import POSTURES, semi_parametric_model
+from analyses.methods.learning.simulated_identification import CONFIG, identify_simulated_arm
+from analyses.methods.learning.simulated_logs import PERIODS, simulate_excitation, stored_excitation
+from analyses.methods.reading.repetition import repetition_torque
 from analyses.study.shared_results import shared
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.momentum_observer import MomentumObserverConfig

@@ -25,6 +25,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from analyses.methods.learning.identification_config import SELECTIONS
 from models.friction.friction_structure import LARGEST_LOAD, FrictionStructure
 from models.friction.presliding_friction import slip_path
 from models.identification.base_parameters import (
@@ -51,7 +52,6 @@ Array = NDArray[np.float64]
 
 DISPLACEMENTS = (3e-5, 5e-5, 7e-5, 1e-4, 1.4e-4, 2e-4, 3e-4, 5e-4, 1e-3)  # rad or m
 STRIBECK_VELOCITIES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4)  # rad/s or m/s
-SELECTIONS = ("one-standard-error", "lowest-error")
 LOAD_PASSES = 3
 HUBER_PASSES = 4
 STRETCHES = 3  # of a single log, to hold out one by one

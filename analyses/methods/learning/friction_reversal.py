@@ -18,6 +18,7 @@ from models.excitation.friction_reversal import ReversalSamples, reversal_motion
 from models.friction.velocity_friction import CoulombViscous
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
+from models.recordings.resampling import resampled
 from models.robot.motors import current_to_torque
 from models.robot.robot import Robot
 from models.signals.zero_phase import ZeroPhaseLowPass, derivative
@@ -107,7 +108,7 @@ def separate_recordings(
     found: list[list[ReversalSamples]] = [[] for _ in robot.joint_names]
     for k, recording in enumerate(recordings):
         step = float(f"{recording.time_step:.3g}")
-        uniform = recording.resample(step)
+        uniform = resampled(recording, step)
         low_pass = ZeroPhaseLowPass(cutoff, step)
         tau = uniform.tau_J
         if tau is None:
@@ -155,7 +156,7 @@ def reversal_recordings(
         period: s, of the passes; slow ones need a long one, or the drives' own compliance takes up
             the whole travel.
     """
-    from analyses.experiments.free_motion.identification import simulate_motion
+    from analyses.methods.learning.simulated_logs import simulate_motion
 
     recordings = []
     postures = np.atleast_2d(np.asarray(postures, dtype=np.float64))

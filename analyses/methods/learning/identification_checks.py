@@ -1,6 +1,6 @@
-"""Do the logs of an identification contradict each other, or the robot's file?
+"""What makes an identification doubtful: logs that contradict each other or the robot's file.
 
-Two checks on the fit's own reduced rows, made after it: neither changes the model.
+The checks are made after the fit, two of them on its own reduced rows: none changes the model.
 """
 
 from collections.abc import Sequence
@@ -8,8 +8,16 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from models.identification.base_parameters import triangular_factor
+from analyses.methods.learning.friction_fit import FrictionFit, Solution
+from analyses.methods.learning.low_passed_logs import LowPassedLog
+from analyses.methods.learning.torque_fit import TorqueFit, pooled_rmse, rms
+from models.identification.base_parameters import BaseParameters, triangular_factor
+from models.identification.identified_model import (
+    IdentifiedModel,
+)
 from models.identification.torque_regression import INERTIAL_NAMES, TorqueFactors
+from models.recordings.recording import Recording
+from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
@@ -95,3 +103,79 @@ def payload_differences(
         noise = max(1.0, float(np.sum((e - W @ extra) ** 2)) / max(1, factor.num_rows * n))
         deviations.append(np.sqrt(normal[0, 0] * noise * oversampling))
     return np.array(masses), np.array(deviations)
+
+
+# What makes a result doubtful:
+POOR_FIT = 0.5  # share of a joint's torque that stays unexplained
+PAYLOAD_DIFFERENCE = 0.3  # kg between logs; on the UR10e's unloaded runs 0.01
+GAIN_DIFFERENCE = 0.2  # of 1; on the UR10e with plain friction up to 0.1 with right constants
+SURE = 6.0  # standard deviations, which leave out what no model explains
+HIGH_CONDITION_NUMBER = 100.0  # above it, small torque errors move the parameters a lot
+
+
+def repeated_logs(recordings: Sequence[Recording], validation: Sequence[Recording]) -> list[str]:
+    """Warnings for logs that are there twice: the same samples, whatever the file's name."""
+
+    def same(a: Recording, b: Recording) -> bool:
+        return a is b or (np.array_equal(a.t, b.t) and np.array_equal(a.q, b.q))
+
+    return [
+        f"{a.source}: the model was fitted on this log, so its error there validates nothing"
+        for a in validation
+        if any(same(a, b) for b in recordings)
+    ] + [
+        f"{a.source}: given twice, so it counts twice and is no held-out log of the other"
+        for k, a in enumerate(recordings)
+        if any(same(a, b) for b in recordings[:k])
+    ]
+
+
+def contradictions(
+    problem: FrictionFit, solution: Solution, runs: Sequence[LowPassedLog], robot: Robot
+) -> list[str]:
+    """Warnings for logs that contradict each other, and for drives that do."""
+    factors = problem.factors(solution)
+    sd = solution.estimate.residual_sd
+    if len(runs) > 1:
+        masses, sds = payload_differences(factors, solution.x, sd, problem.oversampling)
+        spread, doubt = np.ptp(masses), np.sqrt(2.0) * sds.max()
+        if spread > max(PAYLOAD_DIFFERENCE, SURE * doubt):
+            read = ", ".join(
+                f"{run.name} {mass:+.2f} kg" for run, mass in zip(runs, masses, strict=True)
+            )
+            return [
+                "the payload changes from log to log: beside what all have in common, at the last "
+                f"link {read}; identify from logs with the same payload"
+            ]
+    ratios, sds = gain_ratios(factors, solution.x, sd, problem.oversampling)
+    off = np.abs(ratios - 1.0)
+    wrong = np.flatnonzero((off > GAIN_DIFFERENCE) & (off > SURE * sds))
+    if not wrong.size:
+        return []
+    read = ", ".join(f"{robot.joint_names[j]} {ratios[j]:.2f} times" for j in wrong)
+    return [
+        f"gravity is inconsistent: of the masses that the other joints feel, {read} the torque is "
+        "measured; check torque_per_ampere and the gear ratios of these joints and the next"
+    ]
+
+
+def doubts(fit: Sequence[TorqueFit], base: BaseParameters, model: IdentifiedModel) -> list[str]:
+    names = model.joint_names
+    unexplained = pooled_rmse(fit) / rms(np.vstack([f.measured for f in fit]))
+    found = [
+        f"{names[i]}: {100 * unexplained[i]:.0f} % of its torque stay unexplained; is it a log of "
+        f"'{model.robot}', are its current gains and signs right?"
+        for i in np.flatnonzero(unexplained > POOR_FIT)
+    ]
+    if base.condition_number > HIGH_CONDITION_NUMBER:
+        found.append(
+            "the motion determines the parameters poorly: condition number "
+            f"{base.condition_number:.3g}, good is below {HIGH_CONDITION_NUMBER:g}"
+        )
+    law = model.friction.coulomb_viscous
+    found += [
+        f"{names[i]}: {kind} friction comes out negative, {value[i]:.3g}; do not trust it"
+        for kind, value in (("Coulomb", law.coulomb), ("viscous", law.viscous))
+        for i in np.flatnonzero(value < 0.0)
+    ]
+    return found

@@ -43,7 +43,7 @@ class ExcitationConfig:
 
     measure: str = "condition_number"  # to be small; or log_det, to be large
     base_frequency: float = 0.1  # Hz
-    num_harmonics: int = 5
+    num_harmonics: int = 5  # of the Fourier series
     limits: ExcitationLimits = field(default_factory=ExcitationLimits)
     seed: int = 0  # another seed, another trajectory
     num_starts: int = 12  # random motions drawn; the best is the start

@@ -7,26 +7,26 @@ spread, of external torque and Jacobian; the prior is what explains those best
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, get_args
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from analyses.methods.reading.estimate_config import EstimateConfig, checked_config
+from analyses.methods.reading.estimate_summary import EstimateSummary
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
-from analyses.output.stream_summary import Envelope, EvenSample
+from analyses.output.stream_summary import EvenSample
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.momentum_observer import MomentumObserverConfig
 from models.estimation.wrench import (
     FORCE_SD_RANGE,
-    METHODS,
     WrenchReconstructionConfig,
     evidence_prior,
 )
 from models.estimation.wrench_table import WrenchTableWriter
-from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import RecordingReader
@@ -34,41 +34,14 @@ from models.recordings.resampling import plausible_step, resample_chunks
 from models.robot.robot import Robot
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+
 ProgressCallback = Callable[[float, str], None]
 
-ENGINES = ("batch", "diagram")
-AXES = ("fx", "fy", "fz", "mx", "my", "mz")  # as people read them
-_FORCE_FIRST = [3, 4, 5, 0, 1, 2]
 _CHUNK = 1 << 16  # samples that are worked on at a time
 _PRIOR_SAMPLES = 1 << 12
-_MEDIAN_SAMPLES = 1 << 17
-_FIGURE_BINS = 2000  # about one a pixel
-_BAND = 1.96  # standard deviations: 95 %
-_SINGULAR = 1e12  # condition number: beyond, rounding alone decides its digits
-_SETTLING = 3.0  # time constants of the observer, which starts at zero: 5 % are missing then
-_OUTSIDE_WARNING = 0.01  # share of samples outside the model's ranges
-_UNSURE_WARNING = 0.5  # share of invalid samples
-
-
-@dataclass
-class EstimateConfig:
-    """How a log becomes wrenches."""
-
-    engine: str = "batch"  # "batch": the kernels; "diagram": the same chain as a Drake diagram
-    method: str = "bayesian"  # one of models.estimation.wrench.METHODS
-    K_0: list[float] = field(default_factory=lambda: [20.0])  # 1/s; one for all joints, or each
-    prior_force_sd: float | None = None  # N; None: the log's evidence
-    prior_moment_sd: float | None = None  # N m about E; None: the log's evidence
-    max_force_sd: float | None = None  # N, of a valid reading; None: see models.estimation.wrench
-    damping: float = 0.2  # of the method "damped"
-    truncation: float = 0.05  # of the method "truncated"
-    time_step: float = 0.0  # s, of the grid that the log is resampled on; 0: its median step
-    max_gap: float = 0.0  # s, longest gap that is bridged; 0: 0.1 s or three steps
-    check: bool = True  # hold the log against the robot's limits and gravity
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +91,7 @@ def estimate_log(
     figures/wrench.png.
 
     Args:
-        log: as `Recording.read`.
+        log: as `read_recording`.
         robot_name: a bundled robot or a robot.yaml.
         model_path: a model.yaml; None: what the robot's own files state, without friction.
         log_format: description of the log's columns.
@@ -129,7 +102,7 @@ def estimate_log(
     """
     with result_folder(out, "estimate") as folder:
         robot = Robot.load(robot_name)
-        config = _checked(config or EstimateConfig(), robot)
+        config = checked_config(config or EstimateConfig(), robot)
         if model_path is None:
             model = IdentifiedModel.nominal(robot)
         else:
@@ -181,7 +154,7 @@ def estimate(
         config, rule = _with_evidence(read(), robot, model, config, part, warnings)
     reader = read()
     part = _Part(progress, 0.4 * (num_passes - 1), 1.0, "estimating")
-    summary = _Summary(model)
+    summary = EstimateSummary(model)
     engine: _Engine | None = None
     with WrenchTableWriter(out / "wrench.csv") as table:
         for chunk in _uniform(reader, config, part):
@@ -207,32 +180,6 @@ def estimate(
         table=out / "wrench.csv",
         _metrics=metrics,
     )
-
-
-def _checked(config: EstimateConfig, robot: Robot) -> EstimateConfig:
-    def refuse(option: str, problem: str, remedy: str) -> InputError:
-        return InputError("estimate", option, problem, remedy)
-
-    if config.engine not in ENGINES:
-        raise refuse("engine", f'unknown engine "{config.engine}"', f"give {' or '.join(ENGINES)}")
-    methods = METHODS if isinstance(METHODS, tuple) else get_args(METHODS)
-    if config.method not in methods:
-        raise refuse("method", f'unknown method "{config.method}"', f"give {', '.join(methods)}")
-    if len(config.K_0) not in (1, robot.num_joints):
-        raise refuse(
-            "K_0", f"has {len(config.K_0)} values", f"give one, or one a joint ({robot.num_joints})"
-        )
-    if not all(np.isfinite(K_0) and K_0 > 0 for K_0 in config.K_0):
-        raise refuse("K_0", "is not positive", "give the observer's gain in 1/s, such as 20")
-    for name in ("prior_force_sd", "prior_moment_sd", "max_force_sd"):
-        value = getattr(config, name)
-        if value is not None and not (np.isfinite(value) and value > 0):
-            raise refuse(name, f"is {value}, expected a positive number", "give N or N m")
-    for name in ("damping", "truncation", "time_step", "max_gap"):
-        value = getattr(config, name)
-        if not (np.isfinite(value) and value >= 0):
-            raise refuse(name, f"is {value}, expected zero or more", "leave it out for the default")
-    return config
 
 
 def _has_prior(config: EstimateConfig) -> bool:
@@ -348,223 +295,3 @@ class _Part:
 
     def __call__(self, fraction: float) -> None:
         self._report(self._begin + fraction * (self._end - self._begin), self._what)
-
-
-class _Moments:
-    """Sums over samples of a wrench and its standard deviation, force first."""
-
-    def __init__(self) -> None:
-        self.count = 0
-        self._sum = np.zeros(6)
-        self._squares = np.zeros(6)
-        self._sd = np.zeros(6)
-        self._largest = np.zeros(6)
-
-    def add(self, wrench: Array, sd: Array) -> None:
-        if not len(wrench):
-            return
-        self.count += len(wrench)
-        self._sum += wrench.sum(axis=0)
-        self._squares += (wrench**2).sum(axis=0)
-        self._sd += sd.sum(axis=0)
-        self._largest = np.maximum(self._largest, np.abs(wrench).max(axis=0))
-
-    def metrics(self) -> dict[str, Any]:
-        """Per axis; null where there is no sample."""
-        result: dict[str, Any] = {}
-        for k, axis in enumerate(AXES):
-            unit = "n" if axis.startswith("f") else "nm"
-            values = {
-                "mean": self._sum[k] / self.count if self.count else None,
-                "rms": np.sqrt(self._squares[k] / self.count) if self.count else None,
-                "max_abs": self._largest[k] if self.count else None,
-                "mean_sd": self._sd[k] / self.count if self.count else None,
-            }
-            result[axis] = {f"{name}_{unit}": value for name, value in values.items()}
-        return result
-
-
-class _Summary:
-    """What metrics and figure need, gathered chunk by chunk."""
-
-    def __init__(self, model: IdentifiedModel) -> None:
-        self._model = model
-        self.count = 0
-        self.num_valid = 0
-        self._num_invalid = {"settling": 0, "dropout": 0, "unsure": 0}
-        self._first = 0.0
-        self._last = 0.0
-        self._num_singular = 0
-        self._largest_condition = 0.0
-        self._condition = EvenSample(_MEDIAN_SAMPLES)
-        self._all = _Moments()
-        self._of_valid = _Moments()
-        n = len(model.joint_names)
-        self._outside = {"q": np.zeros(n), "v": np.zeros(n), "tau": np.zeros(n)}
-        self._outside_motion = 0
-        self._envelope = Envelope(_FIGURE_BINS)
-        self._valid_range = np.stack([np.full(6, np.inf), np.full(6, -np.inf)])
-
-    def judge(self, chunk: Recording, batch: EstimateBatch, config: EstimateConfig) -> Flags:
-        """(N,) which samples of the next chunk may be trusted; counts why others may not."""
-        index = self.count + np.arange(chunk.num_samples)
-        settling = index * config.time_step < _SETTLING / min(config.K_0)  # flagged by the observer
-        dropout = chunk.dropout & ~settling
-        unsure = ~batch.valid & ~dropout & ~settling
-        for name, reason in (("settling", settling), ("dropout", dropout), ("unsure", unsure)):
-            self._num_invalid[name] += int(reason.sum())
-        return np.asarray(batch.valid & ~chunk.dropout)
-
-    def add(
-        self, chunk: Recording, batch: EstimateBatch, sd: Array, valid: Flags, torque: Array
-    ) -> None:
-        if not chunk.num_samples:
-            return
-        if not self.count:
-            self._first = float(chunk.t[0])
-        self._last = float(chunk.t[-1])
-        self.count += chunk.num_samples
-        self.num_valid += int(valid.sum())
-        condition = batch.condition_number
-        self._condition.add(condition)
-        regular = condition < _SINGULAR
-        self._num_singular += int((~regular).sum())
-        largest = float(condition.max(initial=0.0, where=regular))
-        self._largest_condition = max(self._largest_condition, largest)
-        wrench, sd = batch.wrench[:, _FORCE_FIRST], sd[:, _FORCE_FIRST]
-        self._all.add(wrench, sd)
-        self._of_valid.add(wrench[valid], sd[valid])
-        self._add_outside(chunk, torque)
-        lower, upper = wrench - _BAND * sd, wrench + _BAND * sd
-        self._envelope.add(
-            np.concatenate([wrench, lower], axis=1),
-            np.concatenate([wrench, upper], axis=1),
-            np.stack([chunk.t - self._first, ~valid], axis=1),
-        )
-        if valid.any():
-            self._valid_range[0] = np.minimum(self._valid_range[0], lower[valid].min(axis=0))
-            self._valid_range[1] = np.maximum(self._valid_range[1], upper[valid].max(axis=0))
-
-    def _add_outside(self, chunk: Recording, torque: Array) -> None:
-        ranges = self._model.validity
-        outside = np.zeros(chunk.num_samples, bool)
-        if ranges.q_min and ranges.q_max:
-            q = (chunk.q < np.array(ranges.q_min)) | (chunk.q > np.array(ranges.q_max))
-            self._outside["q"] += q.sum(axis=0)
-            outside |= q.any(axis=1)
-        if ranges.v_max:
-            v = np.abs(chunk.v) > np.array(ranges.v_max)
-            self._outside["v"] += v.sum(axis=0)
-            outside |= v.any(axis=1)
-        if ranges.tau_max:
-            self._outside["tau"] += (np.abs(torque) > np.array(ranges.tau_max)).sum(axis=0)
-        self._outside_motion += int(outside.sum())
-
-    def metrics(self, config: EstimateConfig, rule: str) -> dict[str, Any]:
-        share = 100.0 / self.count
-        return {
-            "num_samples": self.count,
-            "duration_s": self._last - self._first,
-            "time_step_s": config.time_step,
-            "valid_pct": share * self.num_valid,
-            "invalid": {
-                "observer_settling_pct": share * self._num_invalid["settling"],
-                "bridged_dropout_pct": share * self._num_invalid["dropout"],
-                "force_too_uncertain_pct": share * self._num_invalid["unsure"],
-            },
-            "prior": {
-                "force_sd_n": config.prior_force_sd,
-                "moment_sd_nm": config.prior_moment_sd,
-                "rule": rule,
-            },
-            "condition_number": {
-                "median": float(np.median(self._condition.values())),
-                "max": self._largest_condition,  # where J is not singular
-                "singular_pct": share * self._num_singular,
-            },
-            "wrench": self._all.metrics(),
-            "valid": {"wrench": self._of_valid.metrics()},
-            "outside_model": {
-                "motion_pct": share * self._outside_motion,
-                **{f"{name}_pct": share * count for name, count in self._outside.items()},
-            },
-        }
-
-    def warnings(self) -> list[str]:
-        found = []
-        outside = self._outside_motion / self.count
-        if outside > _OUTSIDE_WARNING:
-            worst = {
-                name: self._model.joint_names[int(np.argmax(self._outside[name]))]
-                for name in ("q", "v")
-                if self._outside[name].any()
-            }
-            where = " and ".join(
-                f"{'position' if name == 'q' else 'speed'} of {joint}"
-                for name, joint in worst.items()
-            )
-            found.append(
-                f"{100 * outside:.1f} % of the samples lie outside the motion that the model was "
-                f"identified on (mostly {where}): it extrapolates there"
-            )
-        unsure = self._num_invalid["unsure"] / self.count
-        if unsure > _UNSURE_WARNING:
-            found.append(
-                f"{100 * unsure:.0f} % of the samples say less about the force than the prior: "
-                "noise, posture or model do not allow more"
-            )
-        return found
-
-    def figure(self) -> "Figure":
-        from analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
-
-        low, high, mean = self._envelope.values()
-        t, is_invalid = mean[:, 0], mean[:, 1] > 0.5
-        figure, axes = new_figure(3, 2, share_x=True)
-        for k, axis in enumerate(AXES):
-            panel: Any = axes[k % 3, k // 3]
-            unit = "N" if axis.startswith("f") else "N m"
-            panel.fill_between(
-                t,
-                low[:, 6 + k],
-                high[:, 6 + k],
-                color=COLOUR["estimate"],
-                alpha=BAND_ALPHA,
-                lw=0,
-                label="95 % band",
-            )
-            # The extremes of each stretch, in turn: one line that shows every peak of a long log.
-            panel.plot(
-                t.repeat(2),
-                np.stack([low[:, k], high[:, k]], axis=1).ravel(),
-                color=COLOUR["estimate"],
-                lw=0.9,
-                label="estimate",
-            )
-            panel.set_ylabel(f"{axis[0]}$_{axis[1]}$ [{unit}]")
-            panel.set_ylim(*self._limits(k, low, high))
-            _shade(panel, t, is_invalid, COLOUR["invalid"])
-            if k % 3 == 2:
-                panel.set_xlabel("time [s]")
-        handles, labels = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=3)
-        figure.suptitle("Wrench of the environment on the robot, at E in axes of W")
-        return figure
-
-    def _limits(self, k: int, low: Array, high: Array) -> tuple[float, float]:
-        """Range of y that shows the valid samples; an invalid one may read anything."""
-        bottom, top = self._valid_range[:, k]
-        if not np.isfinite(bottom):
-            bottom, top = np.percentile(low[:, k], 2), np.percentile(high[:, k], 98)
-        margin = 0.05 * (top - bottom) or 1.0
-        return float(bottom - margin), float(top + margin)
-
-
-def _shade(panel: Any, t: Array, is_invalid: Flags, colour: str) -> None:
-    """Marks the stretches that hold invalid samples."""
-    padded = np.concatenate([[False], is_invalid, [False]]).astype(np.int8)
-    begins, ends = np.flatnonzero(np.diff(padded) == 1), np.flatnonzero(np.diff(padded) == -1) - 1
-    half = 0.5 * float(np.median(np.diff(t))) if len(t) > 1 else 0.5
-    for index, (begin, end) in enumerate(zip(begins, ends, strict=True)):
-        label = "not valid" if index == 0 else None
-        panel.axvspan(t[begin] - half, t[end] + half, color=colour, lw=0, zorder=0, label=label)

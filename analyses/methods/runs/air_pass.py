@@ -11,6 +11,8 @@ from dataclasses import replace
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
+from analyses.methods.advance import advance, even_stretches
+from analyses.methods.learning.simulated_logs import TRACKING
 from diagrams.closed_loop import make_closed_loop
 from diagrams.scenario import HoldMotion, Scenario
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
@@ -22,12 +24,9 @@ from models.motion.paths import JointTrajectory
 from models.recordings.recording import Recording
 from models.robot.motors import motor_gain
 from models.robot.robot import Robot
-from systems.joint_tracking_controller import JointTrackingConfig
 
 ProgressCallback = Callable[[float, str], None]
 
-# As stiff as servo drives are: with less, dry friction lets slow joints stick and slip.
-_DRIVES = JointTrackingConfig(kp=[4e4], kd=[400.0], ki=[2e6], integral_limit=[400.0])
 _STRETCH = 1.0  # s between two reports of progress
 
 
@@ -50,7 +49,7 @@ def record_air_pass(
         duration=motion.duration,
         seed=seed,
         motion=HoldMotion(),
-        controller=_DRIVES,
+        controller=TRACKING,
         machining=None,
         workpiece=None,
         force_torque_sensor=None,
@@ -67,10 +66,11 @@ def record_air_pass(
     )
     simulator = Simulator(loop.diagram)
     simulator.Initialize()
-    count = max(1, round(free.duration / _STRETCH))
-    for k in range(count):
-        simulator.AdvanceTo(free.duration * (k + 1) / count)
-        progress((k + 1) / count, "air pass")
+    advance(
+        simulator,
+        even_stretches(free.duration, _STRETCH),
+        lambda share: progress(share, "air pass"),
+    )
     t, signals = loop.logged(simulator.get_context())
     return Recording(
         t=t, q=signals["q"], v=signals["v"], current=signals["current"], source="air pass"

@@ -5,10 +5,8 @@ and the estimator watches. Both know a model only. What is written can be looked
 recording), read by a program (metrics) and fed to `estimate` (log.csv).
 """
 
-import gc
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,13 +17,14 @@ from pydrake.common.yaml import yaml_dump_typed
 from pydrake.systems.analysis import Simulator
 from scipy.optimize import nnls
 
+from analyses.methods.advance import advance
 from analyses.methods.runs.air_pass import record_air_pass, teach
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from diagrams.closed_loop import ClosedLoop, make_closed_loop
 from diagrams.graph import write_graph
 from diagrams.machining import longest_duration, make_machining_path, view_of
-from diagrams.pages.run_page import make_meshcat, start_recording, write_recording
+from diagrams.pages.run_page import make_meshcat, start_recording, write_page
 from diagrams.robot_cell import true_friction
 from diagrams.scenario import Scenario, check_scenario, load_scenario, make_trajectory
 from models.files.input_error import InputError
@@ -35,6 +34,7 @@ from models.machining.air_pass import raised_motion
 from models.machining.machining_phases import FAULT_SENTENCES, Fault, Phase
 from models.motion.paths import JointTrajectory
 from models.recordings.recording import Recording
+from models.recordings.recording_writer import write_recording
 from models.robot.robot import Robot
 from systems.impedance_controller import ImpedanceConfig
 
@@ -309,7 +309,7 @@ def _simulate_into(
     progress(1.0, "writing")
     files = list(result.files)
     files.append(folder / "log.csv")
-    result.recording().to_csv(files[-1])
+    write_recording(result.recording(), files[-1])
     files.append(folder.write_figure("wrench", result.figure()))
     text = yaml_dump_typed(scenario, child_name=name)
     files.append(folder.write_text("scenario.yaml", text))
@@ -389,7 +389,7 @@ def simulate(
         start_recording(meshcat, scenario.recording.fps)
     elapsed = _advance(simulator, scenario, robot, loop, progress)
     if meshcat is not None and recording is not None:
-        write_recording(meshcat, recording, title)
+        write_page(meshcat, recording, title)
         files.append(recording)
     t, signals = loop.logged(simulator.get_context())
     for name in ("progress", "feed_time"):
@@ -461,40 +461,29 @@ def _advance(
     duration = scenario.duration
     plant, fastest = loop.cell.plant, _TOO_FAST * robot.velocity_limit
     started = time.perf_counter()
-    with _no_garbage_collection():
-        for k in range(1, int(np.ceil(duration / _STRETCH)) + 1):
-            until = min(k * _STRETCH, duration)
-            try:
-                simulator.AdvanceTo(until)
-                velocity = plant.GetVelocities(plant.GetMyContextFromRoot(simulator.get_context()))
-                # Not `>`: what is not a number is too fast as well.
-                diverges = not np.all(np.abs(velocity) < fastest)
-            except RuntimeError:  # the contact solver gives up
-                diverges = True
-            if diverges:
-                raise InputError(
-                    "scenario",
-                    "",
-                    f"the motion diverges before {until:.1f} s",
-                    "lower the controller's gains, the wrench or the time_step",
-                )
-            progress(until / duration, f"{until:.1f} s of {duration:g} s")
-    return time.perf_counter() - started
+    count = int(np.ceil(duration / _STRETCH))
+    ends = [min(k * _STRETCH, duration) for k in range(1, count + 1)]
+    passed: list[float] = []
 
+    def judge(share: float) -> None:
+        velocity = plant.GetVelocities(plant.GetMyContextFromRoot(simulator.get_context()))
+        # Not `>`: what is not a number is too fast as well.
+        if not np.all(np.abs(velocity) < fastest):
+            raise RuntimeError("faster than any arm")
+        until = ends[len(passed)]
+        passed.append(until)
+        progress(until / duration, f"{until:.1f} s of {duration:g} s")
 
-@contextmanager
-def _no_garbage_collection() -> Iterator[None]:
-    """Every tick makes some hundred short-lived objects, all freed by reference counting.
-
-    The collector would go through the whole heap for them again and again, at a tenth of the time.
-    """
-    enabled = gc.isenabled()
-    gc.disable()
     try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
+        advance(simulator, ends, judge)
+    except RuntimeError:  # from above, or the contact solver gives up
+        raise InputError(
+            "scenario",
+            "",
+            f"the motion diverges before {ends[len(passed)]:.1f} s",
+            "lower the controller's gains, the wrench or the time_step",
+        ) from None
+    return time.perf_counter() - started
 
 
 def _errors(reading: Array, truth: Array) -> dict[str, float]:

@@ -10,7 +10,6 @@ Three paths: the article's initial and optimised one (section 4.3), and the one 
 finds, turned about the first axis to lie straight ahead.
 """
 
-import gc
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,9 +17,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
-from scipy.signal import lfilter
 
-from analyses.experiments.postures.constant_wrench import (
+from analyses.methods.advance import advance, even_stretches
+from analyses.methods.planning.article_paths import (
     INITIAL_PATH,
     INITIAL_POSTURE,
     OPTIMISED_PATH,
@@ -29,6 +28,7 @@ from analyses.experiments.postures.constant_wrench import (
     found_path,
 )
 from analyses.methods.reading.force_errors import ForceReading
+from analyses.methods.reading.repetition import repetition_torque
 from analyses.study.experiment import FigureFile
 from diagrams.closed_loop import make_closed_loop
 from diagrams.pages.path_page import PathMotion, record_paths
@@ -39,10 +39,10 @@ from models.estimation.wrench import WrenchReconstruction
 from models.identification.identified_model import IdentifiedModel
 from models.motion.paths import StraightPath
 from models.recordings.recording import Recording
-from models.robot.motors import current_to_torque
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
+
 ProgressCallback = Callable[[float, str], None]
 
 PATHS = ("initial", "optimised", "found")
@@ -192,16 +192,11 @@ def run_task(
     )
     simulator = Simulator(loop.diagram)
     simulator.Initialize()
-    count = max(1, round(scenario.duration / _STRETCH))
-    collecting = gc.isenabled()
-    gc.disable()  # see analyses.methods.runs.simulation
-    try:
-        for k in range(count):
-            simulator.AdvanceTo(scenario.duration * (k + 1) / count)
-            progress((k + 1) / count, f"simulating, {name} path")
-    finally:
-        if collecting:
-            gc.enable()
+    advance(
+        simulator,
+        even_stretches(scenario.duration, _STRETCH),
+        lambda share: progress(share, f"simulating, {name} path"),
+    )
     t, signals = loop.logged(simulator.get_context())
     recording = Recording(
         t=t, q=signals["q"], v=signals["v"], current=signals["current"], source=name
@@ -256,26 +251,6 @@ def read_run(name: str, run: TaskRun, estimator: WrenchEstimator) -> ForceReadin
         run.reference[settled],
         run.condition_number[settled],
     )
-
-
-def repetition_torque(
-    recording: Recording, robot: Robot, period: int, K_0: float | None = None
-) -> Array:
-    """tau_ext (T - period, n) in N m by eq. 4: torque one period ago (tau_d) minus torque now.
-
-    In our sign: what the environment exerts, positive along the motion it causes.
-
-    Args:
-        recording: of a motion that repeats itself.
-        period: samples.
-        K_0: 1/s, of a first-order low-pass as the momentum observer's; None: raw, as eq. 4 stands.
-    """
-    tau = current_to_torque(recording.current, robot.torque_per_ampere, robot.current_sign)
-    tau_ext = tau[:-period] - tau[period:]
-    if K_0 is None:
-        return np.asarray(tau_ext)
-    pole = float(np.exp(-K_0 * recording.time_step))
-    return np.asarray(lfilter([1.0 - pole], [1.0, -pole], tau_ext, axis=0))
 
 
 def read_repetition(

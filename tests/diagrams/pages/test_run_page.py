@@ -5,7 +5,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from diagrams.closed_loop import make_closed_loop
-from diagrams.pages.run_page import FORCE_ARROWS, make_meshcat, start_recording, write_recording
+from diagrams.pages.run_page import FORCE_ARROWS, make_meshcat, start_recording, write_page
 from diagrams.scenario import load_scenario
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
@@ -29,7 +29,7 @@ def test_a_run_becomes_one_page_with_arm_arrows_and_legend(robot, tmp_path):
     start_recording(meshcat, scenario.recording.fps)
     simulator.AdvanceTo(scenario.duration)
     path = tmp_path / "run.html"
-    write_recording(meshcat, path, "Polish <& press>")
+    write_page(meshcat, path, "Polish <& press>")
     page = path.read_text()
     assert page.rstrip().endswith("</html>")
     assert "Polish &lt;&amp; press&gt;" in page
@@ -51,5 +51,5 @@ def test_the_two_forces_can_be_told_apart():
 def test_nothing_is_left_where_it_cannot_be_written(robot, tmp_path):
     meshcat = make_meshcat(robot, [0.35, 0.0, 0.3])
     with pytest.raises(InputError, match="cannot be written"):
-        write_recording(meshcat, tmp_path / "none" / "run.html", "x")
+        write_page(meshcat, tmp_path / "none" / "run.html", "x")
     assert not list(tmp_path.iterdir())

@@ -10,7 +10,7 @@ import pytest
 from models.files.files_read import about_to_read, told_of_files_read
 from models.files.input_error import InputError
 from models.motion.surface_path import SurfacePath
-from models.recordings.recording import Recording
+from models.recordings.recording_reader import read_recording
 from models.robot.robot import Robot
 
 
@@ -36,7 +36,7 @@ def test_a_refusal_comes_before_the_file_is_opened(tmp_path):
 
     (tmp_path / "log.csv").write_text("no log at all")
     with told_of_files_read(refuse), pytest.raises(InputError, match="must not be read"):
-        Recording.read(tmp_path / "log.csv")
+        read_recording(tmp_path / "log.csv")
 
 
 def test_a_robot_s_files_are_told():
@@ -51,7 +51,7 @@ def test_a_log_and_its_description_are_told(tmp_path, name):
     else:
         pq.write_table(pa.table({"t": t, "a": t}), tmp_path / name)
     (tmp_path / "format.yaml").write_text("time: {columns: t}\nextra: {a: {columns: a}}\n")
-    told = _told(lambda: Recording.read(tmp_path / name, tmp_path / "format.yaml"))
+    told = _told(lambda: read_recording(tmp_path / name, tmp_path / "format.yaml"))
     assert set(told) == {name, "format.yaml"}
 
 

@@ -8,6 +8,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from models.recordings.recording import Recording, concatenated
+from models.recordings.recording_reader import read_recording
+from models.recordings.recording_writer import write_recording
 
 
 def _recording(num_samples: int = 50, num_joints: int = 3) -> Recording:
@@ -31,8 +33,8 @@ def _recording(num_samples: int = 50, num_joints: int = 3) -> Recording:
 def test_a_file_reads_back_exactly(tmp_path: Path, ending: str) -> None:
     recording = _recording()
     path = tmp_path / f"log.{ending}"
-    getattr(recording, f"to_{ending}")(path)
-    again = Recording.read(path)
+    write_recording(recording, path)
+    again = read_recording(path)
     for name in ("t", "q", "v", "current", "tau_J", "dropout"):
         np.testing.assert_array_equal(getattr(again, name), getattr(recording, name))
     np.testing.assert_array_equal(again.extra["wrench_true"], recording.extra["wrench_true"])
@@ -40,13 +42,13 @@ def test_a_file_reads_back_exactly(tmp_path: Path, ending: str) -> None:
 
 def test_the_csv_is_what_the_estimator_documents(tmp_path: Path) -> None:
     plain = replace(_recording(12, 2), tau_J=None, dropout=np.zeros(0, bool), extra={})
-    plain.to_csv(tmp_path / "log.csv")
+    write_recording(plain, tmp_path / "log.csv")
     lines = (tmp_path / "log.csv").read_text().splitlines()
     assert lines[0] == "t,q1,q2,v1,v2,i1,i2"
     expected = np.c_[plain.t, plain.q, plain.v, plain.current]
     written = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
     np.testing.assert_array_equal(written, expected)
-    plain.to_parquet(tmp_path / "log.parquet")
+    write_recording(plain, tmp_path / "log.parquet")
     assert pq.read_table(tmp_path / "log.parquet").column_names == lines[0].split(",")
 
 

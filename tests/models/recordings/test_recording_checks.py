@@ -5,14 +5,16 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from models.files.input_error import InputError
 from models.recordings.recording import Recording
-from models.recordings.recording_checks import RecordingChecks, check_plausible
+from models.recordings.recording_checks import RecordingChecks
 from models.recordings.recording_format import ColumnLayout, Signal
+from models.recordings.recording_reader import read_recording
 
 _DATA = Path(__file__).parents[4] / "shared" / "data"
 _GAIN = np.array([10.0, 5.0])  # N m/A
@@ -39,6 +41,10 @@ def _robot() -> SimpleNamespace:
         current_sign=_SIGN,
         chain=SimpleNamespace(gravity_torque=_gravity, prismatic=np.zeros(2, bool)),
     )
+
+
+def _check_plausible(recording: Recording, robot: Any) -> None:
+    RecordingChecks(robot).feed(recording)
 
 
 def _log(duration: float = 6.0, step: float = 0.004) -> Recording:
@@ -88,21 +94,21 @@ def test_a_plausible_log_passes(num_chunks: int) -> None:
     edges = np.linspace(0, log.num_samples, num_chunks + 1).astype(int)
     for a, b in itertools.pairwise(edges):
         checks.feed(log[a:b])
-    check_plausible(log, _robot())
+    _check_plausible(log, _robot())
 
 
 def test_a_log_at_rest_passes() -> None:
     log = _log()
     rest = replace(log, q=np.full_like(log.q, 0.3), v=0.002 * np.sin(np.outer(log.t, [70, 90])))
     current = np.broadcast_to(_gravity(rest.q) / (_GAIN * _SIGN), log.q.shape)
-    check_plausible(replace(rest, current=current), _robot())
+    _check_plausible(replace(rest, current=current), _robot())
 
 
 def test_a_small_excess_of_a_soft_limit_passes() -> None:
     log = _log()
     robot = _robot()
     robot.position_upper = np.array([0.8, 0.5])
-    check_plausible(log, robot)
+    _check_plausible(log, robot)
 
 
 def test_degrees() -> None:
@@ -199,7 +205,7 @@ def test_a_load_does_not_turn_the_sign() -> None:
     log = _log()
     load = np.stack([0.8 * _gravity(log.q)[:, 0], np.zeros(log.num_samples)], axis=1)
     for factor in (-1.0, 1.0):
-        check_plausible(
+        _check_plausible(
             replace(log, current=log.current + factor * load / (_GAIN * _SIGN)), _robot()
         )
 
@@ -215,17 +221,17 @@ def test_real_logs_pass_and_their_distortions_do_not() -> None:
 
     robot = Robot.load("ur10e")
     for name in _LOGS:
-        recording = Recording.read(_DATA / "ur10e" / name, robot=robot)
-        check_plausible(recording, robot)
+        recording = read_recording(_DATA / "ur10e" / name, robot=robot)
+        _check_plausible(recording, robot)
         degrees = replace(recording, q=np.rad2deg(recording.q), v=np.rad2deg(recording.v))
         with pytest.raises(InputError, match="degrees"):
-            check_plausible(degrees, robot)
+            _check_plausible(degrees, robot)
         with pytest.raises(InputError, match=r"dq/dt|but the joint reaches"):
-            check_plausible(replace(recording, v=np.rad2deg(recording.v)), robot)
+            _check_plausible(replace(recording, v=np.rad2deg(recording.v)), robot)
         turned = replace(recording, current=-recording.current)
         if np.sqrt(np.mean(robot.chain.gravity_torque(recording.q) ** 2)) < 5:
             continue  # an upright arm carries no gravity: nothing tells the sign
         with pytest.raises(InputError, match="pulls with gravity"):
-            check_plausible(turned, robot)
+            _check_plausible(turned, robot)
         with pytest.raises(InputError, match="mA"):
-            check_plausible(replace(recording, current=1000 * recording.current), robot)
+            _check_plausible(replace(recording, current=1000 * recording.current), robot)

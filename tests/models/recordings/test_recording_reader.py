@@ -16,7 +16,7 @@ import pytest
 from models.files.input_error import InputError
 from models.recordings import text_table
 from models.recordings.recording import Recording
-from models.recordings.recording_reader import RecordingReader
+from models.recordings.recording_reader import RecordingReader, read_recording
 
 _DATA = Path(__file__).parents[4] / "shared" / "data"
 _NUM_ROWS = 40
@@ -61,7 +61,7 @@ def _description(tmp_path: Path, text: str = "") -> Path:
 
 def _refused(path: Path, *words: str, description: Path | None = None) -> None:
     with pytest.raises(InputError) as caught:
-        Recording.read(path, description)
+        read_recording(path, description)
     line = str(caught.value)
     assert "\n" not in line
     assert path.name in line
@@ -73,7 +73,7 @@ def _refused(path: Path, *words: str, description: Path | None = None) -> None:
 
 
 def test_a_csv_with_the_plain_header(tmp_path: Path) -> None:
-    recording = Recording.read(_good(tmp_path))
+    recording = read_recording(_good(tmp_path))
     _same(recording, _table())
     assert recording.notices == ()
     assert not recording.dropout.any()
@@ -111,7 +111,7 @@ def test_small_blocks_read_the_same(
 def test_harmless_variants(tmp_path: Path, change: Callable[[bytes], bytes]) -> None:
     path = _good(tmp_path)
     path.write_bytes(change(path.read_bytes()))
-    recording = Recording.read(path)
+    recording = read_recording(path)
     _same(recording, _table())
     assert recording.notices == ()
 
@@ -120,20 +120,20 @@ def test_columns_in_any_order(tmp_path: Path) -> None:
     order = [3, 0, 6, 2, 5, 1, 4]
     names = [_HEADER.split(",")[k] for k in order]
     path = _csv(tmp_path, ",".join(names), *_lines(_table()[:, order]))
-    _same(Recording.read(path), _table())
+    _same(read_recording(path), _table())
 
 
 def test_columns_without_a_name_are_left_out(tmp_path: Path) -> None:
     """An index that pandas wrote, and separators at the ends of the lines."""
     lines = [f"{k},{line}," for k, line in enumerate(_lines(_table()))]
-    recording = Recording.read(_csv(tmp_path, f",{_HEADER},", *lines))
+    recording = read_recording(_csv(tmp_path, f",{_HEADER},", *lines))
     _same(recording, _table())
     assert recording.notices == ("a column without a name is left out",)
 
 
 def test_semicolons_and_decimal_commas(tmp_path: Path) -> None:
     lines = [line.replace(".", ",") for line in _lines(_table(), ";")]
-    recording = Recording.read(_csv(tmp_path, _HEADER.replace(",", ";"), *lines))
+    recording = read_recording(_csv(tmp_path, _HEADER.replace(",", ";"), *lines))
     _same(recording, _table())
     assert "decimal commas" in recording.notices[0]
     assert "semicolons" in recording.notices[1]
@@ -160,7 +160,7 @@ def test_a_description_of_another_layout(tmp_path: Path) -> None:
         rows: {log.txt: [3, 30]}
         """
     )
-    recording = Recording.read(path, description)
+    recording = read_recording(path, description)
     read = np.c_[recording.t, recording.q, recording.v, recording.current]
     np.testing.assert_allclose(read, table[2:30], rtol=1e-14, atol=1e-16)  # one rounding each
     np.testing.assert_array_equal(recording.extra["pair"][:, 1, 0], scaled[2:30, 3])
@@ -170,13 +170,13 @@ def test_a_description_of_another_layout(tmp_path: Path) -> None:
 def test_the_description_names_its_file(tmp_path: Path) -> None:
     _csv(tmp_path, *_lines(_table()), name="numbers.csv")
     path = _description(tmp_path, "header: false\nfile: numbers.csv\n")
-    _same(Recording.read(path), _table())
+    _same(read_recording(path), _table())
     with pytest.raises(InputError, match="is a description itself"):
-        Recording.read(path, path)
+        read_recording(path, path)
     with pytest.raises(InputError, match='names no "file"'):
-        Recording.read(_description(tmp_path, "header: false\n"))
+        read_recording(_description(tmp_path, "header: false\n"))
     with pytest.raises(InputError, match=r"numbersx\.csv: no such file.*numbers\.csv"):
-        Recording.read(_description(tmp_path, "file: numbersx.csv\n"))
+        read_recording(_description(tmp_path, "file: numbersx.csv\n"))
 
 
 def test_torque_instead_of_current_needs_the_robot(tmp_path: Path) -> None:
@@ -187,7 +187,7 @@ def test_torque_instead_of_current_needs_the_robot(tmp_path: Path) -> None:
         torque_per_ampere=np.array([10.0, 4.0]),
         current_sign=np.array([1.0, -1.0]),
     )
-    recording = Recording.read(path, robot=robot, check=False)
+    recording = read_recording(path, robot=robot, check=False)
     np.testing.assert_array_equal(recording.tau_J, _table()[:, 5:])
     np.testing.assert_allclose(recording.current, _table()[:, 5:] / [10.0, -4.0], rtol=1e-15)
     RecordingReader(path, robot=robot, check=False).require_joint_signals()
@@ -198,7 +198,7 @@ def test_torque_instead_of_current_needs_the_robot(tmp_path: Path) -> None:
 def test_a_truncated_last_line_is_left_out_with_a_notice(tmp_path: Path) -> None:
     path = _good(tmp_path)
     path.write_bytes(path.read_bytes()[:-30])
-    recording = Recording.read(path)
+    recording = read_recording(path)
     _same(recording, _table()[:-1])
     assert recording.notices == (
         f"line {_NUM_ROWS + 1}, the last one, is cut off after 4 of 7 columns: left out",
@@ -217,7 +217,7 @@ def _parquet(tmp_path: Path, **columns: object) -> Path:
 
 
 def test_parquet_reads_alike(tmp_path: Path) -> None:
-    recording = Recording.read(_parquet(tmp_path))
+    recording = read_recording(_parquet(tmp_path))
     _same(recording, _table())
     assert recording.row.tolist() == list(range(1, _NUM_ROWS + 1))
 
@@ -235,7 +235,7 @@ def test_parquet_of_other_types_with_a_description(tmp_path: Path) -> None:
         "time: {columns: stamp}\nposition: {columns: 'q{1..2}'}\nvelocity: {columns: 'v{1..2}'}\n"
         "current: {columns: 'i{1..2}', unit: mA}\nrows: {log.parquet: [11, 30]}\n"
     )
-    recording = Recording.read(path, description)
+    recording = read_recording(path, description)
     np.testing.assert_allclose(recording.t - 1.7e9, _table()[10:30, 0], atol=5e-7)  # two ulp
     np.testing.assert_array_equal(recording.q[:, 0], _table()[10:30, 1].astype(np.float32))
     np.testing.assert_array_equal(recording.current[:, 1], np.arange(10, 30) * 1e-3)
@@ -352,13 +352,13 @@ def test_numbers_without_names(tmp_path: Path) -> None:
 def test_another_number_of_joints(tmp_path: Path) -> None:
     three = SimpleNamespace(name="three", num_joints=3)
     with pytest.raises(InputError, match=r"lacks the columns q3, v3, i3"):
-        Recording.read(_good(tmp_path), robot=three)
+        read_recording(_good(tmp_path), robot=three)
     one = SimpleNamespace(name="one", num_joints=1)
     with pytest.raises(InputError, match=r"has the columns q2, v2, i2, expected 1 joints"):
-        Recording.read(_good(tmp_path), robot=one)
+        read_recording(_good(tmp_path), robot=one)
     description = _description(tmp_path)
     with pytest.raises(InputError, match="holds 2 joints, but three has 3"):
-        Recording.read(_good(tmp_path), description, robot=three)
+        read_recording(_good(tmp_path), description, robot=three)
 
 
 # --- broken lines ------------------------------------------------------------------------------
@@ -426,7 +426,7 @@ def test_a_faulty_row_outside_the_wanted_rows_does_not_matter(tmp_path: Path) ->
     lines[2] = "way to the start"
     path = _csv(tmp_path, _HEADER, *lines)
     description = _description(tmp_path, "rows: {log.csv: [4, 40]}\n")
-    _same(Recording.read(path, description), _table()[3:])
+    _same(read_recording(path, description), _table()[3:])
     description = _description(tmp_path, "rows: {log.csv: [4, 41]}\n")
     _refused(path, "ends at row 40, but rows 4 to 41 are wanted", description=description)
     description = _description(tmp_path, "rows: {log.csv: [400, 410]}\n")
@@ -473,7 +473,7 @@ def _real(*parts: str) -> Path:
 
 def test_the_ur10e_log_is_known_by_its_name() -> None:
     path = _real("ur10e", "ur-20_02_19_14harm50secLoad.csv")
-    recording = Recording.read(path)
+    recording = read_recording(path)
     table = np.loadtxt(path, delimiter=",")[307:5071]
     np.testing.assert_array_equal(recording.t, table[:, 0])
     np.testing.assert_array_equal(recording.q, table[:, 1:7])
@@ -487,13 +487,13 @@ def test_the_ur10e_log_under_another_name_needs_the_description(tmp_path: Path) 
     path = tmp_path / "copy.csv"
     path.write_bytes(_real("ur10e", "ur-20_02_10-30sec_12harm.csv").read_bytes())
     _refused(path, "line 1: holds 31 numbers and no names", "--log-format")
-    recording = Recording.read(path, "ur10e-dynamic-calibration")
+    recording = read_recording(path, "ur10e-dynamic-calibration")
     assert recording.num_samples == len(np.loadtxt(path, delimiter=","))
 
 
 def test_the_panda_log_is_known_by_its_columns() -> None:
     path = _real("panda_ati_gamma", "data_pos_3.csv")
-    recording = Recording.read(path)
+    recording = read_recording(path)
     table = np.genfromtxt(path, delimiter=",", names=True)
     np.testing.assert_array_equal(recording.extra["jacobian"][:, 2, 4], table["jacobian_2_4"])
     np.testing.assert_array_equal(recording.extra["tau_ext"][:, 6], table["tau_ext_6"])

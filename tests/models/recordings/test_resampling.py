@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from models.files.input_error import InputError
 from models.recordings import resampling
 from models.recordings.recording import Recording, concatenated
-from models.recordings.resampling import DROPOUT_STEPS, resample_chunks
+from models.recordings.resampling import DROPOUT_STEPS, resample_chunks, resampled
 
 _SLOPE = np.array([2.0, -3.0])
 
@@ -45,13 +45,13 @@ def _assert_same(a: Recording, b: Recording) -> None:
 def test_a_uniform_log_is_left_alone() -> None:
     noise = np.random.default_rng(0).uniform(-0.004, 0.004, 500)
     log = _linear(5 + 0.001 * (np.arange(500) + noise))  # steps within 0.8 %
-    _assert_same(log.resample(), log)
-    assert not log.resample().dropout.any()
+    _assert_same(resampled(log), log)
+    assert not resampled(log).dropout.any()
 
 
 def test_a_jittery_log_is_interpolated_on_its_median_step() -> None:
     log = _jittery(1, 400)
-    result = log.resample()
+    result = resampled(log)
     steps = np.diff(result.t)
     np.testing.assert_allclose(steps, np.median(np.diff(log.t)), rtol=1e-9)
     assert result.t[0] == log.t[0]
@@ -69,10 +69,10 @@ def test_a_jittery_log_is_interpolated_on_its_median_step() -> None:
 
 def test_another_step() -> None:
     log = _linear(np.arange(100) * 0.01)
-    result = log.resample(time_step=0.004)
+    result = resampled(log, time_step=0.004)
     np.testing.assert_allclose(result.t, 0.004 * np.arange(248), atol=1e-15)
     np.testing.assert_allclose(result.q, 1 + result.t[:, None] * _SLOPE, atol=1e-14)
-    assert not log.resample(time_step=0.05).dropout.any()
+    assert not resampled(log, time_step=0.05).dropout.any()
 
 
 @settings(max_examples=40, deadline=None)
@@ -96,48 +96,48 @@ def test_chunks_of_any_size_give_the_samples_of_one_pass(
     chunks = [log[a:b] for a, b in itertools.pairwise(edges)]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(resampling, "STEP_SAMPLES", 50)  # else the first chunk would be the whole log
-        _assert_same(concatenated(list(resample_chunks(chunks))), log.resample())
+        _assert_same(concatenated(list(resample_chunks(chunks))), resampled(log))
 
 
 def test_a_short_dropout_is_bridged_and_flagged() -> None:
     t = np.delete(np.arange(400) * 0.001, np.arange(120, 150))  # 30 ms are missing
-    result = _linear(t).resample()
+    result = resampled(_linear(t))
     assert result.num_samples == 400
     np.testing.assert_array_equal(np.flatnonzero(result.dropout), np.arange(120, 150))
     np.testing.assert_allclose(result.q, 1 + result.t[:, None] * _SLOPE, atol=1e-12)
-    again = result.resample()  # a flag in the log itself is kept
+    again = resampled(result)  # a flag in the log itself is kept
     np.testing.assert_array_equal(again.dropout, result.dropout)
 
 
 def test_jitter_is_no_dropout() -> None:
     steps = np.full(300, 0.01)
     steps[::7] = 0.01 * (DROPOUT_STEPS - 0.05)
-    assert not _linear(np.cumsum(steps)).resample().dropout.any()
+    assert not resampled(_linear(np.cumsum(steps))).dropout.any()
 
 
 def test_one_missing_sample_is_a_dropout() -> None:
-    result = _linear(np.delete(np.arange(300) * 0.01, 77)).resample()
+    result = resampled(_linear(np.delete(np.arange(300) * 0.01, 77)))
     np.testing.assert_array_equal(np.flatnonzero(result.dropout), [77])
 
 
 def test_a_long_gap_is_one_line() -> None:
     t = np.delete(np.arange(600) * 0.001, np.arange(120, 250))
     with pytest.raises(InputError) as caught:
-        _linear(t).resample()
+        resampled(_linear(t))
     line = str(caught.value)
     assert line.startswith("log.csv: line 121 to line 122, column t: a gap of 0.131 s")
     assert "expected at most 0.1 s" in line
-    result = _linear(t).resample(max_gap=0.2)
+    result = resampled(_linear(t), max_gap=0.2)
     assert result.dropout.sum() == 130
     with pytest.raises(InputError, match=r"expected at most 0\.002 s"):
-        _linear(np.delete(np.arange(600) * 0.001, [50, 51])).resample(max_gap=0.002)
+        resampled(_linear(np.delete(np.arange(600) * 0.001, [50, 51])), max_gap=0.002)
 
 
 def test_a_slow_log_may_miss_two_samples() -> None:
     t = np.arange(100) * 0.05
-    assert _linear(np.delete(t, [40, 41])).resample().dropout.sum() == 2
+    assert resampled(_linear(np.delete(t, [40, 41]))).dropout.sum() == 2
     with pytest.raises(InputError, match=r"a gap of 0\.2 s, expected at most 0\.1515 s"):
-        _linear(np.delete(t, [40, 41, 42])).resample()
+        resampled(_linear(np.delete(t, [40, 41, 42])))
 
 
 def test_a_gap_between_chunks_is_found() -> None:
@@ -150,12 +150,12 @@ def test_a_gap_between_chunks_is_found() -> None:
 
 def test_bad_steps_are_one_line() -> None:
     with pytest.raises(InputError, match=r"time repeats 0\.02 s"):
-        _linear(np.array([0, 0.01, 0.02, 0.02, 0.03, 0.04])).resample()
+        resampled(_linear(np.array([0, 0.01, 0.02, 0.02, 0.03, 0.04])))
     with pytest.raises(InputError, match=r"median step is 10 s.*looks like ms"):
-        _linear(np.arange(20) * 10.0).resample()
+        resampled(_linear(np.arange(20) * 10.0))
     with pytest.raises(InputError, match="one sample only"):
-        _linear(np.zeros(1)).resample()
+        resampled(_linear(np.zeros(1)))
     with pytest.raises(InputError, match="too short"):
-        _linear(np.arange(20) * 0.01).resample(time_step=0.0)
+        resampled(_linear(np.arange(20) * 0.01), time_step=0.0)
     with pytest.raises(InputError, match="max gap: is -1"):
-        _linear(np.arange(20) * 0.01).resample(max_gap=-1.0)
+        resampled(_linear(np.arange(20) * 0.01), max_gap=-1.0)

@@ -14,7 +14,8 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
 from models.files.input_error import InputError
-from models.robot.robot import DriveConfig, Robot, bundled_robots
+from models.robot.robot import Robot, bundled_robots
+from models.robot.robot_config import DriveConfig
 
 Array = NDArray[np.float64]
 

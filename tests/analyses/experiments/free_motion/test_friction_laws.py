@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from analyses.experiments.free_motion.friction_laws import ARTICLE, EXPERIMENT, PLAIN, NearZero
-from analyses.methods.learning.identification import LAWS
+from analyses.methods.learning.identification_config import LAWS
 from analyses.output.outputs import plain_metrics
 from analyses.study.experiment import ExperimentContext
 from analyses.study.outcome import look_up

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from analyses.experiments.free_motion.identification import ARTICLE_RMSE, run, stored_excitation
+from analyses.experiments.free_motion.identification import ARTICLE_RMSE, run
+from analyses.methods.learning.simulated_logs import stored_excitation
 from analyses.study.experiment import ExperimentContext
 from models.excitation.excitation_information import ExcitationInformation
 from models.robot.robot import Robot

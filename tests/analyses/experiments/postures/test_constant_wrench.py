@@ -3,14 +3,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analyses.experiments.postures.constant_wrench import (
-    EXPERIMENT,
+from analyses.experiments.postures.constant_wrench import EXPERIMENT, WRENCH, read_along
+from analyses.methods.planning.article_paths import (
     INITIAL_PATH,
     INITIAL_POSTURE,
-    WRENCH,
     branch_start,
     found_path,
-    read_along,
 )
 from analyses.study.experiment import ExperimentContext, ExperimentResult
 from models.motion.inverse_kinematics import follow_path

@@ -7,13 +7,8 @@ import pytest
 from typer.testing import CliRunner
 
 from analyses.__main__ import app
-from analyses.experiments.postures.jcn_map import (
-    EXPERIMENT,
-    SliceConfig,
-    jcn_map,
-    sample,
-    slice_plane,
-)
+from analyses.experiments.postures.jcn_map import EXPERIMENT
+from analyses.methods.planning.jcn_map import SliceConfig, jcn_map, sample, slice_plane
 from analyses.output.result_marker import MARKER
 from analyses.study.experiment import ExperimentContext
 from models.files.input_error import InputError

@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analyses.experiments.real_arms.ur10e_identification import EXPERIMENT, FOLDER
-from analyses.methods.learning.identification import LAWS
+from analyses.experiments.real_arms.ur10e_identification import EXPERIMENT
+from analyses.methods.learning.identification_config import LAWS
+from analyses.methods.learning.ur10e_logs import FOLDER
 from analyses.output.outputs import plain_metrics
 from analyses.study.experiment import ExperimentContext
 from analyses.study.outcome import look_up

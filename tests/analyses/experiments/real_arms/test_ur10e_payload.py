@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analyses.experiments.real_arms.ur10e_payload import (
-    EXPERIMENT,
-    FOLDER,
+from analyses.experiments.real_arms.ur10e_payload import EXPERIMENT, FOLDER
+from analyses.methods.reading.known_payload import (
     MASS,
     METHODS,
     Reading,

@@ -19,7 +19,7 @@ from analyses.output.figures import save_figure
 from models.friction.true_friction import DryFriction
 from models.friction.velocity_friction import CoulombViscous
 from models.identification.identified_model import IdentifiedModel
-from models.recordings.recording import Recording
+from models.recordings.recording_reader import read_recording
 from models.robot.robot import Robot
 
 DATA = Path("../shared/data/ur10e")
@@ -85,7 +85,7 @@ def test_a_network_on_it_beats_coulomb_viscous_near_zero(separated, tmp_path):
 @pytest.mark.skipif(not DATA.is_dir(), reason="the UR10e's recordings are not here")
 def test_a_real_arms_friction_is_almost_odd():
     robot = Robot.load("ur10e")
-    log = Recording.read(DATA / "ur-20_01_22-joint_1.csv", robot=robot, check=False)
+    log = read_recording(DATA / "ur-20_01_22-joint_1.csv", robot=robot, check=False)
     found = separate_recordings(robot, [log], IdentifiedModel.nominal(robot), joints=[0])
     samples = found.samples[0]
     assert len(samples.speed) > 1000

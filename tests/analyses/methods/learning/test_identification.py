@@ -9,19 +9,19 @@ import pytest
 import yaml
 
 from analyses.methods.learning.identification import (
-    LAWS,
-    IdentificationConfig,
-    TorqueFit,
     best_law,
     identify,
     identify_logs,
     residual_covariance,
 )
+from analyses.methods.learning.identification_config import LAWS, IdentificationConfig
+from analyses.methods.learning.torque_fit import TorqueFit
 from analyses.output.outputs import OutputFolder
 from models.files.input_error import InputError
 from models.friction.friction_structure import STRUCTURES
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
+from models.recordings.recording_writer import write_recording
 from models.robot.robot import Robot
 
 STEP = 0.01
@@ -230,7 +230,7 @@ def test_the_whole_command_and_its_files(robot, noisy, tmp_path):
     logs = []
     for k, log in enumerate(noisy):
         logs.append(tmp_path / f"log_{k}.csv")
-        log.to_csv(logs[-1])
+        write_recording(log, logs[-1])
     told = []
     result = identify_logs(
         logs[:3],
@@ -442,7 +442,7 @@ def test_parameters_are_determined_combined_or_named_as_undetermined(result):
 
 
 def test_figures_for_any_number_of_joints(tmp_path):
-    from analyses.methods.learning.identification import torque_figure
+    from analyses.methods.learning.identification_figures import torque_figure
 
     t = np.arange(0.0, 5.0, 0.1)
     for n in (1, 6, 7):

@@ -30,7 +30,8 @@ from models.placement.placement_task import (
     WorkpieceConfig,
     load_task,
 )
-from models.robot.robot import PoseConfig, Robot
+from models.robot.robot import Robot
+from models.robot.robot_config import PoseConfig
 
 Array = NDArray[np.float64]
 

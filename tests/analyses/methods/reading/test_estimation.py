@@ -19,18 +19,15 @@ import pytest
 import yaml
 
 from analyses.methods.reading import estimation
-from analyses.methods.reading.estimation import (
-    ENGINES,
-    EstimateConfig,
-    EstimateResult,
-    estimate_log,
-)
+from analyses.methods.reading.estimate_config import ENGINES, EstimateConfig
+from analyses.methods.reading.estimation import EstimateResult, estimate_log
 from analyses.output.outputs import OutputFolder
 from models.estimation.wrench_table import COLUMNS
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel, Validity
 from models.recordings import resampling, text_table
 from models.recordings.recording import Recording
+from models.recordings.recording_writer import write_recording
 from models.robot.robot import Robot
 
 _DATA = Path(__file__).parents[5] / "shared" / "data" / "ur10e"
@@ -95,7 +92,7 @@ def model_file(robot: Robot, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def log(recording: Recording, tmp_path: Path) -> Path:
     path = tmp_path / "log.csv"
-    recording.to_csv(path)
+    write_recording(recording, path)
     return path
 
 
@@ -239,7 +236,7 @@ def test_both_engines_agree(
     jitter = part.t + 2e-4 * noise.uniform(size=600)
     kept = np.delete(np.arange(600), np.arange(200, 230))  # a drop-out
     current = part.current + 0.02 * noise.normal(size=part.current.shape)
-    replace(part, t=jitter, current=current)[kept].to_csv(tmp_path / "log.csv")
+    write_recording(replace(part, t=jitter, current=current)[kept], tmp_path / "log.csv")
     monkeypatch.setattr(estimation, "_CHUNK", 128)  # borders between stretches
     tables = [
         _table(
@@ -287,7 +284,7 @@ def test_chunks_do_not_show(
 def test_parquet_gives_the_same(
     log: Path, recording: Recording, model_file: Path, tmp_path: Path
 ) -> None:
-    recording.to_parquet(tmp_path / "log.parquet")
+    write_recording(recording, tmp_path / "log.parquet")
     a = _estimate(log, model_file, tmp_path / "a")
     b = _estimate(tmp_path / "log.parquet", model_file, tmp_path / "b")
     assert a.table.read_bytes() == b.table.read_bytes()
@@ -297,7 +294,7 @@ def test_a_bridged_dropout_is_not_valid(
     recording: Recording, model_file: Path, tmp_path: Path
 ) -> None:
     kept = np.delete(np.arange(recording.num_samples), np.arange(900, 950))
-    recording[kept].to_csv(tmp_path / "log.csv")
+    write_recording(recording[kept], tmp_path / "log.csv")
     result = _estimate(tmp_path / "log.csv", model_file, tmp_path / "out")
     table = _table(result)
     assert len(table) == recording.num_samples
@@ -348,7 +345,7 @@ def test_a_log_without_force_warns(
     J = robot.chain.jacobian(recording.q)[:, [3, 4, 5, 0, 1, 2]]
     tau = np.einsum("kij,i->kj", J, _WRENCH)
     free = recording.current + tau / (robot.torque_per_ampere * robot.current_sign)
-    replace(recording, current=free).to_csv(tmp_path / "log.csv")
+    write_recording(replace(recording, current=free), tmp_path / "log.csv")
     result = _estimate(tmp_path / "log.csv", model_file, tmp_path / "out", EstimateConfig())
     assert any("no force beyond the model's error" in line for line in result.warnings)
 
@@ -470,7 +467,7 @@ def test_implausible_logs(
     change: Callable[[Recording], Recording],
     words: str,
 ) -> None:
-    change(recording).to_csv(tmp_path / "log.csv")
+    write_recording(change(recording), tmp_path / "log.csv")
     line = _line(lambda: _estimate(tmp_path / "log.csv", model_file, tmp_path / "out"))
     assert line.startswith(str(tmp_path / "log.csv"))
     assert words in line
@@ -478,7 +475,7 @@ def test_implausible_logs(
 
 
 def test_the_checks_can_be_left_out(recording: Recording, model_file: Path, tmp_path: Path) -> None:
-    replace(recording, current=-recording.current).to_csv(tmp_path / "log.csv")
+    write_recording(replace(recording, current=-recording.current), tmp_path / "log.csv")
     config = replace(_GIVEN, check=False)
     result = _estimate(tmp_path / "log.csv", model_file, tmp_path / "out", config)
     assert result.num_samples == recording.num_samples
@@ -491,7 +488,7 @@ def test_absurd_numbers_do_not_crash(
     """Without the checks anything may come; the figure must take it, or one line refuse it."""
     current = recording.current.copy()
     current[700:] *= size
-    replace(recording, current=current).to_csv(tmp_path / "log.csv")
+    write_recording(replace(recording, current=current), tmp_path / "log.csv")
     for method in ("bayesian", "inverse"):
         config = EstimateConfig(method=method, check=False)
         if size < 1e9:

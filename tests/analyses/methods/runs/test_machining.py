@@ -19,17 +19,13 @@ from analyses.methods.runs.machining import (
     _key,
     _notes,
     errors,
-    feed_figure,
-    feed_metrics,
-    force_figure,
     learn,
-    over_feeds,
     read_all,
     regulation,
-    regulation_figure,
     run_machining,
-    sources,
 )
+from analyses.methods.runs.machining_figures import feed_figure, force_figure, regulation_figure
+from analyses.methods.runs.machining_study import feed_metrics, over_feeds, sources
 from diagrams.closed_loop import make_closed_loop, uses_sensor
 from diagrams.machining import longest_duration, make_machining_path
 from diagrams.scenario import load_scenario

@@ -13,7 +13,7 @@ from models.estimation.estimator import WrenchEstimator
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
 from models.machining.machining_phases import Fault, Phase
-from models.recordings.recording import Recording
+from models.recordings.recording_reader import read_recording
 from models.robot.robot import Robot
 from systems.joint_tracking_controller import JointTrackingConfig
 
@@ -72,7 +72,7 @@ def test_metrics_file_is_the_result(written):
 
 def test_what_was_simulated_can_be_estimated_from_its_log(written, robot):
     result, out, _ = written
-    log = Recording.read(out / "log.csv", robot=robot)
+    log = read_recording(out / "log.csv", robot=robot)
     np.testing.assert_array_equal(log.q, result.q)
     np.testing.assert_array_equal(log.current, result.current)
     np.testing.assert_array_equal(

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from analyses.methods.reading.repetition import repetition_torque
 from analyses.methods.runs.task_runs import (
     PATHS,
     highest_speed,
     on_path,
     read_repetition,
     read_run,
-    repetition_torque,
     run_task,
     task_path,
     task_scenario,

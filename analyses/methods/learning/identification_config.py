@@ -1,0 +1,61 @@
+"""How logs become a model: the settings of an identification, and the friction laws it knows."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.files.configuration import nearest
+from models.files.input_error import InputError
+from models.friction.friction_structure import STRUCTURES
+
+# Rules by which a law's shape is chosen (`analyses.methods.learning.friction_fit`).
+SELECTIONS = ("one-standard-error", "lowest-error")
+# Laws of `--friction`; those of STRUCTURES, and the ones with a network near zero velocity.
+WITH_NETWORK = {"semi-parametric": "coulomb-viscous-offset", "presliding+network": "presliding"}
+LAWS = (*STRUCTURES, *WITH_NETWORK)  # what "best" chooses from
+
+
+@dataclass
+class IdentificationConfig:
+    """How logs become a model."""
+
+    time_step: float = 0.0  # s, of the grid that the logs are resampled on; 0: their median step
+    cutoff: float = 5.0  # Hz, of the low-pass; amplitude one half there, since it runs both ways
+    filter_order: int = 5  # of the Butterworth filter, each way
+    num_passes: int = 4  # of weighted least squares; the first with equal weights
+    filter_regressor: bool = True  # whether each column of it goes through the low-pass (step 2)
+    friction: str = "coulomb-viscous-offset"  # a law of LAWS, or "best": cross-validation chooses
+    consistent: bool = False  # whether the model must be that of a robot that can exist
+    selection: str = SELECTIONS[0]  # rule of the shape's choice
+    loss: str = "huber"  # or "squares"; see analyses.methods.learning.friction_fit
+    cross_validate: bool = True  # whether each log is predicted from the others, too
+    seed: int = 0  # of the networks' training
+
+
+def checked_config(config: IdentificationConfig) -> IdentificationConfig:
+    """Returns `config`.
+
+    Raises:
+        InputError: a setting that makes no sense.
+    """
+    for key, least in (
+        ("cutoff", 1e-3),
+        ("filter_order", 1),
+        ("num_passes", 1),
+        ("time_step", 0),
+    ):
+        value = getattr(config, key)
+        if not (np.isfinite(value) and value >= least):
+            raise InputError("identify", key, f"expected at least {least:g}, found {value:g}")
+    known = (*LAWS, "best")
+    if config.friction not in known:
+        remedy = f"{nearest(config.friction, known)} known are {', '.join(known)}".strip()
+        raise InputError("--friction", "", f"no friction law is named {config.friction!r}", remedy)
+    if config.friction == "best" and not config.cross_validate:
+        raise InputError("--friction", "", "best is chosen by cross-validation, which is off")
+    if config.selection not in SELECTIONS:
+        found = f"expected {' or '.join(SELECTIONS)}, found {config.selection!r}"
+        raise InputError("identify", "selection", found)
+    if config.loss not in ("huber", "squares"):
+        raise InputError("identify", "loss", f"expected huber or squares, found {config.loss!r}")
+    return config

@@ -1,0 +1,208 @@
+"""What an identification begins with: logs on a uniform grid, low-passed, and their regressors."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analyses.methods.learning.identification_config import IdentificationConfig
+from analyses.methods.learning.torque_fit import TorqueFit
+from models.files.input_error import InputError
+from models.friction.presliding_friction import FrictionLaw
+from models.identification.identified_model import (
+    LogSource,
+)
+from models.identification.torque_regression import RegressionRows
+from models.recordings.recording import Recording
+from models.recordings.resampling import resampled
+from models.rigid_body.serial_chain import SerialChain
+from models.robot.motors import current_to_torque
+from models.robot.robot import Robot
+from models.signals.zero_phase import ZeroPhaseLowPass, derivative
+
+Array = NDArray[np.float64]
+ProgressCallback = Callable[[float, str], None]
+
+# A joint that moves less, or slower, than this shows neither its friction nor its inertia.
+LEAST_TRAVEL = 0.05  # rad or m, peak to peak
+LEAST_SPEED = 0.01  # rad/s or m/s
+# In periods of the cutoff:
+POINTS = 20.0  # grid points on which the regressor is built; its harmonics fold back beyond 10
+TRIM = 2.5  # filter transients at both ends of a log
+DROPOUT_WINDOW = 1.0  # stretch whose share of bridged samples is judged
+SHORTEST_LOG = 25.0
+DROPOUT_SHARE = 0.1  # of such a stretch; shorter bridges are what the low-pass would draw itself
+
+
+@dataclass(frozen=True, eq=False)
+class LowPassedLog:
+    """One log, low-passed."""
+
+    name: str
+    log: LogSource
+    t: Array  # (T,)
+    q: Array  # (T, n), as the rest
+    v: Array
+    vdot: Array
+    tau: Array
+    used: NDArray[np.bool_]  # (T,) clear of filter transients and drop-outs
+    low_pass: ZeroPhaseLowPass  # at the rate of these samples
+    filter_regressor: bool
+
+    def match(self, x: Array) -> Array:
+        """Gives what is computed from the filtered signals the band of the filtered torque."""
+        return self.low_pass(x) if self.filter_regressor else x
+
+    def predict(self, chain: SerialChain, friction: FrictionLaw) -> TorqueFit:
+        rigid = np.asarray(chain.inverse_dynamics(self.q, self.v, self.vdot))
+        predicted = self.match(rigid + friction.torque_along(self.q, self.v, rigid))
+        return TorqueFit(self.name, self.t[self.used], self.tau[self.used], predicted[self.used])
+
+
+def check_recording(recording: Recording, robot: Robot) -> None:
+    if recording.num_joints != robot.num_joints:
+        raise InputError(
+            recording.source,
+            "",
+            f"the log has {recording.num_joints} joints, robot '{robot.name}' has "
+            f"{robot.num_joints}",
+            "name the log's own robot with --robot",
+        )
+
+
+def median_step(recordings: Sequence[Recording]) -> float:
+    """The longest of the logs' median steps, to three digits: the others are jitter."""
+    return float(f"{max(recording.time_step for recording in recordings):.3g}")
+
+
+def log_names(recordings: Sequence[Recording]) -> list[str]:
+    """Stems of the logs' file names; a repeated one gets a number."""
+    names: list[str] = []
+    for recording in recordings:
+        stem = Path(recording.source).stem or "log"
+        name, count = stem, 1
+        while name in names:
+            count += 1
+            name = f"{stem}_{count}"
+        names.append(name)
+    return names
+
+
+def low_pass_log(
+    name: str, recording: Recording, robot: Robot, config: IdentificationConfig
+) -> LowPassedLog:
+    step, cutoff = config.time_step, config.cutoff
+    if step * cutoff > 0.25:
+        raise InputError(
+            recording.source,
+            "",
+            f"a cutoff of {cutoff:g} Hz needs {4 * cutoff:g} samples a second or more, there are "
+            f"{1 / step:.4g}",
+            "lower the cutoff",
+        )
+    if recording.duration < SHORTEST_LOG / cutoff:
+        raise InputError(
+            recording.source,
+            "",
+            f"the log lasts {recording.duration:.3g} s, at a cutoff of {cutoff:g} Hz it must last "
+            f"{SHORTEST_LOG / cutoff:.3g} s or more",
+        )
+    uniform = resampled(recording, step)
+    tau = uniform.tau_J
+    if tau is None:
+        tau = current_to_torque(uniform.current, robot.torque_per_ampere, robot.current_sign)
+    low_pass = ZeroPhaseLowPass(cutoff, step, config.filter_order)
+    q, v, tau = low_pass(uniform.q), low_pass(uniform.v), low_pass(tau)
+    vdot = derivative(v, step)
+    trim = int(np.ceil(TRIM / cutoff / step))
+    window = max(1, round(DROPOUT_WINDOW / cutoff / step))
+    bridged = np.convolve(uniform.dropout, np.full(window, 1.0 / window), "same")
+    used = bridged <= DROPOUT_SHARE
+    used[:trim] = used[len(used) - trim :] = False
+    if not used.any():
+        raise InputError(recording.source, "", "no stretch of the log is free of drop-outs")
+    # The signals hold nothing above the cutoff any more: a coarser grid loses nothing.
+    every = max(1, int(1.0 / (step * POINTS * cutoff)))
+    path = Path(recording.source)
+    rows = recording.row
+    return LowPassedLog(
+        name=name,
+        log=LogSource(
+            name=path.name,
+            sha256=sha256(path.read_bytes()).hexdigest() if path.is_file() else "",
+            first_row=1 if rows is None else int(rows[0]),
+            last_row=recording.num_samples if rows is None else int(rows[-1]),
+            duration=round(recording.duration, 6),
+        ),
+        t=uniform.t[::every],
+        q=q[::every].copy(),
+        v=v[::every].copy(),
+        vdot=vdot[::every].copy(),
+        tau=tau[::every].copy(),
+        used=used[::every],
+        low_pass=replace(low_pass, time_step=step * every),
+        filter_regressor=config.filter_regressor,
+    )
+
+
+def _check_motion(runs: Sequence[LowPassedLog], robot: Robot) -> None:
+    used_q = np.vstack([run.q[run.used] for run in runs])
+    travel = np.ptp(used_q, axis=0)
+    speed = np.max([np.abs(run.v[run.used]).max(axis=0) for run in runs], axis=0)
+    still = np.flatnonzero((travel < LEAST_TRAVEL) | (speed < LEAST_SPEED))
+    if still.size:
+        units = ["m" if prismatic else "rad" for prismatic in robot.chain.prismatic]
+        found = ", ".join(
+            f"{robot.joint_names[i]} ({travel[i]:.2g} {units[i]}, at most {speed[i]:.2g} "
+            f"{units[i]}/s)"
+            for i in still
+        )
+        raise InputError(
+            ", ".join(run.log.name for run in runs),
+            "",
+            f"too little motion of {found}",
+            f"log a motion in which each joint travels {LEAST_TRAVEL:g} rad (or m) and more",
+        )
+
+
+def decimation(low_pass: ZeroPhaseLowPass) -> int:
+    """Samples per row of the fit: about two rows a period of the cutoff hold all there is."""
+    return max(1, int(0.5 / (low_pass.cutoff * low_pass.time_step)))
+
+
+@dataclass(frozen=True, eq=False)
+class LowPassedLogs:
+    """What all fits of the same logs begin with."""
+
+    fitted: tuple[LowPassedLog, ...]
+    kept: tuple[LowPassedLog, ...]
+    regressions: tuple[RegressionRows, ...]  # of the fitted ones
+
+
+def low_pass_logs(
+    recordings: Sequence[Recording],
+    robot: Robot,
+    validation: Sequence[Recording],
+    config: IdentificationConfig,
+    progress: ProgressCallback,
+) -> LowPassedLogs:
+    logs = [*recordings, *validation]
+    steps = len(logs) + len(recordings) + 1
+    runs = []
+    for k, (name, recording) in enumerate(zip(log_names(logs), logs, strict=True)):
+        progress(k / steps, f"filtering {name}")
+        runs.append(low_pass_log(name, recording, robot, config))
+    fitted, kept = tuple(runs[: len(recordings)]), tuple(runs[len(recordings) :])
+    _check_motion(fitted, robot)
+    every = decimation(fitted[0].low_pass)
+    regressions = []
+    for k, run in enumerate(fitted):
+        progress((len(logs) + k) / steps, f"regressor of {run.name}")
+        rows = np.flatnonzero(run.used)[::every]
+        regressions.append(
+            RegressionRows.of(robot.chain, run.q, run.v, run.vdot, run.tau, run.match, rows)
+        )
+    return LowPassedLogs(fitted, kept, tuple(regressions))

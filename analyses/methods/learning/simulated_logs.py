@@ -1,0 +1,128 @@
+"""What does an excited arm's controller record? A motion in, the simulated arm's log out.
+
+The true robot, with friction that no model contains, follows the motion under its drives' own stiff
+controller, which knows the nominal model only. The log holds what its drives and encoders report,
+as a real arm's; the true friction is kept beside it.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.analysis import Simulator
+
+from analyses.methods.advance import advance, even_stretches
+from analyses.study.shared_results import shared
+from diagrams.closed_loop import make_closed_loop
+from diagrams.scenario import Scenario
+from models.excitation.fourier_trajectory import FourierTrajectory
+from models.identification.identified_model import IdentifiedModel
+from models.motion.paths import JointTrajectory
+from models.recordings.recording import Recording
+from models.robot.robot import Robot
+from systems.joint_tracking_controller import JointTrackingConfig
+
+Array = NDArray[np.float64]
+ProgressCallback = Callable[[float, str], None]
+
+ROBOT = "sts_sre4_600"
+# Servo drives follow a reference far more stiffly than a force controller may: 200 rad/s here. With
+# less, a wrist of little inertia sticks and slips through each reversal.
+TRACKING = JointTrackingConfig(kp=[4e4], kd=[400.0], ki=[2e6], integral_limit=[400.0])
+PERIODS = 2  # of each trajectory: 20 s
+_STRETCH = 0.25  # s between two reports of progress
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedLog:
+    """What an excited arm's controller records, and what only the simulation knows.
+
+    Attributes:
+        recording: t, q, v and measured current at 1 kHz.
+        tau_f_true: (T, n) N m, the true friction.
+    """
+
+    recording: Recording
+    tau_f_true: Array
+
+
+def stored_excitation(robot: Robot, number: int) -> FourierTrajectory:
+    """Excitation `number` (1, 2) that lies beside the robot's own file.
+
+    Raises:
+        InputError: there is none; `excite` makes one.
+    """
+    return FourierTrajectory.load(robot.source.parent / f"excitation_{number}.yaml", robot.name)
+
+
+def simulate_excitation(
+    robot: Robot,
+    trajectory: FourierTrajectory,
+    num_periods: int = PERIODS,
+    seed: int = 0,
+    name: str = "excitation",
+    progress: ProgressCallback = lambda fraction, what: None,
+) -> SimulatedLog:
+    """Lets the true robot run a trajectory under a controller that knows only its nominal model.
+
+    Args:
+        robot: with its simulated truth.
+        trajectory: to follow.
+        num_periods: how often.
+        seed: of the currents' noise.
+        name: of the recording.
+        progress: told the share done.
+    """
+    return simulate_motion(
+        robot, trajectory.joint_trajectory(num_periods), seed, name, progress=progress
+    )
+
+
+def simulate_motion(
+    robot: Robot,
+    trajectory: JointTrajectory,
+    seed: int = 0,
+    name: str = "motion",
+    model: IdentifiedModel | None = None,
+    progress: ProgressCallback = lambda fraction, what: None,
+) -> SimulatedLog:
+    """The same for any motion of the joints; `model` is what the controller knows.
+
+    Within a study the same motion is simulated once for all experiments.
+    """
+    arguments = (robot, trajectory, seed, name, model)
+    return shared("simulate_motion", arguments, lambda: _simulate_motion(*arguments, progress))
+
+
+def _simulate_motion(
+    robot: Robot,
+    trajectory: JointTrajectory,
+    seed: int,
+    name: str,
+    model: IdentifiedModel | None,
+    progress: ProgressCallback,
+) -> SimulatedLog:
+    scenario = Scenario(
+        robot=robot.name, duration=trajectory.duration, seed=seed, controller=TRACKING
+    )
+    loop = make_closed_loop(
+        scenario,
+        robot,
+        IdentifiedModel.nominal(robot) if model is None else model,
+        also_log=("tau_f_true",),
+        trajectory=trajectory,
+        with_estimator=False,
+    )
+    simulator = Simulator(loop.diagram)
+    simulator.Initialize()
+    advance(
+        simulator,
+        even_stretches(scenario.duration, _STRETCH),
+        lambda share: progress(share, f"simulating {name}"),
+    )
+    t, signals = loop.logged(simulator.get_context())
+    recording = Recording(
+        t=t, q=signals["q"], v=signals["v"], current=signals["current"], source=name
+    )
+    return SimulatedLog(recording, signals["tau_f_true"])

@@ -1,0 +1,69 @@
+"""Measured torque of a log and what a model predicts for it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueFit:
+    """Measured torque of one log and what a model predicts for it, both low-passed.
+
+    Attributes:
+        name: of the log.
+        t: (T,) s.
+        measured: (T, n) N m.
+        predicted: (T, n) N m.
+    """
+
+    name: str
+    t: Array
+    measured: Array
+    predicted: Array
+
+    @property
+    def residual(self) -> Array:
+        """(T, n) measured minus predicted, N m."""
+        return self.measured - self.predicted
+
+    @property
+    def rmse(self) -> Array:
+        """(n,) N m."""
+        return rms(self.residual)
+
+    @property
+    def relative(self) -> Array:
+        """(n,) rmse over the root mean square of the measured torque."""
+        return self.rmse / rms(self.measured)
+
+    @property
+    def similarity(self) -> Array:
+        """(n,) correlation coefficient of measured and predicted torque.
+
+        The article (section 4.1) states a similarity above 90 % and does not define it.
+        """
+        a = self.measured - self.measured.mean(axis=0)
+        b = self.predicted - self.predicted.mean(axis=0)
+        return np.asarray((a * b).sum(axis=0) / np.sqrt((a**2).sum(axis=0) * (b**2).sum(axis=0)))
+
+    def metrics(self) -> dict[str, Any]:
+        """Lists per joint, as written to metrics.json."""
+        return {
+            "rmse_nm": self.rmse,
+            "relative_pct": 100.0 * self.relative,
+            "similarity_pct": 100.0 * self.similarity,
+            "torque_rms_nm": rms(self.measured),
+        }
+
+
+def rms(x: Array) -> Array:
+    return np.asarray(np.sqrt(np.mean(x**2, axis=0)))
+
+
+def pooled_rmse(fits: Sequence[TorqueFit]) -> Array:
+    return rms(np.vstack([fit.residual for fit in fits]))

@@ -1,0 +1,54 @@
+"""The UR10e's recordings: which runs a model is fitted on, and which are kept to judge it."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from analyses.methods.learning.identification import IdentificationResult, identify
+from analyses.methods.learning.identification_config import IdentificationConfig
+from models.recordings.recording import Recording
+from models.recordings.recording_reader import read_recording
+from models.robot.robot import Robot
+
+FOLDER = "ur10e"  # below the data folder
+FITTED = (
+    "ur-20_02_10-30sec_12harm.csv",
+    "ur-20_02_12-40sec_12harm.csv",
+    "ur-20_02_12-50sec_12harm.csv",
+)
+VALIDATED = {
+    "14harm50sec": "ur-20_02_19_14harm50sec.csv",
+    "ptp_10_points": "ur-20_01_17-ptp_10_points.csv",
+}
+
+
+def validation_recordings(data: Path, robot: Robot) -> list[Recording]:
+    """The runs of `VALIDATED`, under their short names."""
+    return [
+        replace(read_recording(data / FOLDER / name, robot=robot), source=key)
+        for key, name in VALIDATED.items()
+    ]
+
+
+def identify_ur10e(
+    data: Path,
+    robot: Robot,
+    config: IdentificationConfig | None = None,
+    progress: Callable[[float, str], None] = lambda fraction, what: None,
+) -> IdentificationResult:
+    """Fits the UR10e's model on the three unloaded runs below `data`.
+
+    The results of the validation logs carry the short names of `VALIDATED`.
+
+    Raises:
+        InputError: a log is missing or damaged.
+    """
+    fitted, validated = (
+        [read_recording(data / FOLDER / name, robot=robot) for name in names]
+        for names in (FITTED, VALIDATED.values())
+    )
+    result = identify(fitted, robot, validated, config, progress)
+    short = {Path(name).stem: key for key, name in VALIDATED.items()}
+    return replace(
+        result, validation=tuple(replace(fit, name=short[fit.name]) for fit in result.validation)
+    )

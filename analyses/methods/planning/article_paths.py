@@ -1,0 +1,67 @@
+"""Straight paths (section 4.3): the article's initial and optimised one, and the one found here."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analyses.methods.planning.placement import place
+from models.identification.identified_model import IdentifiedModel
+from models.motion.inverse_kinematics import follow_path
+from models.motion.paths import StraightPath
+from models.placement.placement_task import load_task
+from models.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+INITIAL_PATH = StraightPath(
+    n_W=np.array([0.0, 1.0, 0.0]),
+    p_WM=np.array([0.5, 0.0, 0.45]),
+    R_WE=np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]),
+)
+OPTIMISED_PATH = StraightPath(
+    n_W=np.array([-0.1720, 0.9851, 0.0]),
+    p_WM=np.array([0.2345, 0.0393, 0.3892]),
+    R_WE=np.diag([1.0, -1.0, -1.0]),
+)
+# Midpoint postures that name a branch. The first two are the article's: the initial maximum of the
+# condition number is met to all digits, the optimised mean to its printed rounding.
+INITIAL_POSTURE = np.array([0.0, -0.26, -0.567, 0.0, 0.827, 0.0])
+OPTIMISED_POSTURE = np.array([0.166, 0.395, -0.943, 0.0, -1.022, 0.166])
+OTHER_ELBOW_POSTURE = np.array([0.166, -2.349, 3.663, 0.0, -2.885, 0.166])
+
+
+def found_path(
+    robot: Robot, seed: int = 0, model: IdentifiedModel | None = None
+) -> tuple[StraightPath, Array]:
+    """The path that `linear-path` finds, and its posture at the midpoint.
+
+    Its condition numbers do not change when it is turned about the first axis. A wrench in W sees
+    the difference: it is turned so that its midpoint lies straight ahead, like the article's.
+
+    Args:
+        seed: of the search.
+        model: with it, the path whose Bayesian reading has the least force sd for this model's
+            residual covariance, instead of the one with the least mean condition number.
+    """
+    task, source = load_task("linear_path")
+    objective = "jcn" if model is None else "force-sd"
+    best = place(task, source, robot, objective=objective, model=model, seed=seed).best
+    ahead = -float(np.arctan2(best.placement.p_WM[1], best.placement.p_WM[0]))
+    c, s = np.cos(ahead), np.sin(ahead)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    n_W = turn @ best.placement.n_W
+    posture = best.fine.q[len(best.fine.q) // 2].copy()
+    posture[0] += ahead
+    path = StraightPath(
+        n_W=n_W if n_W[1] > 0.0 else -n_W,
+        p_WM=turn @ best.placement.p_WM,
+        R_WE=turn @ best.placement.R_WE,
+        path_length=task.path_length,
+        num_segments=task.num_segments,
+    )
+    return path, posture
+
+
+def branch_start(robot: Robot, path: StraightPath, posture: Array) -> Array:
+    """(n,) configuration at the start of the path, on the branch of `posture` at its midpoint."""
+    halfway_back = np.linspace(0.5, 0.0, 51)
+    return np.asarray(follow_path(robot, *path.poses(halfway_back), posture)[-1])

@@ -1,0 +1,386 @@
+"""Condition number over the workspace, and where to put a table: the command `jcn-map`.
+
+The article draws half a million configurations at random (section 4.2). Here the same; and a slice:
+at each point of a plane the best condition number over all directions of the tool within a cone,
+over all branches within the joint limits.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analyses.output.figures import COLOUR, new_figure, save_figure
+from analyses.output.outputs import OutputFolder
+from analyses.output.result_folder import result_folder
+from diagrams.pages.cloud_page import record_cloud
+from models.files.input_error import InputError
+from models.motion.branches import is_closed_form
+from models.motion.posture_map import PostureMap, best_postures
+from models.motion.posture_measures import ConditionNumber, check_joints
+from models.motion.surface_path import frame_about
+from models.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+NUM_SAMPLES, NUM_SAMPLES_QUICK = 500_000, 50_000
+THRESHOLD = 11.0  # the article's figure of a good configuration
+_CHUNK = 250_000  # samples between two signs of progress
+_SCALE = (9.0, 100.0)  # of the colours
+_CLOUD, _SCATTER = 40_000, 20_000  # points that a picture shows
+_PLANES = {"x": 0, "y": 1, "z": 2}
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Random configurations: q (N, n) rad, jcn (N,), p_WE (N, 3) m."""
+
+    q: Array
+    jcn: Array
+    p_WE: Array
+
+    def metrics(self) -> dict[str, Any]:
+        """Mean, median, smallest, share above THRESHOLD; infinite ones are counted apart."""
+        finite = self.jcn[np.isfinite(self.jcn)]
+        return {
+            "mean": float(np.mean(finite)),
+            "median": float(np.median(self.jcn)),
+            "min": float(np.min(self.jcn)),
+            "above_11_pct": 100.0 * float(np.mean(self.jcn > THRESHOLD)),
+            "samples": len(self.jcn),
+            "singular": int(len(self.jcn) - len(finite)),
+        }
+
+
+@dataclass(frozen=True)
+class SliceConfig:
+    """A plane, and the cone that the tool may point in.
+
+    Attributes:
+        axis: "x", "y" or "z": the plane's normal in W.
+        value: of that coordinate in the plane, m.
+        cone_axis: (3,) direction of the tool in W in the cone's middle; down.
+        cone_deg: from there to the cone's side.
+        num_points: of the grid along each side of the square.
+        extent: half the square's side, m; None for the arm's reach.
+    """
+
+    axis: str = "z"
+    value: float = 0.3
+    cone_axis: tuple[float, float, float] = (0.0, 0.0, -1.0)
+    cone_deg: float = 30.0
+    num_points: int = 41
+    extent: float | None = None
+
+
+@dataclass(frozen=True)
+class Slice:
+    """The best condition number over a plane: u, v (G,) m along its axes, and G^2 postures."""
+
+    config: SliceConfig
+    axes: tuple[str, str]
+    u: Array
+    v: Array
+    postures: PostureMap
+
+    @property
+    def jcn(self) -> Array:
+        """(G, G) rows along v, NaN out of reach."""
+        return self.postures.best.reshape(len(self.v), len(self.u))
+
+    def metrics(self) -> dict[str, Any]:
+        """Where the best place is, and how much of the plane is good."""
+        best = self.postures.best
+        reached = np.isfinite(best)
+        metrics: dict[str, Any] = {
+            "points": best.size,
+            "reached_pct": 100.0 * float(np.mean(reached)),
+        }
+        if np.any(reached):
+            i = int(np.nanargmin(best))
+            metrics |= {
+                "min": float(best[i]),
+                "median": float(np.median(best[reached])),
+                "best_place_m": self.postures.p_WE[i].tolist(),
+                "best_direction": self.postures.direction_W[i].tolist(),
+                "below_11_m2": float(np.count_nonzero(best[reached] < THRESHOLD))
+                * float((self.u[1] - self.u[0]) * (self.v[1] - self.v[0])),
+            }
+        return metrics
+
+
+def sample(
+    robot: Robot,
+    num_samples: int,
+    seed: int,
+    *,
+    within_limits: bool = False,
+    progress: Callable[[float, str], None] = lambda fraction, what: None,
+) -> Samples:
+    """Draws configurations evenly over full turns of all joints, or over the joint limits.
+
+    Args:
+        within_limits: whether over the limits. A prismatic joint always keeps to its limits.
+
+    Raises:
+        InputError: the arm has fewer than six joints, or num_samples is below 1.
+    """
+    if num_samples < 1:
+        raise InputError("--samples", "", f"{num_samples}, expected 1 or more")
+    chain = robot.chain
+    check_joints(chain)
+    limited = chain.prismatic | within_limits
+    lower = np.where(limited, robot.position_lower, -math.pi)
+    upper = np.where(limited, robot.position_upper, math.pi)
+    if not np.all(np.isfinite(lower) & np.isfinite(upper)):
+        lower = np.where(np.isfinite(lower), lower, -math.pi)
+        upper = np.where(np.isfinite(upper), upper, math.pi)
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(lower, upper, (num_samples, robot.num_joints))
+    jcn, p_WE = np.empty(num_samples), np.empty((num_samples, 3))
+    for start in range(0, num_samples, _CHUNK):
+        rows = slice(start, start + _CHUNK)
+        jcn[rows] = chain.condition_number(q[rows])
+        p_WE[rows] = chain.pose(q[rows])[1]
+        progress(min(1.0, (start + _CHUNK) / num_samples), "condition numbers")
+    return Samples(q, jcn, p_WE)
+
+
+def slice_plane(
+    robot: Robot,
+    config: SliceConfig,
+    reach: Array,
+    progress: Callable[[float, str], None] = lambda fraction, what: None,
+) -> Slice:
+    """The best condition number at each point of a plane.
+
+    Args:
+        reach: (3,) largest |x|, |y| and |z| of E, m; sets the square where the configuration does
+            not.
+
+    Raises:
+        InputError: a plane, cone or grid that makes no sense.
+    """
+    _check_slice(config)
+    first, second = (i for i in range(3) if i != _PLANES[config.axis])
+    extent = config.extent
+    if extent is None:
+        extent = math.ceil(10.0 * max(reach[first], reach[second])) / 10.0
+    u = np.linspace(-extent, extent, config.num_points)
+    points = np.empty((config.num_points, config.num_points, 3))
+    points[..., _PLANES[config.axis]] = config.value
+    points[..., first], points[..., second] = np.meshgrid(u, u)
+    postures = best_postures(
+        robot,
+        ConditionNumber(robot.chain),
+        points.reshape(-1, 3),
+        config.cone_axis,
+        math.radians(config.cone_deg),
+        progress=lambda fraction: progress(fraction, "slice"),
+    )
+    return Slice(config, ("xyz"[first], "xyz"[second]), u, u, postures)
+
+
+def _check_slice(config: SliceConfig) -> None:
+    if config.axis not in _PLANES:
+        raise InputError("--slice", "", f'"{config.axis}", expected x, y or z', "write z=0.3")
+    if not (math.isfinite(config.value) and 2 <= config.num_points <= 401):
+        raise InputError("--slice", "", "expected a place in m, and a grid of 2 to 401 points")
+    if not 0.0 <= config.cone_deg <= 180.0:
+        raise InputError("--cone-deg", "", f"{config.cone_deg:g}, expected 0 to 180")
+    frame_about(np.array(config.cone_axis), "cone_axis")
+
+
+@dataclass(frozen=True)
+class JcnMapResult:
+    """What the command found; notices are sentences for the user."""
+
+    samples: Samples
+    plane: Slice | None
+    metrics: dict[str, Any]
+    notices: tuple[str, ...]
+
+
+def jcn_map(
+    robot_name: str,
+    out: Path,
+    num_samples: int = NUM_SAMPLES,
+    seed: int = 0,
+    *,
+    within_limits: bool = False,
+    plane: SliceConfig | None = None,
+    progress: Callable[[float, str], None] = lambda fraction, what: None,
+) -> JcnMapResult:
+    """The command `jcn-map`: writes samples.npz (q, jcn, p_WE), metrics.json, config.yaml, figures
+    and recording.html into `out`; with a plane also slice.npz (p_WE, jcn, direction_W, q).
+
+    Raises:
+        InputError: see `sample` and `slice_plane`; or `out` cannot be written to.
+    """
+    with result_folder(out, "jcn-map") as folder:
+        return _map_into(folder, robot_name, num_samples, seed, within_limits, plane, progress)
+
+
+def _map_into(
+    folder: OutputFolder,
+    robot_name: str,
+    num_samples: int,
+    seed: int,
+    within_limits: bool,
+    plane: SliceConfig | None,
+    progress: Callable[[float, str], None],
+) -> JcnMapResult:
+    robot = Robot.load(robot_name)
+    if plane is not None:
+        _check_slice(plane)
+    samples = sample(
+        robot,
+        num_samples,
+        seed,
+        within_limits=within_limits,
+        progress=lambda fraction, what: progress(0.2 * fraction, what),
+    )
+    metrics: dict[str, Any] = {**samples.metrics(), "seed": seed, "within_limits": within_limits}
+    notices = []
+    with folder.atomic("samples.npz") as partial, partial.open("wb") as file:
+        np.savez(file, q=samples.q, jcn=samples.jcn, p_WE=samples.p_WE)
+    _draw_cloud(samples, folder / "figures" / "workspace.png")
+    _draw_distribution(samples, folder / "figures" / "distribution.png")
+    record(robot, samples, folder / "recording.html")
+    cut = None
+    if plane is not None:
+        if not is_closed_form(robot):
+            notices.append(
+                f"{robot.name} has no known analytic inverse kinematics: the slice shows the best "
+                "of the postures that a search found"
+            )
+        cut = slice_plane(
+            robot,
+            plane,
+            np.max(np.abs(samples.p_WE), axis=0),
+            lambda fraction, what: progress(0.2 + 0.8 * fraction, what),
+        )
+        metrics["slice"] = cut.metrics()
+        found = cut.postures
+        with folder.atomic("slice.npz") as partial, partial.open("wb") as file:
+            np.savez(
+                file, p_WE=found.p_WE, jcn=found.best, direction_W=found.direction_W, q=found.q
+            )
+        _draw_slice(cut, folder / "figures" / "slice.png")
+    folder.write_json("metrics.json", {**metrics, "notices": notices})
+    folder.write_yaml(
+        "config.yaml",
+        {
+            "robot": robot_name,
+            "num_samples": num_samples,
+            "seed": seed,
+            "within_limits": within_limits,
+            "slice": plane,
+        },
+    )
+    return JcnMapResult(samples, cut, metrics, tuple(notices))
+
+
+def record(robot: Robot, samples: Samples, path: Path) -> None:
+    """Writes the point cloud with the arm in it: the half behind the arm, so that both are seen."""
+    behind = np.flatnonzero(samples.p_WE[:, 1] > 0.0)[:_CLOUD]
+    low, high = _SCALE
+    record_cloud(
+        robot,
+        samples.p_WE[behind],
+        np.minimum(samples.jcn[behind], high),
+        path,
+        f"Condition number over the workspace of {robot.name} (half of it)",
+        low=low,
+        high=high,
+    )
+
+
+def _draw_cloud(samples: Samples, path: Path) -> None:
+    from matplotlib.colors import LogNorm
+
+    figure, _ = new_figure(1, 2, height=4.0)
+    figure.clear()
+    norm = LogNorm(*_SCALE)
+    ax = figure.add_subplot(1, 2, 1, projection="3d")
+    shown = slice(0, _SCATTER)
+    p = samples.p_WE[shown]
+    # Good ones last, so that they are not covered by the many that are not.
+    order = np.argsort(-samples.jcn[shown])
+    ax.scatter(*p[order].T, c=samples.jcn[shown][order], norm=norm, cmap="viridis", s=1.0, lw=0)
+    ax.set_xlabel("x [m]")
+    ax.set_ylabel("y [m]")
+    ax.set_zlabel("z [m]")
+    ax.set_aspect("equal")
+    ax.tick_params(labelsize=7)
+    ax.set_title("configurations")
+    ax = figure.add_subplot(1, 2, 2)
+    radius = np.hypot(samples.p_WE[:, 0], samples.p_WE[:, 1])
+    cells = ax.hexbin(
+        radius,
+        samples.p_WE[:, 2],
+        C=samples.jcn,
+        reduce_C_function=np.median,
+        gridsize=70,
+        norm=norm,
+        cmap="viridis",
+        mincnt=5,
+        linewidths=0.1,
+    )
+    ax.set_aspect("equal")
+    ax.set_xlabel("distance from the base's axis [m]")
+    ax.set_ylabel("z [m]")
+    ax.set_title("median of each cell")
+    bar = figure.colorbar(cells, ax=ax, label="condition number of J", extend="max")
+    bar.set_ticks([10, 20, 50, 100], labels=["10", "20", "50", "100"])
+    save_figure(figure, path)
+
+
+def _draw_distribution(samples: Samples, path: Path) -> None:
+    figure, axes = new_figure(1, 1, height=3.2)
+    ax = axes[0, 0]
+    finite = samples.jcn[np.isfinite(samples.jcn)]
+    edges = np.geomspace(5.0, 1e4, 100)
+    ax.hist(np.clip(finite, 5.0, 9.999e3), edges, color=COLOUR["estimate"])
+    for value, name, style in (
+        (THRESHOLD, f"{THRESHOLD:g}", ":"),
+        (float(np.median(samples.jcn)), f"median {np.median(samples.jcn):.1f}", "-"),
+        (float(np.mean(finite)), f"mean {np.mean(finite):.0f}", "--"),
+    ):
+        ax.axvline(value, color=COLOUR["truth"], linestyle=style, linewidth=1.0, label=name)
+    ax.set_xscale("log")
+    ax.set_xlabel("condition number of J (last bar: above 10 000)")
+    ax.set_ylabel("configurations")
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    save_figure(figure, path)
+
+
+def _draw_slice(cut: Slice, path: Path) -> None:
+    from matplotlib.colors import LogNorm
+
+    figure, axes = new_figure(1, 1, height=5.2, width=6.4)
+    ax = axes[0, 0]
+    cells = ax.pcolormesh(
+        cut.u, cut.v, cut.jcn, norm=LogNorm(*_SCALE), cmap="viridis", shading="nearest"
+    )
+    if np.nanmin(cut.jcn, initial=np.inf) < THRESHOLD < np.nanmax(cut.jcn, initial=-np.inf):
+        ax.contour(cut.u, cut.v, cut.jcn, levels=[THRESHOLD], colors="white", linewidths=1.2)
+    if np.any(np.isfinite(cut.postures.best)):
+        p = cut.postures.p_WE[int(np.nanargmin(cut.postures.best))]
+        first, second = ("xyz".index(name) for name in cut.axes)
+        ax.plot(p[first], p[second], "o", color="#d55e00", label=f"best: {np.nanmin(cut.jcn):.2f}")
+        figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center")
+    ax.set_aspect("equal")
+    ax.set_xlabel(f"{cut.axes[0]} [m]")
+    ax.set_ylabel(f"{cut.axes[1]} [m]")
+    ax.set_title(
+        f"plane {cut.config.axis} = {cut.config.value:g} m, tool within "
+        f"{cut.config.cone_deg:g} deg of {list(cut.config.cone_axis)}"
+    )
+    bar = figure.colorbar(cells, ax=ax, label="best condition number of J", extend="max")
+    bar.set_ticks([10, 20, 50, 100], labels=["10", "20", "50", "100"])
+    save_figure(figure, path)

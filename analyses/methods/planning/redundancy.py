@@ -1,0 +1,383 @@
+"""How to use the free angle about the normal of a surface (section 4.4)?
+
+Three ways along one path are compared: at a constant angle (initial), by the local method that the
+article uses, and the optimum (dynamic programming over a grid of angles and all branches, then
+refined continuously).
+
+A task names a surface, where the workpiece stands, and how the tool is held (see `RedundancyTask`):
+
+    surface: {blade: {}, start: [0.75, 0.15], end: [0.75, 0.85], num_samples: 121}
+    workpiece: {xyz: [0.45, -0.25, 0.25], rpy: [0, 0, 0]}
+    tool_axis: [0.7071, 0, 0.7071]
+    initial_angle_deg: 60
+
+or, in the place of the surface, `csv: points.csv` with the columns x,y,z,nx,ny,nz.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.math import RollPitchYaw
+
+from diagrams.pages.path_page import TriangleMesh
+from models.estimation.wrench import WrenchReconstructionConfig, live_prior
+from models.files.configuration import REQUIRED
+from models.files.input_error import InputError
+from models.identification.identified_model import IdentifiedModel
+from models.motion.branches import is_closed_form
+from models.motion.posture_measures import ConditionNumber, ForceSd, PostureMeasure
+from models.motion.redundancy import (
+    Candidates,
+    RedundancyProblem,
+    Trajectory,
+    at_constant_angle,
+    best_on_grid,
+    candidates,
+    local_descent,
+    refine,
+    task,
+)
+from models.motion.surface_path import SurfacePath
+from models.motion.workpieces import BladeSection, Plate, Surface, mesh
+from models.robot.robot import Robot
+from models.robot.robot_config import PoseConfig
+
+Array = NDArray[np.float64]
+
+OBJECTIVES = ("jcn", "force-sd")
+
+
+@dataclass
+class PlateConfig:
+    """A flat rectangle; m."""
+
+    length: float = 0.4  # along x and u
+    width: float = 0.3  # along y and v
+
+
+@dataclass
+class BladeConfig:
+    """A section of a wind turbine blade; see `models.motion.workpieces.BladeSection`."""
+
+    span: float = 0.5  # m, along y and v
+    root_chord: float = 0.34  # m, along x
+    tip_chord: float = 0.26  # m
+    root_twist_deg: float = 10.0  # of the chord, at one end
+    tip_twist_deg: float = 2.0  # at the other end
+    thickness: float = 0.24  # of the chord
+    camber: float = 0.05  # of the chord
+
+
+@dataclass
+class PatchPathConfig:
+    """A path on a bundled workpiece, straight in its parameters; one of plate and blade."""
+
+    plate: PlateConfig | None = None
+    blade: BladeConfig | None = None
+    start: list[float] = field(default_factory=list, metadata=REQUIRED)  # (u, v)
+    end: list[float] = field(default_factory=list, metadata=REQUIRED)  # (u, v)
+    num_samples: int = 121  # along the path
+
+
+@dataclass
+class RedundancyTask:
+    """What `redundancy --task` reads."""
+
+    surface: PatchPathConfig | None = None  # this, or
+    csv: Path | None = None  # x,y,z,nx,ny,nz in the workpiece's frame; beside the task's file
+    workpiece: PoseConfig = field(default_factory=PoseConfig)  # its frame in W
+    tool_axis: list[float] = field(default_factory=lambda: [0.0, 0.0, 1.0])
+    # working direction of the tool in axes of E; it points into the surface
+    objective: str = "jcn"  # or force-sd
+    model: Path | None = None  # of force-sd: model.yaml of `identify`; without it the nominal one
+    initial_angle_deg: float = 0.0  # of the trajectory to compare with, about the normal
+    limit_margin_deg: float = 3.0  # kept from every joint limit
+    joint_ranges_deg: dict[str, list[float]] = field(default_factory=dict)
+    # narrower limits of joints by their names, [lower, upper] (m of prismatic ones); so a branch
+    # can be ruled out, such as an elbow that would hang into the workpiece
+    max_joint_step_deg: float = 6.0  # from one sample to the next
+    smoothness: float = 0.002  # weight of the joints' motion, objective per rad^2
+    num_angles: int = 72  # of the grid
+
+
+@dataclass(frozen=True, eq=False)
+class RedundancyResult:
+    """What `find_redundancy` found.
+
+    Attributes:
+        initial: at a constant angle; None if none can be kept.
+        local: the baseline, from the initial trajectory's first posture; None where it fails.
+        on_grid: the optimum over the grid and all branches.
+        optimised: the refined one.
+        constant_angles: (K,) mean measure at each constant angle of the grid, NaN where it cannot
+            be kept.
+        notices: sentences for the user.
+    """
+
+    problem: RedundancyProblem
+    initial: Trajectory | None
+    local: Trajectory | None
+    on_grid: Trajectory
+    optimised: Trajectory
+    constant_angles: Array
+    workpiece: TriangleMesh | None
+    notices: tuple[str, ...]
+
+    def metrics(self) -> dict[str, Any]:
+        """Nested figures; the measure's key carries its unit."""
+        problem, key = self.problem, self.problem.measure.key
+        after = problem.measure.values(self.optimised.q)
+        error, _ = task(problem, self.optimised.q)
+        kept = self.constant_angles[np.isfinite(self.constant_angles)]
+        best_kept = float(np.min(kept)) if kept.size else math.nan
+        metrics: dict[str, Any] = {
+            "samples": problem.path.num_samples,
+            "path_length_m": float(problem.path.distance[-1]),
+            "grid": self._figures(self.on_grid),
+            "optimised": {
+                **self._figures(self.optimised),
+                "position_error_m": float(np.max(np.linalg.norm(error[:, 2:], axis=1))),
+                "normal_error_rad": float(np.max(np.linalg.norm(error[:, :2], axis=1))),
+                "max_joint_step_deg": math.degrees(
+                    float(np.max(np.abs(np.diff(self.optimised.q, axis=0))))
+                ),
+                "angle_range_deg": math.degrees(float(np.ptp(self.optimised.psi))),
+            },
+            "constant_angle": {
+                f"best_mean_{key}": best_kept,
+                f"median_mean_{key}": float(np.median(kept)) if kept.size else math.nan,
+                f"worst_mean_{key}": float(np.max(kept)) if kept.size else math.nan,
+                "angles_kept": int(kept.size),
+            },
+        }
+        if self.initial is not None:
+            before = problem.measure.values(self.initial.q)
+            metrics["initial"] = self._figures(self.initial)
+            metrics["reduction_mean_pct"] = 100.0 * (1.0 - float(np.mean(after) / np.mean(before)))
+            metrics["samples_lower"] = int(np.count_nonzero(after < before))
+        if self.local is not None:
+            metrics["local"] = self._figures(self.local)
+        return metrics
+
+    def _figures(self, trajectory: Trajectory) -> dict[str, float]:
+        values, key = self.problem.measure.values(trajectory.q), self.problem.measure.key
+        return {f"mean_{key}": float(np.mean(values)), f"max_{key}": float(np.max(values))}
+
+
+def find_redundancy(
+    robot: Robot,
+    config: RedundancyTask,
+    source: Path | None = None,
+    progress: Callable[[float, str], None] = lambda fraction, what: None,
+) -> RedundancyResult:
+    """Chooses a posture at each sample of the task's path.
+
+    Interrupted while it refines, it returns the optimum on the grid.
+
+    Args:
+        source: the task's file; relative paths in it start from its folder.
+
+    Raises:
+        InputError: the task contradicts itself, or a sample is out of reach.
+    """
+    problem, workpiece = make_problem(robot, config, source)
+    notices = []
+    if not is_closed_form(robot):
+        notices.append(
+            f"{robot.name} has no known analytic inverse kinematics: its postures are what a "
+            "search found, so that the optimum is that of the postures found"
+        )
+    grid = candidates(problem, lambda f: progress(0.6 * f, "postures on the grid"))
+    progress(0.6, "dynamic programming")
+    on_grid = best_on_grid(problem, grid)
+    initial = local = None
+    try:
+        initial = at_constant_angle(problem, grid, np.array(robot.home))
+    except InputError as error:
+        notices.append(f"no initial trajectory to compare with: {error}")
+    else:
+        offset = math.degrees(abs(initial.psi[0] - problem.first_angle))
+        if offset > 1e-6:
+            notices.append(
+                f"the initial angle of {config.initial_angle_deg:g} deg cannot be kept from end to "
+                f"end; compared is {math.degrees(initial.psi[0]):g} deg"
+            )
+        progress(0.7, "local method")
+        try:
+            local = local_descent(problem, initial.q[0])
+        except InputError as error:
+            notices.append(str(error))
+    try:
+        optimised = _refined(problem, on_grid, local, progress)
+    except KeyboardInterrupt:
+        optimised = on_grid
+        notices.append("interrupted: this is the optimum on the grid of angles, not refined")
+    if np.ptp(problem.measure.values(grid.q[0][np.isfinite(grid.q[0, :, :, 0])])) < 1e-6:
+        notices.append("no angle and no branch makes a difference: " + problem.measure.label)
+    progress(1.0, "done")
+    return RedundancyResult(
+        problem,
+        initial,
+        local,
+        on_grid,
+        optimised,
+        _constant_angles(problem, grid),
+        workpiece,
+        tuple(notices),
+    )
+
+
+def _refined(
+    problem: RedundancyProblem,
+    on_grid: Trajectory,
+    local: Trajectory | None,
+    progress: Callable[[float, str], None],
+) -> Trajectory:
+    """The best of both starts; in its mean measure never worse than the local method."""
+
+    def mean(trajectory: Trajectory) -> float:
+        return float(np.mean(problem.measure.values(trajectory.q)))
+
+    found = [refine(problem, on_grid.q, progress=lambda f: progress(0.8 + 0.1 * f, "refinement"))]
+    if local is not None and problem.violation(local.q) <= 1e-7:
+        found.append(
+            refine(problem, local.q, progress=lambda f: progress(0.9 + 0.1 * f, "refinement"))
+        )
+    best = min(found, key=lambda trajectory: problem.cost(trajectory.q))
+    if local is not None and problem.violation(local.q) <= 1e-7 and mean(best) > mean(local):
+        # Smoother than the local one, and for that a little worse: here the measure comes first.
+        best = min(*found, local, key=mean)
+    return best
+
+
+def _constant_angles(problem: RedundancyProblem, grid: Candidates) -> Array:
+    """(K,) mean measure at each constant angle, on its best branch that can be kept."""
+    means = np.full(len(grid.psi), np.nan)
+    for k in range(len(grid.psi)):
+        one = Candidates(grid.psi[k : k + 1], np.ascontiguousarray(grid.q[:, k : k + 1]))
+        if not np.all(np.any(np.isfinite(one.q[..., 0]), axis=(1, 2))):
+            continue
+        try:
+            kept = best_on_grid(problem, one)
+        except InputError:
+            continue
+        means[k] = float(np.mean(problem.measure.values(kept.q)))
+    return means
+
+
+def make_problem(
+    robot: Robot, config: RedundancyTask, source: Path | None = None
+) -> tuple[RedundancyProblem, TriangleMesh | None]:
+    """The problem that a task states, and its workpiece to draw (None for a CSV's).
+
+    Raises:
+        InputError: the task contradicts itself.
+    """
+    name = str(source) if source else "task"
+    folder = source.parent if source else Path()
+    _check_task(config, name)
+    pose = config.workpiece
+    R_WP = np.asarray(RollPitchYaw(pose.rpy).ToRotationMatrix().matrix(), dtype=np.float64)
+    p_WP = np.array(pose.xyz, dtype=np.float64)
+    workpiece = None
+    if config.csv is not None:
+        path = SurfacePath.read_csv(folder / config.csv, R_WP, p_WP)
+    else:
+        patch = config.surface
+        assert patch is not None
+        surface = _surface(patch, name)
+        start, end = (patch.start[0], patch.start[1]), (patch.end[0], patch.end[1])
+        path = SurfacePath.on_surface(
+            surface, start, end, patch.num_samples, R_WP, p_WP, f"{name}: surface"
+        )
+        vertices, triangles = mesh(surface)
+        workpiece = TriangleMesh(vertices @ R_WP.T + p_WP, triangles)
+    margin = math.radians(config.limit_margin_deg)
+    step = math.radians(config.max_joint_step_deg)
+    margins = np.where(robot.chain.prismatic, 0.0, margin)
+    lower, upper = robot.position_lower + margins, robot.position_upper - margins
+    for joint, limits in config.joint_ranges_deg.items():
+        if joint not in robot.joint_names or len(limits) != 2 or not limits[0] < limits[1]:
+            known = ", ".join(robot.joint_names)
+            raise InputError(
+                name, f"joint_ranges_deg.{joint}", "expected [lower, upper]", f"joints are {known}"
+            )
+        j = robot.joint_names.index(joint)
+        unit = 1.0 if robot.chain.prismatic[j] else math.pi / 180.0
+        lower[j], upper[j] = max(lower[j], unit * limits[0]), min(upper[j], unit * limits[1])
+    if np.any(lower >= upper):
+        joint = robot.joint_names[int(np.argmax(lower - upper))]
+        raise InputError(name, "limit_margin_deg, joint_ranges_deg", f"leave {joint} no room")
+    axis = np.array(config.tool_axis)
+    problem = RedundancyProblem(
+        robot=robot,
+        path=path,
+        tool_axis_E=axis / np.linalg.norm(axis),
+        measure=_measure(robot, config, folder),
+        lower=lower,
+        upper=upper,
+        max_step=np.full(robot.num_joints, step),
+        smoothness=config.smoothness,
+        num_angles=config.num_angles,
+        first_angle=math.radians(config.initial_angle_deg),
+    )
+    return problem, workpiece
+
+
+def _check_task(config: RedundancyTask, name: str) -> None:
+    if (config.surface is None) == (config.csv is None):
+        raise InputError(name, "", "expected one of surface and csv")
+    if config.objective not in OBJECTIVES:
+        expected = " or ".join(OBJECTIVES)
+        raise InputError(name, "objective", f'expected {expected}, found "{config.objective}"')
+    if len(config.tool_axis) != 3 or not np.linalg.norm(config.tool_axis) > 1e-9:
+        raise InputError(name, "tool_axis", "expected three numbers that make a direction")
+    if len(config.workpiece.xyz) != 3 or len(config.workpiece.rpy) != 3:
+        raise InputError(name, "workpiece", "xyz and rpy take three numbers each")
+    if config.surface is not None:
+        for key in ("start", "end"):
+            if len(getattr(config.surface, key)) != 2:
+                raise InputError(name, f"surface.{key}", "expected the two numbers u, v")
+    for key, low, high in (
+        ("limit_margin_deg", 0.0, 90.0),
+        ("max_joint_step_deg", 0.01, 60.0),
+        ("smoothness", 0.0, 1e6),
+        ("num_angles", 4, 720),
+    ):
+        value = getattr(config, key)
+        if not low <= value <= high:
+            raise InputError(name, key, f"{value:g}, expected {low:g} to {high:g}")
+
+
+def _surface(patch: PatchPathConfig, name: str) -> Surface:
+    if (patch.plate is None) == (patch.blade is None):
+        raise InputError(name, "surface", "expected one of plate and blade")
+    if patch.plate is not None:
+        return Plate(patch.plate.length, patch.plate.width)
+    blade = patch.blade
+    assert blade is not None
+    return BladeSection(
+        blade.span,
+        blade.root_chord,
+        blade.tip_chord,
+        math.radians(blade.root_twist_deg),
+        math.radians(blade.tip_twist_deg),
+        blade.thickness,
+        blade.camber,
+    )
+
+
+def _measure(robot: Robot, config: RedundancyTask, folder: Path) -> PostureMeasure:
+    if config.objective == "jcn":
+        return ConditionNumber(robot.chain)
+    if config.model is not None:
+        model = IdentifiedModel.load(folder / config.model, robot)
+    else:
+        model = IdentifiedModel.nominal(robot)
+    prior = WrenchReconstructionConfig().with_prior(*live_prior(robot.payload))
+    return ForceSd(robot.chain, model.residual_covariance, prior)

@@ -1,0 +1,249 @@
+"""What is kept of a log's wrenches as they stream by: metrics, doubts and a picture."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analyses.methods.reading.estimate_config import EstimateConfig
+from analyses.output.stream_summary import Envelope, EvenSample
+from models.estimation.estimator import EstimateBatch
+from models.identification.identified_model import IdentifiedModel
+from models.recordings.recording import Recording
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+AXES = ("fx", "fy", "fz", "mx", "my", "mz")  # as people read them
+_FORCE_FIRST = [3, 4, 5, 0, 1, 2]
+_MEDIAN_SAMPLES = 1 << 17
+_FIGURE_BINS = 2000  # about one a pixel
+_BAND = 1.96  # standard deviations: 95 %
+_SINGULAR = 1e12  # condition number: beyond, rounding alone decides its digits
+_SETTLING = 3.0  # time constants of the observer, which starts at zero: 5 % are missing then
+_OUTSIDE_WARNING = 0.01  # share of samples outside the model's ranges
+_UNSURE_WARNING = 0.5  # share of invalid samples
+
+
+class _Moments:
+    """Sums over samples of a wrench and its standard deviation, force first."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._sum = np.zeros(6)
+        self._squares = np.zeros(6)
+        self._sd = np.zeros(6)
+        self._largest = np.zeros(6)
+
+    def add(self, wrench: Array, sd: Array) -> None:
+        if not len(wrench):
+            return
+        self.count += len(wrench)
+        self._sum += wrench.sum(axis=0)
+        self._squares += (wrench**2).sum(axis=0)
+        self._sd += sd.sum(axis=0)
+        self._largest = np.maximum(self._largest, np.abs(wrench).max(axis=0))
+
+    def metrics(self) -> dict[str, Any]:
+        """Per axis; null where there is no sample."""
+        result: dict[str, Any] = {}
+        for k, axis in enumerate(AXES):
+            unit = "n" if axis.startswith("f") else "nm"
+            values = {
+                "mean": self._sum[k] / self.count if self.count else None,
+                "rms": np.sqrt(self._squares[k] / self.count) if self.count else None,
+                "max_abs": self._largest[k] if self.count else None,
+                "mean_sd": self._sd[k] / self.count if self.count else None,
+            }
+            result[axis] = {f"{name}_{unit}": value for name, value in values.items()}
+        return result
+
+
+class EstimateSummary:
+    """What metrics and figure need, gathered chunk by chunk."""
+
+    def __init__(self, model: IdentifiedModel) -> None:
+        self._model = model
+        self.count = 0
+        self.num_valid = 0
+        self._num_invalid = {"settling": 0, "dropout": 0, "unsure": 0}
+        self._first = 0.0
+        self._last = 0.0
+        self._num_singular = 0
+        self._largest_condition = 0.0
+        self._condition = EvenSample(_MEDIAN_SAMPLES)
+        self._all = _Moments()
+        self._of_valid = _Moments()
+        n = len(model.joint_names)
+        self._outside = {"q": np.zeros(n), "v": np.zeros(n), "tau": np.zeros(n)}
+        self._outside_motion = 0
+        self._envelope = Envelope(_FIGURE_BINS)
+        self._valid_range = np.stack([np.full(6, np.inf), np.full(6, -np.inf)])
+
+    def judge(self, chunk: Recording, batch: EstimateBatch, config: EstimateConfig) -> Flags:
+        """(N,) which samples of the next chunk may be trusted; counts why others may not."""
+        index = self.count + np.arange(chunk.num_samples)
+        settling = index * config.time_step < _SETTLING / min(config.K_0)  # flagged by the observer
+        dropout = chunk.dropout & ~settling
+        unsure = ~batch.valid & ~dropout & ~settling
+        for name, reason in (("settling", settling), ("dropout", dropout), ("unsure", unsure)):
+            self._num_invalid[name] += int(reason.sum())
+        return np.asarray(batch.valid & ~chunk.dropout)
+
+    def add(
+        self, chunk: Recording, batch: EstimateBatch, sd: Array, valid: Flags, torque: Array
+    ) -> None:
+        if not chunk.num_samples:
+            return
+        if not self.count:
+            self._first = float(chunk.t[0])
+        self._last = float(chunk.t[-1])
+        self.count += chunk.num_samples
+        self.num_valid += int(valid.sum())
+        condition = batch.condition_number
+        self._condition.add(condition)
+        regular = condition < _SINGULAR
+        self._num_singular += int((~regular).sum())
+        largest = float(condition.max(initial=0.0, where=regular))
+        self._largest_condition = max(self._largest_condition, largest)
+        wrench, sd = batch.wrench[:, _FORCE_FIRST], sd[:, _FORCE_FIRST]
+        self._all.add(wrench, sd)
+        self._of_valid.add(wrench[valid], sd[valid])
+        self._add_outside(chunk, torque)
+        lower, upper = wrench - _BAND * sd, wrench + _BAND * sd
+        self._envelope.add(
+            np.concatenate([wrench, lower], axis=1),
+            np.concatenate([wrench, upper], axis=1),
+            np.stack([chunk.t - self._first, ~valid], axis=1),
+        )
+        if valid.any():
+            self._valid_range[0] = np.minimum(self._valid_range[0], lower[valid].min(axis=0))
+            self._valid_range[1] = np.maximum(self._valid_range[1], upper[valid].max(axis=0))
+
+    def _add_outside(self, chunk: Recording, torque: Array) -> None:
+        ranges = self._model.validity
+        outside = np.zeros(chunk.num_samples, bool)
+        if ranges.q_min and ranges.q_max:
+            q = (chunk.q < np.array(ranges.q_min)) | (chunk.q > np.array(ranges.q_max))
+            self._outside["q"] += q.sum(axis=0)
+            outside |= q.any(axis=1)
+        if ranges.v_max:
+            v = np.abs(chunk.v) > np.array(ranges.v_max)
+            self._outside["v"] += v.sum(axis=0)
+            outside |= v.any(axis=1)
+        if ranges.tau_max:
+            self._outside["tau"] += (np.abs(torque) > np.array(ranges.tau_max)).sum(axis=0)
+        self._outside_motion += int(outside.sum())
+
+    def metrics(self, config: EstimateConfig, rule: str) -> dict[str, Any]:
+        share = 100.0 / self.count
+        return {
+            "num_samples": self.count,
+            "duration_s": self._last - self._first,
+            "time_step_s": config.time_step,
+            "valid_pct": share * self.num_valid,
+            "invalid": {
+                "observer_settling_pct": share * self._num_invalid["settling"],
+                "bridged_dropout_pct": share * self._num_invalid["dropout"],
+                "force_too_uncertain_pct": share * self._num_invalid["unsure"],
+            },
+            "prior": {
+                "force_sd_n": config.prior_force_sd,
+                "moment_sd_nm": config.prior_moment_sd,
+                "rule": rule,
+            },
+            "condition_number": {
+                "median": float(np.median(self._condition.values())),
+                "max": self._largest_condition,  # where J is not singular
+                "singular_pct": share * self._num_singular,
+            },
+            "wrench": self._all.metrics(),
+            "valid": {"wrench": self._of_valid.metrics()},
+            "outside_model": {
+                "motion_pct": share * self._outside_motion,
+                **{f"{name}_pct": share * count for name, count in self._outside.items()},
+            },
+        }
+
+    def warnings(self) -> list[str]:
+        found = []
+        outside = self._outside_motion / self.count
+        if outside > _OUTSIDE_WARNING:
+            worst = {
+                name: self._model.joint_names[int(np.argmax(self._outside[name]))]
+                for name in ("q", "v")
+                if self._outside[name].any()
+            }
+            where = " and ".join(
+                f"{'position' if name == 'q' else 'speed'} of {joint}"
+                for name, joint in worst.items()
+            )
+            found.append(
+                f"{100 * outside:.1f} % of the samples lie outside the motion that the model was "
+                f"identified on (mostly {where}): it extrapolates there"
+            )
+        unsure = self._num_invalid["unsure"] / self.count
+        if unsure > _UNSURE_WARNING:
+            found.append(
+                f"{100 * unsure:.0f} % of the samples say less about the force than the prior: "
+                "noise, posture or model do not allow more"
+            )
+        return found
+
+    def figure(self) -> "Figure":
+        from analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
+
+        low, high, mean = self._envelope.values()
+        t, is_invalid = mean[:, 0], mean[:, 1] > 0.5
+        figure, axes = new_figure(3, 2, share_x=True)
+        for k, axis in enumerate(AXES):
+            panel: Any = axes[k % 3, k // 3]
+            unit = "N" if axis.startswith("f") else "N m"
+            panel.fill_between(
+                t,
+                low[:, 6 + k],
+                high[:, 6 + k],
+                color=COLOUR["estimate"],
+                alpha=BAND_ALPHA,
+                lw=0,
+                label="95 % band",
+            )
+            # The extremes of each stretch, in turn: one line that shows every peak of a long log.
+            panel.plot(
+                t.repeat(2),
+                np.stack([low[:, k], high[:, k]], axis=1).ravel(),
+                color=COLOUR["estimate"],
+                lw=0.9,
+                label="estimate",
+            )
+            panel.set_ylabel(f"{axis[0]}$_{axis[1]}$ [{unit}]")
+            panel.set_ylim(*self._limits(k, low, high))
+            _shade(panel, t, is_invalid, COLOUR["invalid"])
+            if k % 3 == 2:
+                panel.set_xlabel("time [s]")
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=3)
+        figure.suptitle("Wrench of the environment on the robot, at E in axes of W")
+        return figure
+
+    def _limits(self, k: int, low: Array, high: Array) -> tuple[float, float]:
+        """Range of y that shows the valid samples; an invalid one may read anything."""
+        bottom, top = self._valid_range[:, k]
+        if not np.isfinite(bottom):
+            bottom, top = np.percentile(low[:, k], 2), np.percentile(high[:, k], 98)
+        margin = 0.05 * (top - bottom) or 1.0
+        return float(bottom - margin), float(top + margin)
+
+
+def _shade(panel: Any, t: Array, is_invalid: Flags, colour: str) -> None:
+    """Marks the stretches that hold invalid samples."""
+    padded = np.concatenate([[False], is_invalid, [False]]).astype(np.int8)
+    begins, ends = np.flatnonzero(np.diff(padded) == 1), np.flatnonzero(np.diff(padded) == -1) - 1
+    half = 0.5 * float(np.median(np.diff(t))) if len(t) > 1 else 0.5
+    for index, (begin, end) in enumerate(zip(begins, ends, strict=True)):
+        label = "not valid" if index == 0 else None
+        panel.axvspan(t[begin] - half, t[end] + half, color=colour, lw=0, zorder=0, label=label)

@@ -1,0 +1,242 @@
+"""What is read of a known payload on a real arm, and how far that is from its wrench."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import spearmanr
+
+from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
+from models.estimation.momentum_observer import MomentumObserverConfig
+from models.estimation.point_of_action import PointOfAction, find_point_of_action, jacobian_at
+from models.estimation.wrench import (
+    WrenchEstimate,
+    WrenchReconstruction,
+    WrenchReconstructionConfig,
+    evidence_prior,
+)
+from models.identification.identified_model import IdentifiedModel
+from models.recordings.recording import Recording
+from models.recordings.recording_reader import read_recording
+from models.recordings.resampling import resampled
+from models.robot.robot import Robot
+from models.signals.zero_phase import ZeroPhaseLowPass, derivative
+
+if TYPE_CHECKING:
+    pass
+
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+MASS = 2.805  # kg, of the payload
+TIME_STEP = 0.01  # s
+K_0 = 15.0  # 1/s
+REFERENCE_CUTOFF = 5.0  # Hz, zero-phase, of the kinematics behind the reference
+LEARNING_TIME = 10.0  # s of the loaded run that the point of action is found from
+LEARNING_STRIDE = 5  # samples; the observer's band is far below their rate
+MARGIN = 1.0  # s left out at both ends: the observer's start, the reference's filter
+AXES = ("x", "y", "z")
+SIGMA_68, SIGMA_95 = 1.0, 1.96  # half widths of the bands, in standard deviations
+# Every method that is compared, with what sets it apart; the prior of the others, where they have
+# use for one, is the one that the log suggests.
+METHODS: dict[str, WrenchReconstructionConfig] = {
+    "bayesian": WrenchReconstructionConfig("bayesian"),
+    "bayesian_live_prior": WrenchReconstructionConfig("bayesian"),
+    "force_only": WrenchReconstructionConfig("force_only"),
+    "inverse": WrenchReconstructionConfig("inverse"),
+    "damped": WrenchReconstructionConfig("damped", damping=0.2),
+    "truncated": WrenchReconstructionConfig("truncated", truncation=0.05),
+    "truncated_1e_5": WrenchReconstructionConfig("truncated", truncation=1e-5),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """The payload's force on the flange, from its mass and the motion alone.
+
+    Attributes:
+        direction: (N, 3) g - a_E in axes of W, m/s^2.
+        force: (N, 3) N, exerted on the robot.
+    """
+
+    direction: Array
+    mass: float = MASS
+
+    @property
+    def force(self) -> Array:
+        return self.mass * self.direction
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What one method reads.
+
+    Attributes:
+        force: (N, 3) N in axes of W.
+        deviation: (N, 3) N, as stated.
+        valid: (N,).
+        condition_number: (N,).
+    """
+
+    force: Array
+    deviation: Array
+    valid: Flags
+    condition_number: Array
+
+    @classmethod
+    def of(cls, estimate: WrenchEstimate, fresh: slice) -> "Reading":
+        return cls(
+            estimate.wrench[fresh, 3:],
+            estimate.standard_deviation[fresh, 3:],
+            estimate.valid[fresh],
+            estimate.condition_number[fresh],
+        )
+
+    def metrics(self, reference: Reference) -> dict[str, Any]:
+        """Errors over all samples, and below `valid` over those that are flagged valid."""
+        error = np.linalg.norm(self.force - reference.force, axis=1)
+        worst_deviation = np.linalg.norm(self.deviation, axis=1)
+        return {
+            **self._errors(reference, np.ones(len(self.valid), bool)),
+            "share_valid_pct": 100.0 * float(self.valid.mean()),
+            "valid": self._errors(reference, self.valid),
+            "rank_correlation_with_error": {
+                "stated_sd": float(spearmanr(worst_deviation, error).statistic),
+                "condition_number": float(spearmanr(self.condition_number, error).statistic),
+            },
+        }
+
+    def _errors(self, reference: Reference, rows: Flags) -> dict[str, Any]:
+        names = [f"rmse_f{axis}_n" for axis in AXES]
+        if rows.sum() < 2:
+            keys = (*names, "rmse_n", "max_error_n", "mass_kg", "correlation")
+            return dict.fromkeys((*keys, "inside_68_pct", "inside_95_pct"))
+        force, truth = self.force[rows], reference.force[rows]
+        direction = reference.direction[rows]
+        error = force - truth
+        share = np.abs(error) / self.deviation[rows]
+        return {
+            **dict(zip(names, rms(error).tolist(), strict=True)),
+            "rmse_n": float(np.sqrt(np.mean(np.sum(error**2, axis=1)))),
+            "max_error_n": float(np.linalg.norm(error, axis=1).max()),
+            "mass_kg": float(np.sum(force * direction) / np.sum(direction**2)),
+            "correlation": [_correlation(f, r) for f, r in zip(force.T, truth.T, strict=True)],
+            "inside_68_pct": 100.0 * np.mean(share <= SIGMA_68, axis=0),
+            "inside_95_pct": 100.0 * np.mean(share <= SIGMA_95, axis=0),
+        }
+
+
+def payload_reference(
+    robot: Robot, recording: Recording, cutoff: float, p_EP: Array | None = None
+) -> Reference:
+    """The force of the payload along a recording on a uniform grid.
+
+    a_E is the second derivative of the position of the flange (or of a point P fixed to it),
+    computed from positions that went through a zero-phase low-pass: no model, no current, no delay.
+    """
+    step = recording.time_step
+    q = ZeroPhaseLowPass(cutoff, step)(recording.q)
+    R_WE, p_WE = robot.chain.pose(q)
+    if p_EP is not None:
+        p_WE = p_WE + R_WE @ p_EP
+    a_E = derivative(derivative(p_WE, step), step)
+    return Reference(np.asarray(robot.gravity) - a_E)
+
+
+def estimator_config() -> WrenchEstimatorConfig:
+    """The estimator of this experiment; the log's current is a sampled continuous signal."""
+    return WrenchEstimatorConfig(
+        observer=MomentumObserverConfig(
+            K_0=[K_0], time_step=TIME_STEP, torque_samples="trapezoidal"
+        )
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class AtLoad:
+    """The readings at the point where the load acts.
+
+    Attributes:
+        t: (N,) s, of the test part.
+        found: from the part before.
+        prior: force sd (N) and moment sd (N m) of `bayesian_zero_mean`.
+        readings: by method.
+        reference: the payload's force at that point.
+    """
+
+    t: Array
+    found: PointOfAction
+    prior: tuple[float, float]
+    readings: dict[str, Reading]
+    reference: Reference
+
+    def metrics(self) -> dict[str, Any]:
+        return {
+            **{name: one.metrics(self.reference) for name, one in self.readings.items()},
+            "point_m": self.found.p_EP,
+            "mean_force_n": self.found.mean_force_W,
+            "force_sd_n": self.found.force_sd,
+            "moment_sd_nm": self.found.moment_sd,
+            "noise_factor": self.found.noise_scale,
+            "zero_mean_force_sd_n": self.prior[0],
+            "zero_mean_moment_sd_nm": self.prior[1],
+        }
+
+
+def read_at_load(
+    robot: Robot,
+    loaded: Recording,
+    batch: EstimateBatch,
+    Sigma_tau: Array,
+    with_mean: bool,
+    free_noise: bool,
+) -> AtLoad:
+    """Finds the point of action from the first seconds and reads the rest there."""
+    margin, until = round(MARGIN / TIME_STEP), round(LEARNING_TIME / TIME_STEP)
+    learnt, test = slice(margin, until), slice(until, -margin)
+    R_WE, _ = robot.chain.pose(loaded.q)
+    every = slice(learnt.start, learnt.stop, LEARNING_STRIDE)
+    found = find_point_of_action(
+        batch.J[every], R_WE[every], batch.tau_ext[every], Sigma_tau, with_mean, free_noise
+    )
+    J = jacobian_at(batch.J, R_WE, found.p_EP)
+    Sigma = found.noise_scale**2 * Sigma_tau
+    own = found.force_sd, found.moment_sd
+    zero_mean = evidence_prior(J[learnt], batch.tau_ext[learnt], Sigma)
+    expected = J[:, 3:].transpose(0, 2, 1) @ found.mean_force_W
+    plain = batch.tau_ext
+    readings = {}
+    for name, config, tau, mean in (
+        ("bayesian", METHODS["bayesian"].with_prior(*own), plain - expected, found.mean_force_W),
+        ("bayesian_zero_mean", METHODS["bayesian"].with_prior(*zero_mean), plain, np.zeros(3)),
+        ("force_only", METHODS["force_only"].with_prior(*zero_mean), plain, np.zeros(3)),
+    ):
+        estimate = WrenchReconstruction(config, Sigma).reconstruct(J[test], tau[test])
+        estimate.wrench[:, 3:] += mean
+        readings[name] = Reading.of(estimate, slice(None))
+    direction = payload_reference(robot, loaded, REFERENCE_CUTOFF, found.p_EP).direction[test]
+    t = loaded.t[test] - loaded.t[0]
+    return AtLoad(t, found, zero_mean, readings, Reference(direction))
+
+
+def estimate_run(
+    log: Path, robot: Robot, model: IdentifiedModel
+) -> tuple[Recording, EstimateBatch]:
+    recording = resampled(read_recording(log, robot=robot), TIME_STEP)
+    estimator = WrenchEstimator(robot, model, estimator_config())
+    state = estimator.initial_state()
+    return recording, estimator.run(state, recording.q, recording.v, recording.current)
+
+
+def rms(x: Array) -> Array:
+    return np.asarray(np.sqrt(np.mean(x**2, axis=0)))
+
+
+def _correlation(a: Array, b: Array) -> float | None:
+    """None where one of them does not vary."""
+    if np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
+        return None
+    return float(np.corrcoef(a, b)[0, 1])

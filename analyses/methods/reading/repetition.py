@@ -1,0 +1,31 @@
+"""External torque where motion repeats itself: torque one period ago minus torque now (eq. 4)."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from models.recordings.recording import Recording
+from models.robot.motors import current_to_torque
+from models.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+def repetition_torque(
+    recording: Recording, robot: Robot, period: int, K_0: float | None = None
+) -> Array:
+    """tau_ext (T - period, n) in N m by eq. 4: torque one period ago (tau_d) minus torque now.
+
+    In our sign: what the environment exerts, positive along the motion it causes.
+
+    Args:
+        recording: of a motion that repeats itself.
+        period: samples.
+        K_0: 1/s, of a first-order low-pass as the momentum observer's; None: raw, as eq. 4 stands.
+    """
+    tau = current_to_torque(recording.current, robot.torque_per_ampere, robot.current_sign)
+    tau_ext = tau[:-period] - tau[period:]
+    if K_0 is None:
+        return np.asarray(tau_ext)
+    pole = float(np.exp(-K_0 * recording.time_step))
+    return np.asarray(lfilter([1.0 - pole], [1.0, -pole], tau_ext, axis=0))

@@ -1,0 +1,101 @@
+"""From nothing to a wrench that can be trusted, on the bundled simulated arm, in about a minute.
+
+    python quickstart.py [FOLDER]
+
+1. excite    a motion from which the arm's parameters show, and a second one for validation
+2. simulate  what the drives record while the arm makes them
+3. identify  the arm's inertias and friction, from these logs alone
+4. simulate  another motion, with a hand pushing at the tool
+5. estimate  the wrench at the tool from that log, with its 95 % band
+6. plot      estimate and truth
+"""
+
+import sys
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+
+from wrenchsight import (
+    ExcitationConfig,
+    FourierMotion,
+    IdentificationConfig,
+    Recording,
+    Robot,
+    Scenario,
+    WrenchEstimator,
+    WrenchEstimatorConfig,
+    excite,
+    identify,
+    load_scenario,
+    simulate,
+)
+
+AXES = ("fx", "fy", "fz")
+
+
+def record_motion(robot: Robot, seed: int) -> Recording:
+    """Lets the simulated arm make an excitation motion; returns what its drives report."""
+    config = ExcitationConfig(seed=seed, num_starts=4, iterations=10)  # small: to try things out
+    trajectory = excite(robot, config).trajectory
+    motion = FourierMotion(
+        base_frequency=trajectory.base_frequency,
+        centre=trajectory.centre.tolist(),
+        sine=trajectory.sine.tolist(),
+        cosine=trajectory.cosine.tolist(),
+    )
+    scenario = Scenario(robot=robot.name, motion=motion, duration=trajectory.period, seed=seed)
+    return simulate(scenario, robot).recording()
+
+
+def main(folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    robot = Robot.load("sts_sre4_600")
+
+    print("recording two excitation motions ...")
+    fitted, held_out = record_motion(robot, seed=1), record_motion(robot, seed=2)
+
+    print("identifying ...")
+    config = IdentificationConfig(friction="coulomb-viscous-offset", cutoff=7.5)
+    identified = identify([fitted], robot, [held_out], config)
+    model = identified.model
+    model.save(folder / "model.yaml")
+    print("torque error on the second motion [N m]:", np.round(identified.validation[0].rmse, 2))
+
+    print("pushing ...")
+    pushed = simulate(load_scenario("Default"), robot, model)
+
+    print("estimating ...")
+    log = pushed.recording()
+    time_step = float(np.median(np.diff(log.t)))
+    settings = WrenchEstimatorConfig()
+    settings.observer.time_step = time_step
+    estimator = WrenchEstimator(robot, model, settings)
+    batch = estimator.run(estimator.initial_state(), log.q, log.v, log.current)
+    force, sd = batch.wrench[:, 3:], batch.standard_deviation[:, 3:]
+    true = pushed.wrench_true[:, 3:]
+    settled = batch.valid
+    error = np.sqrt(np.mean((force - true)[settled] ** 2, axis=0))
+    inside = np.mean(np.abs(force - true)[settled] < 1.96 * sd[settled], axis=0)
+    for axis, rmse, share in zip(AXES, error, inside, strict=True):
+        print(f"{axis}: RMSE {rmse:.2f} N, {100 * share:.0f} % inside the stated 95 % band")
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, panels = plt.subplots(3, 1, sharex=True, figsize=(8, 6), layout="constrained")
+    for k, (axis, panel) in enumerate(zip(AXES, panels, strict=True)):
+        low, high = force[:, k] - 1.96 * sd[:, k], force[:, k] + 1.96 * sd[:, k]
+        panel.fill_between(log.t, low, high, alpha=0.25, lw=0, label="95 % band")
+        panel.plot(log.t, force[:, k], lw=1.2, label="estimate")
+        panel.plot(log.t, true[:, k], "k--", lw=1.0, label="true")
+        panel.set_ylabel(f"{axis} [N]")
+    panels[0].legend(loc="upper right", ncols=3)
+    panels[-1].set_xlabel("time [s]")
+    figure.suptitle("Force of the environment on the robot, at E in axes of W")
+    figure.savefig(folder / "quickstart.png", dpi=120)
+    print(f"wrote {folder / 'quickstart.png'} and {folder / 'model.yaml'}")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1] if len(sys.argv) > 1 else "quickstart"))

@@ -1,0 +1,75 @@
+"""What a kind of log file must offer: a table of numbers, read block by block, and written.
+
+A container is one file of this room (`text_table`, `parquet_table`) and one entry of
+`log_containers.CONTAINERS`. What the columns mean is not its business: that is
+`recording_format`'s.
+"""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.recordings.recording_format import RecordingFormat
+
+Array = NDArray[np.float64]
+RowNumbers = NDArray[np.int64]
+
+
+class LogTable(Protocol):
+    """An opened log: a table of numbers, one sample a row."""
+
+    row_word: str
+    """What the number of a row counts, for error lines: "row", or "line" in a text file."""
+    names: tuple[str, ...] | None
+    """Of the columns; None where the log has no header."""
+    num_columns: int
+    notices: list[str]
+    """What was done beyond the plain, one sentence each; complete after the last block."""
+    progress: float
+    """Share of the file that the current pass has read."""
+
+    def blocks(
+        self, columns: list[int], rows: tuple[int, int] | None = None
+    ) -> Iterator[tuple[Array, RowNumbers]]:
+        """Reads columns block by block, with memory that does not grow with the log.
+
+        Args:
+            columns: their numbers, from 0.
+            rows: first and last row, counted from 1; None for all.
+
+        Yields:
+            (N, k) values, all finite, and (N,) their rows as a person counts them in the file.
+
+        Raises:
+            InputError: a value is missing or no finite number, the file is damaged or ends before
+                the last row. It names row and column.
+        """
+
+
+class LogContainer(Protocol):
+    """A kind of log file."""
+
+    suffixes: tuple[str, ...]
+    """Endings of its files, in lower case with the dot; the usual one first."""
+
+    def open(self, path: Path, form: RecordingFormat | None) -> LogTable:
+        """Opens a log.
+
+        Args:
+            path: of the log.
+            form: the description that the user gave of it, None for none: a container may read in
+                it what the file itself does not say.
+
+        Raises:
+            InputError: no such file, no file of this kind, damaged, or empty.
+        """
+
+    def write(self, path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
+        """Writes columns (T,) by name, whole or not at all; `open` reads them back bit for bit.
+
+        Raises:
+            InputError: the file cannot be written.
+        """

@@ -1,0 +1,93 @@
+"""What the documentation takes from the code: every key of every file has its words."""
+
+import importlib.util
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from models.files.configuration import REQUIRED
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
+SCHEMAS = sorted(
+    {name for page in PAGES for name in re.findall(r"<!-- schema: ([\w.]+) -->", page.read_text())}
+)
+
+
+@pytest.fixture(scope="module")
+def site_pages():
+    spec = importlib.util.spec_from_file_location("site_pages", ROOT / "docs" / "site_pages.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@dataclass
+class Inner:
+    """The inner one."""
+
+    size: float = 1.0  # m, of "a # in quotes"
+
+
+@dataclass
+class Outer:
+    """The outer one."""
+
+    name: str = field(default="", metadata=REQUIRED)  # what it is called
+    # given above
+    above: int = 3
+    below: list[Inner] = field(default_factory=list)
+    """Given below."""
+    inner: Inner | None = None
+
+
+@dataclass
+class Silent:
+    """One field says nothing."""
+
+    nothing: int = 0
+
+
+def test_words_are_found_beside_above_and_below_a_field(site_pages):
+    assert site_pages.field_words(Outer) == {
+        "name": "what it is called",
+        "above": "given above",
+        "below": "Given below.",
+        "inner": "The inner one.",
+    }
+
+
+def test_a_schema_is_a_table_of_each_dataclass_once(site_pages):
+    text = site_pages.schema_tables(Outer)
+    assert text.count("**`Inner`**: The inner one.") == 1
+    assert "| `name` | text | **required** | what it is called |" in text
+    assert '| `size` | number | `1.0` | m, of "a # in quotes" |' in text
+    assert "| `inner` | `Inner` or null | `null` | The inner one. |" in text
+
+
+def test_a_field_without_words_is_named(site_pages):
+    with pytest.raises(ValueError, match="Silent: no words for nothing"):
+        site_pages.schema_tables(Silent)
+
+
+@pytest.mark.parametrize("name", SCHEMAS)
+def test_no_key_of_a_documented_file_is_without_words(site_pages, name):
+    assert "| key | type | default | what |" in site_pages.on_page_markdown(
+        f"<!-- schema: {name} -->"
+    )
+
+
+def test_every_room_has_its_page(site_pages):
+    shown = {
+        name for page in PAGES for name in re.findall(r"<!-- api: ([\w.]+) -->", page.read_text())
+    }
+    rooms = {
+        ".".join(file.relative_to(ROOT).parent.parts)
+        for package in ("models", "systems", "diagrams", "analyses")
+        for file in (ROOT / package).rglob("*.py")
+        if not file.stem.startswith("_")
+    }
+    assert shown == rooms
+    assert "::: models.estimation.wrench" in site_pages.api_of("models.estimation")

@@ -1,0 +1,56 @@
+"""The examples run as a newcomer would run them, and say what they promise."""
+
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def load(name):
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_there_is_no_example_without_a_test():
+    assert {file.stem for file in EXAMPLES.glob("*.py")} == {
+        "in_your_diagram",
+        "quickstart",
+        "your_own_log",
+    }
+
+
+def test_the_diagram_reads_the_force_that_was_applied():
+    read = load("in_your_diagram").main((5.0, -7.0, 11.0))
+    # Statics with the exact model, 20 time constants of the observer after its start: e^-20.
+    np.testing.assert_allclose(read, [0, 0, 0, 5, -7, 11], atol=1e-6)
+
+
+def test_a_log_of_ones_own_becomes_wrenches(tmp_path, capsys):
+    load("your_own_log").main(tmp_path, seconds=0.5)
+    printed = capsys.readouterr().out
+    table = np.loadtxt(tmp_path / "reading" / "wrench.csv", delimiter=",", skiprows=1)
+    assert len(table) == 501
+    assert np.isfinite(table).all()
+    assert "501 samples" in printed
+
+
+@pytest.mark.slow
+def test_the_quickstart_goes_from_nothing_to_a_wrench(tmp_path):
+    result = subprocess.run(
+        [sys.executable, str(EXAMPLES / "quickstart.py"), str(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=tmp_path,
+    )
+    assert result.returncode == 0, result.stderr
+    assert "inside the stated 95 % band" in result.stdout
+    assert (tmp_path / "quickstart.png").stat().st_size > 10_000
+    assert (tmp_path / "model.yaml").exists()
