@@ -31,7 +31,7 @@ docs: .venv/.ready-docs
 	@echo "out/docs/index.html"
 
 readme: .venv/.ready
-	$(BIN)/python -m analyses.readme_table $(OUT) README.md
+	$(BIN)/python -m analyses.study.readme_table $(OUT) README.md
 
 clean:
 	rm -rf .venv out .mypy_cache .ruff_cache .hypothesis

@@ -141,10 +141,11 @@ def study(
     anew when something that its result depends on has changed: options, software, recordings.
     """
     from analyses.output.progress import ProgressDisplay
-    from analyses.study.study import EXPERIMENTS, available_cores, check_names, run_study
+    from analyses.study.registry import REGISTRY
+    from analyses.study.study import available_cores, check_names, run_study
 
     if list_names:
-        sys.stdout.write("\n".join(EXPERIMENTS) + "\n")
+        sys.stdout.write("\n".join(REGISTRY.entries()) + "\n")
         return
     names = check_names(experiments or [])
     with ProgressDisplay(_console(stderr=True), tuple(names)) as watch:
@@ -654,8 +655,7 @@ def _say(console: "Console", text: str) -> None:
 def _progress(name: str) -> Iterator[Callable[[float, str], None]]:
     """Shows how far a single piece of work is."""
     from analyses.output.compilation import on_first_compilation
-    from analyses.output.progress import ProgressDisplay
-    from analyses.study.study import Progress
+    from analyses.output.progress import Progress, ProgressDisplay
 
     with ProgressDisplay(_console(stderr=True), (name,), fleeting=True) as watch:
         on_first_compilation(lambda what: watch(Progress(name, "running", 0.0, what)))

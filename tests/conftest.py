@@ -1,3 +1,207 @@
-"""Before numpy is imported, here and in the processes that the tests start."""
+"""What the tests share: the robots, and the folder of recordings.
 
-import analyses  # noqa: F401  (chooses the number of BLAS threads)
+Robots are immutable once loaded, so that one of each serves all tests of a process.
+"""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+import analyses  # noqa: F401  (chooses the number of BLAS threads, before numpy is imported)
+from models.robot.robot import Robot
+
+ROOT = Path(__file__).parents[1]
+ROBOTS = Path(__file__).parent / "robots"
+
+# Of the example-robot-data wheel: URDF, base link, flange and locked joints.
+_WHEEL: dict[str, tuple[str, str, str, dict[str, float]]] = {
+    "ur5": ("ur_description/urdf/ur5_robot.urdf", "base_link", "tool0", {}),
+    "ur10": ("ur_description/urdf/ur10_robot.urdf", "base_link", "ee_link", {}),
+    "panda": (
+        "panda_description/urdf/panda.urdf",
+        "panda_link0",
+        "panda_hand_tcp",
+        {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.01},
+    ),
+}
+
+
+# Recordings ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="session")
+def data_holding() -> Callable[..., Path]:
+    """Finds the folder of recordings for who takes them from it: `data_holding("ur10e/a.csv")`.
+
+    The test is skipped where a file that it names is missing. Files are named, never taken as they
+    lie there: another recording beside them must not change a test.
+    """
+    root = ROOT.parent / "shared" / "data"
+
+    def find(*names: str) -> Path:
+        for name in names:
+            if not (root / name).is_file():
+                pytest.skip(f"no recording {name} in {root}")
+        return root
+
+    return find
+
+
+@pytest.fixture(scope="session")
+def data(data_holding: Callable[..., Path]) -> Callable[[str], Path]:
+    """Finds a recording: `data("ur10e/a.csv")`; the test is skipped where it is not there."""
+    return lambda name: data_holding(name) / name
+
+
+# Bundled robots -----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="session")
+def sts() -> Robot:
+    """The article's arm."""
+    return Robot.load("sts_sre4_600")
+
+
+@pytest.fixture(scope="session")
+def ur10e() -> Robot:
+    return Robot.load("ur10e")
+
+
+@pytest.fixture(scope="session", params=["sts", "ur10e"])
+def bundled_arm(request: pytest.FixtureRequest) -> Robot:
+    """Each bundled robot in turn."""
+    robot: Robot = request.getfixturevalue(request.param)
+    return robot
+
+
+@pytest.fixture(scope="session")
+def sts_reversed(sts: Robot, tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    """The article's arm, three of whose drives count their current the other way.
+
+    Whatever is read from its currents is what is read from the plain arm's.
+    """
+    config = yaml.safe_load(sts.source.read_text(encoding="utf-8"))
+    config["urdf"] = str(sts.source.with_name(config["urdf"]))
+    for drive in config["drives"][::2]:
+        drive["current_sign"] = -1
+    return _written(tmp_path_factory, config)
+
+
+# Robots of other people, and of nobody ------------------------------------------------------------
+
+
+@pytest.fixture(scope="session")
+def wheel_robot(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Robot]:
+    """Loads "ur5", "ur10" or "panda" of the example-robot-data wheel, with drives made up."""
+
+    def load(name: str) -> Robot:
+        wheel = metadata.distribution("example-robot-data")
+        robots = Path(str(wheel.locate_file("cmeel.prefix/share/example-robot-data/robots")))
+        urdf, base, flange, locked = _WHEEL[name]
+        moving = [
+            joint.get("name")
+            for joint in ET.parse(robots / urdf).getroot().findall("joint")
+            if joint.get("type") != "fixed" and joint.get("name") not in locked
+        ]
+        drive = {"torque_per_ampere": 10.0, "rotor_inertia": 0.1, "rotor_inertia_side": "joint"}
+        config = {
+            "name": name,
+            "urdf": str(robots / urdf),
+            "base_link": base,
+            "flange": flange,
+            "locked_joints": locked,
+            "payload": 3.0,
+            "home": [0.0, 0.0, 0.0, -1.5, 0.0, 1.5, 0.0][: len(moving)],
+            "drives": [{"joint": joint, **drive} for joint in moving],
+        }
+        return _written(tmp_path_factory, config)
+
+    return load
+
+
+@pytest.fixture(scope="session")
+def panda(wheel_robot: Callable[[str], Robot]) -> Robot:
+    """Seven joints, fingers locked."""
+    return wheel_robot("panda")
+
+
+@pytest.fixture(scope="session")
+def serial_robot(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Robot]:
+    """Makes robots whose links are balls of 1 kg.
+
+    `joints` are (kind, axis, xyz of the joint in its parent); each travels `limit` either way.
+    """
+
+    def make(joints: Sequence[tuple[str, str, str]], limit: float = 3.0, **changes: Any) -> Robot:
+        parts = ['<robot name="chain"><link name="l0"/>']
+        for i, (kind, axis, xyz) in enumerate(joints):
+            parts.append(
+                f'<link name="l{i + 1}"><inertial><mass value="1"/><inertia ixx=".01" iyy=".01" '
+                'izz=".01" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+                f'<joint name="j{i}" type="{kind}"><parent link="l{i}"/><child link="l{i + 1}"/>'
+                f'<origin xyz="{xyz}"/><axis xyz="{axis}"/>'
+                f'<limit lower="-{limit}" upper="{limit}" velocity="1" effort="10"/></joint>'
+            )
+        config = {
+            "name": "chain",
+            "urdf": "robot.urdf",
+            "base_link": "l0",
+            "flange": f"l{len(joints)}",
+            "payload": 1.0,
+            "tool_frame": {"xyz": [0.0, 0.0, 0.1]},
+            "home": [0.1 * (-1) ** i for i in range(len(joints))],
+            "drives": [
+                {"joint": f"j{i}", "torque_per_ampere": 1.0, "rotor_inertia": 0.0}
+                for i in range(len(joints))
+            ],
+        }
+        return _written(tmp_path_factory, config | changes, "".join(parts) + "</robot>")
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def seven(serial_robot: Callable[..., Robot]) -> Robot:
+    """A seven-joint arm: shoulder, elbow and wrist of three, one and three axes, 3 rad each way."""
+    joints = [
+        ("revolute", "0 0 1", "0 0 0.3"),
+        ("revolute", "0 1 0", "0 0 0"),
+        ("revolute", "0 0 1", "0 0 0"),
+        ("revolute", "0 1 0", "0 0 0.4"),
+        ("revolute", "0 0 1", "0 0 0.35"),
+        ("revolute", "0 1 0", "0 0 0"),
+        ("revolute", "0 0 1", "0.05 0 0"),
+    ]
+    return serial_robot(
+        joints,
+        name="seven",
+        tool_frame={"xyz": [0.0, 0.0, 0.15]},
+        home=[0.1, 0.6, 0.1, 1.2, 0.1, 0.8, 0.1],
+    )
+
+
+@pytest.fixture(scope="session")
+def tilted_arm_file() -> Path:
+    """Of an arm of three joints, unlike the bundled ones wherever it can be: see its files."""
+    return ROBOTS / "tilted_arm" / "robot.yaml"
+
+
+@pytest.fixture(scope="session")
+def tilted_arm(tilted_arm_file: Path) -> Robot:
+    return Robot.load(tilted_arm_file)
+
+
+def _written(
+    tmp_path_factory: pytest.TempPathFactory, config: dict[str, Any], urdf: str | None = None
+) -> Robot:
+    """The robot of a robot.yaml that holds `config`, with robot.urdf beside it."""
+    folder = tmp_path_factory.mktemp(str(config["name"]))
+    if urdf is not None:
+        (folder / "robot.urdf").write_text(urdf, encoding="utf-8")
+    (folder / "robot.yaml").write_text(yaml.safe_dump(config), encoding="utf-8")
+    return Robot.load(folder / "robot.yaml")

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from analyses.output.figures import save_figure
 from models.files.input_error import InputError
 from models.files.whole_file import whole_file, writing_to
 
@@ -155,8 +156,6 @@ class OutputFolder:
 
     def write_figure(self, name: str, figure: "Figure") -> Path:
         """Writes `figure` as figures/`name`.png and returns the file's path."""
-        from analyses.output.figures import save_figure
-
         return save_figure(figure, self.path / "figures" / f"{name}.png")
 
 

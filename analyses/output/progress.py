@@ -1,15 +1,17 @@
 """Shows on the terminal how far long work has come; in a log, one line at each step that counts."""
 
 import time
+from dataclasses import dataclass
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 from analyses.output.compilation import ANNOUNCEMENT
-from analyses.study.study import Progress
 
 if TYPE_CHECKING:
     import rich.progress
     from rich.console import Console
+
+State = Literal["waiting", "running", "done", "earlier", "skipped", "failed", "interrupted"]
 
 _HEARTBEAT = 20.0  # s between lines in a log
 _ENDS = {
@@ -19,6 +21,17 @@ _ENDS = {
     "failed": "failed",
     "interrupted": "interrupted",
 }
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What a piece of work, such as an experiment, is doing now."""
+
+    name: str
+    state: State
+    fraction: float = 0.0  # 0..1
+    what: str = ""
+    seconds: float | None = None  # that it took, once it is done
 
 
 class ProgressDisplay:

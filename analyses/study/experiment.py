@@ -55,7 +55,12 @@ class ExperimentResult:
 
 @dataclass(frozen=True)
 class Experiment:
-    """A named experiment of `study`."""
+    """A named experiment of `study`.
+
+    A module's `EXPERIMENT = Experiment(...)` is all that a study knows of it; `order`, `seconds`,
+    `readme` and the texts are read without importing the module, and must be literals there (see
+    `analyses.study.registry`).
+    """
 
     name: str  # on the command line, in metrics.json and in the report
     title: str
@@ -63,3 +68,6 @@ class Experiment:
     run: Callable[[ExperimentContext], ExperimentResult]
     needs: tuple[str, ...] = ()  # folders below `data` without which it is skipped
     uses: tuple[str, ...] = ()  # folders below `data` that it reads if they are there
+    order: float = 1000.0  # its place in the report: the smaller, the earlier
+    seconds: float = 30.0  # of a processor that it typically takes; the longest start first
+    readme: tuple[str, ...] = ()  # keys of the comparison's rows that the README shows

@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-State = Literal["waiting", "running", "done", "earlier", "skipped", "failed", "interrupted"]
+from analyses.output.progress import State
 
 
 @dataclass(frozen=True)

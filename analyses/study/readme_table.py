@@ -15,6 +15,7 @@ from typing import Any, Final
 
 from analyses.output.outputs import OutputFolder, json_text
 from analyses.study.outcome import look_up
+from analyses.study.registry import REGISTRY
 from analyses.study.report import comparisons
 from models.files.input_error import InputError
 from models.files.whole_file import whole_file
@@ -22,67 +23,18 @@ from models.files.whole_file import whole_file
 BEGIN: Final = "<!-- results: begin -->"
 END: Final = "<!-- results: end -->"
 RESULTS: Final = Path("docs/results.json")  # beside the README
-# The rows that the README shows, by experiment and key; the report has them all.
-SHOWN: Final[Mapping[str, tuple[str, ...]]] = {
-    "identification": ("cross_validation.rmse_nm",),
-    "jcn-map": ("min", "above_11_pct"),
-    "linear-path": (
-        "initial.max_jcn",
-        "optimised.max_jcn",
-        "optimised.mean_jcn_along_path",
-        "pso_ga.best_mean_jcn",
-    ),
-    "constant-wrench": ("initial.max_error_y_n", "optimised.max_error_y_n"),
-    "surface-path": ("initial.mean_jcn", "optimised.mean_jcn"),
-    "repeat-cycle": ("reduction_rmse_y_pct", "reduction_max_y_pct"),
-    "repeat-cycle-push": ("reduction_rmse_y_pct", "reduction_max_y_pct"),
-    "friction": ("reduction_rmse_z_pct", "reduction_max_z_pct"),
-    "combined": (
-        "optimised.rmse_x_n",
-        "reduction_rmse_x_pct",
-        "ours_against_article.reduction_rmse_x_pct",
-        "optimised.rmse_y_n",
-        "reduction_rmse_y_pct",
-        "ours_against_article.reduction_rmse_y_pct",
-        "optimised.rmse_z_n",
-        "reduction_rmse_z_pct",
-        "ours_against_article.reduction_rmse_z_pct",
-        "ours.share_in_95_band",
-    ),
-    "polishing": (
-        "article.correlation",
-        "article.rmse_n",
-        "ours.correlation",
-        "ours.rmse_n",
-        "regulation.estimate.rms_n",
-        "regulation.sensor.rms_n",
-    ),
-    "grinding": (
-        "article.correlation",
-        "article.rmse_n",
-        "ours.correlation",
-        "ours.rmse_n",
-        "regulation.estimate.rms_n",
-        "regulation.sensor.rms_n",
-    ),
-    "bandwidth": ("max_amplitude_error_pct", "max_phase_error_deg"),
-    "ur10e-identification": ("best.validation.14harm50sec.rmse_nm",),
-    "ur10e-payload": (
-        "best.bayesian.rmse_fx_n",
-        "best.bayesian.rmse_fy_n",
-        "best.bayesian.rmse_fz_n",
-        "best.at_load.force_only.mass_kg",
-    ),
-    "panda-wrench": ("inverse.mean_rmse_n", "bayesian.mean_rmse_n"),
-}
 
 
-def collect(study: Path, shown: Mapping[str, tuple[str, ...]] = SHOWN) -> dict[str, Any]:
+def shown_rows() -> dict[str, tuple[str, ...]]:
+    """The rows that the README shows, by experiment and key; the report has them all."""
+    return {name: entry.readme for name, entry in REGISTRY.entries().items() if entry.readme}
+
+
+def collect(study: Path) -> dict[str, Any]:
     """Returns the figures of a study that the README shows.
 
     Args:
         study: folder that `wrenchsight study` wrote.
-        shown: keys by experiment.
 
     Returns:
         `quick` and `seed` of the study, and its `experiments` in the report's order: `name`,
@@ -91,7 +43,7 @@ def collect(study: Path, shown: Mapping[str, tuple[str, ...]] = SHOWN) -> dict[s
     Raises:
         InputError: the folder has no whole results.
     """
-    metrics = _read(study / "metrics.json")
+    metrics, shown = _read(study / "metrics.json"), shown_rows()
     experiments, quick, seeds = [], False, set[int]()
     # metrics.json itself is sorted by name.
     for name in sorted(metrics, key=_place):
@@ -156,9 +108,7 @@ def fill(readme: Path, table: str) -> bool:
 
 
 def _place(name: str) -> tuple[int, str]:
-    from analyses.study.study import EXPERIMENTS
-
-    known = list(EXPERIMENTS)
+    known = list(REGISTRY.entries())
     return (known.index(name) if name in known else len(known), name)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import quote
 
+from analyses.output.figures import DOTS_PER_INCH
 from analyses.output.outputs import NOT_FINITE, OutputFolder
 from analyses.study.outcome import Outcome, StudySettings, look_up
 
@@ -261,8 +262,6 @@ def _flat(metrics: Any, path: str = "") -> Iterable[tuple[str, str]]:
 
 def _css_size(path: Path) -> tuple[int, int] | None:
     """Returns the size at which a PNG is shown, so that the page does not jump as it loads."""
-    from analyses.output.figures import DOTS_PER_INCH
-
     with path.open("rb") as file:
         head = file.read(24)
     if not head.startswith(b"\x89PNG"):

@@ -30,10 +30,12 @@ from typing import Any, Final
 from analyses.output.compilation import on_first_compilation
 from analyses.output.interruption import ends_are_interrupts, uninterrupted
 from analyses.output.outputs import OutputFolder, json_text, plain
+from analyses.output.progress import Progress, State
 from analyses.output.sole_writer import sole_writer
 from analyses.study.experiment import Experiment, ExperimentContext
 from analyses.study.fingerprint import difference, fingerprint, software_hash
-from analyses.study.outcome import Outcome, State, StudyResult, StudySettings
+from analyses.study.outcome import Outcome, StudyResult, StudySettings
+from analyses.study.registry import REGISTRY
 from analyses.study.report import write_report
 from analyses.study.shared_results import sharing_in
 from analyses.study.stored_result import DamagedResultError, read_result, write_result
@@ -41,54 +43,8 @@ from analyses.study.study_folder import FAILURES, SET_ASIDE, StudyFolder
 from models.files.input_error import InputError
 from models.files.whole_file import writing_to
 
-# Name of an experiment -> the module whose EXPERIMENT it is, in the order of the report. Modules,
-# not experiments, so that listing the names imports neither Drake nor numba.
-EXPERIMENTS: dict[str, str] = {
-    "identification": "analyses.experiments.free_motion.identification",
-    "jcn-map": "analyses.experiments.postures.jcn_map",
-    "linear-path": "analyses.experiments.postures.linear_path",
-    "constant-wrench": "analyses.experiments.postures.constant_wrench",
-    "surface-path": "analyses.experiments.postures.surface_path",
-    "metrics-compare": "analyses.experiments.postures.metrics_compare",
-    "repeat-cycle": "analyses.experiments.free_motion.repeat_cycle",
-    "repeat-cycle-push": "analyses.experiments.free_motion.repeat_cycle_push",
-    "friction": "analyses.experiments.free_motion.friction",
-    "combined": "analyses.experiments.free_motion.combined",
-    "polishing": "analyses.experiments.machining.polishing",
-    "grinding": "analyses.experiments.machining.grinding",
-    "bandwidth": "analyses.experiments.free_motion.bandwidth",
-    "friction-laws": "analyses.experiments.free_motion.friction_laws",
-    "ur10e-identification": "analyses.experiments.real_arms.ur10e_identification",
-    "ur10e-payload": "analyses.experiments.real_arms.ur10e_payload",
-    "panda-wrench": "analyses.experiments.real_arms.panda_wrench",
-}
-
-# Seconds of a processor that experiments took at full length: the longest start first, so that
-# none runs on alone at the end. The folder's own timings.json counts before this.
-TYPICAL_SECONDS: Final[Mapping[str, float]] = {
-    "grinding": 330,
-    "polishing": 240,
-    "linear-path": 60,
-    "surface-path": 60,
-    "friction-laws": 90,
-    "ur10e-identification": 60,
-    "ur10e-payload": 40,
-}
-_MIDDLING_SECONDS: Final = 30.0
-
 _SHARED: Final = ".shared.partial"  # folder of what experiments have in common
 _NO_STORAGE: Final = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
-
-
-@dataclass(frozen=True)
-class Progress:
-    """What an experiment is doing now."""
-
-    name: str
-    state: State
-    fraction: float = 0.0  # 0..1
-    what: str = ""
-    seconds: float | None = None  # that it took, once it is done
 
 
 def run_study(
@@ -117,7 +73,7 @@ def run_study(
     An experiment that fails leaves out/failures/<name>.txt and does not stop the others.
 
     Args:
-        names: experiments to run; empty means all of EXPERIMENTS.
+        names: experiments to run; empty means all of `analyses.study.registry`.
         out: folder of the study; made if absent.
         data: folder of the real recordings; experiments that need an absent one are skipped.
         seed: of every random number.
@@ -134,7 +90,7 @@ def run_study(
     """
     settings = StudySettings(
         asked=tuple(check_names(names)),
-        known=tuple(EXPERIMENTS),
+        known=tuple(REGISTRY.entries()),
         data=data,
         seed=seed,
         quick=quick,
@@ -151,7 +107,7 @@ def run_study(
         for name in settings.asked:
             earlier, why = (None, "") if fresh else _earlier(out, name, settings)
             if earlier is None:
-                runs[name] = _Run(name, EXPERIMENTS[name], folder, settings)
+                runs[name] = _Run(name, REGISTRY.entries()[name].module, folder, settings)
                 for what in (why, _kept(folder, name)):
                     if what:
                         watch(Progress(name, "waiting", what=what))
@@ -179,7 +135,7 @@ def _summarise(
     """Writes what all results in the folder that belong together say."""
     _recover(folder)
     outcomes = []
-    for name in EXPERIMENTS:
+    for name in REGISTRY.entries():
         outcome = runs[name].outcome if name in runs else None
         if outcome is None or outcome.state == "interrupted":
             outcome = _earlier(folder.path, name, settings)[0] or outcome
@@ -188,7 +144,7 @@ def _summarise(
 
 
 def _recover(folder: StudyFolder) -> None:
-    for name in EXPERIMENTS:
+    for name in REGISTRY.entries():
         with writing_to(folder.path / name):
             folder.recover(name)
             for left_over in _left_overs(folder.path, name):  # of a study that was killed
@@ -218,7 +174,7 @@ def _kept(folder: StudyFolder, name: str) -> str:
 
 
 def _expected_seconds(name: str, timings: Mapping[str, Mapping[str, float]]) -> float:
-    typical = TYPICAL_SECONDS.get(name, _MIDDLING_SECONDS)
+    typical = REGISTRY.entries()[name].seconds  # the folder's own timings count before it
     return timings.get(name, {}).get("processor_seconds", typical)
 
 
@@ -228,10 +184,11 @@ def check_names(names: Iterable[str]) -> list[str]:
     Raises:
         InputError: a name is unknown; the line lists the known ones.
     """
-    asked = list(dict.fromkeys(names)) or list(EXPERIMENTS)
+    experiments = REGISTRY.entries()
+    asked = list(dict.fromkeys(names)) or list(experiments)
     for name in asked:
-        if name not in EXPERIMENTS:
-            near = get_close_matches(name, EXPERIMENTS, n=len(EXPERIMENTS), cutoff=0.0)
+        if name not in experiments:
+            near = get_close_matches(name, experiments, n=len(experiments), cutoff=0.0)
             hint = f"did you mean {near[0]}? " if get_close_matches(name, near, n=1) else ""
             known = f"{hint}known are {', '.join(near)}"
             raise InputError("study", "", f"no experiment is named {name!r}", known)
@@ -476,7 +433,7 @@ def _earlier(out: Path, name: str, settings: StudySettings) -> tuple[Outcome | N
         result = read_result(out / name)
         recorded = result.stored["fingerprint"]
         now = fingerprint(
-            EXPERIMENTS[name],
+            REGISTRY.entries()[name].module,
             settings.data,
             recorded["recordings"],  # which folders these are follows from the software
             seed=settings.seed,

@@ -180,11 +180,11 @@ class PathMeasure:
         return float(np.mean(values)), gradients / len(q)
 
 
-def check_joints(chain: SerialChain) -> None:
-    """Raises InputError for an arm of fewer than six joints."""
+def check_joints(chain: SerialChain, name: str = "robot") -> None:
+    """Raises InputError for an arm of fewer than six joints, which it calls `name`."""
     if chain.num_joints < 6:
         raise InputError(
-            "robot",
+            name,
             "",
             f"{chain.num_joints} joints cannot hold position and orientation of the tool",
             "an arm of six joints or more is needed",

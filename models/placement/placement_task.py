@@ -11,6 +11,7 @@ from models.files.configuration import REQUIRED, load_configuration
 from models.files.input_error import InputError
 from models.files.task_files import task_file
 from models.motion.paths import StraightPath
+from models.motion.posture_measures import check_joints
 from models.placement.placement_program import PlacementBounds
 from models.robot.robot import Robot
 from models.robot.robot_config import PoseConfig
@@ -125,13 +126,7 @@ def check_task(task: PlacementTask, source: Path | str, robot: Robot) -> None:
         InputError: the path is longer than the arm can follow anywhere, or anywhere in the box; the
             margin leaves a joint no range; the initial guess does not suit the arm.
     """
-    if robot.num_joints < 6:
-        raise InputError(
-            robot.name,
-            "",
-            f"{robot.num_joints} joints cannot hold position and orientation of the tool",
-            "an arm of six joints or more is needed",
-        )
+    check_joints(robot.chain, robot.name)
     bounds = task.bounds(robot)
     for name, lower, upper in zip(robot.joint_names, bounds.q_lower, bounds.q_upper, strict=True):
         if not lower < upper:

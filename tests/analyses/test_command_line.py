@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib import invalidate_caches
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,10 +17,10 @@ from typer.testing import CliRunner
 
 from analyses import __main__ as command_line
 from analyses.output.compilation import ANNOUNCEMENT
-from analyses.output.progress import ProgressDisplay
+from analyses.output.progress import Progress, ProgressDisplay
 from analyses.study import study
 from analyses.study.outcome import StudyResult
-from analyses.study.study import EXPERIMENTS, Progress
+from analyses.study.registry import REGISTRY
 from models.files.input_error import InputError
 
 ROOT = Path(study.__file__).parents[2]
@@ -66,14 +67,21 @@ def experiments(tmp_path, monkeypatch):
     # Else each experiment's process would first import the test runner: its main module.
     monkeypatch.setattr(sys.modules["__main__"], "__spec__", None)
     monkeypatch.delattr(sys.modules["__main__"], "__file__", raising=False)
-    monkeypatch.setattr(study, "EXPERIMENTS", {})
+    bundled = [entry.module for entry in REGISTRY.entries().values()]
+    for name in list(REGISTRY.entries()):
+        REGISTRY.unregister(name)
 
     def add(name, body="pass", needs=()):
         text = _EXPERIMENT.format(name=name, body=body, needs=needs)
         (tmp_path / f"fake_{name}.py").write_text(text)
-        study.EXPERIMENTS[name] = f"fake_{name}"
+        invalidate_caches()
+        REGISTRY.register(f"fake_{name}")
 
-    return add
+    yield add
+    for name in list(REGISTRY.entries()):
+        REGISTRY.unregister(name)
+    for module in bundled:
+        REGISTRY.register(module)
 
 
 # ---- help ----
@@ -113,7 +121,7 @@ def test_without_a_command_help_is_shown(invoke):
 
 def test_version_and_list(invoke):
     assert invoke("--version").stdout.startswith("wrenchsight ")
-    assert invoke("study", "--list").stdout.split() == list(EXPERIMENTS)
+    assert invoke("study", "--list").stdout.split() == list(REGISTRY.entries())
 
 
 # ---- what a user can get wrong ----
@@ -122,7 +130,7 @@ def test_version_and_list(invoke):
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (("study", "bandwith"), ("did you mean bandwidth?", *EXPERIMENTS)),
+        (("study", "bandwith"), ("did you mean bandwidth?", *REGISTRY.entries())),
         (("study", "--out", "pyproject.toml"), ("pyproject.toml: is a file", "--out")),
         (("identify", "nowhere.csv", "--robot", "ur10e"), ("nowhere.csv",)),
         (("identify", "nowhere.csv", "--robot", "ur11e"), ("ur11e", "ur10e")),
@@ -273,9 +281,9 @@ def test_an_interrupt_is_one_line_and_its_code(tmp_path, number, code):
         f"sys.path.insert(0, {str(tmp_path)!r})\n"
         "if __name__ == '__main__':\n"
         "    from analyses import __main__\n"
-        "    from analyses.study import study\n"
-        "    study.EXPERIMENTS = {'slow': 'fake_slow'}\n"
-        f"    sys.argv = ['wrenchsight', 'study', '--out', {str(tmp_path / 'out')!r}]\n"
+        "    from analyses.study.registry import REGISTRY\n"
+        "    REGISTRY.register('fake_slow')\n"
+        f"    sys.argv = ['wrenchsight', 'study', 'slow', '--out', {str(tmp_path / 'out')!r}]\n"
         "    __main__.main()\n"
     )
     process = subprocess.Popen(

@@ -14,12 +14,13 @@ from analyses.experiments.free_motion import (
     repeat_cycle_push,
 )
 from analyses.methods.learning.arm_models import LAWS, ArmModels
+from analyses.methods.runs import repeated_cycles
 from analyses.methods.runs.simulation import known_model
 from analyses.methods.runs.task_runs import run_task, task_path, task_scenario
 from analyses.output.outputs import json_text, plain_metrics
 from analyses.study.experiment import ExperimentContext
 from analyses.study.outcome import look_up
-from analyses.study.study import EXPERIMENTS
+from analyses.study.registry import REGISTRY
 
 MODULES = {
     module.EXPERIMENT.name: module
@@ -42,9 +43,9 @@ def sigma(robot, gains, seed=0, progress=None):
 def run_small(name, out, monkeypatch):
     module = MODULES[name]
     if name.startswith("repeat-cycle"):
-        monkeypatch.setattr(repeat_cycle, "ONE_WAY_QUICK", 0.8)
-        monkeypatch.setattr(repeat_cycle, "task_path", known_path)
-        monkeypatch.setattr(repeat_cycle, "repetition_covariances", sigma)
+        monkeypatch.setattr(repeated_cycles, "ONE_WAY_QUICK", 0.8)
+        monkeypatch.setattr(repeated_cycles, "task_path", known_path)
+        monkeypatch.setattr(repeated_cycles, "repetition_covariances", sigma)
     else:
         monkeypatch.setattr(module, "ONE_WAY_QUICK", 0.8)
         monkeypatch.setattr(module, "identify_arm", known_arm)
@@ -73,7 +74,7 @@ def result(request, tmp_path_factory):
 
 def test_the_study_knows_it_and_its_figures_exist(result):
     name, found, out = result
-    assert EXPERIMENTS[name] == MODULES[name].__name__
+    assert REGISTRY.entries()[name].module == MODULES[name].__name__
     assert found.figures
     for figure in found.figures:
         assert (out / figure.path).stat().st_size > 10_000
@@ -125,11 +126,8 @@ def test_the_same_seed_gives_the_same_bytes(result, tmp_path, monkeypatch):
     assert json_text(plain_metrics(found.metrics)) == json_text(plain_metrics(again.metrics))
 
 
-def test_noise_by_time_law_grows_with_the_time_at_the_paths_ends():
-    from models.robot.robot import Robot
-
-    robot = Robot.load("sts_sre4_600")
-    table = repeat_cycle.noise_alone(robot, np.ones(6))
+def test_noise_by_time_law_grows_with_the_time_at_the_paths_ends(sts):
+    table = repeat_cycle.noise_alone(sts, np.ones(6))
     order = ("ramps_of_half_a_percent", "ramps_of_a_tenth", "thirds", "uniform_acceleration")
     reductions = [table[name]["reduction_rmse_y_pct"] for name in order]
     assert sorted(reductions) == reductions

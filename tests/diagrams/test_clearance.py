@@ -8,17 +8,11 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from diagrams.clearance import INFLUENCE, Clearance, workpiece_clearance
 from diagrams.scenario import BladeConfig, PlateConfig
-from models.robot.robot import Robot
 
 
 @pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
-
-
-@pytest.fixture(scope="module")
-def clearance(robot):
-    return Clearance(robot, margin=0.02)
+def clearance(sts):
+    return Clearance(sts, margin=0.02)
 
 
 def near_floor(robot, clearance):
@@ -30,23 +24,23 @@ def near_floor(robot, clearance):
     raise AssertionError("the arm never comes down")
 
 
-def test_home_is_clear_and_a_folded_arm_is_not(robot, clearance):
+def test_home_is_clear_and_a_folded_arm_is_not(sts, clearance):
     assert clearance.has_shapes and clearance.overlapping == ()
-    assert clearance.slack(robot.home) > 0.0
-    folded = robot.home.copy()
+    assert clearance.slack(sts.home) > 0.0
+    folded = sts.home.copy()
     folded[4] = 2.9  # the tool in the forearm
     assert clearance.slack(folded) < 0.0
 
 
-def test_the_floor_counts(robot):
-    q = near_floor(robot, Clearance(robot))
-    assert Clearance(robot).slack(q) < Clearance(robot, floor=-0.1).slack(q)
-    low = Clearance(robot, floor=0.3)
+def test_the_floor_counts(sts):
+    q = near_floor(sts, Clearance(sts))
+    assert Clearance(sts).slack(q) < Clearance(sts, floor=-0.1).slack(q)
+    low = Clearance(sts, floor=0.3)
     assert low.slack(q) < 0.0
 
 
-def test_the_smooth_slack_is_below_the_true_one_and_has_its_gradient(robot, clearance):
-    q = near_floor(robot, clearance)
+def test_the_smooth_slack_is_below_the_true_one_and_has_its_gradient(sts, clearance):
+    q = near_floor(sts, clearance)
     value, gradient = clearance.smooth_slack(q)
     slack = clearance.slack(q)
     assert slack - 0.01 < value <= slack
@@ -61,10 +55,10 @@ def test_the_smooth_slack_is_below_the_true_one_and_has_its_gradient(robot, clea
     assert np.abs(gradient).max() > 0.1
 
 
-def test_a_contact_between_samples_is_found(robot, clearance):
+def test_a_contact_between_samples_is_found(sts, clearance):
     """A dip of 30 ms into the floor, where samples a tenth of a second apart see nothing."""
-    q = near_floor(robot, clearance)
-    high = robot.home
+    q = near_floor(sts, clearance)
+    high = sts.home
 
     def position(t):
         dip = np.exp(-(((t - 0.55) / 0.015) ** 2))
@@ -84,13 +78,11 @@ def test_a_contact_between_samples_is_found(robot, clearance):
     assert (closest.slack if closest else INFLUENCE) < lowest + 2e-3
 
 
-def test_a_wide_plate_is_as_far_as_the_lowest_point_is_high(robot):
+def test_a_wide_plate_is_as_far_as_the_lowest_point_is_high(sts):
     """10 m wide, so that its top face is what is nearest, wherever the arm is above it."""
     low, high = (
-        workpiece_clearance(
-            robot, PlateConfig([0.0, 0.0, z], [0.0, 0.0, 0.0], [10.0, 10.0, 0.1]), q
-        )
-        for z, q in ((-1.0, robot.home), (-0.7, robot.home))
+        workpiece_clearance(sts, PlateConfig([0.0, 0.0, z], [0.0, 0.0, 0.0], [10.0, 10.0, 0.1]), q)
+        for z, q in ((-1.0, sts.home), (-0.7, sts.home))
     )
     assert low - high == pytest.approx(0.3, abs=1e-9)
     # The base stands on z = 0.
@@ -109,34 +101,34 @@ def joint_position(robot, joint):
     return parts.joints[joint].frame_on_child().CalcPoseInWorld(context).translation()
 
 
-def test_a_plate_through_the_elbow_is_negative(robot):
-    p_WE = robot.chain.pose(robot.home)[1]
+def test_a_plate_through_the_elbow_is_negative(sts):
+    p_WE = sts.chain.pose(sts.home)[1]
     far = PlateConfig([3.0, 0.0, 0.5], [0.0, 0.0, 0.0], [0.2, 0.2, 0.02])
-    away = workpiece_clearance(robot, far, robot.home)
+    away = workpiece_clearance(sts, far, sts.home)
     assert away > 3.0 - 0.1 - p_WE[0] - 0.2
-    elbow = joint_position(robot, 2)
+    elbow = joint_position(sts, 2)
     through = PlateConfig(elbow.tolist(), [0.0, 0.0, 0.0], [0.05, 0.05, 0.02])
-    assert workpiece_clearance(robot, through, robot.home) < -0.01
+    assert workpiece_clearance(sts, through, sts.home) < -0.01
     # The smallest over all rows counts, wherever it stands.
-    rows = np.stack([robot.home, robot.home])
+    rows = np.stack([sts.home, sts.home])
     rows[1, 0] += 1.5  # turned away from it
-    assert workpiece_clearance(robot, through, rows[1]) > 0.0
+    assert workpiece_clearance(sts, through, rows[1]) > 0.0
     for both in (rows, rows[::-1]):
-        assert workpiece_clearance(robot, through, both) == pytest.approx(
-            workpiece_clearance(robot, through, robot.home)
+        assert workpiece_clearance(sts, through, both) == pytest.approx(
+            workpiece_clearance(sts, through, sts.home)
         )
 
 
 @pytest.mark.parametrize("kind", [PlateConfig, BladeConfig])
-def test_the_tool_may_touch(robot, kind):
+def test_the_tool_may_touch(sts, kind):
     """A small piece at the tool's tip, which is deep in it."""
-    R_WE, p_WE = robot.chain.pose(robot.home)
+    R_WE, p_WE = sts.chain.pose(sts.home)
     if kind is PlateConfig:
         piece = PlateConfig(p_WE.tolist(), [0.0, 0.0, 0.0], [0.02, 0.02, 0.02])
     else:
         size = {"span": 0.02, "root_chord": 0.02, "tip_chord": 0.02, "mesh_size": 0.004}
         piece = BladeConfig(p_WE.tolist(), [0.0, 0.0, 0.0], **size)
-    assert workpiece_clearance(robot, piece, robot.home) > 0.01
+    assert workpiece_clearance(sts, piece, sts.home) > 0.01
     # At the flange instead, it is in the way.
     behind = (p_WE - 0.12 * R_WE[:, 2]).tolist()
-    assert workpiece_clearance(robot, replace(piece, centre=behind), robot.home) < 0.0
+    assert workpiece_clearance(sts, replace(piece, centre=behind), sts.home) < 0.0

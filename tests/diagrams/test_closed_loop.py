@@ -18,18 +18,12 @@ from models.control.wrench_script import WrenchStep
 from models.files.input_error import InputError
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
-from models.robot.robot import Robot
 from systems.force_torque_sensor import ForceTorqueSensorConfig
 from systems.impedance_controller import ForceControlConfig, ImpedanceConfig
 from systems.joint_tracking_controller import JointTrackingConfig
 
 QUIET = Scenario(friction="none", current_noise=False)
 DOWN = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
 
 
 def run(scenario, robot, model=None, also_log=()):
@@ -46,10 +40,8 @@ def friction_model(robot):
     return replace(IdentifiedModel.nominal(robot), friction=SemiParametricFriction(law))
 
 
-def test_default_runs_and_logs_every_tick(robot):
-    t, signals = run(
-        replace(load_scenario("Default"), duration=0.3), robot, also_log=["tau_f_true"]
-    )
+def test_default_runs_and_logs_every_tick(sts):
+    t, signals = run(replace(load_scenario("Default"), duration=0.3), sts, also_log=["tau_f_true"])
     np.testing.assert_allclose(t, np.arange(301) * 1e-3, atol=1e-12)
     sizes = {name: signal.shape[1] for name, signal in signals.items()}
     assert sizes == {
@@ -71,8 +63,8 @@ def test_default_runs_and_logs_every_tick(robot):
     assert all(np.all(np.isfinite(signal)) for signal in signals.values())
 
 
-def test_one_of_everything_touches_and_presses(robot):
-    _, signals = run(replace(load_scenario("OneOfEverything"), duration=1.4), robot)
+def test_one_of_everything_touches_and_presses(sts):
+    _, signals = run(replace(load_scenario("OneOfEverything"), duration=1.4), sts)
     assert {"pose_error", "force_setpoint", "ft_wrench"} <= signals.keys()
     assert all(np.all(np.isfinite(signal)) for signal in signals.values())
     # It stands still and presses: stiction leaves some newtons until the integral has worked.
@@ -85,18 +77,18 @@ def test_one_of_everything_touches_and_presses(robot):
     assert np.abs(np.diff(v, axis=0)).max() < 5e-3
 
 
-def test_the_same_seed_gives_the_same_run(robot):
+def test_the_same_seed_gives_the_same_run(sts):
     scenario = replace(load_scenario("Default"), duration=0.1)
-    first, again = (run(scenario, robot)[1] for _ in range(2))
-    other = run(replace(scenario, seed=1), robot)[1]
+    first, again = (run(scenario, sts)[1] for _ in range(2))
+    other = run(replace(scenario, seed=1), sts)[1]
     for name in first:
         np.testing.assert_array_equal(first[name], again[name])
     assert not np.array_equal(first["current"], other["current"])
 
 
-def test_tracks_a_motion_with_the_exact_model(robot):
+def test_tracks_a_motion_with_the_exact_model(sts):
     motion = JointSineMotion(amplitude=[0.3], frequency=[0.5], ramp=0.5)
-    _, signals = run(replace(QUIET, motion=motion, duration=1.5), robot)
+    _, signals = run(replace(QUIET, motion=motion, duration=1.5), sts)
     error = signals["q"] - signals["reference"][:, :6]
     # The plant moves at the velocity of the tick's end: T/2 times the acceleration (10 rad/s^2)
     # too fast, which feedback turns into kd / kp of it, 1.7e-4 rad.
@@ -104,21 +96,21 @@ def test_tracks_a_motion_with_the_exact_model(robot):
     assert np.ptp(signals["q"], axis=0).min() > 0.4
 
 
-def test_friction_feedforward_helps_against_friction(robot):
+def test_friction_feedforward_helps_against_friction(sts):
     motion = JointSineMotion(amplitude=[0.3], frequency=[0.5], ramp=0.5)
     gains = JointTrackingConfig(kp=[400.0], kd=[40.0])
     scenario = replace(
         QUIET, motion=motion, duration=1.0, friction="coulomb_viscous", controller=gains
     )
     errors = []
-    for model in (None, friction_model(robot)):
-        _, signals = run(scenario, robot, model)
+    for model in (None, friction_model(sts)):
+        _, signals = run(scenario, sts, model)
         errors.append(np.sqrt(np.mean((signals["q"] - signals["reference"][:, :6]) ** 2)))
     assert errors[1] < 0.1 * errors[0]
 
 
 @pytest.mark.parametrize("feedback", ["sensor", "estimate"])
-def test_force_control_holds_its_set_point_on_a_plate(robot, feedback):
+def test_force_control_holds_its_set_point_on_a_plate(sts, feedback):
     """The whole loop, without friction: 30 N along the plate's normal while E slides along it."""
     motion = LineMotion([0, 1, 0], [0.35, 0, 0.3], DOWN, 0.1, 1.5, 1, start=0.8)
     scenario = replace(
@@ -135,7 +127,7 @@ def test_force_control_holds_its_set_point_on_a_plate(robot, feedback):
         workpiece=PlateConfig(centre=[0.35, 0, 0.3], friction=0.2),
     )
     scenario.estimator.reconstruction.method = "inverse"
-    _, signals = run(scenario, robot)
+    _, signals = run(scenario, sts)
     normal = signals["wrench_true"][:, 5]
     moving = slice(1200, 2200)
     assert np.abs(normal[moving] - 30.0).max() < 0.5
@@ -148,7 +140,7 @@ def test_force_control_holds_its_set_point_on_a_plate(robot, feedback):
     assert np.abs(signals["pose_error"][moving, 3:5]).max() < 4e-3
 
 
-def test_a_soft_arm_yields_to_a_push_by_force_over_stiffness(robot):
+def test_a_soft_arm_yields_to_a_push_by_force_over_stiffness(sts):
     controller = ImpedanceConfig(
         stiffness=np.array([500.0, 500, 500, 50, 50, 50]),
         damping=np.array([120.0, 120, 120, 2, 2, 2]),
@@ -157,7 +149,7 @@ def test_a_soft_arm_yields_to_a_push_by_force_over_stiffness(robot):
     scenario = replace(
         QUIET, motion=HoldMotion(), controller=controller, duration=3.0, wrench=[push]
     )
-    _, signals = run(scenario, robot)
+    _, signals = run(scenario, sts)
     expected = np.array([0.1, 0, 0, 3.0, -2.0, 4.0]) / [50, 50, 50, 500, 500, 500]
     np.testing.assert_allclose(signals["pose_error"][-1], expected, atol=2e-4)
 
@@ -169,24 +161,22 @@ def test_setpoint():
     np.testing.assert_allclose(setpoint_at(setpoint, t), expected, atol=1e-12)
 
 
-def test_damping_that_would_chatter_is_refused(robot):
+def test_damping_that_would_chatter_is_refused(sts):
     controller = ImpedanceConfig(damping=np.array([250.0, 250, 250, 20, 20, 20]))
     with pytest.raises(InputError, match="would chatter"):
-        make_closed_loop(
-            replace(QUIET, controller=controller), robot, IdentifiedModel.nominal(robot)
-        )
+        make_closed_loop(replace(QUIET, controller=controller), sts, IdentifiedModel.nominal(sts))
 
 
-def test_a_model_of_another_robot_is_refused(robot):
+def test_a_model_of_another_robot_is_refused(ur10e, sts):
     with pytest.raises(InputError, match="ur10e"):
-        make_closed_loop(QUIET, robot, IdentifiedModel.nominal(Robot.load("ur10e")))
+        make_closed_loop(QUIET, sts, IdentifiedModel.nominal(ur10e))
 
 
-def test_what_is_not_logged_changes_nothing_of_what_is(robot):
+def test_what_is_not_logged_changes_nothing_of_what_is(sts):
     scenario = replace(load_scenario("Default"), duration=0.1)
-    _, everything = run(scenario, robot)
+    _, everything = run(scenario, sts)
     wanted = ("current", "q")
-    loop = make_closed_loop(scenario, robot, IdentifiedModel.nominal(robot), log_only=wanted)
+    loop = make_closed_loop(scenario, sts, IdentifiedModel.nominal(sts), log_only=wanted)
     simulator = Simulator(loop.diagram)
     simulator.AdvanceTo(scenario.duration)
     _, signals = loop.logged(simulator.get_context())
@@ -195,13 +185,13 @@ def test_what_is_not_logged_changes_nothing_of_what_is(robot):
         np.testing.assert_array_equal(signals[name], everything[name])
 
 
-def test_without_the_estimator_the_motion_is_the_same(robot):
+def test_without_the_estimator_the_motion_is_the_same(sts):
     """A tracking loop does not see the estimate, so that not one bit of the motion may change."""
     scenario = Scenario(controller=JointTrackingConfig(), duration=0.1)
-    model = IdentifiedModel.nominal(robot)
+    model = IdentifiedModel.nominal(sts)
     logs = []
     for with_estimator in (True, False):
-        loop = make_closed_loop(scenario, robot, model, with_estimator=with_estimator)
+        loop = make_closed_loop(scenario, sts, model, with_estimator=with_estimator)
         assert (loop.estimator is not None) == with_estimator
         simulator = Simulator(loop.diagram)
         simulator.AdvanceTo(scenario.duration)
@@ -214,14 +204,14 @@ def test_without_the_estimator_the_motion_is_the_same(robot):
     assert np.ptp(plain["current"], axis=0).all()
 
 
-def test_what_needs_the_estimator_is_refused_without_it(robot):
+def test_what_needs_the_estimator_is_refused_without_it(ur10e, sts):
     scenario = replace(QUIET, controller=ImpedanceConfig())
     with pytest.raises(ValueError, match="need the estimator"):
-        make_closed_loop(scenario, robot, IdentifiedModel.nominal(robot), with_estimator=False)
+        make_closed_loop(scenario, sts, IdentifiedModel.nominal(sts), with_estimator=False)
     with pytest.raises(InputError, match="ur10e"):
         make_closed_loop(
             Scenario(controller=JointTrackingConfig()),
-            robot,
-            IdentifiedModel.nominal(Robot.load("ur10e")),
+            sts,
+            IdentifiedModel.nominal(ur10e),
             with_estimator=False,
         )

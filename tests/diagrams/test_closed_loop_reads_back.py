@@ -13,16 +13,10 @@ from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.momentum_observer import MomentumObserverConfig
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.identification.identified_model import IdentifiedModel
-from models.robot.robot import Robot
 
 K_0 = 20.0
 FORCE, MOMENT = [6.0, -4.0, 20.0], [0.5, -0.8, 0.3]
 FREQUENCY = [0.2, 0.3, 0.25, 0.4, 0.35, 0.5]  # Hz; all periods fit into 20 s
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
 
 
 def config(method="inverse"):
@@ -39,10 +33,10 @@ def simulate(robot, scenario):
     return loop.logged(simulator.get_context())[1]
 
 
-def test_a_wrench_at_E_is_read_back_in_the_steady_state(robot):
+def test_a_wrench_at_E_is_read_back_in_the_steady_state(sts):
     """0.1 N and 0.02 N m, all six at once, while the controller holds the arm."""
     push = WrenchStep(start=0.1, force=FORCE, moment=MOMENT)
-    signals = simulate(robot, Scenario(duration=1.2, motion=HoldMotion(), wrench=[push]))
+    signals = simulate(sts, Scenario(duration=1.2, motion=HoldMotion(), wrench=[push]))
     error = np.abs(signals["wrench"] - signals["wrench_true"])[-50:]
     np.testing.assert_array_equal(signals["wrench_true"][-1], MOMENT + FORCE)
     assert error[:, 3:].max() < 0.1
@@ -52,9 +46,9 @@ def test_a_wrench_at_E_is_read_back_in_the_steady_state(robot):
     assert signals["valid"][200:].all()  # settled: 3 / K_0 is 150 ticks
 
 
-def test_the_rise_to_it_is_that_of_the_observer(robot):
+def test_the_rise_to_it_is_that_of_the_observer(sts):
     push = WrenchStep(start=0.1, force=FORCE, moment=MOMENT)
-    signals = simulate(robot, Scenario(duration=0.4, motion=HoldMotion(), wrench=[push]))
+    signals = simulate(sts, Scenario(duration=0.4, motion=HoldMotion(), wrench=[push]))
     t = np.arange(len(signals["tau_ext"]))[:, None] * 1e-3
     rise = np.where(t > 0.1, 1.0 - np.exp(-K_0 * (t - 0.1)), 0.0)
     expected = rise * signals["tau_ext_true"][-1]
@@ -62,12 +56,12 @@ def test_the_rise_to_it_is_that_of_the_observer(robot):
     np.testing.assert_allclose(signals["tau_ext"], expected, rtol=0.0, atol=0.02)
 
 
-def test_the_loops_log_is_read_alike_by_the_batch_estimator(robot):
+def test_the_loops_log_is_read_alike_by_the_batch_estimator(sts):
     """What was recorded in the loop, estimated afterwards: the same rows, without a shift."""
     push = WrenchStep(start=0.1, force=FORCE, moment=MOMENT)
     motion = JointSineMotion(amplitude=[0.2], frequency=FREQUENCY)
-    signals = simulate(robot, Scenario(duration=0.5, motion=motion, wrench=[push]))
-    estimator = WrenchEstimator(robot, IdentifiedModel.nominal(robot), config())
+    signals = simulate(sts, Scenario(duration=0.5, motion=motion, wrench=[push]))
+    estimator = WrenchEstimator(sts, IdentifiedModel.nominal(sts), config())
     state = estimator.initial_state()
     batch = estimator.run(state, signals["q"], signals["v"], signals["current"])
     np.testing.assert_allclose(batch.tau_ext, signals["tau_ext"], rtol=0.0, atol=1e-9)
@@ -75,10 +69,10 @@ def test_the_loops_log_is_read_alike_by_the_batch_estimator(robot):
 
 
 @pytest.mark.slow
-def test_the_observer_has_no_bias_after_a_minute_of_motion(robot):
+def test_the_observer_has_no_bias_after_a_minute_of_motion(sts):
     """0.02 N m in every joint, after 60 s and around it: nothing drifts."""
     motion = JointSineMotion(amplitude=[0.4], frequency=FREQUENCY)
-    signals = simulate(robot, Scenario(duration=60.0, motion=motion))
+    signals = simulate(sts, Scenario(duration=60.0, motion=motion))
     assert np.ptp(signals["q"], axis=0).min() > 0.7
     bias = np.abs(signals["tau_ext"][-20_000:].mean(axis=0))
     assert bias.max() < 0.02

@@ -17,7 +17,6 @@ from models.files.input_error import InputError
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
-from models.robot.robot import Robot
 from systems.recording_player import RecordingPlayer, Samples
 
 T = 1e-3
@@ -25,13 +24,8 @@ OUTPUTS = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
 
 
 @pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
-
-
-@pytest.fixture(scope="module")
-def model(robot):
-    return IdentifiedModel.nominal(robot)
+def model(sts):
+    return IdentifiedModel.nominal(sts)
 
 
 def config(torque_samples="held", K_0=(20.0,), method="bayesian"):
@@ -51,8 +45,8 @@ def holding_current(robot, q, wrench):
     return robot.current_sign * tau_J / robot.torque_per_ampere
 
 
-def test_ports(robot, model):
-    estimator = make_estimator(robot, model)
+def test_ports(sts, model):
+    estimator = make_estimator(sts, model)
     inputs = [estimator.get_input_port(i) for i in range(estimator.num_input_ports())]
     assert {port.get_name(): port.size() for port in inputs} == {"q": 6, "v": 6, "current": 6}
     sizes = {"tau_ext": 6, "wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1}
@@ -62,8 +56,8 @@ def test_ports(robot, model):
 
 
 @pytest.mark.parametrize("kind", ["held", "trapezoidal"])
-def test_a_controller_may_use_the_wrench_when_the_drive_holds_its_torque(robot, model, kind):
-    estimator = make_estimator(robot, model, config(kind))
+def test_a_controller_may_use_the_wrench_when_the_drive_holds_its_torque(sts, model, kind):
+    estimator = make_estimator(sts, model, config(kind))
     current = estimator.GetInputPort("current").get_index()
     for name in OUTPUTS:
         feeds_through = estimator.HasDirectFeedthrough(
@@ -72,7 +66,7 @@ def test_a_controller_may_use_the_wrench_when_the_drive_holds_its_torque(robot, 
         assert feeds_through == (kind == "trapezoidal" and name != "terms")
 
 
-def test_a_resting_push_is_read(robot, model):
+def test_a_resting_push_is_read(sts, model):
     """From nothing to the wrench, with the pole of the observer, in a stranger's diagram."""
     wrench = np.array([0.5, -0.8, 0.3, 6.0, -4.0, 20.0])
     q = np.array([0.2, 0.1, -0.4, 0.3, 1.2, 0.5])
@@ -82,10 +76,10 @@ def test_a_resting_push_is_read(robot, model):
         for name, value in (
             ("q", q),
             ("v", np.zeros(6)),
-            ("current", holding_current(robot, q, wrench)),
+            ("current", holding_current(sts, q, wrench)),
         )
     }
-    estimator = add_estimator(builder, robot, model, config(method="inverse"), **ports)
+    estimator = add_estimator(builder, sts, model, config(method="inverse"), **ports)
     log = LogVectorOutput(estimator.GetOutputPort("wrench"), builder, T)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(0.3)
@@ -120,14 +114,14 @@ def play(robot, model, configuration, log):
 
 @pytest.mark.parametrize("kind", ["held", "trapezoidal"])
 @pytest.mark.parametrize("method", ["bayesian", "inverse"])
-def test_row_k_is_that_of_the_batch_estimator(robot, model, kind, method):
+def test_row_k_is_that_of_the_batch_estimator(sts, model, kind, method):
     """Also where the log has holes."""
-    log = synthetic_log(robot, 400)
+    log = synthetic_log(sts, 400)
     for signal, row, joint in ((0, 50, 2), (1, 120, 4), (2, 200, 0), (2, 201, 0)):
         log[signal][row, joint] = np.nan
     configuration = config(kind, (5.0, 10.0, 20.0, 30.0, 50.0, 80.0), method)
-    played = play(robot, model, configuration, log)
-    estimator = WrenchEstimator(robot, model, configuration)
+    played = play(sts, model, configuration, log)
+    estimator = WrenchEstimator(sts, model, configuration)
     batch = estimator.run(estimator.initial_state(), *log)
     scale = np.abs(batch.wrench).max()
     np.testing.assert_allclose(played["tau_ext"], batch.tau_ext, rtol=0.0, atol=1e-9)
@@ -143,9 +137,9 @@ def test_row_k_is_that_of_the_batch_estimator(robot, model, kind, method):
     assert not played["valid"][broken].any()
 
 
-def test_parameters_change_through_the_context(robot, model):
+def test_parameters_change_through_the_context(sts, model):
     """Twice the torque constant, another gain, and another prior, in a running diagram."""
-    estimator = make_estimator(robot, model, config())
+    estimator = make_estimator(sts, model, config())
     simulator = Simulator(estimator)
     context = simulator.get_mutable_context()
 
@@ -155,9 +149,9 @@ def test_parameters_change_through_the_context(robot, model):
 
     wrench = np.array([0.0, 0.0, 0.0, 5.0, 5.0, 10.0])
     q = np.array([0.2, 0.1, -0.4, 0.3, 1.2, 0.5])
-    current = holding_current(robot, q, wrench)
+    current = holding_current(sts, q, wrench)
     fix(estimator, context, q, np.zeros(6), 0.5 * current)
-    parameter("motor").SetFromVector(2.0 * robot.torque_per_ampere)
+    parameter("motor").SetFromVector(2.0 * sts.torque_per_ampere)
     parameter("observer").SetFromVector(np.full(6, 200.0))
     parameter("reconstruction").SetFromVector([1e6, 1e6])  # nothing is known beforehand
     simulator.AdvanceTo(0.2)
@@ -167,46 +161,46 @@ def test_parameters_change_through_the_context(robot, model):
     )
     parameter("friction", 2).SetFromVector(np.ones(6))  # an offset that nothing accounts for
     simulator.AdvanceTo(0.4)
-    offset = estimator.GetOutputPort("tau_ext").Eval(context) - robot.chain.jacobian(q).T @ wrench
+    offset = estimator.GetOutputPort("tau_ext").Eval(context) - sts.chain.jacobian(q).T @ wrench
     # tau_ext = ... + tau_f: what friction is thought to take, the environment must give.
     np.testing.assert_allclose(offset, np.ones(6), rtol=0.0, atol=1e-9)
 
 
-def test_it_measures_its_own_start(robot, model):
+def test_it_measures_its_own_start(sts, model):
     """Put into a moving arm it starts from the present momentum: no transient of its own."""
-    estimator = make_estimator(robot, model, config())
+    estimator = make_estimator(sts, model, config())
     simulator = Simulator(estimator)
     context = simulator.get_mutable_context()
-    q, v = robot.home, np.full(6, 0.5)
-    M, G = robot.chain.mass_matrix(q), robot.chain.gravity_torque(q)
-    CTv = robot.chain.coriolis_transpose(q, v)
+    q, v = sts.home, np.full(6, 0.5)
+    M, G = sts.chain.mass_matrix(q), sts.chain.gravity_torque(q)
+    CTv = sts.chain.coriolis_transpose(q, v)
     # Constant momentum: tau_J = G - CTv.
-    fix(estimator, context, q, v, (G - CTv) / robot.torque_per_ampere * robot.current_sign)
+    fix(estimator, context, q, v, (G - CTv) / sts.torque_per_ampere * sts.current_sign)
     simulator.AdvanceTo(0.05)
     assert np.abs(M @ v).max() > 0.5
     assert np.abs(estimator.GetOutputPort("tau_ext").Eval(context)).max() < 1e-9
 
 
-def test_wrong_widths_name_the_ports(robot, model):
+def test_wrong_widths_name_the_ports(sts, model):
     builder = DiagramBuilder()
     five = builder.AddNamedSystem("encoder", ConstantVectorSource(np.zeros(5)))
     with pytest.raises(ValueError, match=r"q must have 6 entries.*encoder\.y0 has 5"):
-        add_estimator(builder, robot, model, q=five.get_output_port())
-    terms = builder.AddNamedSystem("other", make_estimator(robot, model))
+        add_estimator(builder, sts, model, q=five.get_output_port())
+    terms = builder.AddNamedSystem("other", make_estimator(sts, model))
     with pytest.raises(ValueError, match=r"current must be a vector.*other\.terms is abstract"):
-        add_estimator(builder, robot, model, current=terms.GetOutputPort("terms"))
+        add_estimator(builder, sts, model, current=terms.GetOutputPort("terms"))
 
 
-def test_a_model_of_another_robot_is_refused(robot):
-    other = IdentifiedModel.nominal(Robot.load("ur10e"))
+def test_a_model_of_another_robot_is_refused(ur10e, sts):
+    other = IdentifiedModel.nominal(ur10e)
     with pytest.raises(InputError, match="ur10e"):
-        make_estimator(robot, other)
+        make_estimator(sts, other)
 
 
 @pytest.mark.parametrize("kind", ["held", "trapezoidal"])
-def test_friction_that_remembers_is_that_of_the_batch_estimator(robot, model, kind):
+def test_friction_that_remembers_is_that_of_the_batch_estimator(sts, model, kind):
     """Position, slip and the load of the tick before, also across holes."""
-    n = robot.num_joints
+    n = sts.num_joints
     rng = np.random.default_rng(4)
     friction = PreslidingFriction(
         SemiParametricFriction(CoulombViscous(np.zeros(n), *rng.uniform(1, 5, (2, n)))),
@@ -219,22 +213,22 @@ def test_friction_that_remembers_is_that_of_the_batch_estimator(robot, model, ki
         displacement=np.full((n, 1), 0.01),
     )
     remembering = replace(model, friction=friction)
-    log = synthetic_log(robot, 200)
+    log = synthetic_log(sts, 200)
     for signal, row, joint in ((0, 50, 2), (1, 120, 4), (2, 150, 0)):
         log[signal][row, joint] = np.nan
-    played = play(robot, remembering, config(kind), log)
-    estimator = WrenchEstimator(robot, remembering, config(kind))
+    played = play(sts, remembering, config(kind), log)
+    estimator = WrenchEstimator(sts, remembering, config(kind))
     batch = estimator.run(estimator.initial_state(), *log)
     np.testing.assert_allclose(played["tau_ext"], batch.tau_ext, rtol=0.0, atol=1e-9)
     np.testing.assert_array_equal(played["valid"][:, 0], batch.valid)
-    diagram = make_estimator(robot, remembering, config(kind))
+    diagram = make_estimator(sts, remembering, config(kind))
     current = diagram.GetInputPort("current").get_index()
     wrench = diagram.GetOutputPort("wrench").get_index()
     assert diagram.HasDirectFeedthrough(current, wrench) == (kind == "trapezoidal")
 
 
-def test_ports_of_a_taught_estimator(robot, model):
-    diagram = make_estimator(robot, model, taught=True)
+def test_ports_of_a_taught_estimator(sts, model):
+    diagram = make_estimator(sts, model, taught=True)
     inputs = [diagram.get_input_port(i) for i in range(diagram.num_input_ports())]
     names = ["q", "v", "current", "tau_correction", "v_planned"]
     sizes = {port.get_name(): port.size() for port in inputs}
@@ -242,11 +236,11 @@ def test_ports_of_a_taught_estimator(robot, model):
 
 
 @pytest.mark.parametrize("kind", ["held", "trapezoidal"])
-def test_with_friction_at_planned_speeds_and_corrected(robot, model, kind):
+def test_with_friction_at_planned_speeds_and_corrected(sts, model, kind):
     """Against an observer that is fed by hand: tau_f at v_planned, its output plus a correction."""
     law = CoulombViscous(np.arange(1.0, 7.0), np.full(6, 3.0), np.zeros(6))
     rubbing = replace(model, friction=SemiParametricFriction(law))
-    q, v, current = synthetic_log(robot, 700)
+    q, v, current = synthetic_log(sts, 700)
     rng = np.random.default_rng(12)
     # Not the measured speeds, and of the other sign now and then.
     v_planned, correction = rng.normal(size=(2, *v.shape))
@@ -254,7 +248,7 @@ def test_with_friction_at_planned_speeds_and_corrected(robot, model, kind):
     player = builder.AddSystem(RecordingPlayer(6, T))
     ports = {name: player.GetOutputPort(name) for name in ("q", "v", "current")}
     configuration = config(kind, method="inverse")
-    estimator = add_estimator(builder, robot, rubbing, configuration, **ports, taught=True)
+    estimator = add_estimator(builder, sts, rubbing, configuration, **ports, taught=True)
     # A second player for the other two signals.
     other = builder.AddNamedSystem("other", RecordingPlayer(6, T))
     builder.Connect(other.GetOutputPort("v"), estimator.GetInputPort("v_planned"))
@@ -273,10 +267,10 @@ def test_with_friction_at_planned_speeds_and_corrected(robot, model, kind):
     simulator.AdvanceTo((len(q) - 0.5) * T)
     played = {name: sink.FindLog(context).data().T for name, sink in sinks.items()}
 
-    chain = rubbing.chain(robot)
+    chain = rubbing.chain(sts)
     observer = MomentumObserver(configuration.observer, 6)
     state = observer.initial_state()
-    drive = np.asarray(robot.torque_per_ampere) * robot.current_sign
+    drive = np.asarray(sts.torque_per_ampere) * sts.current_sign
     for k in range(len(q)):
         tau_ext, _ = observer.step(
             state,
@@ -291,23 +285,23 @@ def test_with_friction_at_planned_speeds_and_corrected(robot, model, kind):
         wrench = np.linalg.solve(chain.jacobian(q[k]).T, total)
         np.testing.assert_allclose(played["wrench"][k], wrench, rtol=1e-9, atol=1e-7)
     # Valid where the observer says so and the correction counts.
-    alone = WrenchEstimator(robot, rubbing, configuration)
+    alone = WrenchEstimator(sts, rubbing, configuration)
     valid = alone.run(alone.initial_state(), q, v, current).valid
     assert valid[: len(q) // 2].any()
     early = np.arange(len(q)) < len(q) // 2
     np.testing.assert_array_equal(played["valid"][:, 0] == 1.0, valid & early)
 
 
-def test_without_a_correction_and_as_planned_it_is_the_batch_estimator(robot, model):
+def test_without_a_correction_and_as_planned_it_is_the_batch_estimator(sts, model):
     """A taught estimator that has nothing to add where the arm moves as planned."""
-    log = synthetic_log(robot, 100)
+    log = synthetic_log(sts, 100)
     rubbing = replace(
         model, friction=SemiParametricFriction(CoulombViscous(*np.full((2, 6), 2.0), np.zeros(6)))
     )
     builder = DiagramBuilder()
     player = builder.AddSystem(RecordingPlayer(6, T))
     ports = {name: player.GetOutputPort(name) for name in ("q", "v", "current")}
-    estimator = add_estimator(builder, robot, rubbing, config(), **ports, taught=True)
+    estimator = add_estimator(builder, sts, rubbing, config(), **ports, taught=True)
     builder.Connect(ports["v"], estimator.GetInputPort("v_planned"))
     nothing = builder.AddSystem(ConstantVectorSource(np.zeros(6)))
     builder.Connect(nothing.get_output_port(), estimator.GetInputPort("tau_correction"))
@@ -318,6 +312,6 @@ def test_without_a_correction_and_as_planned_it_is_the_batch_estimator(robot, mo
     context = simulator.get_mutable_context()
     player.load(player.GetMyMutableContextFromRoot(context), Samples(*log))
     simulator.AdvanceTo(99.5 * T)
-    batch = WrenchEstimator(robot, rubbing, config())
+    batch = WrenchEstimator(sts, rubbing, config())
     expected = batch.run(batch.initial_state(), *log).wrench
     np.testing.assert_allclose(sink.FindLog(context).data().T, expected, atol=1e-9)

@@ -9,7 +9,6 @@ from models.control.wrench_script import WrenchScript, WrenchStep
 from models.estimation.estimator import WrenchEstimatorConfig
 from models.estimation.momentum_observer import MomentumObserverConfig
 from models.estimation.wrench import WrenchReconstructionConfig
-from models.robot.robot import Robot
 
 FORCE, MOMENT = [6.0, -4.0, 20.0], [0.5, -0.8, 0.3]
 
@@ -18,11 +17,6 @@ def estimator(K_0, time_step=1e-3):
     return WrenchEstimatorConfig(
         MomentumObserverConfig([K_0], time_step), WrenchReconstructionConfig("inverse")
     )
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
 
 
 def simulate(robot, duration, **options):
@@ -40,28 +34,28 @@ def simulate(robot, duration, **options):
     return data(arm.q), data(arm.wrench_true), wrench
 
 
-def test_the_arm_hardly_moves_and_the_wrench_is_read(robot):
-    q, wrench_true, wrench = simulate(robot, 0.5)
-    assert np.abs(q - robot.home).max() < 0.02
+def test_the_arm_hardly_moves_and_the_wrench_is_read(sts_reversed):
+    q, wrench_true, wrench = simulate(sts_reversed, 0.5)
+    assert np.abs(q - sts_reversed.home).max() < 0.02
     np.testing.assert_array_equal(wrench_true, np.tile(MOMENT + FORCE, (len(q), 1)))
     # exp(-80 * 0.5) is nothing; exp(-10 * 0.5) is 0.0067.
     np.testing.assert_allclose(wrench["fast"][-1], MOMENT + FORCE, atol=1e-6)
     np.testing.assert_allclose(wrench["slow"][-1] / (MOMENT + FORCE), 1 - np.exp(-5.0), rtol=1e-4)
 
 
-def test_noise_is_repeatable_and_only_in_the_measurement(robot):
-    q, _, clean = simulate(robot, 0.1)
-    noisy_q, _, noisy = simulate(robot, 0.1, current_noise=True, seed=4)
+def test_noise_is_repeatable_and_only_in_the_measurement(sts):
+    q, _, clean = simulate(sts, 0.1)
+    noisy_q, _, noisy = simulate(sts, 0.1, current_noise=True, seed=4)
     np.testing.assert_array_equal(noisy_q, q)
     assert 0.05 < (noisy["fast"] - clean["fast"])[:, 3:].std() < 2.0
     np.testing.assert_array_equal(
-        simulate(robot, 0.1, current_noise=True, seed=4)[2]["fast"], noisy["fast"]
+        simulate(sts, 0.1, current_noise=True, seed=4)[2]["fast"], noisy["fast"]
     )
-    other = simulate(robot, 0.1, current_noise=True, seed=5)[2]["fast"]
+    other = simulate(sts, 0.1, current_noise=True, seed=5)[2]["fast"]
     assert not np.array_equal(other, noisy["fast"])
 
 
 @pytest.mark.parametrize("gains", [{}, {"a": estimator(10.0), "b": estimator(10.0, 2e-3)}])
-def test_the_estimators_share_one_time_step(robot, gains):
+def test_the_estimators_share_one_time_step(sts, gains):
     with pytest.raises(ValueError, match="one time step"):
-        make_held_arm(robot, gains, WrenchScript([]), robot.home)
+        make_held_arm(sts, gains, WrenchScript([]), sts.home)

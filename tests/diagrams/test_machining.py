@@ -12,7 +12,6 @@ from diagrams.workpiece import pose_of_workpiece
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
 from models.machining.machining_phases import Fault, Phase
-from models.robot.robot import Robot
 
 SHORT = {
     "standoff": 0.006,
@@ -22,11 +21,6 @@ SHORT = {
     "release": 0.2,
     "lift": 0.01,
 }
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
 
 
 def model_of(robot):
@@ -63,8 +57,8 @@ def energy_fed(robot, signals):
 
 
 @pytest.fixture(scope="module", params=["Polishing", "Grinding"])
-def a_pass(request, robot):
-    return request.param, run(short(request.param), robot)
+def a_pass(request, sts):
+    return request.param, run(short(request.param), sts)
 
 
 @pytest.mark.slow
@@ -95,9 +89,9 @@ def test_the_sensor_measures_the_contact(a_pass):
 
 
 @pytest.mark.slow
-def test_contact_feeds_no_energy_into_the_arm(a_pass, robot):
+def test_contact_feeds_no_energy_into_the_arm(a_pass, sts):
     name, (_, signals) = a_pass
-    energy = energy_fed(robot, signals)
+    energy = energy_fed(sts, signals)
     # What comes back is the elastic energy of the contact at most, F^2 / 2 k: under 60 N 9 mJ with
     # the plate's 2e5 N/m, 26 mJ with the blade's patch of 7e4 N/m or more.
     rise = np.max(energy - np.minimum.accumulate(energy))
@@ -121,11 +115,11 @@ def shifted(plate, p_W, height, tilt):
 
 
 @pytest.mark.slow
-def test_touch_downs_stay_gentle(robot):
+def test_touch_downs_stay_gentle(sts):
     """Fifty of them: the plate stands higher, lower or tilted, the tool comes down faster."""
     rng = np.random.default_rng(6)
     scenario = short("Polishing", standoff=0.004, search=0.0035)
-    plan = make_machining_path(scenario, robot)
+    plan = make_machining_path(scenario, sts)
     most = []
     for k in range(50):
         height, speed = rng.uniform(-0.0015, 0.0015), rng.uniform(0.01, 0.025)
@@ -139,7 +133,7 @@ def test_touch_downs_stay_gentle(robot):
                 phases=replace(scenario.machining.phases, approach_speed=speed),
             ),
         )
-        _, signals = run(moved, robot, plan, duration=0.0075 / speed + 0.1)
+        _, signals = run(moved, sts, plan, duration=0.0075 / speed + 0.1)
         phase = signals["phase"][:, 0]
         assert np.any(phase == Phase.TOUCH)
         most.append(np.max(signals["normal"] - signals["force_setpoint"][:, 0]))
@@ -150,11 +144,11 @@ def test_touch_downs_stay_gentle(robot):
 
 
 @pytest.mark.slow
-def test_a_workpiece_that_is_not_there_is_reported(robot):
+def test_a_workpiece_that_is_not_there_is_reported(sts):
     scenario = short("Polishing")
-    plan = make_machining_path(scenario, robot)
+    plan = make_machining_path(scenario, sts)
     away = shifted(scenario.workpiece, plan.path.p_WS[0], -0.05, [0.0, 0.0])
-    _, signals = run(replace(scenario, workpiece=away), robot, plan, duration=2.2)
+    _, signals = run(replace(scenario, workpiece=away), sts, plan, duration=2.2)
     assert signals["fault"][-1, 0] == Fault.NOTHING_TOUCHED
     assert signals["phase"][-1, 0] == Phase.DONE
     assert np.all(signals["normal"] == 0.0)

@@ -21,11 +21,6 @@ Array = NDArray[np.float64]
 Q_DOWN = np.array([0.3, -1.07999, -0.12099, 0.0, -0.3698163267948966, 0.2])
 
 
-@pytest.fixture(scope="module")
-def sts() -> Robot:
-    return Robot.load("sts_sre4_600")
-
-
 def table(height: float) -> ObstacleConfig:
     """A table whose top is at a height."""
     return ObstacleConfig("table", [3.0, 3.0, 0.1], PoseConfig([0.0, 0.0, height - 0.05]))

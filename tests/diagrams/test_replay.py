@@ -1,7 +1,5 @@
 """A log through the diagram, against the batch estimator."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
@@ -12,10 +10,6 @@ from models.estimation.momentum_observer import MomentumObserverConfig
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording_reader import read_recording
 from models.recordings.resampling import resampled
-from models.robot.robot import Robot
-
-DATA = Path(__file__).parents[2] / "../shared/data"
-UR10E_LOG = DATA / "ur10e/ur-20_02_19_14harm50secLoad.csv"
 
 
 def config(time_step, torque_samples="held"):
@@ -49,15 +43,14 @@ def assert_agrees(played, batch):
 
 
 @pytest.fixture(scope="module")
-def synthetic():
-    robot = Robot.load("sts_sre4_600")
+def synthetic(sts):
     rng = np.random.default_rng(3)
     t = np.arange(700)[:, None] * 1e-3
     rate = rng.uniform(1.0, 9.0, 6)
-    q = robot.home + 0.4 * np.sin(rate * t)
+    q = sts.home + 0.4 * np.sin(rate * t)
     v = 0.4 * rate * np.cos(rate * t)
     current = 2.0 * np.sin(3.0 * rate * t) + 0.05 * rng.normal(size=(700, 6))
-    return robot, IdentifiedModel.nominal(robot), (q, v, current)
+    return sts, IdentifiedModel.nominal(sts), (q, v, current)
 
 
 @pytest.mark.parametrize("kind", ["held", "trapezoidal"])
@@ -106,14 +99,13 @@ def test_signals_that_do_not_fit_are_refused(synthetic):
         replay.load(replay.diagram.CreateDefaultContext(), q, v, current[:, :5])
 
 
-@pytest.mark.skipif(not UR10E_LOG.exists(), reason="the UR10e recordings are not here")
-def test_a_real_robots_log():
+def test_a_real_robots_log(ur10e, data):
     """The first three seconds of the loaded UR10e, resampled on its own time."""
-    robot = Robot.load("ur10e")
-    recording = resampled(read_recording(UR10E_LOG, robot=robot)[:400], 0.01)
+    path = data("ur10e/ur-20_02_19_14harm50secLoad.csv")
+    recording = resampled(read_recording(path, robot=ur10e)[:400], 0.01)
     log = tuple(signal[:300] for signal in (recording.q, recording.v, recording.current))
-    model = IdentifiedModel.nominal(robot)
+    model = IdentifiedModel.nominal(ur10e)
     configuration = config(0.01, "trapezoidal")
-    estimator = WrenchEstimator(robot, model, configuration)
+    estimator = WrenchEstimator(ur10e, model, configuration)
     batch = estimator.run(estimator.initial_state(), *log)
-    assert_agrees(replayed(robot, model, configuration, log, (300,)), batch)
+    assert_agrees(replayed(ur10e, model, configuration, log, (300,)), batch)

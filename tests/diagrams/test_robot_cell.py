@@ -10,17 +10,11 @@ from diagrams.robot_cell import make_robot_cell
 from diagrams.scenario import PlateConfig, Scenario
 from models.control.wrench_script import WrenchStep
 from models.files.input_error import InputError
-from models.robot.robot import Robot
 from systems.force_torque_sensor import ForceTorqueSensorConfig
 from systems.joint_friction import HOLDING_DAMPING
 
 T = 1e-3
 QUIET = Scenario(friction="none", current_noise=False)
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
 
 
 class Run:
@@ -51,11 +45,11 @@ class Run:
             setattr(self, name, log.FindLog(self.context).data().T)
 
 
-def test_ports(robot):
+def test_ports(sts):
     scenario = Scenario(
         force_torque_sensor=ForceTorqueSensorConfig(), workpiece=PlateConfig(), floor=True
     )
-    diagram = make_robot_cell(scenario, robot, robot.home).diagram
+    diagram = make_robot_cell(scenario, sts, sts.home).diagram
     outputs = {diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())}
     truth = {"tau_J_true", "tau_f_true", "tau_ext_true", "wrench_true"}
     assert outputs == {"q", "v", "state", "current", "ft_wrench"} | truth
@@ -67,57 +61,57 @@ def test_ports(robot):
         assert not diagram.HasDirectFeedthrough(0, port)
 
 
-def test_the_motion_obeys_the_equation_of_motion(robot):
+def test_the_motion_obeys_the_equation_of_motion(sts):
     """M vdot + C v + G + tau_f = tau_J + tau_ext, tick by tick, with friction and a push."""
     scenario = replace(
         QUIET,
         friction="full",
         wrench=[WrenchStep(force=[5.0, -8.0, 6.0], moment=[0.3, 0.2, -0.4])],
     )
-    G = robot.chain.gravity_torque(robot.home)
-    torque = G + 1.6 * robot.truth.stiction * np.array([1.0, 1, -1, 1, 1, 1])
-    run = Run(scenario, robot, robot.home, torque, 0.3)
-    chain = robot.chain
+    G = sts.chain.gravity_torque(sts.home)
+    torque = G + 1.6 * sts.truth.stiction * np.array([1.0, 1, -1, 1, 1, 1])
+    run = Run(scenario, sts, sts.home, torque, 0.3)
+    chain = sts.chain
     assert np.abs(run.v[-1]).min() > 0.05
     vdot = np.diff(run.v, axis=0) / T
     left = chain.inverse_dynamics(run.q[:-1], run.v[:-1], vdot) + run.tau_f_true[:-1]
     right = run.tau_J_true[:-1] + run.tau_ext_true[:-1]
     # Viscous friction acts at the velocity after the step: viscous vdot T, some 1e-2 N m.
-    implicit = robot.truth.viscous * vdot * T
+    implicit = sts.truth.viscous * vdot * T
     np.testing.assert_allclose(left + implicit, right, atol=2e-6)
 
 
-def test_gravity_held_at_rest_without_friction(robot):
-    G = robot.chain.gravity_torque(robot.home)
-    run = Run(QUIET, robot, robot.home, G, 0.2)
-    np.testing.assert_allclose(run.q[-1], robot.home, atol=1e-6)
+def test_gravity_held_at_rest_without_friction(sts):
+    G = sts.chain.gravity_torque(sts.home)
+    run = Run(QUIET, sts, sts.home, G, 0.2)
+    np.testing.assert_allclose(run.q[-1], sts.home, atol=1e-6)
     np.testing.assert_allclose(
-        run.current[0] * robot.torque_per_ampere * robot.current_sign, G, atol=1e-9
+        run.current[0] * sts.torque_per_ampere * sts.current_sign, G, atol=1e-9
     )
 
 
-def test_stiction_holds_what_gravity_compensation_misses(robot):
-    G = robot.chain.gravity_torque(robot.home)
-    miss = 0.9 * robot.truth.stiction * [1, -1, 1, -1, 1, -1]
+def test_stiction_holds_what_gravity_compensation_misses(sts):
+    G = sts.chain.gravity_torque(sts.home)
+    miss = 0.9 * sts.truth.stiction * [1, -1, 1, -1, 1, -1]
     scenario = replace(QUIET, friction="full")
-    run = Run(scenario, robot, robot.home, G + miss, 0.5)
+    run = Run(scenario, sts, sts.home, G + miss, 0.5)
     # It creeps by torque / 1e5 N m s/rad; gravity changes by some ten N m times that angle.
     creep = 0.5 * np.abs(miss).max() / HOLDING_DAMPING
-    np.testing.assert_allclose(run.q[-1], robot.home, atol=1.05 * creep)
+    np.testing.assert_allclose(run.q[-1], sts.home, atol=1.05 * creep)
     np.testing.assert_allclose(run.tau_f_true[-1], miss, atol=50 * creep)
 
 
-def test_energy_is_lost_to_friction_only(robot):
+def test_energy_is_lost_to_friction_only(sts):
     scenario = replace(QUIET, friction="coulomb_viscous")
-    none = Run(QUIET, robot, robot.home, np.zeros(6), 0.15)
-    some = Run(scenario, robot, robot.home, np.zeros(6), 0.15, v_0=np.full(6, 0.4))
+    none = Run(QUIET, sts, sts.home, np.zeros(6), 0.15)
+    some = Run(scenario, sts, sts.home, np.zeros(6), 0.15, v_0=np.full(6, 0.4))
 
     def energy(run):
         height = [
-            sum(m * 9.81 * p for m, p in zip(masses(robot), heights(robot, q), strict=True))
+            sum(m * 9.81 * p for m, p in zip(masses(sts), heights(sts, q), strict=True))
             for q in run.q
         ]
-        return robot.chain.kinetic_energy(run.q, run.v) + np.array(height)
+        return sts.chain.kinetic_energy(run.q, run.v) + np.array(height)
 
     # Semi-implicit Euler keeps the energy within about T/2 of its exchange rate, watts.
     free = energy(none)
@@ -146,21 +140,21 @@ def heights(robot, q):
     return result
 
 
-def test_sensor_and_truth_agree_on_an_applied_wrench(robot):
+def test_sensor_and_truth_agree_on_an_applied_wrench(sts):
     push = WrenchStep(force=[5.0, -8.0, 6.0], moment=[0.3, 0.2, -0.4])
     scenario = replace(QUIET, wrench=[push], force_torque_sensor=ForceTorqueSensorConfig())
-    run = Run(scenario, robot, robot.home, np.zeros(6), 0.2)
+    run = Run(scenario, sts, sts.home, np.zeros(6), 0.2)
     np.testing.assert_array_equal(run.wrench_true[:, 3:], np.tile(push.force, (201, 1)))
     np.testing.assert_allclose(run.ft_wrench[1:], run.wrench_true[:-1], atol=1e-8)
     np.testing.assert_allclose(
         run.tau_ext_true,
-        np.einsum("tkj,tk->tj", robot.chain.jacobian(run.q), run.wrench_true),
+        np.einsum("tkj,tk->tj", sts.chain.jacobian(run.q), run.wrench_true),
         atol=1e-12,
     )
 
 
-def test_a_plate_pushes_the_tool_out_and_truth_and_sensor_see_it(robot):
-    _, p_home = robot.chain.pose(robot.home)
+def test_a_plate_pushes_the_tool_out_and_truth_and_sensor_see_it(sts):
+    _, p_home = sts.chain.pose(sts.home)
     # A wall that faces the tool, which looks along +x at home; the tool starts 1 mm before it.
     wall = PlateConfig(
         centre=[p_home[0] + 1e-3, 0.0, p_home[2]],
@@ -168,8 +162,8 @@ def test_a_plate_pushes_the_tool_out_and_truth_and_sensor_see_it(robot):
         size=[0.3, 0.3, 0.02],
     )
     scenario = replace(QUIET, workpiece=wall, force_torque_sensor=ForceTorqueSensorConfig())
-    press = robot.chain.jacobian(robot.home)[3] * 20.0
-    run = Run(scenario, robot, robot.home, robot.chain.gravity_torque(robot.home) + press, 0.06)
+    press = sts.chain.jacobian(sts.home)[3] * 20.0
+    run = Run(scenario, sts, sts.home, sts.chain.gravity_torque(sts.home) + press, 0.06)
     assert run.wrench_true[0, 3] == 0
     assert run.wrench_true[-1, 3] < -10.0  # the wall pushes the robot back, along -x
     touching = run.wrench_true[:-1, 3] < -1.0
@@ -178,38 +172,37 @@ def test_a_plate_pushes_the_tool_out_and_truth_and_sensor_see_it(robot):
     )
     np.testing.assert_allclose(
         run.tau_ext_true,
-        np.einsum("tkj,tk->tj", robot.chain.jacobian(run.q), run.wrench_true),
+        np.einsum("tkj,tk->tj", sts.chain.jacobian(run.q), run.wrench_true),
         atol=1e-8,
     )
 
 
-def test_drives_saturate(robot):
-    run = Run(QUIET, robot, robot.home, 10 * robot.effort_limit, 0.01)
-    np.testing.assert_allclose(run.tau_J_true[0], robot.effort_limit)
-    np.testing.assert_allclose(np.abs(run.current[0]) * robot.torque_per_ampere, robot.effort_limit)
+def test_drives_saturate(sts):
+    run = Run(QUIET, sts, sts.home, 10 * sts.effort_limit, 0.01)
+    np.testing.assert_allclose(run.tau_J_true[0], sts.effort_limit)
+    np.testing.assert_allclose(np.abs(run.current[0]) * sts.torque_per_ampere, sts.effort_limit)
 
 
-def test_current_noise_is_as_the_robot_file_says_and_repeats(robot):
+def test_current_noise_is_as_the_robot_file_says_and_repeats(sts):
     scenario = replace(QUIET, current_noise=True)
-    G = robot.chain.gravity_torque(robot.home)
-    runs = [Run(replace(scenario, seed=seed), robot, robot.home, G, 0.4) for seed in (1, 1, 2)]
+    G = sts.chain.gravity_torque(sts.home)
+    runs = [Run(replace(scenario, seed=seed), sts, sts.home, G, 0.4) for seed in (1, 1, 2)]
     np.testing.assert_array_equal(runs[0].current, runs[1].current)
     assert not np.array_equal(runs[0].current, runs[2].current)
     sd = runs[0].current.std(axis=0)
-    np.testing.assert_allclose(sd, robot.current_noise_sd, rtol=0.2)
-    steps = runs[0].current / robot.current_resolution
+    np.testing.assert_allclose(sd, sts.current_noise_sd, rtol=0.2)
+    steps = runs[0].current / sts.current_resolution
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
 
 
-def test_a_sensor_needs_a_tool():
-    bare = Robot.load("ur10e")
+def test_a_sensor_needs_a_tool(ur10e):
     scenario = replace(QUIET, force_torque_sensor=ForceTorqueSensorConfig())
     with pytest.raises(InputError, match="no tool"):
-        make_robot_cell(scenario, bare, bare.home)
+        make_robot_cell(scenario, ur10e, ur10e.home)
     # Without the sensor it simulates, and the push acts at the flange.
     scenario = replace(QUIET, wrench=[WrenchStep(force=[0, 0, 10.0])])
-    G = bare.chain.gravity_torque(bare.home)
-    run = Run(scenario, bare, bare.home, G, 0.01)
+    G = ur10e.chain.gravity_torque(ur10e.home)
+    run = Run(scenario, ur10e, ur10e.home, G, 0.01)
     np.testing.assert_allclose(
-        run.tau_ext_true[0], bare.chain.jacobian(bare.home)[5] * 10.0, atol=1e-12
+        run.tau_ext_true[0], ur10e.chain.jacobian(ur10e.home)[5] * 10.0, atol=1e-12
     )

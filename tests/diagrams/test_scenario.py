@@ -25,11 +25,6 @@ from models.robot.robot import Robot
 from systems.impedance_controller import ForceControlConfig, ImpedanceConfig
 
 
-@pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
-
-
 @pytest.mark.parametrize("name", sorted(bundled_scenarios()))
 def test_every_bundled_scenario_fits_its_robot(name):
     scenario = load_scenario(name)
@@ -105,40 +100,40 @@ def test_force_control_may_feed_back_the_estimate_without_a_sensor():
     check_scenario(Scenario(controller=controller, feedback="estimate"))
 
 
-def test_hold_stays_at_home_unless_told_otherwise(robot):
-    trajectory = make_trajectory(Scenario(), robot)
+def test_hold_stays_at_home_unless_told_otherwise(sts):
+    trajectory = make_trajectory(Scenario(), sts)
     q, v, _ = trajectory.sample(1.0)
-    np.testing.assert_array_equal(q, robot.home)
+    np.testing.assert_array_equal(q, sts.home)
     np.testing.assert_array_equal(v, 0)
 
 
-def test_joint_sines_are_consistent_and_start_at_rest(robot):
+def test_joint_sines_are_consistent_and_start_at_rest(sts):
     motion = JointSineMotion(
         amplitude=[0.2, 0.1, 0.15, 0.3, 0.2, 0.4], frequency=[0.5], phase=[0.7], ramp=1.0
     )
-    trajectory = make_trajectory(Scenario(duration=3.0, motion=motion), robot)
+    trajectory = make_trajectory(Scenario(duration=3.0, motion=motion), sts)
     q, v, vdot = trajectory.sample(0.0)
-    np.testing.assert_allclose(q, robot.home, atol=1e-15)
+    np.testing.assert_allclose(q, sts.home, atol=1e-15)
     np.testing.assert_allclose(v, 0, atol=1e-15)
     np.testing.assert_allclose(vdot, 0, atol=1e-12)
     t, h = np.linspace(0.01, 2.9, 57), 1e-5
     before, here, after = (trajectory.sample(t + d) for d in (-h, 0.0, h))
     np.testing.assert_allclose((after[0] - before[0]) / (2 * h), here[1], atol=1e-7)
     np.testing.assert_allclose((after[1] - before[1]) / (2 * h), here[2], atol=1e-4)
-    expected = robot.home + np.array(motion.amplitude) * np.sin(np.pi * 2.0 + 0.7)
+    expected = sts.home + np.array(motion.amplitude) * np.sin(np.pi * 2.0 + 0.7)
     np.testing.assert_allclose(trajectory.sample(2.0)[0], expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("passes", [1, 2, 3])
-def test_line_goes_there_and_back(robot, passes):
+def test_line_goes_there_and_back(sts, passes):
     R_WE = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]
     motion = LineMotion([0.0, 2.0, 0.0], [0.35, 0.0, 0.3], R_WE, 0.2, 1.0, passes, 0.5)
-    trajectory = make_trajectory(Scenario(motion=motion), robot)
+    trajectory = make_trajectory(Scenario(motion=motion), sts)
     assert trajectory.t[0] == 0.5
     assert trajectory.t[-1] == pytest.approx(0.5 + passes)
     assert np.all(np.diff(trajectory.t) > 1e-6)
     for time, y in ((0.0, -0.1), (1.5, 0.1), (2.5, -0.1), (3.5, 0.1)):
-        R, p = robot.chain.pose(trajectory.sample(min(time, 0.5 + passes))[0])
+        R, p = sts.chain.pose(trajectory.sample(min(time, 0.5 + passes))[0])
         if time <= 0.5 + passes:
             np.testing.assert_allclose(p, [0.35, y, 0.3], atol=1e-7)
             np.testing.assert_allclose(R, R_WE, atol=1e-7)
@@ -148,12 +143,12 @@ def test_line_goes_there_and_back(robot, passes):
     assert np.abs(np.diff(v, axis=0)).max() < 0.02
 
 
-def test_line_through_home_by_default(robot):
+def test_line_through_home_by_default(sts):
     trajectory = make_trajectory(
-        Scenario(motion=LineMotion(one_way=1.0, path_length=0.1, start=0.0)), robot
+        Scenario(motion=LineMotion(one_way=1.0, path_length=0.1, start=0.0)), sts
     )
-    R, p = robot.chain.pose(trajectory.sample(0.5)[0])
-    R_home, p_home = robot.chain.pose(robot.home)
+    R, p = sts.chain.pose(trajectory.sample(0.5)[0])
+    R_home, p_home = sts.chain.pose(sts.home)
     np.testing.assert_allclose(p, p_home, atol=1e-7)
     np.testing.assert_allclose(R, R_home, atol=1e-7)
 
@@ -171,23 +166,23 @@ def test_line_through_home_by_default(robot):
         (LineMotion(path_length=5.0), "reach"),
     ],
 )
-def test_a_motion_that_the_robot_cannot_do_is_one_line(robot, motion, words):
+def test_a_motion_that_the_robot_cannot_do_is_one_line(sts, motion, words):
     with pytest.raises(InputError, match=words) as error:
-        make_trajectory(replace(Scenario(), motion=motion), robot)
+        make_trajectory(replace(Scenario(), motion=motion), sts)
     assert "\n" not in str(error.value)
 
 
-def test_a_fourier_motion_is_its_series_over_whole_periods(robot):
+def test_a_fourier_motion_is_its_series_over_whole_periods(sts):
     sine, cosine = [[0.1, 0.02]] * 6, [[0.0, 0.03]] * 6
-    motion = FourierMotion(0.5, robot.home.tolist(), sine, cosine, 2)
-    trajectory = make_trajectory(Scenario(motion=motion), robot)
+    motion = FourierMotion(0.5, sts.home.tolist(), sine, cosine, 2)
+    trajectory = make_trajectory(Scenario(motion=motion), sts)
     assert trajectory.duration == pytest.approx(4.0)
     t = 1.3
     w = np.pi
     expected = 0.1 * np.sin(w * t) + 0.02 * np.sin(2 * w * t) + 0.03 * np.cos(2 * w * t)
-    np.testing.assert_allclose(trajectory.sample(t)[0] - robot.home, expected, atol=1e-9)
+    np.testing.assert_allclose(trajectory.sample(t)[0] - sts.home, expected, atol=1e-9)
     with pytest.raises(InputError, match="6 joints"):
-        make_trajectory(Scenario(motion=FourierMotion(0.5, [0.0], [[0.1]], [[0.1]])), robot)
+        make_trajectory(Scenario(motion=FourierMotion(0.5, [0.0], [[0.1]], [[0.1]])), sts)
 
 
 @pytest.mark.parametrize(
@@ -208,10 +203,10 @@ def test_machining_that_cannot_be_is_refused(changes, words):
         check_scenario(scenario)
 
 
-def test_a_lead_in_is_the_end_of_a_way_back(robot):
+def test_a_lead_in_is_the_end_of_a_way_back(sts):
     motion = LineMotion(path_length=0.1, one_way=2.0, passes=3, start=0.5)
-    plain = make_trajectory(Scenario(motion=motion), robot)
-    led = make_trajectory(Scenario(motion=replace(motion, lead_in=1.5)), robot)
+    plain = make_trajectory(Scenario(motion=motion), sts)
+    led = make_trajectory(Scenario(motion=replace(motion, lead_in=1.5)), sts)
     assert led.duration == pytest.approx(plain.duration + 1.5)
     t = np.linspace(0.6, 6.4, 30)
     for x, y in zip(led.sample(t + 1.5), plain.sample(t), strict=True):
@@ -230,10 +225,10 @@ def test_a_lead_in_is_the_end_of_a_way_back(robot):
         ({"ramp": 0.7}, "ramp"),
     ],
 )
-def test_a_line_that_cannot_be_timed_is_refused(robot, changes, words):
+def test_a_line_that_cannot_be_timed_is_refused(sts, changes, words):
     motion = replace(LineMotion(path_length=0.1, one_way=2.0), **changes)
     with pytest.raises(InputError, match=words):
-        make_trajectory(Scenario(motion=motion), robot)
+        make_trajectory(Scenario(motion=motion), sts)
 
 
 def test_the_scenario_in_the_documentation_is_one(tmp_path):

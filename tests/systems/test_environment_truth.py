@@ -16,7 +16,6 @@ from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, Multibod
 from pydrake.multibody.tree import BodyIndex, SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 
-from models.robot.robot import Robot
 from systems.environment_truth import EnvironmentTruth
 
 RADIUS, DEPTH = 0.012, 5e-4
@@ -32,9 +31,9 @@ def block_with(terms, wrench, **more):
     return block, context
 
 
-def terms():
-    robot = Robot.load("sts_sre4_600")
-    return robot.chain.terms(robot.home, np.zeros(6))
+@pytest.fixture(scope="module")
+def terms(sts):
+    return sts.chain.terms(sts.home, np.zeros(6))
 
 
 def test_ports():
@@ -45,23 +44,23 @@ def test_ports():
     assert block.GetOutputPort("truth").size() == sum(block.sizes(6)) == 16
 
 
-def test_without_contact_it_is_what_is_applied():
-    t, F = terms(), np.array([0.1, -0.2, 0.3, 4.0, 5.0, 6.0])
+def test_without_contact_it_is_what_is_applied(terms):
+    t, F = terms, np.array([0.1, -0.2, 0.3, 4.0, 5.0, 6.0])
     block, context = block_with(t, F)
     np.testing.assert_array_equal(block.GetOutputPort("wrench_true").Eval(context), F)
     tau = block.GetOutputPort("tau_ext_true").Eval(context)
     np.testing.assert_allclose(tau, t.J.T @ F, atol=1e-14)
 
 
-def test_contact_torque_is_added():
-    t, F, tau_contact = terms(), np.ones(6), np.arange(6.0)
+def test_contact_torque_is_added(terms):
+    t, F, tau_contact = terms, np.ones(6), np.arange(6.0)
     block, context = block_with(t, F, tau_contact=tau_contact)
     tau = block.GetOutputPort("tau_ext_true").Eval(context)
     np.testing.assert_allclose(tau, t.J.T @ F + tau_contact, atol=1e-14)
 
 
-def test_a_push_along_a_joints_motion_is_positive():
-    t = terms()
+def test_a_push_along_a_joints_motion_is_positive(terms):
+    t = terms
     # Along the velocity that the second joint gives to E.
     F = np.concatenate([np.zeros(3), t.J[3:, 1]])
     block, context = block_with(t, F)
@@ -114,9 +113,9 @@ def parts(block, context):
         yield part
 
 
-def block_at(p_WE, R_WE, F, body, tip, results):
+def block_at(terms, p_WE, R_WE, F, body, tip, results):
     block = EnvironmentTruth(6, body, [tip], RADIUS)
-    t = replace(terms(), p_WE=p_WE, R_WE=R_WE)
+    t = replace(terms, p_WE=p_WE, R_WE=R_WE)
     context = block.CreateDefaultContext()
     block.GetInputPort("terms").FixValue(context, AbstractValue.Make(t))
     block.GetInputPort("wrench_applied").FixValue(context, F)
@@ -126,14 +125,14 @@ def block_at(p_WE, R_WE, F, body, tip, results):
 
 @pytest.mark.parametrize("patches", [False, True])
 @pytest.mark.parametrize("ball_first", [False, True])
-def test_a_pressed_ball_is_pushed_out_of_the_plate(patches, ball_first):
+def test_a_pressed_ball_is_pushed_out_of_the_plate(terms, patches, ball_first):
     body, tip, p, results, _diagram = pressed_ball(patches, ball_first)
     count = results.num_hydroelastic_contacts() if patches else results.num_point_pair_contacts()
     assert count == 1
     # E on the ball's surface, a quarter turn away from the contact; its z axis points away too.
     R_WE = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
     applied = np.arange(1.0, 7.0)
-    block, context, t = block_at(p + RADIUS * R_WE[:, 2], R_WE, applied, body, tip, results)
+    block, context, t = block_at(terms, p + RADIUS * R_WE[:, 2], R_WE, applied, body, tip, results)
     wrench, tau, (normal_force, *n) = parts(block, context)
     np.testing.assert_allclose(tau, t.J.T @ applied, atol=1e-12)
     touch = wrench - applied
@@ -146,10 +145,10 @@ def test_a_pressed_ball_is_pushed_out_of_the_plate(patches, ball_first):
     np.testing.assert_allclose(touch[:3], moment, atol=1e-3 * RADIUS * touch[5])
 
 
-def test_contact_of_other_bodies_does_not_count():
+def test_contact_of_other_bodies_does_not_count(terms):
     body, tip, p, results, _diagram = pressed_ball(patches=False, ball_first=True)
     other = BodyIndex(int(body) + 5)
-    block, context, _ = block_at(p, np.eye(3), np.ones(6), other, tip, results)
+    block, context, _ = block_at(terms, p, np.eye(3), np.ones(6), other, tip, results)
     wrench, _, contact = parts(block, context)
     np.testing.assert_array_equal(wrench, 1.0)
     np.testing.assert_array_equal(contact, 0.0)

@@ -9,7 +9,6 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 from models.estimation.momentum_observer import MomentumObserver, MomentumObserverConfig
 from models.rigid_body.serial_chain import RigidBodyTerms
-from models.robot.robot import Robot
 from systems.generalized_momentum_observer import GeneralizedMomentumObserver
 
 T = 1e-3
@@ -174,10 +173,9 @@ def test_K_0_changes_through_the_context_without_a_jump():
     np.testing.assert_allclose(tau_ext, 2.0 * (1.0 - left), rtol=0.0, atol=1e-11)
 
 
-def test_sign():
+def test_sign(sts):
     """A push upwards at E relieves the motors and reads as J^T F, positive along its motion."""
-    robot = Robot.load("sts_sre4_600")
-    chain, q = robot.chain, robot.home
+    chain, q = sts.chain, sts.home
     tau_ext = chain.jacobian(q).T @ [0.0, 0.0, 0.0, 0.0, 0.0, 10.0]
     G = chain.gravity_torque(q)
     ticks = Ticks(GeneralizedMomentumObserver(config([2000.0]), 6))

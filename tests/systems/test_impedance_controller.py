@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from models.files.input_error import InputError
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.rigid_body.serial_chain import SerialChain
-from models.robot.robot import Robot
 from systems.impedance_controller import ForceControlConfig, ImpedanceConfig, ImpedanceController
 from systems.rigid_body_terms import RigidBodyTermsSystem
 
@@ -22,11 +21,6 @@ ORDER = [3, 4, 5, 0, 1, 2]  # from translation first to rotation first
 
 def no_friction(n):
     return SemiParametricFriction(CoulombViscous.zero(n))
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
 
 
 def pose(R, p, V=None):
@@ -135,14 +129,14 @@ def test_ports():
 
 
 @pytest.mark.parametrize("axes", ["W", "E"])
-def test_formula(robot, axes):
+def test_formula(sts, axes):
     rng = np.random.default_rng(2)
     K, B = np.diag(rng.uniform(10, 100, 6)), np.diag(rng.uniform(1, 9, 6))
     config = ImpedanceConfig(axes, np.diag(K), np.diag(B), friction_velocity=1e-12)
     friction = SemiParametricFriction(CoulombViscous(*rng.uniform(0.1, 2, (3, 6))))
     block = ImpedanceController(friction, np.full(6, 1e6), T, config)
     q, v, v_d, a_d = rng.normal(size=(4, 6))
-    terms = robot.chain.terms(q, v)
+    terms = sts.chain.terms(q, v)
     # The same orientation, so that the rotation does not couple with the translation.
     desired = pose(terms.R_WE, terms.p_WE + np.array([0.1, -0.2, 0.05]), rng.normal(size=6))
     turn = np.eye(6) if axes == "W" else np.kron(np.eye(2), terms.R_WE)
@@ -161,14 +155,14 @@ def test_formula(robot, axes):
     np.testing.assert_allclose(alone, terms.J.T @ wrench + terms.Cv + terms.G, atol=1e-9)
 
 
-def test_force_formula_and_direction_in_E(robot):
+def test_force_formula_and_direction_in_E(sts):
     config = ImpedanceConfig(
         stiffness=np.zeros(6),
         damping=np.zeros(6),
         force=ForceControlConfig(direction=[0, 0, -2.0], axes="E", proportional=0.5, integral=3.0),
     )
     block = ImpedanceController(no_friction(6), np.full(6, 1e6), T, config)
-    terms = robot.chain.terms(robot.home, np.zeros(6))
+    terms = sts.chain.terms(sts.home, np.zeros(6))
     d = -terms.R_WE[:, 2]
     measured = np.array([0, 0, 0, 1.0, 2.0, 3.0])
     context = block.CreateDefaultContext()
@@ -203,16 +197,16 @@ def test_gantry_is_a_mass_spring_damper():
     )[3:] == pytest.approx(q[-1])
 
 
-def test_arm_answers_a_push_as_its_impedance_says(robot):
+def test_arm_answers_a_push_as_its_impedance_says(sts):
     # Small motion about a well-conditioned posture: Lambda is as good as constant.
     q_0 = np.array([0.1, -0.6, 0.4, 0.2, 0.9, 0.3])
-    terms = robot.chain.terms(q_0, np.zeros(6))
+    terms = sts.chain.terms(q_0, np.zeros(6))
     k, b = np.r_[900.0, 1200, 800, 40, 50, 30], np.r_[250.0, 250, 250, 10, 10, 10]
     config = ImpedanceConfig(stiffness=k, damping=b)
     force = np.array([0.02, -0.03, 0.01, 0.3, -0.4, 0.5])
 
     def add(plant):
-        parts = robot.add_to_plant(plant)
+        parts = sts.add_to_plant(plant)
         return parts.model_instance, parts.frame_E
 
     loop = Loop(add, config, pose(terms.R_WE, terms.p_WE), push=terms.J.T @ force)
@@ -224,7 +218,7 @@ def test_arm_answers_a_push_as_its_impedance_says(robot):
         return np.r_[x[6:], np.linalg.solve(Lambda, force - K @ x[:6] - B @ x[6:])]
 
     exact = solve_ivp(motion, (0, 0.8), np.zeros(12), t_eval=t, rtol=1e-9, atol=1e-12)
-    R, p = robot.chain.pose(q)
+    R, p = sts.chain.pose(q)
     turned = Rotation.from_matrix(R @ terms.R_WE.T).as_rotvec()
     error = np.c_[turned, p - terms.p_WE]
     largest = np.abs(exact.y[:6]).max(axis=1)
@@ -237,23 +231,23 @@ def test_arm_answers_a_push_as_its_impedance_says(robot):
     assert np.all(error[-1] * force > 0)
 
 
-def test_a_swing_from_far_loses_energy_at_every_tick(robot):
+def test_a_swing_from_far_loses_energy_at_every_tick(sts):
     q_0 = np.array([0.1, -0.6, 0.4, 0.2, 0.9, 0.3])
-    R_WD, p_WD = robot.chain.pose(np.array([0.5, -0.3, 0.2, -0.2, 1.2, 1.3]))
+    R_WD, p_WD = sts.chain.pose(np.array([0.5, -0.3, 0.2, -0.2, 1.2, 1.3]))
     k = np.r_[300.0, 500, 400, 15, 20, 10]
     config = ImpedanceConfig("E", k, np.r_[80.0, 80, 80, 4, 4, 4])
 
     def add(plant):
-        parts = robot.add_to_plant(plant)
+        parts = sts.add_to_plant(plant)
         return parts.model_instance, parts.frame_E
 
     loop = Loop(add, config, pose(R_WD, p_WD))
     _, q, v = loop.run(4.0, q_0)
-    R, p = robot.chain.pose(q)
+    R, p = sts.chain.pose(q)
     e_r = Rotation.from_matrix(np.swapaxes(R_WD[None], 1, 2) @ R).as_rotvec()
     e_t = np.einsum("tki,tk->ti", R, p - p_WD)
     spring = 0.5 * (np.c_[e_t, e_r] ** 2 @ k)
-    energy = robot.chain.kinetic_energy(q, v) + spring
+    energy = sts.chain.kinetic_energy(q, v) + spring
     assert energy[0] > 5.0
     # A held torque may feed back T/2 of lag; the damper takes far more.
     assert np.diff(energy).max() < 1e-3
@@ -305,17 +299,17 @@ def test_integral_is_limited_where_nothing_pushes_back():
     assert 8.0 * integral == pytest.approx(40.0)
 
 
-def test_effort_limit(robot):
-    block = ImpedanceController(no_friction(6), robot.effort_limit, T, ImpedanceConfig())
-    terms = robot.chain.terms(robot.home, np.zeros(6))
+def test_effort_limit(sts):
+    block = ImpedanceController(no_friction(6), sts.effort_limit, T, ImpedanceConfig())
+    terms = sts.chain.terms(sts.home, np.zeros(6))
     tau = torque(block, terms, pose(terms.R_WE, terms.p_WE + np.array([0, 9.0, 0])))
-    assert np.all(np.abs(tau) <= robot.effort_limit)
-    assert np.any(np.abs(tau) == robot.effort_limit)
+    assert np.all(np.abs(tau) <= sts.effort_limit)
+    assert np.any(np.abs(tau) == sts.effort_limit)
 
 
-def test_stiffness_through_the_context(robot):
+def test_stiffness_through_the_context(sts):
     block = ImpedanceController(no_friction(6), np.full(6, 1e6), T, ImpedanceConfig())
-    terms = robot.chain.terms(robot.home, np.zeros(6))
+    terms = sts.chain.terms(sts.home, np.zeros(6))
     context = block.CreateDefaultContext()
     block.GetInputPort("terms").FixValue(context, AbstractValue.Make(terms))
     desired = pose(terms.R_WE, terms.p_WE + np.array([0.01, 0, 0]))
@@ -345,13 +339,13 @@ def test_bad_configuration(changes, words):
         ImpedanceController(no_friction(6), np.ones(6), T, ImpedanceConfig(**changes))
 
 
-def test_force_control_takes_over_from_the_spring_without_a_jump(robot):
+def test_force_control_takes_over_from_the_spring_without_a_jump(sts):
     """After a stretch under position control the torque is the same in the tick of the change."""
     force = ForceControlConfig(direction=[0.0, 0.0, 1.0], proportional=0.6, integral=60.0)
     config = ImpedanceConfig(force=force)
-    block = ImpedanceController(no_friction(6), robot.effort_limit, T, config)
+    block = ImpedanceController(no_friction(6), sts.effort_limit, T, config)
     context = block.CreateDefaultContext()
-    terms = robot.chain.terms(robot.home, np.zeros(6))
+    terms = sts.chain.terms(sts.home, np.zeros(6))
     below = terms.p_WE - [0.0, 0.0, 0.01]
     pushed = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 7.0])
     block.GetInputPort("terms").FixValue(context, AbstractValue.Make(terms))
@@ -371,13 +365,13 @@ def test_force_control_takes_over_from_the_spring_without_a_jump(robot):
 
 
 @pytest.mark.parametrize("valid", [None, 1.0, 0.0])
-def test_without_valid_feedback_the_press_is_setpoint_and_integral(robot, valid):
+def test_without_valid_feedback_the_press_is_setpoint_and_integral(sts, valid):
     force = ForceControlConfig(direction=[0.0, 0.0, 1.0], proportional=0.6, integral=60.0)
     block = ImpedanceController(
         no_friction(6), np.full(6, 1e6), T, ImpedanceConfig(stiffness=np.zeros(6), force=force)
     )
     context = block.CreateDefaultContext()
-    terms = robot.chain.terms(robot.home, np.zeros(6))
+    terms = sts.chain.terms(sts.home, np.zeros(6))
     block.GetInputPort("terms").FixValue(context, AbstractValue.Make(terms))
     block.GetInputPort("pose_reference").FixValue(context, pose(terms.R_WE, terms.p_WE))
     block.GetInputPort("force_setpoint").FixValue(context, [40.0])

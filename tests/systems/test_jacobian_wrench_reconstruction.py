@@ -9,7 +9,6 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, Tr
 from pydrake.trajectories import PiecewisePolynomial
 
 from models.estimation.wrench import METHODS, WrenchReconstructionConfig, reconstruct_wrench
-from models.robot.robot import Robot
 from systems.jacobian_wrench_reconstruction import JacobianWrenchReconstruction
 from systems.rigid_body_terms import RigidBodyTermsSystem
 
@@ -25,8 +24,8 @@ def config(method="bayesian", **changes):
 
 
 @pytest.fixture(scope="module")
-def chain():
-    return Robot.load("sts_sre4_600").chain
+def chain(sts):
+    return sts.chain
 
 
 def evaluate(block, context, terms, tau_ext, tau_ext_valid=None):

@@ -8,7 +8,6 @@ from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, LogV
 
 from models.files.input_error import InputError
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.robot.robot import Robot
 from systems.joint_tracking_controller import JointTrackingConfig, JointTrackingController
 from systems.rigid_body_terms import RigidBodyTermsSystem
 
@@ -17,11 +16,6 @@ NO_FRICTION = SemiParametricFriction(CoulombViscous.zero(6))
 FRICTION = SemiParametricFriction(
     CoulombViscous(np.arange(1.0, 7.0), np.linspace(3.0, 0.5, 6), np.full(6, 0.2))
 )
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
 
 
 def torque(block, terms, reference, integral=None):
@@ -83,13 +77,13 @@ def test_ports():
 
 
 @pytest.mark.parametrize("law", ["computed_torque", "feedforward_pd"])
-def test_formula(robot, law):
+def test_formula(sts, law):
     rng = np.random.default_rng(1)
     kp, kd, ki = rng.uniform(1, 20, (3, 6))
     config = JointTrackingConfig(law, list(kp), list(kd), list(ki), [1e6], friction_velocity=1e-9)
     block = JointTrackingController(FRICTION, np.full(6, 1e6), T, config)
     q, v, q_d, v_d, a_d, integral = rng.normal(size=(6, 6))
-    terms = robot.chain.terms(q, v)
+    terms = sts.chain.terms(q, v)
     feedback = kp * (q_d - q) + kd * (v_d - v) + ki * integral
     model = terms.Cv + terms.G + FRICTION.torque(v_d)
     if law == "computed_torque":
@@ -100,72 +94,70 @@ def test_formula(robot, law):
     np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-12)
 
 
-def test_friction_feedforward_fades_at_rest(robot):
+def test_friction_feedforward_fades_at_rest(sts):
     config = JointTrackingConfig(friction_velocity=0.01)
-    block = JointTrackingController(FRICTION, robot.effort_limit, T, config)
-    terms = robot.chain.terms(robot.home, np.zeros(6))
-    still = np.concatenate([robot.home, np.zeros(12)])
+    block = JointTrackingController(FRICTION, sts.effort_limit, T, config)
+    terms = sts.chain.terms(sts.home, np.zeros(6))
+    still = np.concatenate([sts.home, np.zeros(12)])
     np.testing.assert_allclose(torque(block, terms, still), terms.G, atol=1e-12)
     for sign in (1, -1):
-        creep = np.concatenate([robot.home, np.full(6, sign * 0.01), np.zeros(6)])
+        creep = np.concatenate([sts.home, np.full(6, sign * 0.01), np.zeros(6)])
         feedback = terms.M @ np.full(6, 120.0 * sign * 0.01)
         friction = torque(block, terms, creep) - terms.G - feedback
         expected = FRICTION.torque(np.full(6, sign * 0.01)) / np.sqrt(2)
         np.testing.assert_allclose(friction, expected, atol=1e-12)
 
 
-def test_error_dies_out_as_a_critically_damped_second_order(robot):
-    loop = ClosedLoop(robot, JointTrackingConfig(kp=[400.0], kd=[40.0]))
+def test_error_dies_out_as_a_critically_damped_second_order(sts):
+    loop = ClosedLoop(sts, JointTrackingConfig(kp=[400.0], kd=[40.0]))
     e_0 = np.array([0.1, -0.08, 0.06, 0.1, -0.1, 0.1])
-    t, q = loop.run(0.4, robot.home - e_0)
+    t, q = loop.run(0.4, sts.home - e_0)
     expected = e_0 * ((1 + 20 * t) * np.exp(-20 * t))[:, None]
     # A tick of 1 ms against a time constant of 50 ms: the semi-implicit step errs by about T/2
     # times the velocity, which is at most 0.1 * 20/e = 0.74 rad/s; and the torque lags by as much.
-    np.testing.assert_allclose(robot.home - q, expected, atol=1.5e-3)
+    np.testing.assert_allclose(sts.home - q, expected, atol=1.5e-3)
 
 
-def test_integral_takes_a_constant_push_away(robot):
+def test_integral_takes_a_constant_push_away(sts):
     push = np.array([5.0, -8.0, 6.0, 1.0, 1.0, 0.5])
     gains = {"kp": [400.0], "kd": [40.0]}
-    _, q = ClosedLoop(robot, JointTrackingConfig(**gains), disturbance=push).run(1.0, robot.home)
+    _, q = ClosedLoop(sts, JointTrackingConfig(**gains), disturbance=push).run(1.0, sts.home)
     # Without it, the error is that of a spring M kp.
-    M = robot.chain.mass_matrix(q[-1])
-    np.testing.assert_allclose(400 * M @ (q[-1] - robot.home), push, rtol=1e-3)
+    M = sts.chain.mass_matrix(q[-1])
+    np.testing.assert_allclose(400 * M @ (q[-1] - sts.home), push, rtol=1e-3)
     config = JointTrackingConfig(**gains, ki=[1600.0], integral_limit=[1e4])
-    _, q = ClosedLoop(robot, config, disturbance=push).run(4.0, robot.home)
-    np.testing.assert_allclose(q[-1], robot.home, atol=1e-5)
+    _, q = ClosedLoop(sts, config, disturbance=push).run(4.0, sts.home)
+    np.testing.assert_allclose(q[-1], sts.home, atol=1e-5)
 
 
-def test_integral_does_not_wind_up_while_the_drive_is_at_its_limit(robot):
+def test_integral_does_not_wind_up_while_the_drive_is_at_its_limit(sts):
     # The push holds the arm away for good: more than the drive can do, in the first joint.
-    limit = robot.effort_limit.copy()
+    limit = sts.effort_limit.copy()
     limit[0] = 20.0
     config = JointTrackingConfig(kp=[400.0], kd=[40.0], ki=[4000.0], integral_limit=[1e9])
-    loop = ClosedLoop(robot, config, limit, disturbance=np.array([30.0, 0, 0, 0, 0, 0]))
-    _, q = loop.run(0.6, robot.home)
-    assert q[-1, 0] > robot.home[0] + 0.1
+    loop = ClosedLoop(sts, config, limit, disturbance=np.array([30.0, 0, 0, 0, 0, 0]))
+    _, q = loop.run(0.6, sts.home)
+    assert q[-1, 0] > sts.home[0] + 0.1
     context = loop.block.GetMyContextFromRoot(loop.simulator.get_context())
     wound = context.get_discrete_state(0).value()[0]
-    unlimited = -np.sum(q[:, 0] - robot.home[0]) * T
+    unlimited = -np.sum(q[:, 0] - sts.home[0]) * T
     assert abs(wound) < 0.1 * abs(unlimited)
 
 
-def test_effort_limit(robot):
-    block = JointTrackingController(
-        NO_FRICTION, robot.effort_limit, T, JointTrackingConfig(kp=[1e5])
-    )
-    terms = robot.chain.terms(robot.home, np.zeros(6))
-    far = np.concatenate([robot.home + 1.0, np.zeros(12)])
-    np.testing.assert_allclose(np.abs(torque(block, terms, far)), robot.effort_limit)
+def test_effort_limit(sts):
+    block = JointTrackingController(NO_FRICTION, sts.effort_limit, T, JointTrackingConfig(kp=[1e5]))
+    terms = sts.chain.terms(sts.home, np.zeros(6))
+    far = np.concatenate([sts.home + 1.0, np.zeros(12)])
+    np.testing.assert_allclose(np.abs(torque(block, terms, far)), sts.effort_limit)
 
 
-def test_gain_through_the_context(robot):
+def test_gain_through_the_context(sts):
     block = JointTrackingController(NO_FRICTION, np.full(6, 1e6), T, JointTrackingConfig())
-    terms = robot.chain.terms(robot.home, np.zeros(6))
+    terms = sts.chain.terms(sts.home, np.zeros(6))
     context = block.CreateDefaultContext()
     block.GetInputPort("terms").FixValue(context, AbstractValue.Make(terms))
     block.GetInputPort("reference").FixValue(
-        context, np.concatenate([robot.home + 0.1, np.zeros(12)])
+        context, np.concatenate([sts.home + 0.1, np.zeros(12)])
     )
     before = block.GetOutputPort("tau_command").Eval(context) - terms.G
     gains = context.get_mutable_numeric_parameter(0)
@@ -174,11 +166,11 @@ def test_gain_through_the_context(robot):
     np.testing.assert_allclose(after, 2 * before, rtol=1e-12)
 
 
-def test_a_reference_ahead_pushes_forward(robot):
+def test_a_reference_ahead_pushes_forward(sts):
     config = JointTrackingConfig(law="feedforward_pd", kp=[100.0])
     block = JointTrackingController(NO_FRICTION, np.full(6, 1e6), T, config)
-    terms = robot.chain.terms(robot.home, np.zeros(6))
-    ahead = np.concatenate([robot.home + 0.1, np.zeros(12)])
+    terms = sts.chain.terms(sts.home, np.zeros(6))
+    ahead = np.concatenate([sts.home + 0.1, np.zeros(12)])
     np.testing.assert_allclose(torque(block, terms, ahead) - terms.G, 10.0)
 
 

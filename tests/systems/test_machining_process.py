@@ -4,7 +4,6 @@ from pydrake.common.value import AbstractValue
 from pydrake.multibody.tree import BodyIndex
 
 from models.machining.machining_process import MachiningProcess, ProcessConfig
-from models.robot.robot import Robot
 from systems.machining_process import MachiningProcessSystem
 
 CONFIG = ProcessConfig(cutting_ratio=0.2, speed_exponent=0.0, unbalance=1e-5)
@@ -12,9 +11,8 @@ T = 1e-3
 
 
 @pytest.fixture(scope="module")
-def terms():
-    robot = Robot.load("sts_sre4_600")
-    return robot.chain.terms(robot.home, np.array([0.1, 0.0, 0.05, 0.0, 0.0, 0.0]))
+def terms(sts):
+    return sts.chain.terms(sts.home, np.array([0.1, 0.0, 0.05, 0.0, 0.0, 0.0]))
 
 
 def block_with(terms, **more):

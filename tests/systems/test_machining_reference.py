@@ -5,19 +5,17 @@ from pydrake.common.value import AbstractValue
 from diagrams.machining import make_machining_path
 from diagrams.scenario import load_scenario
 from models.machining.machining_phases import Phase
-from models.robot.robot import Robot
 from systems.machining_reference import MachiningReference
 
 T = 1e-3
 
 
 @pytest.fixture(scope="module")
-def setup():
-    robot = Robot.load("sts_sre4_600")
+def setup(sts):
     scenario = load_scenario("Polishing")
-    plan = make_machining_path(scenario, robot)
-    block = MachiningReference(robot, robot.chain, plan, scenario.machining.phases, T)
-    return robot, plan, scenario.machining.phases, block
+    plan = make_machining_path(scenario, sts)
+    block = MachiningReference(sts, sts.chain, plan, scenario.machining.phases, T)
+    return sts, plan, scenario.machining.phases, block
 
 
 def evaluate(setup, t, phase, since=0.0, q=None, update=False, force=0.0, sensor=True):

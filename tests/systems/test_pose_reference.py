@@ -1,13 +1,12 @@
 import numpy as np
 import pytest
 
-from models.robot.robot import Robot
 from systems.pose_reference import PoseReference
 
 
 @pytest.fixture(scope="module")
-def chain():
-    return Robot.load("sts_sre4_600").chain
+def chain(sts):
+    return sts.chain
 
 
 def test_ports(chain):

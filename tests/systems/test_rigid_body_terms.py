@@ -8,16 +8,10 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer
 
-from models.robot.robot import Robot
 from systems.rigid_body_terms import RigidBodyTermsSystem
 
 Q = np.array([0.3, -0.4, 0.5, 0.2, -0.7, 1.1])
 V = np.array([0.5, -0.3, 0.8, -1.0, 0.4, 0.9])
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
 
 
 def evaluate(system, context, q, v):
@@ -26,22 +20,22 @@ def evaluate(system, context, q, v):
     return system.GetOutputPort("terms").Eval(context)
 
 
-def test_ports(robot):
-    system = RigidBodyTermsSystem(robot.chain)
+def test_ports(sts):
+    system = RigidBodyTermsSystem(sts.chain)
     assert system.GetInputPort("q").size() == system.GetInputPort("v").size() == 6
     assert system.num_output_ports() == 1
-    assert system.chain is robot.chain
+    assert system.chain is sts.chain
     assert system.CreateDefaultContext().num_total_states() == 0
 
 
-def test_terms_are_those_of_the_plant(robot):
+def test_terms_are_those_of_the_plant(sts):
     plant = MultibodyPlant(0.0)
-    parts = robot.add_to_plant(plant)
+    parts = sts.add_to_plant(plant)
     plant.Finalize()
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, Q)
     plant.SetVelocities(context, V)
-    system = RigidBodyTermsSystem(robot.chain)
+    system = RigidBodyTermsSystem(sts.chain)
     terms = evaluate(system, system.CreateDefaultContext(), Q, V)
 
     M = plant.CalcMassMatrix(context)
@@ -63,20 +57,20 @@ def test_terms_are_those_of_the_plant(robot):
     np.testing.assert_array_equal(terms.v, V)
 
 
-def test_CTv_is_the_gradient_of_the_kinetic_energy(robot):
-    system = RigidBodyTermsSystem(robot.chain)
+def test_CTv_is_the_gradient_of_the_kinetic_energy(sts):
+    system = RigidBodyTermsSystem(sts.chain)
     CTv = evaluate(system, system.CreateDefaultContext(), Q, V).CTv
     h = 1e-6
     energy = [
-        [0.5 * V @ robot.chain.mass_matrix(Q + side * h * e) @ V for e in np.eye(6)]
+        [0.5 * V @ sts.chain.mass_matrix(Q + side * h * e) @ V for e in np.eye(6)]
         for side in (1.0, -1.0)
     ]
     # Central differences: truncation and rounding are both near 1e-9.
     np.testing.assert_allclose(CTv, np.subtract(*energy) / (2.0 * h), rtol=0.0, atol=1e-7)
 
 
-def test_one_computation_serves_all_and_a_new_state_makes_a_new_one(robot):
-    system = RigidBodyTermsSystem(robot.chain)
+def test_one_computation_serves_all_and_a_new_state_makes_a_new_one(sts):
+    system = RigidBodyTermsSystem(sts.chain)
     context = system.CreateDefaultContext()
     first = evaluate(system, context, Q, V)
     assert system.GetOutputPort("terms").Eval(context) is first
@@ -88,13 +82,13 @@ def test_one_computation_serves_all_and_a_new_state_makes_a_new_one(robot):
     np.testing.assert_allclose(second.momentum, 2.0 * first.momentum, rtol=1e-14)
 
 
-def test_it_follows_a_simulated_plant(robot):
+def test_it_follows_a_simulated_plant(sts):
     """Free fall: the momentum in the terms changes by the impulse of gravity and of CTv."""
     builder = DiagramBuilder()
     plant = builder.AddSystem(MultibodyPlant(0.0))
-    parts = robot.add_to_plant(plant)
+    parts = sts.add_to_plant(plant)
     plant.Finalize()
-    system = builder.AddSystem(RigidBodyTermsSystem(robot.chain))
+    system = builder.AddSystem(RigidBodyTermsSystem(sts.chain))
     instance = parts.model_instance
     demux = builder.AddSystem(Demultiplexer(12, 6))
     builder.Connect(plant.get_state_output_port(instance), demux.get_input_port(0))
@@ -124,10 +118,10 @@ def test_it_follows_a_simulated_plant(robot):
     assert np.abs(impulse).max() > 1.0
 
 
-def test_sign(robot):
+def test_sign(sts):
     """G is the torque that holds the arm: along a motion it does the work that lifts it."""
     plant = MultibodyPlant(0.0)
-    robot.add_to_plant(plant)
+    sts.add_to_plant(plant)
     plant.Finalize()
     context = plant.CreateDefaultContext()
 
@@ -139,14 +133,14 @@ def test_sign(robot):
     slope = [
         (potential_energy(Q + h * e) - potential_energy(Q - h * e)) / (2 * h) for e in np.eye(6)
     ]
-    system = RigidBodyTermsSystem(robot.chain)
+    system = RigidBodyTermsSystem(sts.chain)
     G = evaluate(system, system.CreateDefaultContext(), Q, V).G
     # Central differences of an energy near 100 J: rounding is near 1e-8.
     np.testing.assert_allclose(G, slope, rtol=0.0, atol=1e-6)
 
 
-def test_a_broken_state_gives_terms_that_are_not_finite(robot):
-    system = RigidBodyTermsSystem(robot.chain)
+def test_a_broken_state_gives_terms_that_are_not_finite(sts):
+    system = RigidBodyTermsSystem(sts.chain)
     broken = Q.copy()
     broken[2] = np.nan
     terms = evaluate(system, system.CreateDefaultContext(), broken, V)
@@ -154,7 +148,7 @@ def test_a_broken_state_gives_terms_that_are_not_finite(robot):
     assert not np.isfinite(terms.J).all()
 
 
-def test_wrong_size(robot):
-    system = RigidBodyTermsSystem(robot.chain)
+def test_wrong_size(sts):
+    system = RigidBodyTermsSystem(sts.chain)
     with pytest.raises(Exception, match=r"size|Size"):
         system.GetInputPort("q").FixValue(system.CreateDefaultContext(), np.zeros(5))

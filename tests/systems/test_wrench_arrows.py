@@ -3,7 +3,6 @@ import pytest
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat
 
-from models.robot.robot import Robot
 from systems.wrench_arrows import HEAD_LENGTH, PATH, ArrowStyle, WrenchArrows, arrow_pose
 
 STYLES = {"force true": ArrowStyle((0, 0, 0)), "force estimated": ArrowStyle((0, 0, 1), 0.5)}
@@ -46,10 +45,9 @@ class Calls:
         self.set[path, name] = (value, time)
 
 
-def drawn(force_true, force_estimated, metres_per_newton=0.02):
+def drawn(robot, force_true, force_estimated, metres_per_newton=0.02):
     calls = Calls()
     block = WrenchArrows(calls, STYLES, fps=30.0, metres_per_newton=0.01)
-    robot = Robot.load("sts_sre4_600")
     context = block.CreateDefaultContext()
     terms = robot.chain.terms(robot.home, np.zeros(6))
     block.GetInputPort("terms").FixValue(context, AbstractValue.Make(terms))
@@ -67,8 +65,8 @@ def test_ports():
     assert names == ["terms", "force true", "force estimated"]
 
 
-def test_draws_each_force_from_E_in_its_colour_at_its_time():
-    calls, terms = drawn([10.0, 0, 0], [0, 0, -5.0])
+def test_draws_each_force_from_E_in_its_colour_at_its_time(sts):
+    calls, terms = drawn(sts, [10.0, 0, 0], [0, 0, -5.0])
     for name, length, along in (
         ("force true", 0.2, [1, 0, 0]),
         ("force estimated", 0.1, [0, 0, -1]),
@@ -85,9 +83,9 @@ def test_draws_each_force_from_E_in_its_colour_at_its_time():
     assert (rgba.b(), rgba.a()) == (1.0, 0.5)
 
 
-def test_twice_the_scale_twice_the_arrow():
+def test_twice_the_scale_twice_the_arrow(sts):
     tips = [
-        drawn([10.0, 0, 0], [0, 0, 0], scale)[0].set[f"{PATH}/force true/head", "X"][0]
+        drawn(sts, [10.0, 0, 0], [0, 0, 0], scale)[0].set[f"{PATH}/force true/head", "X"][0]
         for scale in (0.01, 0.02)
     ]
     np.testing.assert_allclose(tips[1].translation(), 2 * tips[0].translation())

@@ -561,4 +561,9 @@ EXPERIMENT = Experiment(
     title="What the observer's gain passes of a force, and what of the noise",
     section="4.8, Figs. 22-23",
     run=run,
+    order=130,
+    readme=(
+        "max_amplitude_error_pct",
+        "max_phase_error_deg",
+    ),
 )

@@ -264,4 +264,9 @@ EXPERIMENT = Experiment(
     title="Forces at the reversal of joints, by friction law",
     section="4.6, Fig. 19",
     run=run,
+    order=90,
+    readme=(
+        "reduction_rmse_z_pct",
+        "reduction_max_z_pct",
+    ),
 )

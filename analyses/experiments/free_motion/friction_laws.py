@@ -423,4 +423,6 @@ EXPERIMENT = Experiment(
     section="section 4.6, Fig. 18; recordings of a UR10e",
     run=run,
     uses=(FOLDER,),
+    order=140,
+    seconds=90,
 )

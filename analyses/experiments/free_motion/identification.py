@@ -138,4 +138,6 @@ EXPERIMENT = Experiment(
     title="Dynamic model of the simulated arm",
     section="4.1",
     run=run,
+    order=10,
+    readme=("cross_validation.rmse_nm",),
 )

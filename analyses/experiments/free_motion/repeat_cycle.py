@@ -293,4 +293,9 @@ EXPERIMENT = Experiment(
     title="Repeated cycles without contact",
     section="4.5, Figs. 15-16",
     run=run,
+    order=70,
+    readme=(
+        "reduction_rmse_y_pct",
+        "reduction_max_y_pct",
+    ),
 )

@@ -210,4 +210,9 @@ EXPERIMENT = Experiment(
     title="Repeated cycles, pushed by hand",
     section="4.5, Fig. 17",
     run=run,
+    order=80,
+    readme=(
+        "reduction_rmse_y_pct",
+        "reduction_max_y_pct",
+    ),
 )

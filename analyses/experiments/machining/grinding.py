@@ -24,4 +24,14 @@ EXPERIMENT = Experiment(
     title="Grinding a blade without a force sensor",
     section="5.2, Figs. 26-27",
     run=run,
+    order=120,
+    seconds=330,
+    readme=(
+        "article.correlation",
+        "article.rmse_n",
+        "ours.correlation",
+        "ours.rmse_n",
+        "regulation.estimate.rms_n",
+        "regulation.sensor.rms_n",
+    ),
 )

@@ -24,4 +24,14 @@ EXPERIMENT = Experiment(
     title="Polishing a plate without a force sensor",
     section="5.1, Figs. 24-25",
     run=run,
+    order=110,
+    seconds=240,
+    readme=(
+        "article.correlation",
+        "article.rmse_n",
+        "ours.correlation",
+        "ours.rmse_n",
+        "regulation.estimate.rms_n",
+        "regulation.sensor.rms_n",
+    ),
 )

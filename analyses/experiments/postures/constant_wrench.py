@@ -400,4 +400,9 @@ EXPERIMENT = Experiment(
     title="A constant wrench, read on the initial and on the optimised path",
     section="4.3, Figs. 8-10",
     run=run,
+    order=40,
+    readme=(
+        "initial.max_error_y_n",
+        "optimised.max_error_y_n",
+    ),
 )

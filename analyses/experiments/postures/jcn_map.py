@@ -105,4 +105,9 @@ EXPERIMENT = Experiment(
     title="Condition number over the workspace",
     section="4.2, Fig. 7",
     run=run,
+    order=20,
+    readme=(
+        "min",
+        "above_11_pct",
+    ),
 )

@@ -334,4 +334,12 @@ EXPERIMENT = Experiment(
     title="A linear path, placed where forces are read best",
     section="4.3, Fig. 8",
     run=run,
+    order=30,
+    seconds=60,
+    readme=(
+        "initial.max_jcn",
+        "optimised.max_jcn",
+        "optimised.mean_jcn_along_path",
+        "pso_ga.best_mean_jcn",
+    ),
 )

@@ -473,4 +473,5 @@ EXPERIMENT = Experiment(
     title="Which measure of a posture tells how wrong the force will be",
     section="3.2, the question it leaves open",
     run=run,
+    order=60,
 )

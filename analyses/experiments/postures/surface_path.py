@@ -78,4 +78,10 @@ EXPERIMENT = Experiment(
     title="A path on a curved surface, with the angle about the normal free",
     section="4.4, Figs. 11-13",
     run=run,
+    order=50,
+    seconds=60,
+    readme=(
+        "initial.mean_jcn",
+        "optimised.mean_jcn",
+    ),
 )

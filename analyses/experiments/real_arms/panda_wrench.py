@@ -469,4 +469,9 @@ EXPERIMENT = Experiment(
     section="recordings of a Franka Emika Panda",
     run=run,
     needs=(FOLDER,),
+    order=170,
+    readme=(
+        "inverse.mean_rmse_n",
+        "bayesian.mean_rmse_n",
+    ),
 )

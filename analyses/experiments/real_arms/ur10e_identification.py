@@ -260,4 +260,7 @@ EXPERIMENT = Experiment(
     section="recordings of a UR10e",
     run=run,
     needs=(FOLDER,),
+    order=150,
+    seconds=60,
+    readme=("best.validation.14harm50sec.rmse_nm",),
 )

@@ -367,4 +367,12 @@ EXPERIMENT = Experiment(
     section="recordings of a UR10e",
     run=run,
     needs=(FOLDER,),
+    order=160,
+    seconds=40,
+    readme=(
+        "best.bayesian.rmse_fx_n",
+        "best.bayesian.rmse_fy_n",
+        "best.bayesian.rmse_fz_n",
+        "best.at_load.force_only.mass_kg",
+    ),
 )

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from analyses.methods.learning.simulated_logs import simulate_motion
+from analyses.output.figures import COLOUR, new_figure
 from models.excitation.friction_reversal import ReversalSamples, reversal_motion, separate
 from models.friction.velocity_friction import CoulombViscous
 from models.identification.identified_model import IdentifiedModel
@@ -156,8 +158,6 @@ def reversal_recordings(
         period: s, of the passes; slow ones need a long one, or the drives' own compliance takes up
             the whole travel.
     """
-    from analyses.methods.learning.simulated_logs import simulate_motion
-
     recordings = []
     postures = np.atleast_2d(np.asarray(postures, dtype=np.float64))
     for k, posture in enumerate(postures):
@@ -183,8 +183,6 @@ def reversal_figure(
     other_name: str = "semi-parametric",
 ) -> "Figure":
     """Separated friction over velocity, one panel a joint, with the law (the article's Fig. 18)."""
-    from analyses.output.figures import COLOUR, new_figure
-
     n = len(separated.joint_names)
     rows = (n + 1) // 2
     figure, axes = new_figure(rows, 2, height=2.1 * rows + 0.6)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from analyses.methods.learning.torque_fit import TorqueFit
+from analyses.output.figures import COLOUR, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -11,8 +12,6 @@ if TYPE_CHECKING:
 
 def torque_figure(fit: TorqueFit, joint_names: Sequence[str], kind: str) -> "Figure":
     """Measured and predicted torque with the residual, one panel a joint."""
-    from analyses.output.figures import COLOUR, new_figure
-
     n = fit.measured.shape[1]
     rows = (n + 1) // 2
     figure, axes = new_figure(rows, 2, height=2.1 * rows + 0.6, share_x=True)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from analyses.output.figures import SERIES, new_figure
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from diagrams.clearance import Clearance, ClosestPair
@@ -292,8 +293,6 @@ def _excite_into(
 
 def trajectory_figure(robot: Robot, result: ExcitationResult) -> "Figure":
     """Position, velocity, acceleration and torque of all joints over one period."""
-    from analyses.output.figures import SERIES, new_figure
-
     t = np.linspace(0.0, result.trajectory.period, 1001)
     q, v, vdot = result.trajectory.sample(t)
     torque = 100.0 * robot.chain.inverse_dynamics(q, v, vdot) / robot.effort_limit

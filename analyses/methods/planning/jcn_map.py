@@ -132,7 +132,7 @@ def sample(
     if num_samples < 1:
         raise InputError("--samples", "", f"{num_samples}, expected 1 or more")
     chain = robot.chain
-    check_joints(chain)
+    check_joints(chain, robot.name)
     limited = chain.prismatic | within_limits
     lower = np.where(limited, robot.position_lower, -math.pi)
     upper = np.where(limited, robot.position_upper, math.pi)

@@ -30,7 +30,7 @@ from models.files.configuration import REQUIRED
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
 from models.motion.branches import is_closed_form
-from models.motion.posture_measures import ConditionNumber, ForceSd, PostureMeasure
+from models.motion.posture_measures import ConditionNumber, ForceSd, PostureMeasure, check_joints
 from models.motion.redundancy import (
     Candidates,
     RedundancyProblem,
@@ -278,6 +278,7 @@ def make_problem(
     Raises:
         InputError: the task contradicts itself.
     """
+    check_joints(robot.chain, robot.name)
     name = str(source) if source else "task"
     folder = source.parent if source else Path()
     _check_task(config, name)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analyses.methods.reading.estimate_config import EstimateConfig
+from analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
 from analyses.output.stream_summary import Envelope, EvenSample
 from models.estimation.estimator import EstimateBatch
 from models.identification.identified_model import IdentifiedModel
@@ -195,8 +196,6 @@ class EstimateSummary:
         return found
 
     def figure(self) -> "Figure":
-        from analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
-
         low, high, mean = self._envelope.values()
         t, is_invalid = mean[:, 0], mean[:, 1] > 0.5
         figure, axes = new_figure(3, 2, share_x=True)

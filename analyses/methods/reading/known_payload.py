@@ -1,4 +1,4 @@
-"""What is read of a known payload on a real arm, and how far that is from its wrench."""
+"""What is read of a known payload on a real arm, and how far that is from its true force."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -19,6 +19,7 @@ from scipy.optimize import nnls
 
 from analyses.methods.advance import advance
 from analyses.methods.runs.air_pass import record_air_pass, teach
+from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from diagrams.closed_loop import ClosedLoop, make_closed_loop
@@ -180,8 +181,6 @@ class SimulationResult:
 
     def figure(self) -> "Figure":
         """True and estimated wrench with the stated 95 % band, and the sensor's."""
-        from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
-
         step = max(1, len(self.t) // _FIGURE_SAMPLES)
         part = slice(None, None, step)
         t, sd = self.t[part], self.standard_deviation[part]

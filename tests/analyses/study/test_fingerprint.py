@@ -16,7 +16,7 @@ from analyses.study.fingerprint import (
     software_hash,
     source_files,
 )
-from analyses.study.study import EXPERIMENTS
+from analyses.study.registry import REGISTRY
 
 
 @pytest.fixture
@@ -84,7 +84,7 @@ def test_a_file_that_cannot_be_parsed_counts_by_its_content(packages):
 @pytest.mark.slow
 def test_all_that_a_run_really_imports_is_found():
     """Python's own list of loaded modules, after the import, is the oracle."""
-    name = EXPERIMENTS["friction-laws"]
+    name = REGISTRY.entries()["friction-laws"].module
     program = (
         f"import sys, {name}\n"
         "for m in list(sys.modules.values()):\n"
@@ -100,9 +100,9 @@ def test_all_that_a_run_really_imports_is_found():
     assert ours <= source_files(name)
 
 
-@pytest.mark.parametrize("name", EXPERIMENTS)
+@pytest.mark.parametrize("name", REGISTRY.entries())
 def test_whoever_reads_recordings_says_which(name):
-    experiment = import_module(EXPERIMENTS[name])
+    experiment = import_module(REGISTRY.entries()[name].module)
     if "context.data" in Path(experiment.__file__).read_text():
         assert experiment.EXPERIMENT.needs or experiment.EXPERIMENT.uses
 

@@ -11,7 +11,6 @@ import pytest
 
 from analyses.study import shared_results
 from analyses.study.shared_results import digest, shared, sharing_in
-from models.robot.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -122,7 +121,7 @@ def test_unlike_values_have_unlike_digests(one, other):
     assert (digest(one) == digest(other)) is (type(one) is float and one == other)
 
 
-def test_a_robot_s_digest_is_its_own_in_every_process():
+def test_a_robot_s_digest_is_its_own_in_every_process(sts, ur10e):
     program = (
         "from analyses.study.shared_results import digest; from models.robot.robot import Robot; "
         "r = Robot.load('ur10e'); r.chain; print(digest(r))"
@@ -131,5 +130,5 @@ def test_a_robot_s_digest_is_its_own_in_every_process():
     result = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=root
     )
-    assert result.stdout.strip() == digest(Robot.load("ur10e"))
-    assert digest(Robot.load("ur10e")) != digest(Robot.load("sts_sre4_600"))
+    assert result.stdout.strip() == digest(ur10e)
+    assert digest(ur10e) != digest(sts)

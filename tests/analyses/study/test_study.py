@@ -6,21 +6,24 @@ import signal
 import subprocess
 import sys
 import time
-from importlib import import_module
+from importlib import import_module, invalidate_caches
 from pathlib import Path
 
 import pytest
 import yaml
 
 from analyses.output.outputs import OutputFolder
+from analyses.output.progress import Progress
 from analyses.output.sole_writer import sole_writer
 from analyses.study import study
-from analyses.study.study import EXPERIMENTS, Progress, check_names, run_study
+from analyses.study.registry import REGISTRY
+from analyses.study.study import check_names, run_study
 from models.files.input_error import InputError
 
 _MODULE = """
 from pathlib import Path
 import os, sys, time
+from dataclasses import replace
 import numpy as np
 from analyses.study.experiment import (
     ComparisonRow, Experiment, ExperimentContext, ExperimentResult, FigureFile
@@ -44,7 +47,8 @@ def measured(context, **more):
         configuration=dict(length=10 if context.quick else 1000),
     )
 
-EXPERIMENT = Experiment("{name}", "The {name} experiment", "4.3", run, needs={needs})
+EXPERIMENT = Experiment("{name}", "The {name} experiment", "4.3", run, needs={needs},
+    seconds={seconds})
 """
 
 
@@ -57,17 +61,25 @@ def experiments(tmp_path, monkeypatch):
     # Else each experiment's process would first import the test runner: its main module.
     monkeypatch.setattr(sys.modules["__main__"], "__spec__", None)
     monkeypatch.delattr(sys.modules["__main__"], "__file__", raising=False)
-    registry = {}
-    monkeypatch.setattr(study, "EXPERIMENTS", registry)
+    bundled = [entry.module for entry in REGISTRY.entries().values()]
+    for name in list(REGISTRY.entries()):
+        REGISTRY.unregister(name)
 
-    def add(name, body="    return measured(context)", needs=()):
+    def add(name, body="    return measured(context)", needs=(), seconds=30.0):
         module = f"fake_{name.replace('-', '_')}"
-        text = _MODULE.format(body=body, name=name, needs=needs)
+        text = _MODULE.format(body=body, name=name, needs=needs, seconds=seconds)
         (folder / f"{module}.py").write_text(text)
-        registry[name] = module
+        invalidate_caches()
+        if name in REGISTRY.entries():
+            REGISTRY.unregister(name)
+        REGISTRY.register(module)
         return folder / f"{module}.py"
 
-    return add
+    yield add
+    for name in list(REGISTRY.entries()):
+        REGISTRY.unregister(name)
+    for module in bundled:
+        REGISTRY.register(module)
 
 
 @pytest.fixture
@@ -86,7 +98,7 @@ def _read(path):
 
 
 def test_the_names_of_the_first_experiments_are_known():
-    assert set(EXPERIMENTS) >= {
+    assert set(REGISTRY.entries()) >= {
         "constant-wrench",
         "bandwidth",
         "ur10e-identification",
@@ -107,9 +119,9 @@ def test_listing_names_imports_nothing_heavy():
     assert result.stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize("name", EXPERIMENTS)
+@pytest.mark.parametrize("name", REGISTRY.entries())
 def test_every_registered_module_has_its_experiment(name):
-    experiment = import_module(EXPERIMENTS[name]).EXPERIMENT
+    experiment = import_module(REGISTRY.entries()[name].module).EXPERIMENT
     assert experiment.name == name
     assert experiment.title
     assert experiment.section
@@ -120,12 +132,12 @@ def test_unknown_names_list_the_known_and_the_nearest():
         check_names(["bandwith"])
     line = str(caught.value)
     assert "did you mean bandwidth?" in line
-    assert set(line.partition("known are ")[2].split(", ")) == set(EXPERIMENTS)
+    assert set(line.partition("known are ")[2].split(", ")) == set(REGISTRY.entries())
     assert "known are bandwidth, " in line  # the nearest first
 
 
 def test_no_names_are_all_and_repetitions_are_one():
-    assert check_names([]) == list(EXPERIMENTS)
+    assert check_names([]) == list(REGISTRY.entries())
     assert check_names(["bandwidth", "constant-wrench", "bandwidth"]) == [
         "bandwidth",
         "constant-wrench",
@@ -358,10 +370,9 @@ def test_a_file_of_the_user_s_in_the_folder_does_no_harm(experiments, run, tmp_p
     assert _why(run)[1] == "earlier"
 
 
-def test_the_longest_start_first(experiments, run, monkeypatch):
-    for name in ("one", "two", "three"):
-        experiments(name)
-    monkeypatch.setattr(study, "TYPICAL_SECONDS", {"one": 1, "two": 300})
+def test_the_longest_start_first(experiments, run):
+    for name, seconds in (("one", 1.0), ("two", 300.0), ("three", 30.0)):
+        experiments(name, seconds=seconds)
     seen: list[Progress] = []
     result = run(watch=seen.append)
     assert list(dict.fromkeys(p.name for p in seen)) == ["two", "three", "one"]
@@ -481,8 +492,8 @@ def test_a_later_success_removes_the_note_of_failure(experiments, run, tmp_path)
 
 
 def test_a_module_of_another_name_fails(experiments, run):
-    experiments("one")
-    study.EXPERIMENTS["two"] = study.EXPERIMENTS.pop("one")
+    module = experiments("two")
+    module.write_text(module.read_text() + "EXPERIMENT = replace(EXPERIMENT, name='one')\n")
     assert "not two" in run("two").outcomes[0].reason
 
 
@@ -529,9 +540,9 @@ from pathlib import Path
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background ignores it
 sys.path.insert(0, {str(module_folder)!r})
 if __name__ == "__main__":
-    from analyses.study import study
-    study.EXPERIMENTS = {{"slow": "fake_slow"}}
-    study.run_study([], Path({str(tmp_path / "study")!r}), Path("."))
+    from analyses.study import registry, study
+    registry.REGISTRY.register("fake_slow")
+    study.run_study(["slow"], Path({str(tmp_path / "study")!r}), Path("."))
 """
     script = tmp_path / "script.py"
     script.write_text(program)

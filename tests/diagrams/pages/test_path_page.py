@@ -9,22 +9,21 @@ from models.files.input_error import InputError
 from models.robot.robot import Robot
 
 
-def test_a_page_with_both_motions_is_written_whole(tmp_path: Path) -> None:
-    robot = Robot.load("sts_sre4_600")
-    q = robot.home + np.linspace(0.0, 0.3, 12)[:, np.newaxis]
+def test_a_page_with_both_motions_is_written_whole(sts: Robot, tmp_path: Path) -> None:
+    q = sts.home + np.linspace(0.0, 0.3, 12)[:, np.newaxis]
     motions = [
         PathMotion("initial", q, np.linspace(40.0, 20.0, 12)),
         PathMotion("optimised", q + 0.1, np.linspace(12.0, 10.0, 12)),
     ]
     ground = TriangleMesh(np.eye(3), np.array([[0, 1, 2]], dtype=np.int32))
     path = tmp_path / "paths.html"
-    record_paths(robot, motions, path, "A <path>", workpiece=ground, seconds=0.5, fps=10)
+    record_paths(sts, motions, path, "A <path>", workpiece=ground, seconds=0.5, fps=10)
     page = path.read_text()
     assert "A &lt;path&gt;: initial, then optimised" in page
     assert "JCN 10" in page and page.rstrip().endswith("</html>")
     assert not list(tmp_path.glob(".*"))
     with pytest.raises(InputError, match="cannot be written"):
-        record_paths(robot, motions, tmp_path / "no" / "x.html", "A", seconds=0.1)
+        record_paths(sts, motions, tmp_path / "no" / "x.html", "A", seconds=0.1)
 
 
 def test_colours_follow_the_logarithm() -> None:

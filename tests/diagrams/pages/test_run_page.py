@@ -9,18 +9,12 @@ from diagrams.pages.run_page import FORCE_ARROWS, make_meshcat, start_recording,
 from diagrams.scenario import load_scenario
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
-from models.robot.robot import Robot
 
 
-@pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
-
-
-def test_a_run_becomes_one_page_with_arm_arrows_and_legend(robot, tmp_path):
+def test_a_run_becomes_one_page_with_arm_arrows_and_legend(sts, tmp_path):
     scenario = replace(load_scenario("OneOfEverything"), duration=0.1)
-    meshcat = make_meshcat(robot, [0.35, 0.0, 0.3])
-    loop = make_closed_loop(scenario, robot, IdentifiedModel.nominal(robot), meshcat)
+    meshcat = make_meshcat(sts, [0.35, 0.0, 0.3])
+    loop = make_closed_loop(scenario, sts, IdentifiedModel.nominal(sts), meshcat)
     simulator = Simulator(loop.diagram)
     simulator.Initialize()
     for name in FORCE_ARROWS:
@@ -48,8 +42,8 @@ def test_the_two_forces_can_be_told_apart():
     assert estimated.opacity < 1.0
 
 
-def test_nothing_is_left_where_it_cannot_be_written(robot, tmp_path):
-    meshcat = make_meshcat(robot, [0.35, 0.0, 0.3])
+def test_nothing_is_left_where_it_cannot_be_written(sts, tmp_path):
+    meshcat = make_meshcat(sts, [0.35, 0.0, 0.3])
     with pytest.raises(InputError, match="cannot be written"):
         write_page(meshcat, tmp_path / "none" / "run.html", "x")
     assert not list(tmp_path.iterdir())

@@ -143,9 +143,9 @@ def test_held_samples_do_not_feed_the_present_motor_torque_through() -> None:
     np.testing.assert_array_equal(changed, tau_ext)
 
 
-def test_sample_convention_against_a_finely_integrated_arm() -> None:
+def test_sample_convention_against_a_finely_integrated_arm(sts: Robot) -> None:
     """A moving arm under a varying wrench, the drive holding its torque: which samples fit?"""
-    arm = Robot.load("sts_sre4_600").chain
+    arm = sts.chain
     n, T, K_0, substeps = 6, 0.002, 20.0, 4
     viscous = np.array([20.0, 20.0, 10.0, 3.0, 3.0, 1.0])
     amplitude = np.array([0.5, 0.4, 0.4, 0.6, 0.5, 0.8])

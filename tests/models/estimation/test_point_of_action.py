@@ -4,25 +4,23 @@ import numpy as np
 import pytest
 
 from models.estimation.point_of_action import find_point_of_action, jacobian_at
-from models.robot.robot import Robot
 
 
 @pytest.fixture(scope="module")
-def case():
+def case(ur10e):
     """A force of mean (2, 0, -25) N with deviations of 3 N, 20 cm off the flange of a UR10e."""
-    robot = Robot.load("ur10e")
     rng = np.random.default_rng(0)
     t = np.linspace(0.0, 10.0, 300)[:, None]
     q = np.array([0.0, -1.2, 1.4, 0.3, 0.8, 0.0]) + 0.5 * np.sin(
         np.array([0.7, 0.9, 1.1, 1.3, 1.7, 1.9]) * t + np.arange(6)
     )
-    J, (R, _) = robot.chain.jacobian(q), robot.chain.pose(q)
+    J, (R, _) = ur10e.chain.jacobian(q), ur10e.chain.pose(q)
     p_EP = np.array([0.03, 0.18, 0.05])
     force = np.array([2.0, 0.0, -25.0]) + rng.normal(scale=3.0, size=(300, 3))
     Sigma = np.diag(np.array([1.0, 1.0, 0.5, 0.2, 0.2, 0.2]) ** 2)
     tau = np.einsum("kij,ki->kj", jacobian_at(J, R, p_EP)[:, 3:], force)
     tau += rng.multivariate_normal(np.zeros(6), 1.5**2 * Sigma, 300)
-    return robot, q, J, R, p_EP, tau, Sigma
+    return ur10e, q, J, R, p_EP, tau, Sigma
 
 
 def test_jacobian_at_a_point_is_that_of_a_moved_tool(case):

@@ -1,5 +1,6 @@
 """Wrench reconstruction: closed forms, limits, singularities, calibration, the log's own prior."""
 
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -157,8 +158,37 @@ def test_exact_torques_are_read_exactly() -> None:
     np.testing.assert_allclose(
         reconstruct_wrench(J, tau, np.eye(7), config("inverse")).wrench, F, rtol=1e-9, atol=1e-9
     )
-    # A sign error anywhere shows here: a push along +z reads along +z.
-    assert reconstruct_wrench(J[0], tau[0], np.eye(7), config("inverse")).wrench.shape == (6,)
+
+
+@pytest.mark.parametrize(
+    ("robot", "method"),
+    # Three joints tell the force alone, where there is no moment.
+    [*product(("sts", "ur10e"), METHODS), ("tilted_arm", "force_only")],
+)
+def test_a_push_is_read_along_the_motion_that_it_gives(
+    robot: str, method: str, request: pytest.FixtureRequest
+) -> None:
+    """A sign error anywhere shows here, from the Jacobian to the wrench; so do swapped rows.
+
+    What a push does to a joint is the work that it does as the joint turns: the motion of E, taken
+    from two poses, times the push. Each component is pushed alone, both ways.
+    """
+    chain = request.getfixturevalue(robot).chain
+    n, step = chain.num_joints, 1e-6
+    q = np.array([0.4, -1.0, 0.9, 0.3, 0.8, -0.2])[:n]
+    (R_back, p_back), (R_on, p_on) = (chain.pose(q + d * np.eye(n)) for d in (-step, step))
+    turned = R_on @ R_back.transpose(0, 2, 1)  # about the axes of W
+    turn = np.stack([turned[:, 2, 1], turned[:, 0, 2], turned[:, 1, 0]])
+    motion = np.vstack([turn, (p_on - p_back).T]) / (2 * step)
+    # A wide prior, little damping and nothing cut off: the readings of exact torques are the push.
+    settings = WrenchReconstructionConfig(method, 1e4, 1e4, damping=1e-4, truncation=1e-6)
+    for component in range(3, 6) if method == "force_only" else range(6):
+        for push in (5.0, -5.0):
+            F = push * np.eye(6)[component]
+            tau = motion.T @ F
+            estimate = reconstruct_wrench(chain.jacobian(q), tau, np.eye(n), settings)
+            # 1e-4: the differences' rounding over a smallest singular value of 0.1.
+            np.testing.assert_allclose(estimate.wrench, F, atol=1e-4)
 
 
 def test_the_estimate_turns_with_the_frame() -> None:

@@ -17,17 +17,11 @@ from models.excitation.excitation_program import (
     torque_gradients,
 )
 from models.files.input_error import InputError
-from models.robot.robot import Robot
 
 
 @pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
-
-
-@pytest.fixture(scope="module")
-def information(robot):
-    return ExcitationInformation.of_chain(robot.chain, 1.0 / robot.effort_limit)
+def information(sts):
+    return ExcitationInformation.of_chain(sts.chain, 1.0 / sts.effort_limit)
 
 
 def motion(seed=0, samples=30):
@@ -35,17 +29,17 @@ def motion(seed=0, samples=30):
     return [rng.normal(size=(samples, 6)) for _ in range(3)]
 
 
-def test_the_regressor_is_the_torque(robot, information):
+def test_the_regressor_is_the_torque(sts, information):
     q, v, vdot = motion()
     exact = replace(information, friction_velocity=0.0)
-    n = robot.num_joints
+    n = sts.num_joints
     own = np.stack(
-        [robot.chain.reflected_inertia, np.full(n, 2.0), np.full(n, 3.0), np.full(n, 0.5)], axis=1
+        [sts.chain.reflected_inertia, np.full(n, 2.0), np.full(n, 3.0), np.full(n, 0.5)], axis=1
     )
-    x = np.concatenate([robot.chain.inertial_parameters.ravel(), own.ravel()])
-    tau = robot.chain.inverse_dynamics(q, v, vdot) + 2.0 * np.sign(v) + 3.0 * v + 0.5
+    x = np.concatenate([sts.chain.inertial_parameters.ravel(), own.ravel()])
+    tau = sts.chain.inverse_dynamics(q, v, vdot) + 2.0 * np.sign(v) + 3.0 * v + 0.5
     W = exact.regressor(q, v, vdot)
-    np.testing.assert_allclose(W @ x, (tau / robot.effort_limit).ravel(), atol=1e-12)
+    np.testing.assert_allclose(W @ x, (tau / sts.effort_limit).ravel(), atol=1e-12)
 
 
 @pytest.mark.parametrize("measure", MEASURES)
@@ -77,23 +71,23 @@ def test_log_det_is_the_determinant(information):
     assert information.cost("log_det", q, v, vdot)[0] == pytest.approx(expected, rel=1e-9)
 
 
-def test_pull_back_is_linear_in_vdot(robot):
+def test_pull_back_is_linear_in_vdot(sts):
     q, v, vdot = motion(samples=3)
     weights = np.random.default_rng(5).normal(size=(3, 6, 60))
-    by = regressor_pull_back(robot.chain, weights, q, v, vdot)[2]
-    zero = robot.chain.regressor(q, v, np.zeros_like(v))
+    by = regressor_pull_back(sts.chain, weights, q, v, vdot)[2]
+    zero = sts.chain.regressor(q, v, np.zeros_like(v))
     for j in range(6):
-        Y = robot.chain.regressor(q, v, np.eye(6)[j] + np.zeros_like(v)) - zero
+        Y = sts.chain.regressor(q, v, np.eye(6)[j] + np.zeros_like(v)) - zero
         np.testing.assert_allclose(by[:, j], (weights * Y).sum(axis=(1, 2)), rtol=1e-9, atol=1e-9)
 
 
-def test_torque_gradients(robot):
+def test_torque_gradients(sts):
     q, v, vdot = motion(samples=4)
-    by = torque_gradients(robot.chain, q, v, vdot)
-    np.testing.assert_allclose(by[:, :, 12:], robot.chain.mass_matrix(q), atol=1e-9)
+    by = torque_gradients(sts.chain, q, v, vdot)
+    np.testing.assert_allclose(by[:, :, 12:], sts.chain.mass_matrix(q), atol=1e-9)
     way, e = motion(3, 4), 1e-6
     moved = [
-        robot.chain.inverse_dynamics(*(x + s * d for x, d in zip((q, v, vdot), way, strict=True)))
+        sts.chain.inverse_dynamics(*(x + s * d for x, d in zip((q, v, vdot), way, strict=True)))
         for s in (e, -e)
     ]
     slope = np.einsum("kij,kj->ki", by, np.concatenate(way, axis=1))
@@ -110,10 +104,10 @@ def test_a_joint_that_stays_is_named(information):
     assert information.undetermined(*motion(samples=200)) == []
 
 
-def test_random_and_solved_motions_keep_all_limits(robot, information):
+def test_random_and_solved_motions_keep_all_limits(sts, information):
     limits = ExcitationLimits(acceleration=[6.0], velocity_share=0.3, torque_share=0.4)
-    bounds = MotionBounds.of_robot(robot, limits)
-    program = ExcitationProgram(robot.chain, bounds, information, num_samples=40)
+    bounds = MotionBounds.of_robot(sts, limits)
+    program = ExcitationProgram(sts.chain, bounds, information, num_samples=40)
     start = program.random_feasible(np.random.default_rng(0))
     solution = program.solve(start, iterations=12)
     for series in (start, solution.trajectory):
@@ -124,7 +118,7 @@ def test_random_and_solved_motions_keep_all_limits(robot, information):
         assert (q <= bounds.position_upper + slack).all()
         assert (np.abs(v) <= bounds.velocity + slack).all()
         assert (np.abs(vdot) <= bounds.acceleration + slack).all()
-        torque = np.abs(robot.chain.inverse_dynamics(q, v, vdot)).max(axis=0)
+        torque = np.abs(sts.chain.inverse_dynamics(q, v, vdot)).max(axis=0)
         assert (torque <= 1.01 * bounds.torque).all()
         np.testing.assert_allclose(v[[0, -1]], 0.0, atol=1e-8)
         np.testing.assert_allclose(vdot[[0, -1]], 0.0, atol=1e-8)
@@ -145,14 +139,14 @@ def test_random_and_solved_motions_keep_all_limits(robot, information):
         (ExcitationLimits(torque_share=0.0), "torque_share"),
     ],
 )
-def test_limits_without_room_are_one_line(robot, limits, message):
+def test_limits_without_room_are_one_line(sts, limits, message):
     with pytest.raises(InputError, match=message) as error:
-        MotionBounds.of_robot(robot, limits)
+        MotionBounds.of_robot(sts, limits)
     assert "\n" not in str(error.value)
 
 
-def test_torque_that_cannot_even_hold_the_arm(robot, information):
-    bounds = MotionBounds.of_robot(robot, ExcitationLimits(torque_share=0.002))
-    program = ExcitationProgram(robot.chain, bounds, information, num_samples=40)
+def test_torque_that_cannot_even_hold_the_arm(sts, information):
+    bounds = MotionBounds.of_robot(sts, ExcitationLimits(torque_share=0.002))
+    program = ExcitationProgram(sts.chain, bounds, information, num_samples=40)
     with pytest.raises(InputError, match="torque: no trajectory found"):
         program.random_feasible(np.random.default_rng(0), num_draws=5)

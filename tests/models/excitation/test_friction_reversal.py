@@ -5,12 +5,6 @@ import pytest
 
 from models.excitation.friction_reversal import reversal_motion, separate, separate_crossings
 from models.files.input_error import InputError
-from models.robot.robot import Robot
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
 
 
 def friction(v):
@@ -19,12 +13,12 @@ def friction(v):
 
 
 @pytest.mark.parametrize("joint", range(6))
-def test_passes_have_opposite_velocity_and_acceleration(robot, joint):
+def test_passes_have_opposite_velocity_and_acceleration(sts, joint):
     speeds, accelerations = [0.01, 0.2], [0.0, 1.5, -1.5]
-    motion = reversal_motion(robot, joint, robot.home, speeds, accelerations)
+    motion = reversal_motion(sts, joint, sts.home, speeds, accelerations)
     q, v, vdot = motion.trajectory.sample(motion.crossings)  # (K, 2, n)
     assert len(motion.crossings) == 2 * 2 * 3
-    np.testing.assert_allclose(q, np.broadcast_to(robot.home, q.shape), atol=1e-9)
+    np.testing.assert_allclose(q, np.broadcast_to(sts.home, q.shape), atol=1e-9)
     np.testing.assert_allclose(v[:, 0], -v[:, 1], atol=1e-9)
     np.testing.assert_allclose(vdot[:, 0], -vdot[:, 1], atol=1e-9)
     np.testing.assert_allclose(np.abs(v[:, 0, joint]), motion.speed, atol=1e-9)
@@ -33,8 +27,8 @@ def test_passes_have_opposite_velocity_and_acceleration(robot, joint):
     np.testing.assert_array_equal(rest, 0.0)
 
 
-def test_the_plan_starts_and_ends_at_rest_and_is_smooth(robot):
-    motion = reversal_motion(robot, 2, robot.home, [0.05, 0.3]).trajectory
+def test_the_plan_starts_and_ends_at_rest_and_is_smooth(sts):
+    motion = reversal_motion(sts, 2, sts.home, [0.05, 0.3]).trajectory
     np.testing.assert_allclose(motion.v[[0, -1]], 0.0, atol=1e-12)
     difference = np.gradient(motion.q[:, 2], motion.t)
     np.testing.assert_allclose(difference[1:-1], motion.v[1:-1, 2], atol=1e-4)
@@ -42,52 +36,52 @@ def test_the_plan_starts_and_ends_at_rest_and_is_smooth(robot):
     np.testing.assert_allclose(difference[1:-1], motion.vdot[1:-1, 2], atol=1e-3)
 
 
-def test_friction_comes_back_from_planned_passes(robot):
+def test_friction_comes_back_from_planned_passes(sts):
     """All joints together; with accelerations, which eq. 19 takes off by M vdot."""
     way = np.array([1.0, -1, 1, -1, 1, -1])
-    motion = reversal_motion(robot, way, robot.home, [0.02, 0.1, 0.4], [0.0, 2.0])
+    motion = reversal_motion(sts, way, sts.home, [0.02, 0.1, 0.4], [0.0, 2.0])
     t, q = motion.trajectory.t, motion.trajectory.q
     v, vdot = motion.trajectory.v, motion.trajectory.vdot
     odd, offset = friction(v)
-    tau = robot.chain.inverse_dynamics(q, v, vdot) + odd + offset
+    tau = sts.chain.inverse_dynamics(q, v, vdot) + odd + offset
     for joint in range(6):
-        found = separate_crossings(robot.chain, motion, t, q, v, vdot, tau, joint)
+        found = separate_crossings(sts.chain, motion, t, q, v, vdot, tau, joint)
         np.testing.assert_allclose(found.speed, motion.speed, atol=1e-9)
         np.testing.assert_allclose(found.symmetric, friction(found.speed)[0], atol=1e-8)
         np.testing.assert_allclose(found.asymmetric, offset, atol=1e-8)
 
 
-def test_friction_comes_back_from_a_log(robot):
+def test_friction_comes_back_from_a_log(sts):
     """Also where the inertias in use are wrong in all that the passes cancel: gravity."""
     t = np.arange(0.0, 20.0, 1e-3)
-    q = np.tile(robot.home, (len(t), 1))
+    q = np.tile(sts.home, (len(t), 1))
     v, vdot = np.zeros_like(q), np.zeros_like(q)
     size, omega = 0.4 * np.linspace(0.2, 1.0, 5).repeat(4000), 2 * np.pi / 4.0
     q[:, 1] += size * np.sin(omega * t)
     v[:, 1] = size * omega * np.cos(omega * t)
     vdot[:, 1] = -size * omega**2 * np.sin(omega * t)
     odd, offset = friction(v)
-    tau = robot.chain.inverse_dynamics(q, v, vdot) + odd + offset
-    found = separate(robot.chain, t, q, v, vdot, tau, 1, rest=1e-3, settle=0.1)
+    tau = sts.chain.inverse_dynamics(q, v, vdot) + odd + offset
+    found = separate(sts.chain, t, q, v, vdot, tau, 1, rest=1e-3, settle=0.1)
     assert len(found.speed) > 500
     # Speeds of the two passes differ where the amplitude steps; friction is not linear.
     np.testing.assert_allclose(found.symmetric, friction(found.speed)[0], atol=0.05)
     np.testing.assert_allclose(found.asymmetric, offset, atol=0.05)
     assert found.asymmetric_share == pytest.approx(0.7 / 7.0, rel=0.3)
-    heavier = robot.chain.with_inertial_parameters(
-        1.3 * robot.chain.inertial_parameters, 1.3 * robot.chain.reflected_inertia
+    heavier = sts.chain.with_inertial_parameters(
+        1.3 * sts.chain.inertial_parameters, 1.3 * sts.chain.reflected_inertia
     )
     wrong = separate(heavier, t, q, v, vdot, tau, 1, rest=1e-3, settle=0.1)
     np.testing.assert_allclose(wrong.symmetric, found.symmetric, atol=0.05)
     assert np.abs(wrong.asymmetric - offset).max() > 1.0
 
 
-def test_a_log_that_never_turns_has_no_pairs(robot):
+def test_a_log_that_never_turns_has_no_pairs(sts):
     t = np.arange(0.0, 1.0, 1e-3)
-    q = robot.home + 0.2 * t[:, None]
+    q = sts.home + 0.2 * t[:, None]
     v = np.full_like(q, 0.2)
     tau = np.zeros_like(q)
-    assert len(separate(robot.chain, t, q, v, tau, tau, 0).speed) == 0
+    assert len(separate(sts.chain, t, q, v, tau, tau, 0).speed) == 0
 
 
 @pytest.mark.parametrize(
@@ -99,6 +93,6 @@ def test_a_log_that_never_turns_has_no_pairs(robot):
         ([0.0] * 5, [0.1], "6 joints"),
     ],
 )
-def test_bad_plans_are_one_line(robot, posture, speeds, message):
+def test_bad_plans_are_one_line(sts, posture, speeds, message):
     with pytest.raises(InputError, match=message):
-        reversal_motion(robot, 0, posture, speeds)
+        reversal_motion(sts, 0, posture, speeds)

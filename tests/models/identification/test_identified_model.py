@@ -18,19 +18,13 @@ from models.identification.identified_model import (
     Provenance,
     Validity,
 )
-from models.robot.robot import Robot
 
 
 @pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
-
-
-@pytest.fixture(scope="module")
-def model(robot):
+def model(sts):
     """A model whose every number uses all its bits, with networks."""
     rng = np.random.default_rng(0)
-    n = robot.num_joints
+    n = sts.num_joints
     A = rng.normal(size=(n, n))
     wide = {key: rng.normal(size=(n, 10)) for key in ("W1", "b1", "W2")}
     networks = FrictionNetworks(
@@ -38,9 +32,9 @@ def model(robot):
     )
     law = CoulombViscous(*rng.normal(size=(3, n)))
     return IdentifiedModel(
-        robot=robot.name,
-        joint_names=robot.joint_names,
-        kinematics_digest=robot.kinematics_digest,
+        robot=sts.name,
+        joint_names=sts.joint_names,
+        kinematics_digest=sts.kinematics_digest,
         inertial_parameters=rng.normal(size=(n, 10)) * 10.0 ** rng.integers(-20, 5, (n, 10)),
         reflected_inertia=rng.uniform(size=n),
         friction=SemiParametricFriction(law, networks, rng.uniform(size=n), "literal"),
@@ -65,8 +59,8 @@ def saved(model, folder) -> Path:
     return path
 
 
-def test_round_trip_is_bit_exact(model, robot, tmp_path):
-    loaded = IdentifiedModel.load(saved(model, tmp_path), robot)
+def test_round_trip_is_bit_exact(model, sts, tmp_path):
+    loaded = IdentifiedModel.load(saved(model, tmp_path), sts)
     for key in ("inertial_parameters", "reflected_inertia", "residual_covariance"):
         np.testing.assert_array_equal(getattr(loaded, key), getattr(model, key))
     for key in ("robot", "joint_names", "kinematics_digest", "condition_number"):
@@ -83,7 +77,7 @@ def test_same_model_gives_the_same_bytes(model, tmp_path):
     assert saved(model, tmp_path).read_bytes() == first
 
 
-def test_a_failed_save_leaves_the_old_file(model, robot, tmp_path):
+def test_a_failed_save_leaves_the_old_file(model, sts, tmp_path):
     path = saved(model, tmp_path)
     before = path.read_bytes()
     with pytest.raises(Exception, match="object"):
@@ -92,23 +86,23 @@ def test_a_failed_save_leaves_the_old_file(model, robot, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["model.yaml"]
 
 
-def test_nominal_model_is_the_robot_file(robot, tmp_path):
-    nominal = IdentifiedModel.nominal(robot)
+def test_nominal_model_is_the_robot_file(sts, tmp_path):
+    nominal = IdentifiedModel.nominal(sts)
     rng = np.random.default_rng(1)
-    q, v, vdot = rng.normal(size=(3, 5, robot.num_joints))
+    q, v, vdot = rng.normal(size=(3, 5, sts.num_joints))
     np.testing.assert_array_equal(
-        nominal.chain(robot).inverse_dynamics(q, v, vdot),
-        robot.chain.inverse_dynamics(q, v, vdot),
+        nominal.chain(sts).inverse_dynamics(q, v, vdot),
+        sts.chain.inverse_dynamics(q, v, vdot),
     )
     np.testing.assert_array_equal(nominal.friction.torque(v), np.zeros_like(v))
-    IdentifiedModel.load(saved(nominal, tmp_path), robot)
+    IdentifiedModel.load(saved(nominal, tmp_path), sts)
 
 
-def test_chain_carries_the_models_inertias(model, robot):
-    chain = model.chain(robot)
+def test_chain_carries_the_models_inertias(model, sts):
+    chain = model.chain(sts)
     np.testing.assert_array_equal(chain.inertial_parameters, model.inertial_parameters)
     np.testing.assert_array_equal(chain.reflected_inertia, model.reflected_inertia)
-    np.testing.assert_array_equal(chain.p_PJ, robot.chain.p_PJ)
+    np.testing.assert_array_equal(chain.p_PJ, sts.chain.p_PJ)
 
 
 def refusal(path, robot) -> str:
@@ -163,30 +157,30 @@ def put(*keys, value):
         (put("reflected_inertia", 0, value="much"), "much"),
     ],
 )
-def test_wrong_content_gets_one_line(model, robot, tmp_path, edit, expected):
-    assert expected in refusal(edited(model, tmp_path, edit), robot)
+def test_wrong_content_gets_one_line(model, sts, tmp_path, edit, expected):
+    assert expected in refusal(edited(model, tmp_path, edit), sts)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.99, 0.999])
-def test_a_truncated_file_is_refused(model, robot, tmp_path, share):
+def test_a_truncated_file_is_refused(model, sts, tmp_path, share):
     path = saved(model, tmp_path)
     text = path.read_text()
     # At a line's end: the YAML may well be whole, only keys or rows are missing.
     path.write_text("\n".join(text.splitlines()[: int(share * text.count("\n"))]))
-    refusal(path, robot)
+    refusal(path, sts)
 
 
-def test_no_file_a_folder_and_a_binary_file_are_refused(model, robot, tmp_path):
-    refusal(tmp_path / "none.yaml", robot)
-    refusal(tmp_path, robot)
+def test_no_file_a_folder_and_a_binary_file_are_refused(model, sts, tmp_path):
+    refusal(tmp_path / "none.yaml", sts)
+    refusal(tmp_path, sts)
     binary = tmp_path / "model.yaml"
     binary.write_bytes(bytes(range(256)))
-    refusal(binary, robot)
+    refusal(binary, sts)
 
 
-def test_the_model_of_another_robot_has_no_chain_here(model):
+def test_the_model_of_another_robot_has_no_chain_here(ur10e, model):
     with pytest.raises(InputError, match="of robot 'sts_sre4_600', not of 'ur10e'"):
-        model.chain(Robot.load("ur10e"))
+        model.chain(ur10e)
 
 
 def with_memory(model):
@@ -212,13 +206,13 @@ def with_memory(model):
 
 
 @pytest.mark.parametrize("networks", [True, False])
-def test_a_law_with_memory_makes_the_round_trip(model, robot, tmp_path, networks):
+def test_a_law_with_memory_makes_the_round_trip(model, sts, tmp_path, networks):
     remembering = with_memory(model)
     if not networks:
         near_zero = replace(remembering.friction.velocity_law, networks=None)
         law = replace(remembering.friction, velocity_law=near_zero)
         remembering = replace(remembering, friction=law)
-    loaded = IdentifiedModel.load(saved(remembering, tmp_path), robot).friction
+    loaded = IdentifiedModel.load(saved(remembering, tmp_path), sts).friction
     assert isinstance(loaded, PreslidingFriction)
     np.testing.assert_array_equal(loaded.slip_table, remembering.friction.slip_table)
     np.testing.assert_array_equal(
@@ -234,7 +228,7 @@ def test_a_law_with_memory_makes_the_round_trip(model, robot, tmp_path, networks
         ("displacement", None, "presliding.displacement"),
     ],
 )
-def test_a_broken_law_with_memory_is_one_clear_line(model, robot, tmp_path, key, value, message):
+def test_a_broken_law_with_memory_is_one_clear_line(model, sts, tmp_path, key, value, message):
     path = saved(with_memory(model), tmp_path)
     content = yaml.safe_load(path.read_text())
     block = content["friction"]["presliding"]
@@ -244,5 +238,5 @@ def test_a_broken_law_with_memory_is_one_clear_line(model, robot, tmp_path, key,
         block[key][0] = value
     path.write_text(yaml.safe_dump(content))
     with pytest.raises(InputError, match=message) as error:
-        IdentifiedModel.load(path, robot)
+        IdentifiedModel.load(path, sts)
     assert "\n" not in str(error.value)

@@ -7,60 +7,60 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
 from models.identification.identified_urdf import identified_urdf
-from models.robot.robot import Robot
-
-
-@pytest.fixture(scope="module", params=["sts_sre4_600", "ur10e"])
-def robot(request):
-    return Robot.load(request.param)
 
 
 @pytest.fixture(scope="module")
-def changed(robot):
+def changed(bundled_arm):
     """Inertias of other bodies: scaled in mass and size, link by link."""
     rng = np.random.default_rng(0)
-    n = robot.num_joints
+    n = bundled_arm.num_joints
     mass, size = rng.uniform(0.6, 1.4, (n, 1)), rng.uniform(0.8, 1.2, (n, 1))
     powers = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])
-    return robot.chain.inertial_parameters * mass * size**powers, rng.uniform(0.1, 2.0, n)
+    return bundled_arm.chain.inertial_parameters * mass * size**powers, rng.uniform(0.1, 2.0, n)
 
 
-def test_pinocchio_reads_the_inertias(robot, changed):
+def test_pinocchio_reads_the_inertias(bundled_arm, changed):
     inertial, rotor = changed
-    model = pin.buildModelFromXML(identified_urdf(robot, inertial, rotor))
-    assert list(model.names)[1:] == list(robot.joint_names)
+    model = pin.buildModelFromXML(identified_urdf(bundled_arm, inertial, rotor))
+    assert list(model.names)[1:] == list(bundled_arm.joint_names)
     found = np.array([model.inertias[i + 1].toDynamicParameters() for i in range(model.nv)])
     np.testing.assert_allclose(found, inertial, rtol=1e-9, atol=1e-12)
 
 
-def test_drake_reads_inertias_and_rotors(robot, changed):
+def test_drake_reads_inertias_and_rotors(bundled_arm, changed):
     inertial, rotor = changed
     plant = MultibodyPlant(0.0)
-    (instance,) = Parser(plant).AddModelsFromString(identified_urdf(robot, inertial, rotor), "urdf")
-    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(robot.config.base_link, instance))
+    (instance,) = Parser(plant).AddModelsFromString(
+        identified_urdf(bundled_arm, inertial, rotor), "urdf"
+    )
+    plant.WeldFrames(
+        plant.world_frame(), plant.GetFrameByName(bundled_arm.config.base_link, instance)
+    )
     plant.Finalize()
     context = plant.CreateDefaultContext()
     rng = np.random.default_rng(1)
-    chain = robot.chain.with_inertial_parameters(inertial, rotor)
+    chain = bundled_arm.chain.with_inertial_parameters(inertial, rotor)
     for _ in range(5):
-        q = rng.uniform(-2.0, 2.0, robot.num_joints)
+        q = rng.uniform(-2.0, 2.0, bundled_arm.num_joints)
         plant.SetPositions(context, q)
         np.testing.assert_allclose(
             plant.CalcMassMatrix(context), chain.mass_matrix(q), rtol=1e-9, atol=1e-9
         )
 
 
-def test_the_mass_matrix_is_positive_definite_everywhere(robot, changed):
+def test_the_mass_matrix_is_positive_definite_everywhere(bundled_arm, changed):
     inertial, rotor = changed
-    chain = robot.chain.with_inertial_parameters(inertial, np.zeros_like(rotor))
+    chain = bundled_arm.chain.with_inertial_parameters(inertial, np.zeros_like(rotor))
     rng = np.random.default_rng(2)
-    q = rng.uniform(robot.position_lower, robot.position_upper, (10_000, robot.num_joints))
+    q = rng.uniform(
+        bundled_arm.position_lower, bundled_arm.position_upper, (10_000, bundled_arm.num_joints)
+    )
     assert np.linalg.eigvalsh(chain.mass_matrix(q)).min() > 0.0
 
 
-def test_a_link_that_is_no_body_is_refused(robot, changed):
+def test_a_link_that_is_no_body_is_refused(bundled_arm, changed):
     inertial, rotor = changed
     bad = inertial.copy()
     bad[2, 0] = -1.0
-    with pytest.raises(ValueError, match=robot.joint_names[2]):
-        identified_urdf(robot, bad, rotor)
+    with pytest.raises(ValueError, match=bundled_arm.joint_names[2]):
+        identified_urdf(bundled_arm, bad, rotor)

@@ -17,7 +17,6 @@ from models.identification.torque_regression import (
     parameter_prior,
     split_terms,
 )
-from models.robot.robot import Robot
 
 
 def points(masses, positions):
@@ -47,10 +46,9 @@ def test_what_belongs_to_no_body_is_named():
 
 
 @pytest.fixture(scope="module")
-def problem():
+def problem(sts):
     """The bundled arm's regression with noise, and its true parameters."""
-    robot = Robot.load("sts_sre4_600")
-    n = robot.num_joints
+    n = sts.num_joints
     rng = np.random.default_rng(4)
     t = 0.02 * np.arange(600)[:, None]
     q, v, vdot = np.zeros((3, 600, n))
@@ -64,20 +62,20 @@ def problem():
         v += amplitude * w * np.cos(w * t + phase)
         vdot -= amplitude * w**2 * np.sin(w * t + phase)
     structure = FrictionStructure.of("coulomb-viscous-offset", n)
-    prior, spread = parameter_prior(robot)
+    prior, spread = parameter_prior(sts)
     truth = prior.copy()
     # A body scaled in mass and size stays a body.
     mass, size = rng.uniform(0.7, 1.3, n), rng.uniform(0.9, 1.1, n)
     powers = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])
     truth[: 10 * n] *= (mass[:, None] * size[:, None] ** powers).ravel()
     truth[10 * n :] = np.tile([1.0, 5.0, 4.0, 0.2], n)
-    rows = RegressionRows.of(robot.chain, q, v, vdot, np.zeros_like(q), lambda x: x, np.arange(600))
+    rows = RegressionRows.of(sts.chain, q, v, vdot, np.zeros_like(q), lambda x: x, np.arange(600))
     friction = rows.friction_rows(structure.columns(q, v, np.zeros_like(q)))
     tau = -rows.residual(friction, truth)
     noisy = tau + rng.normal(scale=2.0, size=tau.shape)
     rows = RegressionRows(rows.rigid, noisy, rows.low_pass, rows.rows)
     R = np.vstack([own / 2.0 for own in rows.factors(friction).R])
-    return robot, structure, prior, spread, truth, R, np.abs(v).max(axis=0)
+    return sts, structure, prior, spread, truth, R, np.abs(v).max(axis=0)
 
 
 def test_links_are_bodies_and_friction_takes_energy(problem):

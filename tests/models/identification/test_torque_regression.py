@@ -12,12 +12,6 @@ from models.identification.torque_regression import (
     solve,
     split_parameters,
 )
-from models.robot.robot import Robot
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
 
 
 def motion(n, num_samples=1500, step=0.01, seed=0):
@@ -64,17 +58,17 @@ def unfiltered(x):
 
 
 @pytest.fixture(scope="module")
-def problem(robot):
-    x = true_parameters(robot)
-    _, q, v, vdot = motion(robot.num_joints)
-    tau = torque(robot, x, q, v, vdot)
+def problem(sts):
+    x = true_parameters(sts)
+    _, q, v, vdot = motion(sts.num_joints)
+    tau = torque(sts, x, q, v, vdot)
     rows = np.arange(0, len(q), 3)
-    factors = factorise(robot.chain, q, v, vdot, tau, unfiltered, rows)
-    base = find_base_parameters(factors.regressor, parameter_names(robot.joint_names))
+    factors = factorise(sts.chain, q, v, vdot, tau, unfiltered, rows)
+    base = find_base_parameters(factors.regressor, parameter_names(sts.joint_names))
     return x, tau, rows, factors, base
 
 
-def test_factors_are_the_normal_equations_of_each_joint(robot, problem):
+def test_factors_are_the_normal_equations_of_each_joint(sts, problem):
     x, tau, rows, factors, _ = problem
     assert factors.num_rows == len(rows)
     for j, R in enumerate(factors.R):
@@ -93,52 +87,50 @@ def test_known_base_parameters_come_back(problem):
     assert estimate.residual_sd.max() < 1e-8
 
 
-def test_two_halves_are_one_log(robot, problem):
+def test_two_halves_are_one_log(sts, problem):
     x, _, _, _, base = problem
-    _, q, v, vdot = motion(robot.num_joints)
+    _, q, v, vdot = motion(sts.num_joints)
     noise = np.random.default_rng(5).normal(size=q.shape)
-    tau = torque(robot, x, q, v, vdot) + noise
+    tau = torque(sts, x, q, v, vdot) + noise
     rows = np.arange(len(q))
-    parts = [
-        factorise(robot.chain, q, v, vdot, tau, unfiltered, half) for half in np.split(rows, 2)
-    ]
-    whole = factorise(robot.chain, q, v, vdot, tau, unfiltered, rows)
+    parts = [factorise(sts.chain, q, v, vdot, tau, unfiltered, half) for half in np.split(rows, 2)]
+    whole = factorise(sts.chain, q, v, vdot, tau, unfiltered, rows)
     one, two = solve([whole], base, 3), solve(parts, base, 3)
     np.testing.assert_allclose(two.values, one.values, atol=1e-9)
     np.testing.assert_allclose(two.standard_deviations, one.standard_deviations, rtol=1e-7)
 
 
-def test_standard_deviations_and_weights_are_those_of_the_noise(robot, problem):
+def test_standard_deviations_and_weights_are_those_of_the_noise(sts, problem):
     """White noise, of another size on each joint: its sd, and errors in units of their sd."""
     x, _, _, _, base = problem
-    _, q, v, vdot = motion(robot.num_joints)
-    clean = torque(robot, x, q, v, vdot)
+    _, q, v, vdot = motion(sts.num_joints)
+    clean = torque(sts, x, q, v, vdot)
     sd = np.array([3.0, 0.1, 1.0, 0.2, 0.05, 0.5])
     rng = np.random.default_rng(6)
     rows = np.arange(len(q))
     errors = []
     for _ in range(4):
         tau = clean + sd * rng.normal(size=clean.shape)
-        estimate = solve([factorise(robot.chain, q, v, vdot, tau, unfiltered, rows)], base, 4)
+        estimate = solve([factorise(sts.chain, q, v, vdot, tau, unfiltered, rows)], base, 4)
         # 1500 samples: the sd of a sd is 1.8 %; four of those.
         np.testing.assert_allclose(estimate.residual_sd, sd, rtol=0.08)
         errors.append((estimate.values - base.combination @ x) / estimate.standard_deviations)
     # About 230 unit Gaussians, nearly independent: their RMS is 1 within 0.05.
     assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(1.0, abs=0.15)
     # Twice as many rows as independent samples: twice the variance.
-    slower = solve([factorise(robot.chain, q, v, vdot, tau, unfiltered, rows)], base, 4, 2.0)
+    slower = solve([factorise(sts.chain, q, v, vdot, tau, unfiltered, rows)], base, 4, 2.0)
     np.testing.assert_allclose(
         slower.standard_deviations, np.sqrt(2.0) * estimate.standard_deviations, rtol=1e-9
     )
 
 
-def test_the_realisation_predicts_a_motion_that_was_never_seen(robot, problem):
+def test_the_realisation_predicts_a_motion_that_was_never_seen(sts, problem):
     x, _, _, factors, base = problem
-    realised = realisation(robot, base, solve([factors], base, 3).values)
-    inertial, rotor, friction = split_parameters(realised, robot.num_joints)
-    _, q, v, vdot = motion(robot.num_joints, num_samples=200, seed=9)
-    chain = robot.chain.with_inertial_parameters(inertial, rotor)
-    expected = torque(robot, x, q, v, vdot)
+    realised = realisation(sts, base, solve([factors], base, 3).values)
+    inertial, rotor, friction = split_parameters(realised, sts.num_joints)
+    _, q, v, vdot = motion(sts.num_joints, num_samples=200, seed=9)
+    chain = sts.chain.with_inertial_parameters(inertial, rotor)
+    expected = torque(sts, x, q, v, vdot)
     np.testing.assert_allclose(
         chain.inverse_dynamics(q, v, vdot) + friction.torque(v),
         expected,
@@ -146,18 +138,18 @@ def test_the_realisation_predicts_a_motion_that_was_never_seen(robot, problem):
     )
 
 
-def test_the_realisation_of_the_files_own_values_is_the_file(robot, problem):
+def test_the_realisation_of_the_files_own_values_is_the_file(sts, problem):
     *_, base = problem
-    n = robot.num_joints
+    n = sts.num_joints
     own = np.zeros((n, 4))
-    own[:, 0] = robot.chain.reflected_inertia
-    x = np.concatenate([robot.chain.inertial_parameters.ravel(), own.ravel()])
-    np.testing.assert_allclose(realisation(robot, base, base.combination @ x), x, atol=1e-12)
+    own[:, 0] = sts.chain.reflected_inertia
+    x = np.concatenate([sts.chain.inertial_parameters.ravel(), own.ravel()])
+    np.testing.assert_allclose(realisation(sts, base, base.combination @ x), x, atol=1e-12)
 
 
-def test_names_and_parts_go_together(robot):
-    names = parameter_names(robot.joint_names)
-    n = robot.num_joints
+def test_names_and_parts_go_together(sts):
+    names = parameter_names(sts.joint_names)
+    n = sts.num_joints
     assert len(names) == len(set(names)) == 14 * n
     x = np.arange(14.0 * n)
     inertial, rotor, friction = split_parameters(x, n)

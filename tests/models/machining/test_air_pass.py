@@ -6,20 +6,14 @@ from diagrams.machining import make_machining_path
 from diagrams.scenario import load_scenario
 from models.files.input_error import InputError
 from models.machining.air_pass import LEAD, TaughtTorque, raised_motion
-from models.robot.robot import Robot
 
 HEIGHT = 0.005
 
 
-@pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
-
-
 @pytest.fixture(scope="module", params=["Polishing", "Grinding"])
-def motion(request, robot):
+def motion(request, sts):
     """Of a flat surface, and of one along which the tool turns."""
-    return make_machining_path(load_scenario(request.param), robot).trajectory
+    return make_machining_path(load_scenario(request.param), sts).trajectory
 
 
 def taught(num_samples=50, step=1e-3):
@@ -73,27 +67,27 @@ def test_what_is_no_taught_torque_is_refused(t, tau_ext, words):
         TaughtTorque(np.array(t), tau_ext)
 
 
-def test_the_tool_is_led_alike_but_higher(robot, motion):
-    raised = raised_motion(robot, motion, HEIGHT)
+def test_the_tool_is_led_alike_but_higher(sts, motion):
+    raised = raised_motion(sts, motion, HEIGHT)
     assert raised.duration == pytest.approx(motion.duration + LEAD)
     at = np.linspace(0.0, motion.duration, 307)  # mostly between the knots
-    R, p = robot.chain.pose(motion.sample(at)[0])
-    R_up, p_up = robot.chain.pose(raised.sample(LEAD + at)[0])
+    R, p = sts.chain.pose(motion.sample(at)[0])
+    R_up, p_up = sts.chain.pose(raised.sample(LEAD + at)[0])
     # Inverse kinematics at the knots is right to 1e-10; between them both are quintics.
     np.testing.assert_allclose(R_up, R, atol=1e-7)
     np.testing.assert_allclose(p_up, p - HEIGHT * R[:, :, 2], atol=1e-7)
 
 
-def test_it_rests_first_and_last(robot, motion):
-    raised = raised_motion(robot, motion, HEIGHT)
+def test_it_rests_first_and_last(sts, motion):
+    raised = raised_motion(sts, motion, HEIGHT)
     q, v, vdot = raised.sample(np.linspace(0.0, LEAD, 11))
     np.testing.assert_allclose(q, np.broadcast_to(raised.q[0], q.shape), atol=1e-12)
     np.testing.assert_allclose([v, vdot], 0.0, atol=1e-9)
     np.testing.assert_allclose(raised.v[-1], 0.0, atol=1e-12)
 
 
-def test_its_speed_and_acceleration_are_derivatives(robot, motion):
-    raised = raised_motion(robot, motion, HEIGHT)
+def test_its_speed_and_acceleration_are_derivatives(sts, motion):
+    raised = raised_motion(sts, motion, HEIGHT)
     t, q = raised.t[1:], raised.q[1:]
     spline = make_interp_spline(t, q, k=5)
     # Where ramps begin and end the third derivative jumps, which a spline rounds off: 8e-6 rad/s.
@@ -104,18 +98,18 @@ def test_its_speed_and_acceleration_are_derivatives(robot, motion):
     assert np.sqrt(np.mean(error**2)) < 0.02 * np.sqrt(np.mean(raised.vdot**2))
 
 
-def test_alike_motions_have_alike_speeds(robot, motion):
+def test_alike_motions_have_alike_speeds(sts, motion):
     """What is learnt is of the same friction: joints turn round at the same times."""
-    raised = raised_motion(robot, motion, HEIGHT)
+    raised = raised_motion(sts, motion, HEIGHT)
     difference = np.abs(raised.v[1:] - motion.v).max(axis=0)
     # 5 mm of .5 m and more.
     assert np.all(difference < 0.05 * np.abs(motion.v).max())
 
 
 @pytest.mark.parametrize("height", [0.0, -0.005, np.nan, np.inf, 1.5])
-def test_a_height_that_is_none_is_one_line(robot, motion, height):
+def test_a_height_that_is_none_is_one_line(sts, motion, height):
     with pytest.raises(InputError, match="height") as caught:
-        raised_motion(robot, motion, height, "cell.yaml: machining")
+        raised_motion(sts, motion, height, "cell.yaml: machining")
     assert str(caught.value).startswith("cell.yaml: machining")
     assert "\n" not in str(caught.value)
 

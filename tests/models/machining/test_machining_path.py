@@ -8,12 +8,6 @@ from diagrams.scenario import load_scenario
 from models.files.input_error import InputError
 from models.machining.machining_path import check_curvature
 from models.motion.surface_path import SurfacePath
-from models.robot.robot import Robot
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
 
 
 def changed(name="Polishing", workpiece=None, phases=None, force=None, **machining):
@@ -29,12 +23,12 @@ def changed(name="Polishing", workpiece=None, phases=None, force=None, **machini
 
 
 @pytest.mark.parametrize("name", ["Polishing", "Grinding"])
-def test_the_tool_stands_on_the_surface_along_the_path(robot, name):
-    plan = make_machining_path(changed(name), robot)
+def test_the_tool_stands_on_the_surface_along_the_path(sts, name):
+    plan = make_machining_path(changed(name), sts)
     trajectory = plan.trajectory
     assert plan.path.distance[-1] == pytest.approx(0.27, abs=1e-4)
     assert trajectory.duration == pytest.approx(30.0)
-    R_WE, p_WE = robot.chain.pose(trajectory.q)
+    R_WE, p_WE = sts.chain.pose(trajectory.q)
     s = plan.path.distance / plan.path.distance[-1]
     for axis in range(3):
         expected = np.interp(plan.s, s, plan.path.p_WS[:, axis])
@@ -49,12 +43,12 @@ def test_the_tool_stands_on_the_surface_along_the_path(robot, name):
     np.testing.assert_allclose(
         np.gradient(trajectory.q, trajectory.t, axis=0), trajectory.v, atol=2e-4
     )
-    above = robot.chain.pose(plan.q_start)[1] - plan.path.p_WS[0]
+    above = sts.chain.pose(plan.q_start)[1] - plan.path.p_WS[0]
     np.testing.assert_allclose(above, 0.02 * plan.path.n_W[0], atol=1e-8)
 
 
-def test_grinding_asks_for_two_periods(robot):
-    plan = make_machining_path(changed("Grinding"), robot)
+def test_grinding_asks_for_two_periods(sts):
+    plan = make_machining_path(changed("Grinding"), sts)
     one_way = plan.setpoint[: len(plan.s) // 2 + 1]
     np.testing.assert_allclose(
         one_way, 40 + 20 * np.sin(4 * np.pi * plan.s[: len(one_way)]), atol=1e-9
@@ -63,9 +57,9 @@ def test_grinding_asks_for_two_periods(robot):
 
 
 @pytest.mark.parametrize("passes", [1, 3])
-def test_the_feed_is_steady_a_while_after_its_ramps(robot, passes):
+def test_the_feed_is_steady_a_while_after_its_ramps(sts, passes):
     one_way, ramp = 2.0, 0.25
-    plan = make_machining_path(changed(one_way=one_way, ramp=ramp, passes=passes), robot)
+    plan = make_machining_path(changed(one_way=one_way, ramp=ramp, passes=passes), sts)
     t = plan.trajectory.t
     x = np.mod(t, one_way)
     # Full speed is said to begin where it is but a thousandth less: 2 % of the ramp earlier.
@@ -77,17 +71,17 @@ def test_the_feed_is_steady_a_while_after_its_ramps(robot, passes):
     np.testing.assert_array_equal(plan.steady[outside], 0.0)
     assert set(plan.steady) == {0.0, 1.0}
     # Steady is what it says: the tool's speed is the path's length over the time but a ramp.
-    J = robot.chain.jacobian(plan.trajectory.q)
+    J = sts.chain.jacobian(plan.trajectory.q)
     speed = np.linalg.norm(np.einsum("tij,tj->ti", J, plan.trajectory.v)[:, 3:], axis=1)
     even = plan.path.distance[-1] / (one_way - ramp)
     np.testing.assert_allclose(speed[plan.steady == 1.0], even, rtol=2e-3)
 
 
-def test_a_feed_that_is_all_ramps_is_nowhere_steady(robot):
-    plan = make_machining_path(changed(one_way=2.0, ramp=5.0), robot)
+def test_a_feed_that_is_all_ramps_is_nowhere_steady(sts):
+    plan = make_machining_path(changed(one_way=2.0, ramp=5.0), sts)
     assert not plan.steady.any()
     assert plan.trajectory.duration == pytest.approx(4.0)
-    assert not make_machining_path(changed(one_way=0.8, ramp=0.25), robot).steady.any()
+    assert not make_machining_path(changed(one_way=0.8, ramp=0.25), sts).steady.any()
 
 
 @pytest.mark.parametrize(
@@ -110,9 +104,9 @@ def test_a_feed_that_is_all_ramps_is_nowhere_steady(robot):
         ({"workpiece": {"centre": [1.5, 0.0, 0.25]}}, "cannot keep this angle"),
     ],
 )
-def test_bad_input_is_one_line_before_anything_moves(robot, changes, words):
+def test_bad_input_is_one_line_before_anything_moves(sts, changes, words):
     with pytest.raises(InputError, match=words) as caught:
-        make_machining_path(changed(**changes), robot)
+        make_machining_path(changed(**changes), sts)
     assert "\n" not in str(caught.value)
 
 

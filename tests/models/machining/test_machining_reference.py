@@ -15,7 +15,6 @@ from models.machining.machining_phases import (
 from models.machining.machining_reference import advance_reference, machining_reference
 from models.motion.paths import JointTrajectory
 from models.rigid_body.serial_chain import SCRATCH_COLUMNS
-from models.robot.robot import Robot
 
 PHASES = PhasesConfig()
 T = 1e-3
@@ -23,15 +22,10 @@ TRUSTED = np.where(np.abs(np.arange(201) - 100) <= 50, 1.0, 0.0)  # from .5 s to
 
 
 @pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
-
-
-@pytest.fixture(scope="module")
-def path(robot):
+def path(sts):
     """A motion of two seconds, the place along it and a force that grows."""
     t = np.linspace(0.0, 2.0, 201)
-    q = robot.home + 0.1 * np.sin(np.outer(t, np.arange(1, 7)))
+    q = sts.home + 0.1 * np.sin(np.outer(t, np.arange(1, 7)))
     return JointTrajectory.from_positions(t, q), t / 2.0, 30.0 + 5.0 * t
 
 
@@ -65,13 +59,13 @@ def reference(robot, path, t, state, anchor, pushes_on=0.0):
     ("phase", "time", "force"),
     [(Phase.TOUCH, 0.0, None), (Phase.WORK, 0.7, 33.5), (Phase.RELEASE, 2.0, None)],
 )
-def test_under_force_control_it_is_the_path(robot, path, phase, time, force):
+def test_under_force_control_it_is_the_path(sts, path, phase, time, force):
     state = initial_state()
     state[[PHASE, SINCE, FORCE_THERE]] = phase, 5.0, 8.0
-    (pose, joints, rest), _ = reference(robot, path, 5.7, state, np.zeros(15))
+    (pose, joints, rest), _ = reference(sts, path, 5.7, state, np.zeros(15))
     q, v, vdot = path[0].sample(time)
     np.testing.assert_allclose(joints, np.concatenate([q, v, vdot]), atol=1e-13)
-    terms = robot.chain.terms(q, v)
+    terms = sts.chain.terms(q, v)
     np.testing.assert_allclose(pose[:9], terms.R_WE.ravel(), atol=1e-13)
     np.testing.assert_allclose(pose[9:12], terms.p_WE, atol=1e-13)
     np.testing.assert_allclose(pose[12:], terms.V_WE, atol=1e-13)
@@ -89,12 +83,12 @@ def test_under_force_control_it_is_the_path(robot, path, phase, time, force):
         (Phase.DONE, PHASES.lift, 0.0),
     ],
 )
-def test_else_it_moves_along_the_anchors_direction(robot, path, phase, way, speed):
+def test_else_it_moves_along_the_anchors_direction(sts, path, phase, way, speed):
     state = initial_state()
     state[[PHASE, SINCE]] = phase, 3.0
     outward = np.array([0.6, 0.0, 0.8])
     anchor = np.concatenate([np.eye(3).ravel(), [0.1, 0.2, 0.3], outward])
-    (pose, joints, rest), terms = reference(robot, path, 4.0, state, anchor)
+    (pose, joints, rest), terms = reference(sts, path, 4.0, state, anchor)
     np.testing.assert_array_equal(pose[:9], anchor[:9])
     np.testing.assert_allclose(pose[9:12], anchor[9:12] + way * outward, atol=1e-13)
     np.testing.assert_allclose(pose[12:], [0.0, 0.0, 0.0, *(speed * outward)], atol=1e-13)
@@ -128,39 +122,39 @@ def tick(robot, path, state, anchor, push, q=None, pushes_on=0.0, t=5.0):
     return terms
 
 
-def test_a_retreat_starts_from_where_it_is_decided(robot, path):
+def test_a_retreat_starts_from_where_it_is_decided(sts, path):
     state, anchor = initial_state(), np.zeros(15)
     state[[PHASE, SINCE]] = Phase.WORK, 4.0
-    tick(robot, path, state, anchor, push=40.0)
+    tick(sts, path, state, anchor, push=40.0)
     assert state[PHASE] == Phase.WORK
     np.testing.assert_array_equal(anchor, 0.0)
-    terms = tick(robot, path, state, anchor, push=PHASES.max_force + 1.0)
+    terms = tick(sts, path, state, anchor, push=PHASES.max_force + 1.0)
     np.testing.assert_array_equal(state[:3], [Phase.RETREAT, 5.0 + T, Fault.OVER_FORCE])
     expected = np.concatenate([terms.R_WE.ravel(), terms.p_WE, -terms.R_WE[:, 2]])
     np.testing.assert_array_equal(anchor, expected)
 
 
-def test_a_joint_near_its_limit_ends_it(robot, path):
-    for limit, sign in ((robot.position_lower, 1.0), (robot.position_upper, -1.0)):
-        q = np.array(robot.home)
+def test_a_joint_near_its_limit_ends_it(sts, path):
+    for limit, sign in ((sts.position_lower, 1.0), (sts.position_upper, -1.0)):
+        q = np.array(sts.home)
         q[4] = limit[4] + sign * 0.5 * PHASES.joint_margin
         state = initial_state()
         state[[PHASE, SINCE]] = Phase.WORK, 4.0
-        tick(robot, path, state, np.zeros(15), 40.0, q)
+        tick(sts, path, state, np.zeros(15), 40.0, q)
         assert state[2] == Fault.JOINT_LIMIT
 
 
-def test_in_the_touch_joints_push_on_where_no_sensor_reads(robot, path):
+def test_in_the_touch_joints_push_on_where_no_sensor_reads(sts, path):
     """Their friction is fed forward into the surface, the place stays."""
     state = initial_state()
     state[[PHASE, SINCE, FORCE_THERE]] = Phase.TOUCH, 5.0, 8.0
-    (pose, joints, rest), _ = reference(robot, path, 5.7, state, np.zeros(15))
-    (same_pose, pushing, blind), _ = reference(robot, path, 5.7, state, np.zeros(15), 0.008)
+    (pose, joints, rest), _ = reference(sts, path, 5.7, state, np.zeros(15))
+    (same_pose, pushing, blind), _ = reference(sts, path, 5.7, state, np.zeros(15), 0.008)
     np.testing.assert_array_equal(pose, same_pose)
     np.testing.assert_array_equal(
         joints[[*range(6), *range(12, 18)]], pushing[[*range(6), *range(12, 18)]]
     )
-    terms = robot.chain.terms(path[0].q[0], np.zeros(6))
+    terms = sts.chain.terms(path[0].q[0], np.zeros(6))
     inward = np.concatenate([np.zeros(3), 0.008 * terms.R_WE[:, 2]])
     # The damping of J, 1e-6, against its smallest singular value squared.
     np.testing.assert_allclose(terms.J @ pushing[6:12], inward, atol=1e-5)
@@ -170,12 +164,12 @@ def test_in_the_touch_joints_push_on_where_no_sensor_reads(robot, path):
 
 
 @pytest.mark.parametrize("phase", [Phase.WORK, Phase.RELEASE, Phase.APPROACH, Phase.LIFT])
-def test_elsewhere_the_motion_is_the_same_without_a_sensor(robot, path, phase):
+def test_elsewhere_the_motion_is_the_same_without_a_sensor(sts, path, phase):
     state = initial_state()
     state[[PHASE, SINCE]] = phase, 5.0
     anchor = np.concatenate([np.eye(3).ravel(), [0.1, 0.2, 0.3], [0.0, 0.0, 1.0]])
-    (*motion, rest), _ = reference(robot, path, 5.7, state, anchor)
-    (*blind_motion, blind), _ = reference(robot, path, 5.7, state, anchor, 0.008)
+    (*motion, rest), _ = reference(sts, path, 5.7, state, anchor)
+    (*blind_motion, blind), _ = reference(sts, path, 5.7, state, anchor, 0.008)
     np.testing.assert_array_equal(np.concatenate(motion), np.concatenate(blind_motion))
     np.testing.assert_array_equal(rest[:-1], blind[:-1])
 
@@ -196,12 +190,12 @@ def test_elsewhere_the_motion_is_the_same_without_a_sensor(robot, path, phase):
         (Phase.DONE, 1.0, 0.0),
     ],
 )
-def test_an_estimate_counts_where_the_feed_is_steady(robot, path, phase, time, valid):
+def test_an_estimate_counts_where_the_feed_is_steady(sts, path, phase, time, valid):
     state = initial_state()
     state[[PHASE, SINCE]] = phase, 5.0
     anchor = np.zeros(15)
     for pushes_on, expected in ((0.008, valid), (0.0, 1.0)):
-        (_, _, rest), _ = reference(robot, path, 5.0 + time, state, anchor, pushes_on)
+        (_, _, rest), _ = reference(sts, path, 5.0 + time, state, anchor, pushes_on)
         assert rest[-1] == expected
         assert rest[-2] == (pytest.approx(min(time, 2.0)) if phase == Phase.WORK else -1.0)
 
@@ -209,13 +203,13 @@ def test_an_estimate_counts_where_the_feed_is_steady(robot, path, phase, time, v
 @pytest.mark.parametrize(("time", "retreats"), [(0.2, False), (1.0, True), (1.8, False)])
 @pytest.mark.parametrize("push", [PHASES.max_force + 1.0, np.nan])
 def test_without_a_sensor_an_over_force_counts_where_it_can_be_read(
-    robot, path, push, time, retreats
+    sts, path, push, time, retreats
 ):
     state = initial_state()
     state[[PHASE, SINCE]] = Phase.WORK, 5.0 - time
-    tick(robot, path, state, np.zeros(15), push, pushes_on=0.008)
+    tick(sts, path, state, np.zeros(15), push, pushes_on=0.008)
     # What is no number is no reading, wherever that is.
     assert (state[PHASE] == Phase.RETREAT) == (retreats or bool(np.isnan(push)))
     state[[PHASE, SINCE]] = Phase.WORK, 5.0 - time
-    tick(robot, path, state, np.zeros(15), push)
+    tick(sts, path, state, np.zeros(15), push)
     assert state[PHASE] == Phase.RETREAT

@@ -1,9 +1,8 @@
 import math
-from pathlib import Path
+from collections.abc import Callable
 
 import numpy as np
 import pytest
-import yaml
 from numpy.typing import NDArray
 
 from models.files.input_error import InputError
@@ -16,45 +15,6 @@ ARTICLE_R = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
 ARTICLE_POSTURE = np.array([0.0, -0.26, -0.567, 0.0, 0.827, 0.0])
 
 
-@pytest.fixture(scope="module", params=["sts_sre4_600", "ur10e"])
-def arm(request: pytest.FixtureRequest) -> Robot:
-    return Robot.load(request.param)
-
-
-@pytest.fixture(scope="module")
-def sts() -> Robot:
-    return Robot.load("sts_sre4_600")
-
-
-def serial_robot(folder: Path, joints: list[tuple[str, str, str]], limit: float = 3.0) -> Robot:
-    """A robot of (kind, axis, xyz of the joint in its parent), each link a 1 kg ball."""
-    parts = ['<robot name="chain"><link name="l0"/>']
-    for i, (kind, axis, xyz) in enumerate(joints):
-        parts.append(
-            f'<link name="l{i + 1}"><inertial><mass value="1"/><inertia ixx=".01" iyy=".01" '
-            'izz=".01" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-            f'<joint name="j{i}" type="{kind}"><parent link="l{i}"/><child link="l{i + 1}"/>'
-            f'<origin xyz="{xyz}"/><axis xyz="{axis}"/>'
-            f'<limit lower="-{limit}" upper="{limit}" velocity="1" effort="10"/></joint>'
-        )
-    (folder / "robot.urdf").write_text("".join(parts) + "</robot>")
-    config = {
-        "name": "chain",
-        "urdf": "robot.urdf",
-        "base_link": "l0",
-        "flange": f"l{len(joints)}",
-        "payload": 1.0,
-        "tool_frame": {"xyz": [0.0, 0.0, 0.1]},
-        "home": [0.1 * (-1) ** i for i in range(len(joints))],
-        "drives": [
-            {"joint": f"j{i}", "torque_per_ampere": 1.0, "rotor_inertia": 0.0}
-            for i in range(len(joints))
-        ],
-    }
-    (folder / "robot.yaml").write_text(yaml.safe_dump(config))
-    return Robot.load(folder / "robot.yaml")
-
-
 def assert_reaches(robot: Robot, q: Array, R_WE: Array, p_WE: Array) -> None:
     R, p = robot.chain.pose(q)
     # What the module promises of every solution.
@@ -62,15 +22,18 @@ def assert_reaches(robot: Robot, q: Array, R_WE: Array, p_WE: Array) -> None:
     np.testing.assert_allclose(p, np.broadcast_to(p_WE, p.shape), rtol=0, atol=1e-9)
 
 
-def test_the_configuration_that_made_a_pose_is_among_its_branches(arm: Robot) -> None:
+def test_the_configuration_that_made_a_pose_is_among_its_branches(bundled_arm: Robot) -> None:
     rng = np.random.default_rng(0)
-    lower, upper = np.maximum(arm.position_lower, -3.0), np.minimum(arm.position_upper, 3.0)
+    lower, upper = (
+        np.maximum(bundled_arm.position_lower, -3.0),
+        np.minimum(bundled_arm.position_upper, 3.0),
+    )
     for q in rng.uniform(lower, upper, (40, 6)):
-        R_WE, p_WE = arm.chain.pose(q)
-        branches = inverse_kinematics(arm, R_WE, p_WE)
-        assert_reaches(arm, branches, R_WE, p_WE)
-        assert np.all(branches >= arm.position_lower)
-        assert np.all(branches <= arm.position_upper)
+        R_WE, p_WE = bundled_arm.chain.pose(q)
+        branches = inverse_kinematics(bundled_arm, R_WE, p_WE)
+        assert_reaches(bundled_arm, branches, R_WE, p_WE)
+        assert np.all(branches >= bundled_arm.position_lower)
+        assert np.all(branches <= bundled_arm.position_upper)
         turns = (branches - q) / (2 * np.pi)
         distance = np.max(np.abs(turns - np.round(turns)), axis=1) * 2 * np.pi
         # A pose that is exact to 1e-9 fixes q to that times |J^-1|; 1e-6 allows for 1000.
@@ -96,8 +59,8 @@ def test_angles_are_wrapped_into_the_limits(sts: Robot) -> None:
     np.testing.assert_allclose(followed[0], q, atol=1e-6)
 
 
-def test_out_of_reach_has_no_branch(arm: Robot) -> None:
-    assert inverse_kinematics(arm, np.eye(3), np.array([3.0, 0.0, 0.0])).shape == (0, 6)
+def test_out_of_reach_has_no_branch(bundled_arm: Robot) -> None:
+    assert inverse_kinematics(bundled_arm, np.eye(3), np.array([3.0, 0.0, 0.0])).shape == (0, 6)
 
 
 def test_a_wrist_singularity_is_solved(sts: Robot) -> None:
@@ -124,9 +87,9 @@ def test_a_wrist_singularity_is_solved(sts: Robot) -> None:
     ids=["seven joints", "prismatic"],
 )
 def test_other_arms_are_solved_numerically(
-    tmp_path: Path, joints: list[tuple[str, str, str]]
+    serial_robot: Callable[..., Robot], joints: list[tuple[str, str, str]]
 ) -> None:
-    robot = serial_robot(tmp_path, joints)
+    robot = serial_robot(joints)
     rng = np.random.default_rng(1)
     for q in rng.uniform(-1.0, 1.0, (5, len(joints))):
         R_WE, p_WE = robot.chain.pose(q)

@@ -21,11 +21,6 @@ Array = NDArray[np.float64]
 POSTURE = np.array([0.2, -0.26, -0.6, 0.3, 0.9, 0.1])
 
 
-@pytest.fixture(scope="module")
-def sts() -> Robot:
-    return Robot.load("sts_sre4_600")
-
-
 def seven_joints(sts: Robot) -> SerialChain:
     """The arm on a turntable: seven joints."""
     chain = sts.chain

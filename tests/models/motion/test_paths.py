@@ -156,21 +156,20 @@ def test_a_trajectory_that_is_none(t: list, q: list) -> None:
         JointTrajectory(np.array(t), np.array(q), np.array(q), np.array(q))
 
 
-def test_the_joints_take_the_tool_along_the_path() -> None:
-    robot = Robot.load("sts_sre4_600")
+def test_the_joints_take_the_tool_along_the_path(sts: Robot) -> None:
     duration = 2.0
     trajectory = joint_trajectory(
-        robot, PATH, there_and_back(constant_speed), duration, robot.home - [0.6, 0, 0, 0, 0, 0]
+        sts, PATH, there_and_back(constant_speed), duration, sts.home - [0.6, 0, 0, 0, 0, 0]
     )
     assert trajectory.duration == duration
     t = np.linspace(0.0, duration, 137)
     q, v, vdot = trajectory.sample(t)
     progress = there_and_back(constant_speed)(t / duration)
-    R_WE, p_WE = robot.chain.pose(q)
+    R_WE, p_WE = sts.chain.pose(q)
     # Interpolation between 201 points of the path, and quintics over 10 ms.
     np.testing.assert_allclose(p_WE, PATH.positions(progress.s), atol=1e-6)
     np.testing.assert_allclose(R_WE, np.broadcast_to(PATH.R_WE, R_WE.shape), atol=1e-6)
-    V_WE = np.einsum("tij,tj->ti", robot.chain.jacobian(q), v)
+    V_WE = np.einsum("tij,tj->ti", sts.chain.jacobian(q), v)
     speed = progress.ds_du / duration * PATH.path_length
     np.testing.assert_allclose(V_WE[:, 3:], speed[:, None] * PATH.n_W, atol=1e-5)
     np.testing.assert_allclose(V_WE[:, :3], 0.0, atol=1e-5)

@@ -1,7 +1,6 @@
 import math
 
 import numpy as np
-import pytest
 from scipy.spatial.transform import Rotation
 
 from models.motion.posture_map import best_postures, turns_with_last_joint
@@ -9,11 +8,6 @@ from models.motion.posture_measures import ConditionNumber
 from models.robot.robot import Robot
 
 DOWN = np.array([0.0, 0.0, -1.0])
-
-
-@pytest.fixture(scope="module")
-def sts() -> Robot:
-    return Robot.load("sts_sre4_600")
 
 
 def test_the_best_posture_is_within_the_cone_and_the_limits(sts: Robot) -> None:

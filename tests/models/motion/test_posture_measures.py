@@ -99,8 +99,8 @@ def test_force_sd_is_that_of_the_reconstruction_and_so_is_its_gradient(
     assert_gradient(measure, q)
 
 
-def test_many_postures_are_the_same_as_each_alone() -> None:
-    chain = Robot.load("sts_sre4_600").chain
+def test_many_postures_are_the_same_as_each_alone(sts: Robot) -> None:
+    chain = sts.chain
     q = np.random.default_rng(2).uniform(-2.0, 2.0, (300, 6))
     config = WrenchReconstructionConfig().with_prior(20.0, 1.0)
     for measure in (ConditionNumber(chain), ForceSd(chain, torque_covariance(6), config)):
@@ -112,8 +112,8 @@ def test_many_postures_are_the_same_as_each_alone() -> None:
         np.testing.assert_array_equal(its_gradient, gradients.reshape(-1, 6)[137])
 
 
-def test_the_condition_number_does_not_see_the_first_and_last_joint() -> None:
-    chain = Robot.load("sts_sre4_600").chain
+def test_the_condition_number_does_not_see_the_first_and_last_joint(sts: Robot) -> None:
+    chain = sts.chain
     q = np.random.default_rng(3).uniform(-1.0, 1.0, (20, 6))
     _, gradients = ConditionNumber(chain).values_and_gradients(q)
     size = np.max(np.abs(gradients), axis=1)
@@ -121,16 +121,16 @@ def test_the_condition_number_does_not_see_the_first_and_last_joint() -> None:
     assert np.all(np.abs(gradients[:, 5]) < 1e-9 * size)
 
 
-def test_a_singular_posture_has_a_large_finite_value() -> None:
-    chain = Robot.load("sts_sre4_600").chain
+def test_a_singular_posture_has_a_large_finite_value(sts: Robot) -> None:
+    chain = sts.chain
     singular = np.array([0.3, 0.2, -0.5, 0.1, 0.0, 0.4])  # two wrist axes in line
     value, gradient = ConditionNumber(chain).values_and_gradients(singular)
     assert value >= 1e12
     assert np.all(np.isfinite(gradient))
 
 
-def test_the_path_measure_is_the_mean_over_all_points() -> None:
-    chain = Robot.load("sts_sre4_600").chain
+def test_the_path_measure_is_the_mean_over_all_points(sts: Robot) -> None:
+    chain = sts.chain
     q = np.random.default_rng(4).uniform(-1.0, 1.0, (21, 6))
     measure = ConditionNumber(chain)
     mean, gradient = PathMeasure(measure).value_and_gradient(q)
@@ -141,14 +141,14 @@ def test_the_path_measure_is_the_mean_over_all_points() -> None:
 
 
 @pytest.mark.parametrize("method", ["damped", "truncated"])
-def test_methods_that_state_less_the_less_they_read_are_refused(method: str) -> None:
-    chain = Robot.load("sts_sre4_600").chain
+def test_methods_that_state_less_the_less_they_read_are_refused(sts: Robot, method: str) -> None:
+    chain = sts.chain
     with pytest.raises(InputError, match=f"method: {method} states a smaller sd"):
         ForceSd(chain, np.eye(6), WrenchReconstructionConfig(method=method))
 
 
-def test_what_does_not_suit_the_arm_is_refused() -> None:
-    chain = Robot.load("sts_sre4_600").chain
+def test_what_does_not_suit_the_arm_is_refused(sts: Robot) -> None:
+    chain = sts.chain
     config = WrenchReconstructionConfig(method="inverse")
     with pytest.raises(InputError, match="is of 7 joints, the arm has 6"):
         ForceSd(chain, np.eye(7), config)

@@ -1,12 +1,10 @@
 import dataclasses
 import itertools
 import math
-from pathlib import Path
 
 import numpy as np
 import pinocchio
 import pytest
-import yaml
 from numpy.typing import NDArray
 
 from models.estimation.wrench import WrenchReconstructionConfig
@@ -47,11 +45,6 @@ def make_problem(robot: Robot, num_samples: int = 31, **changes: object) -> Redu
         first_angle=1.0,
     )
     return dataclasses.replace(problem, **changes)  # type: ignore[arg-type]
-
-
-@pytest.fixture(scope="module")
-def sts() -> Robot:
-    return Robot.load("sts_sre4_600")
 
 
 def assert_follows(problem: RedundancyProblem, q: Array, psi: Array | None = None) -> None:
@@ -196,20 +189,19 @@ def test_steps_that_are_too_large_name_the_sample(sts: Robot) -> None:
         best_on_grid(problem, candidates(problem))
 
 
-def test_a_joint_with_two_turns_of_room_may_pass_half_a_turn() -> None:
+def test_a_joint_with_two_turns_of_room_may_pass_half_a_turn(ur10e: Robot) -> None:
     """Joints of the UR10e have two turns each way; the grid knows each angle once only."""
-    robot = Robot.load("ur10e")
     angle = np.linspace(0.0, 1.5 * math.pi, 61)
     centre = np.array([0.0, 0.0, 0.4])
     p = centre + 0.6 * np.stack([np.cos(angle), np.sin(angle), np.zeros(61)], axis=1)
     path = SurfacePath(p, np.tile([0.0, 0.0, 1.0], (61, 1)))
     problem = RedundancyProblem(
-        robot=robot,
+        robot=ur10e,
         path=path,
         tool_axis_E=np.array([0.0, 0.0, 1.0]),
-        measure=ConditionNumber(robot.chain),
-        lower=np.array(robot.position_lower),
-        upper=np.array(robot.position_upper),
+        measure=ConditionNumber(ur10e.chain),
+        lower=np.array(ur10e.position_lower),
+        upper=np.array(ur10e.position_upper),
         max_step=np.full(6, 0.25),
         num_angles=24,
     )
@@ -219,18 +211,17 @@ def test_a_joint_with_two_turns_of_room_may_pass_half_a_turn() -> None:
     assert_follows(problem, found.q)
 
 
-def test_a_seven_joint_arm_uses_all_its_freedom(tmp_path: Path) -> None:
-    robot = _seven(tmp_path)
+def test_a_seven_joint_arm_uses_all_its_freedom(seven: Robot) -> None:
     path = SurfacePath.on_surface(
         Plate(0.3, 0.2), (0.1, 0.5), (0.9, 0.5), 15, None, np.array([0.45, 0.0, 0.25])
     )
     problem = RedundancyProblem(
-        robot=robot,
+        robot=seven,
         path=path,
         tool_axis_E=INCLINED,
-        measure=ConditionNumber(robot.chain),
-        lower=np.array(robot.position_lower),
-        upper=np.array(robot.position_upper),
+        measure=ConditionNumber(seven.chain),
+        lower=np.array(seven.position_lower),
+        upper=np.array(seven.position_upper),
         max_step=np.full(7, 0.3),
         num_angles=24,
     )
@@ -240,39 +231,3 @@ def test_a_seven_joint_arm_uses_all_its_freedom(tmp_path: Path) -> None:
     assert problem.cost(found.q) < problem.cost(start.q)
     assert_follows(problem, found.q)
     assert null_space(task(problem, found.q)[1]).shape == (15, 7, 2)
-
-
-def _seven(folder: Path) -> Robot:
-    joints = [
-        ("0 0 1", "0 0 0.3"),
-        ("0 1 0", "0 0 0"),
-        ("0 0 1", "0 0 0"),
-        ("0 1 0", "0 0 0.4"),
-        ("0 0 1", "0 0 0.35"),
-        ("0 1 0", "0 0 0"),
-        ("0 0 1", "0.05 0 0"),
-    ]
-    parts = ['<robot name="seven"><link name="l0"/>']
-    for i, (axis, xyz) in enumerate(joints):
-        parts.append(
-            f'<link name="l{i + 1}"><inertial><mass value="1"/><inertia ixx=".01" iyy=".01" '
-            'izz=".01" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-            f'<joint name="j{i}" type="revolute"><parent link="l{i}"/><child link="l{i + 1}"/>'
-            f'<origin xyz="{xyz}"/><axis xyz="{axis}"/>'
-            '<limit lower="-3" upper="3" velocity="1" effort="10"/></joint>'
-        )
-    (folder / "robot.urdf").write_text("".join(parts) + "</robot>")
-    config = {
-        "name": "seven",
-        "urdf": "robot.urdf",
-        "base_link": "l0",
-        "flange": "l7",
-        "payload": 1.0,
-        "tool_frame": {"xyz": [0.0, 0.0, 0.15]},
-        "home": [0.1, 0.6, 0.1, 1.2, 0.1, 0.8, 0.1],
-        "drives": [
-            {"joint": f"j{i}", "torque_per_ampere": 1.0, "rotor_inertia": 0.0} for i in range(7)
-        ],
-    }
-    (folder / "robot.yaml").write_text(yaml.safe_dump(config))
-    return Robot.load(folder / "robot.yaml")

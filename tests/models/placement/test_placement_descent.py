@@ -16,11 +16,6 @@ Array = NDArray[np.float64]
 LENGTH = 0.6
 
 
-@pytest.fixture(scope="module")
-def sts() -> Robot:
-    return Robot.load("sts_sre4_600")
-
-
 def starts(robot: Robot, count: int, seed: int = 0) -> PlacementBatch:
     rng = np.random.default_rng(seed)
     q_mid = rng.uniform(-1.2, 1.2, (60 * count, 6))

@@ -27,11 +27,6 @@ NARROW = 10.9748  # the best optimum known
 
 
 @pytest.fixture(scope="module")
-def sts() -> Robot:
-    return Robot.load("sts_sre4_600")
-
-
-@pytest.fixture(scope="module")
 def bounds(sts: Robot) -> PlacementBounds:
     return PlacementBounds(
         sts.position_lower, sts.position_upper, np.array([-0.6, -0.6, 0.0]), np.full(3, 0.9)

@@ -27,11 +27,6 @@ SMALL = SearchEffort(
 
 
 @pytest.fixture(scope="module")
-def sts() -> Robot:
-    return Robot.load("sts_sre4_600")
-
-
-@pytest.fixture(scope="module")
 def task() -> PlacementTask:
     return load_task("linear_path")[0]
 

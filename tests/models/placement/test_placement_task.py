@@ -22,11 +22,6 @@ GUESS = {
 }
 
 
-@pytest.fixture(scope="module")
-def sts() -> Robot:
-    return Robot.load("sts_sre4_600")
-
-
 def write(folder: Path, changes: dict) -> Path:
     path = folder / "task.yaml"
     path.write_text(yaml.safe_dump(GOOD | changes))

@@ -15,8 +15,8 @@ from models.recordings.recording import Recording
 from models.recordings.recording_checks import RecordingChecks
 from models.recordings.recording_format import ColumnLayout, Signal
 from models.recordings.recording_reader import read_recording
+from models.robot.robot import Robot
 
-_DATA = Path(__file__).parents[4] / "shared" / "data"
 _GAIN = np.array([10.0, 5.0])  # N m/A
 _SIGN = np.array([1.0, -1.0])
 
@@ -212,26 +212,32 @@ def test_a_load_does_not_turn_the_sign() -> None:
 
 # --- with the bundled UR10e and its real logs --------------------------------------------------
 
-_LOGS = sorted(path.name for path in (_DATA / "ur10e").glob("*.csv"))
+_LOGS = (
+    "ur-20_01_17-ptp_10_points.csv",
+    *(f"ur-20_01_22-joint_{j}.csv" for j in range(1, 7)),
+    "ur-20_02_10-30sec_12harm.csv",
+    "ur-20_02_12-40sec_12harm.csv",
+    "ur-20_02_12-50sec_12harm.csv",
+    "ur-20_02_19_14harm50sec.csv",
+    "ur-20_02_19_14harm50secLoad.csv",
+)
 
 
-@pytest.mark.skipif(not _LOGS, reason=f"no recordings in {_DATA}")
-def test_real_logs_pass_and_their_distortions_do_not() -> None:
-    from models.robot.robot import Robot
-
-    robot = Robot.load("ur10e")
-    for name in _LOGS:
-        recording = read_recording(_DATA / "ur10e" / name, robot=robot)
-        _check_plausible(recording, robot)
-        degrees = replace(recording, q=np.rad2deg(recording.q), v=np.rad2deg(recording.v))
-        with pytest.raises(InputError, match="degrees"):
-            _check_plausible(degrees, robot)
-        with pytest.raises(InputError, match=r"dq/dt|but the joint reaches"):
-            _check_plausible(replace(recording, v=np.rad2deg(recording.v)), robot)
-        turned = replace(recording, current=-recording.current)
-        if np.sqrt(np.mean(robot.chain.gravity_torque(recording.q) ** 2)) < 5:
-            continue  # an upright arm carries no gravity: nothing tells the sign
-        with pytest.raises(InputError, match="pulls with gravity"):
-            _check_plausible(turned, robot)
-        with pytest.raises(InputError, match="mA"):
-            _check_plausible(replace(recording, current=1000 * recording.current), robot)
+@pytest.mark.parametrize("name", _LOGS)
+def test_real_logs_pass_and_their_distortions_do_not(
+    ur10e: Robot, data: Callable[[str], Path], name: str
+) -> None:
+    recording = read_recording(data(f"ur10e/{name}"), robot=ur10e)
+    _check_plausible(recording, ur10e)
+    degrees = replace(recording, q=np.rad2deg(recording.q), v=np.rad2deg(recording.v))
+    with pytest.raises(InputError, match="degrees"):
+        _check_plausible(degrees, ur10e)
+    with pytest.raises(InputError, match=r"dq/dt|but the joint reaches"):
+        _check_plausible(replace(recording, v=np.rad2deg(recording.v)), ur10e)
+    turned = replace(recording, current=-recording.current)
+    if np.sqrt(np.mean(ur10e.chain.gravity_torque(recording.q) ** 2)) < 5:
+        return  # an upright arm carries no gravity: nothing tells the sign
+    with pytest.raises(InputError, match="pulls with gravity"):
+        _check_plausible(turned, ur10e)
+    with pytest.raises(InputError, match="mA"):
+        _check_plausible(replace(recording, current=1000 * recording.current), ur10e)

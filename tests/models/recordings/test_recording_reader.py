@@ -18,7 +18,6 @@ from models.recordings import text_table
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import RecordingReader, read_recording
 
-_DATA = Path(__file__).parents[4] / "shared" / "data"
 _NUM_ROWS = 40
 _HEADER = "t,q1,q2,v1,v2,i1,i2"
 
@@ -464,15 +463,8 @@ def test_time_in_another_unit(tmp_path: Path, factor: float, unit: str) -> None:
 # --- real logs ---------------------------------------------------------------------------------
 
 
-def _real(*parts: str) -> Path:
-    path = _DATA.joinpath(*parts)
-    if not path.exists():
-        pytest.skip(f"no recordings in {_DATA}")
-    return path
-
-
-def test_the_ur10e_log_is_known_by_its_name() -> None:
-    path = _real("ur10e", "ur-20_02_19_14harm50secLoad.csv")
+def test_the_ur10e_log_is_known_by_its_name(data: Callable[[str], Path]) -> None:
+    path = data("ur10e/ur-20_02_19_14harm50secLoad.csv")
     recording = read_recording(path)
     table = np.loadtxt(path, delimiter=",")[307:5071]
     np.testing.assert_array_equal(recording.t, table[:, 0])
@@ -483,16 +475,18 @@ def test_the_ur10e_log_is_known_by_its_name() -> None:
     assert recording.notices == ('columns read as "ur10e-dynamic-calibration", rows 308 to 5071',)
 
 
-def test_the_ur10e_log_under_another_name_needs_the_description(tmp_path: Path) -> None:
+def test_the_ur10e_log_under_another_name_needs_the_description(
+    tmp_path: Path, data: Callable[[str], Path]
+) -> None:
     path = tmp_path / "copy.csv"
-    path.write_bytes(_real("ur10e", "ur-20_02_10-30sec_12harm.csv").read_bytes())
+    path.write_bytes(data("ur10e/ur-20_02_10-30sec_12harm.csv").read_bytes())
     _refused(path, "line 1: holds 31 numbers and no names", "--log-format")
     recording = read_recording(path, "ur10e-dynamic-calibration")
     assert recording.num_samples == len(np.loadtxt(path, delimiter=","))
 
 
-def test_the_panda_log_is_known_by_its_columns() -> None:
-    path = _real("panda_ati_gamma", "data_pos_3.csv")
+def test_the_panda_log_is_known_by_its_columns(data: Callable[[str], Path]) -> None:
+    path = data("panda_ati_gamma/data_pos_3.csv")
     recording = read_recording(path)
     table = np.genfromtxt(path, delimiter=",", names=True)
     np.testing.assert_array_equal(recording.extra["jacobian"][:, 2, 4], table["jacobian_2_4"])

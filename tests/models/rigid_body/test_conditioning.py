@@ -44,9 +44,9 @@ def test_equals_lapack_on_a_robots_jacobians(name: str) -> None:
     assert np.array_equal(chain.condition_number(q), found)
 
 
-def test_the_article_arms_distribution() -> None:
+def test_the_article_arms_distribution(sts: Robot) -> None:
     """Over full turns: minimum 9.06, 94 % above 11 and median 32.5, computed from Table 1."""
-    chain = Robot.load("sts_sre4_600").chain
+    chain = sts.chain
     q = np.random.default_rng(1).uniform(-np.pi, np.pi, (100_000, 6))
     values = chain.condition_number(q)
     assert 9.05 < values.min() < 9.2
@@ -93,7 +93,7 @@ def test_equal_singular_values() -> None:
     assert condition_number(2.0 * np.ones((6, 1))) == 1.0
 
 
-def test_singular_is_infinite() -> None:
+def test_singular_is_infinite(sts: Robot) -> None:
     J = np.random.default_rng(4).normal(size=(6, 6))
     zero_row, equal_columns, dependent = J.copy(), J.copy(), J.copy()
     zero_row[2] = 0.0
@@ -103,7 +103,7 @@ def test_singular_is_infinite() -> None:
     assert np.isinf(condition_number(stack)).tolist() == [True] * 4 + [False]
     assert singular_values(stack)[0].tolist() == [0.0] * 6
     # The bundled arm stretched out straight.
-    assert np.isinf(Robot.load("sts_sre4_600").chain.condition_number(np.zeros(6)))
+    assert np.isinf(sts.chain.condition_number(np.zeros(6)))
     # Seven joints, two of them about the same axis, are not singular for that.
     redundant = np.hstack([J, J[:, :1]])
     assert condition_number(redundant) == pytest.approx(np.linalg.cond(redundant), rel=TOLERANCE)

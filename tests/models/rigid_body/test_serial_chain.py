@@ -330,8 +330,8 @@ def _observer_loop(table, q, v, out):  # type: ignore[no-untyped-def]
         out[k] = momentum + 2.0 * CTv + 3.0 * G + 4.0 * J.sum() + 5.0 * p_WE.sum() + R_WE[0, 1]
 
 
-def test_observer_terms_from_another_kernel() -> None:
-    chain = Robot.load("ur10e").chain
+def test_observer_terms_from_another_kernel(ur10e: Robot) -> None:
+    chain = ur10e.chain
     q, v = np.random.default_rng(0).uniform(-2.0, 2.0, (2, 5, 6))
     out = np.empty((5, 6))
     _observer_loop(chain.table, q, v, out)
@@ -361,8 +361,8 @@ def test_regressor_is_linear_even_in_impossible_parameters(case: Case) -> None:
     assert_close(chain.momentum_terms(q, v)[2], chain.gravity_torque(q), "G")
 
 
-def test_other_inertias_leave_the_rest_alone() -> None:
-    chain = Robot.load("ur10e").chain
+def test_other_inertias_leave_the_rest_alone(ur10e: Robot) -> None:
+    chain = ur10e.chain
     other = chain.with_inertial_parameters(2.0 * chain.inertial_parameters)
     q = np.random.default_rng(7).uniform(-2.0, 2.0, 6)
     assert_close(other.gravity_torque(q), 2.0 * chain.gravity_torque(q), "G")
@@ -373,8 +373,8 @@ def test_other_inertias_leave_the_rest_alone() -> None:
     assert_close(rotors, np.array(chain.reflected_inertia), "rotors")
 
 
-def test_another_tool_frame() -> None:
-    chain = Robot.load("sts_sre4_600").chain
+def test_another_tool_frame(sts: Robot) -> None:
+    chain = sts.chain
     offset = np.array([0.03, -0.02, 0.11])
     R_EF = RollPitchYaw(0.3, -0.4, 0.5).ToRotationMatrix().matrix()
     moved = chain.with_tool_frame(chain.R_LE @ R_EF, chain.p_LE + chain.R_LE @ offset)
@@ -697,8 +697,8 @@ def test_a_joint_of_several_degrees_of_freedom() -> None:
 # The object
 
 
-def test_wrong_shapes_are_refused() -> None:
-    chain = Robot.load("sts_sre4_600").chain
+def test_wrong_shapes_are_refused(sts: Robot) -> None:
+    chain = sts.chain
     for q in (np.zeros(5), np.zeros((3, 7)), np.zeros(()), np.zeros((6, 1))):
         with pytest.raises(ValueError, match=r"expected equal shapes \(\.\.\., 6\)"):
             chain.jacobian(q)
@@ -712,15 +712,15 @@ def test_wrong_shapes_are_refused() -> None:
         chain.with_tool_frame(np.zeros(3), np.zeros(3))
 
 
-def test_no_samples_give_no_rows() -> None:
-    chain = Robot.load("sts_sre4_600").chain
+def test_no_samples_give_no_rows(sts: Robot) -> None:
+    chain = sts.chain
     nothing = np.zeros((0, 6))
     assert chain.jacobian(nothing).shape == (0, 6, 6)
     assert chain.regressor(nothing, nothing, nothing).shape == (0, 6, 60)
 
 
-def test_strided_and_integer_input() -> None:
-    chain = Robot.load("sts_sre4_600").chain
+def test_strided_and_integer_input(sts: Robot) -> None:
+    chain = sts.chain
     table = np.random.default_rng(10).uniform(-1.0, 1.0, (20, 13))
     q, v = table[::2, 1:7], table[::2, 7:]
     assert np.array_equal(chain.momentum(q, v), chain.momentum(q.copy(), v.copy()))
@@ -729,16 +729,16 @@ def test_strided_and_integer_input() -> None:
     )
 
 
-def test_arrays_cannot_drift_from_the_table() -> None:
-    chain = Robot.load("sts_sre4_600").chain
+def test_arrays_cannot_drift_from_the_table(sts: Robot) -> None:
+    chain = sts.chain
     with pytest.raises(ValueError, match="read-only"):
         chain.inertial_parameters[0, 0] = 1.0
     with pytest.raises(dataclasses.FrozenInstanceError):
         chain.gravity = np.zeros(3)  # type: ignore[misc]
 
 
-def test_terms_do_not_share_memory() -> None:
-    chain = Robot.load("sts_sre4_600").chain
+def test_terms_do_not_share_memory(sts: Robot) -> None:
+    chain = sts.chain
     q = np.zeros(6)
     first = chain.terms(q, q)
     G = first.G.copy()
@@ -748,15 +748,15 @@ def test_terms_do_not_share_memory() -> None:
     assert np.array_equal(first.q, np.zeros(6))
 
 
-def test_survives_pickling() -> None:
-    chain = Robot.load("ur10e").chain
+def test_survives_pickling(ur10e: Robot) -> None:
+    chain = ur10e.chain
     again = pickle.loads(pickle.dumps(chain))
     q = np.full((100, 6), 0.4)
     assert np.array_equal(again.regressor(q, q, q), chain.regressor(q, q, q))
 
 
-def test_kernels_are_compiled_tells_of_the_wait(tmp_path: Path) -> None:
-    Robot.load("sts_sre4_600").chain.terms(np.zeros(6), np.zeros(6))
+def test_kernels_are_compiled_tells_of_the_wait(sts: Robot, tmp_path: Path) -> None:
+    sts.chain.terms(np.zeros(6), np.zeros(6))
     assert kernels_are_compiled(all_terms)
     program = (
         "import numpy as np\n"

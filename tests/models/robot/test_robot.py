@@ -1,7 +1,6 @@
 import dataclasses
-import importlib.metadata
 import math
-import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +17,6 @@ from models.robot.robot import Robot, bundled_robots
 from models.robot.robot_config import DriveConfig
 
 Array = NDArray[np.float64]
-
-DATA = Path(__file__).parents[4] / "shared" / "data"
 
 # Two links of one chain, and as little else as a URDF needs.
 SMALL_URDF = """<robot name="small">
@@ -103,13 +100,13 @@ def test_bundled_robots_are_found_and_load() -> None:
         assert robot.notices == ()
 
 
-def test_sts_kinematics_are_table_1_exactly() -> None:
+def test_sts_kinematics_are_table_1_exactly(sts: Robot) -> None:
     # Table 1 as printed; 1e-12 leaves nothing but the rounding of the products.
     alpha = np.radians([90.0, 0.0, 90.0, -90.0, 90.0, 0.0])
     a = np.array([29.90, 270.60, 69.27, 0.0, 0.0, 0.0]) / 1000
     d = np.array([379.50, 0.0, 0.0, 323.30, 0.0, 130.64]) / 1000
     offset = np.radians([0.0, 90.0, 0.0, 0.0, 0.0, 0.0])
-    plant, parts = plant_of(Robot.load("sts_sre4_600"))
+    plant, parts = plant_of(sts)
     context = plant.CreateDefaultContext()
     rng = np.random.default_rng(1)
     for q in rng.uniform(-np.pi, np.pi, (50, 6)):
@@ -118,11 +115,10 @@ def test_sts_kinematics_are_table_1_exactly() -> None:
         np.testing.assert_allclose(X_WE, dh_pose(alpha, a, d, q + offset), rtol=0, atol=1e-12)
 
 
-def test_sts_has_the_stated_mass_tool_and_contact_sphere() -> None:
-    robot = Robot.load("sts_sre4_600")
+def test_sts_has_the_stated_mass_tool_and_contact_sphere(sts: Robot) -> None:
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
-    parts = robot.add_to_plant(plant)
+    parts = sts.add_to_plant(plant)
     plant.Finalize()
     context = plant.CreateDefaultContext()
     tool = plant.GetBodyByName("polishing_tool")
@@ -154,11 +150,11 @@ def test_sts_home_is_free_of_self_collision() -> None:
         assert query.ComputePointPairPenetration() == []
 
 
-def test_ur10e_kinematics_are_the_published_ones() -> None:
+def test_ur10e_kinematics_are_the_published_ones(ur10e: Robot) -> None:
     alpha = np.array([np.pi / 2, 0, 0, np.pi / 2, -np.pi / 2, 0])
     a = np.array([0, -0.6127, -0.57155, 0, 0, 0])
     d = np.array([0.1807, 0, 0, 0.17415, 0.11985, 0.11655])
-    plant, parts = plant_of(Robot.load("ur10e"))
+    plant, parts = plant_of(ur10e)
     context = plant.CreateDefaultContext()
     rng = np.random.default_rng(2)
     turned = np.diag([-1.0, -1.0, 1.0, 1.0])  # base_link is the DH base turned by 180 degrees
@@ -168,21 +164,17 @@ def test_ur10e_kinematics_are_the_published_ones() -> None:
         np.testing.assert_allclose(X_WE, turned @ dh_pose(alpha, a, d, q), rtol=0, atol=1e-12)
 
 
-def test_ur10e_agrees_with_the_recordings_urdf() -> None:
-    path = DATA / "ur10e" / "ur10e.urdf"
-    if not path.exists():
-        pytest.skip("../shared/data/ur10e is not there")
-    model = pinocchio.buildModelFromUrdf(str(path))
-    data = model.createData()
-    robot = Robot.load("ur10e")
-    assert list(model.names)[1:] == list(robot.joint_names)
-    plant, parts = plant_of(robot)
+def test_ur10e_agrees_with_the_recordings_urdf(ur10e: Robot, data: Callable[[str], Path]) -> None:
+    model = pinocchio.buildModelFromUrdf(str(data("ur10e/ur10e.urdf")))
+    frames = model.createData()
+    assert list(model.names)[1:] == list(ur10e.joint_names)
+    plant, parts = plant_of(ur10e)
     context = plant.CreateDefaultContext()
     rng = np.random.default_rng(3)
     for q in rng.uniform(-np.pi, np.pi, (50, 6)):
         plant.SetPositions(context, q)
-        pinocchio.framesForwardKinematics(model, data, q)
-        expected = data.oMf[model.getFrameId("tool0")].homogeneous
+        pinocchio.framesForwardKinematics(model, frames, q)
+        expected = frames.oMf[model.getFrameId("tool0")].homogeneous
         # That file rounds its lengths to mm (and its last one is 117 for 116.55 mm): together at
         # most 2 mm. Its pi/2 has 12 digits.
         X_WE = parts.frame_E.CalcPoseInWorld(context).GetAsMatrix4()
@@ -215,51 +207,11 @@ def test_drake_and_pinocchio_read_the_same_text_alike(name: str) -> None:
 # Robots of other people -----------------------------------------------------------------------
 
 
-def example_robot(folder: Path, name: str) -> Robot:
-    """UR5, UR10 and Panda from the example-robot-data wheel."""
-    wheel = importlib.metadata.distribution("example-robot-data")
-    robots = Path(str(wheel.locate_file("cmeel.prefix/share/example-robot-data/robots")))
-    urdf, base, flange, locked = {
-        "ur5": ("ur_description/urdf/ur5_robot.urdf", "base_link", "tool0", {}),
-        "ur10": ("ur_description/urdf/ur10_robot.urdf", "base_link", "ee_link", {}),
-        "panda": (
-            "panda_description/urdf/panda.urdf",
-            "panda_link0",
-            "panda_hand_tcp",
-            {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.01},
-        ),
-    }[name]
-    joints = [
-        joint.get("name")
-        for joint in ET.parse(robots / urdf).getroot().findall("joint")
-        if joint.get("type") != "fixed" and joint.get("name") not in locked
-    ]
-    config = small_config() | {
-        "name": name,
-        "urdf": str(robots / urdf),
-        "base_link": base,
-        "flange": flange,
-        "locked_joints": locked,
-        "home": [0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0][: len(joints)],
-        "drives": [
-            {
-                "joint": joint,
-                "torque_per_ampere": 10.0,
-                "rotor_inertia": 0.1,
-                "rotor_inertia_side": "joint",
-            }
-            for joint in joints
-        ],
-    }
-    (folder / "robot.yaml").write_text(yaml.safe_dump(config))
-    return Robot.load(folder / "robot.yaml")
-
-
 @pytest.mark.parametrize(("name", "num_joints"), [("ur5", 6), ("ur10", 6), ("panda", 7)])
 def test_robots_with_unloadable_meshes_load_without_their_pictures(
-    tmp_path: Path, name: str, num_joints: int
+    wheel_robot: Callable[[str], Robot], name: str, num_joints: int
 ) -> None:
-    robot = example_robot(tmp_path, name)
+    robot = wheel_robot(name)
     assert robot.num_joints == num_joints
     assert any(".stl" in notice for notice in robot.notices)
     assert any(".dae" in notice for notice in robot.notices)
@@ -395,10 +347,9 @@ def test_gravity_is_that_of_robot_yaml(tmp_path: Path) -> None:
     np.testing.assert_array_equal(plant.gravity_field().gravity_vector(), [0.0, 9.81, 0.0])
 
 
-def test_two_arms_fit_in_one_plant() -> None:
-    robot = Robot.load("sts_sre4_600")
+def test_two_arms_fit_in_one_plant(sts: Robot) -> None:
     plant = MultibodyPlant(0.0)
-    left, right = robot.add_to_plant(plant, "left"), robot.add_to_plant(plant, "right")
+    left, right = sts.add_to_plant(plant, "left"), sts.add_to_plant(plant, "right")
     plant.Finalize()
     assert plant.num_actuators() == 12
     assert left.model_instance != right.model_instance

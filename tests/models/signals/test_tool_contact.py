@@ -1,13 +1,12 @@
 import numpy as np
 
-from models.robot.robot import Robot
 from models.signals.tool_contact import NORMAL, NORMAL_FORCE, WRENCH, add_contact, sum_with_contact
 
 RADIUS = 0.012
 
 
-def test_contacts_sum_up_at_E():
-    robot, rng = Robot.load("sts_sre4_600"), np.random.default_rng(1)
+def test_contacts_sum_up_at_E(sts):
+    robot, rng = sts, np.random.default_rng(1)
     terms = robot.chain.terms(robot.home, np.zeros(6))
     contact, expected, pushes = np.zeros(10), np.zeros(6), 0.0
     centre = terms.p_WE - RADIUS * terms.R_WE[:, 2]

@@ -12,7 +12,6 @@ from analyses.experiments.free_motion.bandwidth import (
     sweep_frequencies,
 )
 from analyses.study.experiment import ExperimentContext
-from models.robot.robot import Robot
 
 
 @pytest.fixture(scope="module")
@@ -75,10 +74,9 @@ def test_amplitude_and_phase_are_those_of_eq_30(result):
         assert found["max_deviation_from_sampled_pct"] < 0.01
 
 
-def test_one_tick_of_delay_would_be_seen():
+def test_one_tick_of_delay_would_be_seen(sts):
     """At 1 kHz and 80 Hz a tick is 29 degrees; ten times slower sampling shows its own formula."""
-    robot = Robot.load("sts_sre4_600")
-    (response,) = measure_response(robot, [20.0], 2.0, time_step=5e-3)
+    (response,) = measure_response(sts, [20.0], 2.0, time_step=5e-3)
     sampled = np.angle(response.sampled_formula / response.formula, deg=True)
     measured = np.angle(response.response / response.formula, deg=True)
     np.testing.assert_allclose(measured, sampled, atol=0.05)

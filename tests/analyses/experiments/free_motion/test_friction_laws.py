@@ -1,7 +1,5 @@
 """Friction laws compared: the figure of merit by hand, and the experiment, shortened."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -11,7 +9,14 @@ from analyses.output.outputs import plain_metrics
 from analyses.study.experiment import ExperimentContext
 from analyses.study.outcome import look_up
 
-DATA = Path(__file__).parents[5] / "shared" / "data"
+RECORDINGS = (
+    "ur10e/ur-20_02_10-30sec_12harm.csv",
+    "ur10e/ur-20_02_12-40sec_12harm.csv",
+    "ur10e/ur-20_02_12-50sec_12harm.csv",
+    "ur10e/ur-20_02_19_14harm50sec.csv",
+    "ur10e/ur-20_01_17-ptp_10_points.csv",
+    *(f"ur10e/ur-20_01_22-joint_{j}.csv" for j in range(1, 7)),
+)
 
 
 def test_near_zero_counts_slow_samples_only():
@@ -22,9 +27,9 @@ def test_near_zero_counts_slow_samples_only():
 
 
 @pytest.fixture(scope="module")
-def outcome(tmp_path_factory):
+def outcome(tmp_path_factory, data_holding):
     out = tmp_path_factory.mktemp("friction-laws")
-    return out, EXPERIMENT.run(ExperimentContext(out=out, data=DATA, quick=True))
+    return out, EXPERIMENT.run(ExperimentContext(out=out, data=data_holding(), quick=True))
 
 
 @pytest.mark.slow
@@ -38,10 +43,8 @@ def test_laws_near_zero_on_the_simulated_arm(outcome):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(
-    not (DATA / "ur10e").is_dir(), reason="the recordings are not beside the project (shared/data)"
-)
-def test_laws_on_the_real_arm(outcome):
+def test_laws_on_the_real_arm(outcome, data_holding):
+    data_holding(*RECORDINGS)
     real = outcome[1].metrics["real"]
     rests = {law: real[law]["validation"]["ptp_10_points"]["relative_pct"] for law in LAWS}
     assert rests["presliding"][4] <= 9.0

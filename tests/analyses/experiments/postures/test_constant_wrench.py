@@ -51,8 +51,10 @@ def test_condition_numbers_are_the_articles(result: ExperimentResult) -> None:
     assert initial["mean_jcn"] == pytest.approx(17.10, abs=5e-3)
 
 
-def test_the_path_found_here_lies_ahead_and_reads_better(result: ExperimentResult) -> None:
-    path, posture = found_path(Robot.load("sts_sre4_600"))
+def test_the_path_found_here_lies_ahead_and_reads_better(
+    sts: Robot, result: ExperimentResult
+) -> None:
+    path, posture = found_path(sts)
     np.testing.assert_allclose(path.n_W, [0.0, 1.0, 0.0], atol=0.01)
     np.testing.assert_allclose(path.p_WM, [0.235, 0.0, 0.375], atol=2e-3)
     assert abs(posture[0]) < 0.01
@@ -72,18 +74,17 @@ def test_every_row_of_the_comparison_and_every_figure_exists(
         assert (folder / figure.path).stat().st_size > 10_000
 
 
-def test_the_first_draw_is_what_eq_22_makes_of_the_readings() -> None:
-    robot = Robot.load("sts_sre4_600")
-    readings = read_along(robot, INITIAL_PATH, INITIAL_POSTURE, seed=3, num_draws=2)
+def test_the_first_draw_is_what_eq_22_makes_of_the_readings(sts: Robot) -> None:
+    readings = read_along(sts, INITIAL_PATH, INITIAL_POSTURE, seed=3, num_draws=2)
     assert readings.wrench.shape == (3001, 6)
     # The bulk path (a linear map) and the reading itself agree, so the spread is of the same thing.
     np.testing.assert_allclose(np.max(np.abs(readings.error), axis=0), readings.max_error[0])
     np.testing.assert_allclose(np.sqrt(np.mean(readings.error**2, axis=0)), readings.rmse[0])
     # The torque that each reading stands for is off by up to 7.5 % of each joint's own torque.
     s = readings.sample_distance[:1501:100]
-    q_start = branch_start(robot, INITIAL_PATH, INITIAL_POSTURE)
-    q = follow_path(robot, *INITIAL_PATH.poses(s / INITIAL_PATH.path_length), q_start)
-    J = robot.chain.jacobian(q)
+    q_start = branch_start(sts, INITIAL_PATH, INITIAL_POSTURE)
+    q = follow_path(sts, *INITIAL_PATH.poses(s / INITIAL_PATH.path_length), q_start)
+    J = sts.chain.jacobian(q)
     tau = np.einsum("tij,i->tj", J, WRENCH)
     tau_read = np.einsum("tij,ti->tj", J, readings.wrench[:1501:100])
     ratio = (tau_read - tau) / np.abs(tau)
@@ -92,10 +93,9 @@ def test_the_first_draw_is_what_eq_22_makes_of_the_readings() -> None:
     assert np.max(np.abs(ratio[moved])) > 0.06
 
 
-def test_draws_follow_from_the_seed() -> None:
-    robot = Robot.load("sts_sre4_600")
+def test_draws_follow_from_the_seed(sts: Robot) -> None:
     first, again, other = (
-        read_along(robot, INITIAL_PATH, INITIAL_POSTURE, seed, 2) for seed in (1, 1, 2)
+        read_along(sts, INITIAL_PATH, INITIAL_POSTURE, seed, 2) for seed in (1, 1, 2)
     )
     np.testing.assert_array_equal(first.max_error, again.max_error)
     assert not np.array_equal(first.max_error, other.max_error)

@@ -1,5 +1,6 @@
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,6 @@ from analyses.output.result_marker import MARKER
 from analyses.study.experiment import ExperimentContext
 from models.files.input_error import InputError
 from models.robot.robot import Robot
-
-
-@pytest.fixture(scope="module")
-def sts() -> Robot:
-    return Robot.load("sts_sre4_600")
 
 
 def test_condition_numbers_are_those_of_numpys_svd(sts: Robot) -> None:
@@ -109,8 +105,26 @@ def test_bad_input_is_one_line(tmp_path: Path, options: list[str], word: str) ->
     assert word in result.stderr and result.stderr.count("\n") == 1
 
 
-def test_an_arm_of_five_joints_is_refused(sts: Robot) -> None:
-    with pytest.raises(InputError, match="samples"):
+@pytest.mark.parametrize("plane", [[], ["--slice", "z=0.3"]])
+def test_an_arm_of_five_joints_is_refused(
+    serial_robot: Callable[..., Robot], tmp_path: Path, plane: list[str]
+) -> None:
+    """It has a condition number, of its five columns, which is no JCN."""
+    axes = ("0 0 1", "0 1 0", "0 1 0", "0 1 0", "1 0 0")
+    five = serial_robot([("revolute", axis, "0.05 0 0.2") for axis in axes], name="five")
+    assert five.num_joints == 5 and np.all(np.isfinite(five.chain.condition_number(five.home)))
+    with pytest.raises(InputError, match="five: 5 joints cannot hold"):
+        sample(five, 10, 0)
+    options = ["--robot", str(five.source), "--samples", "10", "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(app, ["jcn-map", *options, *plane])
+    assert result.exit_code == 2
+    assert result.stderr.startswith("five: 5 joints cannot hold position and orientation")
+    assert result.stderr.count("\n") == 1
+    assert not list((tmp_path / "out").glob("*"))
+
+
+def test_no_samples_are_refused(sts: Robot) -> None:
+    with pytest.raises(InputError, match="--samples: 0, expected 1 or more"):
         sample(sts, 0, 0)
 
 

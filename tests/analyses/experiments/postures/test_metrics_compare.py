@@ -20,11 +20,6 @@ from analyses.study.experiment import ExperimentContext
 from models.robot.robot import Robot
 
 
-@pytest.fixture(scope="module")
-def sts() -> Robot:
-    return Robot.load("sts_sre4_600")
-
-
 def test_rank_correlation_and_its_bootstrap_are_scipys() -> None:
     rng = np.random.default_rng(0)
     x = rng.normal(size=300)

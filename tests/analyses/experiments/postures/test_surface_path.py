@@ -51,7 +51,7 @@ def test_the_experiment_reaches_its_figures(tmp_path: Path) -> None:
         assert (tmp_path / file.path).is_file()
 
 
-def test_a_cam_file_gives_what_its_surface_gives(tmp_path: Path) -> None:
+def test_a_cam_file_gives_what_its_surface_gives(sts: Robot, tmp_path: Path) -> None:
     """The whole command, from a CSV of the blade's own points; checked with pinocchio."""
     blade = BladeSection()
     path = SurfacePath.on_surface(blade, (0.75, 0.15), (0.75, 0.85), 31)
@@ -75,10 +75,9 @@ def test_a_cam_file_gives_what_its_surface_gives(tmp_path: Path) -> None:
         header = file.readline().strip().split(",")
     columns = dict(zip(header, rows.T, strict=True))
     q = np.stack([columns[f"q{j}"] for j in range(1, 7)], axis=1)
-    robot = Robot.load("sts_sre4_600")
-    np.testing.assert_allclose(columns["jcn"], pinocchio_jcn(robot, q), rtol=1e-9)
+    np.testing.assert_allclose(columns["jcn"], pinocchio_jcn(sts, q), rtol=1e-9)
     p = path.p_WS + np.array([0.45, -0.25, 0.25])
-    np.testing.assert_allclose(robot.chain.pose(q)[1], p, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(sts.chain.pose(q)[1], p, rtol=0, atol=1e-6)
     metrics = json.loads((out / "metrics.json").read_text())
     assert metrics["optimised"]["mean_jcn"] == pytest.approx(np.mean(columns["jcn"]))
     assert metrics["initial"]["mean_jcn"] == pytest.approx(np.mean(columns["jcn_initial"]))
@@ -88,7 +87,7 @@ def test_a_cam_file_gives_what_its_surface_gives(tmp_path: Path) -> None:
     assert (out / "recording.html").is_file() and (out / "config.yaml").is_file()
 
 
-def test_a_task_without_an_initial_trajectory_is_solved_and_says_so() -> None:
+def test_a_task_without_an_initial_trajectory_is_solved_and_says_so(sts: Robot) -> None:
     blade = load_configuration(task_file("blade_path", "redundancy"), RedundancyTask)
     config = RedundancyTask(
         surface=blade.surface,
@@ -96,7 +95,7 @@ def test_a_task_without_an_initial_trajectory_is_solved_and_says_so() -> None:
         tool_axis=[0.0, 0.0, 1.0],
         num_angles=8,
     )
-    result = find_redundancy(Robot.load("sts_sre4_600"), config)
+    result = find_redundancy(sts, config)
     metrics = result.metrics()
     # The tool's axis is joint 6's: every angle is as good, and the branch alone matters.
     spread = metrics["constant_angle"]

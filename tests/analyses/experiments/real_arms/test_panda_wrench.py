@@ -1,5 +1,6 @@
 """The Panda experiment: on made-up logs with known answers, and on the real ones where they are."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,6 @@ from scipy.stats import spearmanr
 
 from analyses.experiments.real_arms.panda_wrench import (
     EXPERIMENT,
-    FOLDER,
     Knowledge,
     PoseLog,
     knowledge_by_evidence,
@@ -25,10 +25,7 @@ from analyses.study.outcome import look_up
 from models.files.input_error import InputError
 
 Array = NDArray[np.float64]
-DATA = Path(__file__).parents[5] / "shared" / "data"
-needs_recordings = pytest.mark.skipif(
-    not (DATA / FOLDER).is_dir(), reason=f"the recordings are not at {DATA / FOLDER}"
-)
+RECORDINGS = tuple(f"panda_ati_gamma/data_pos_{i}.csv" for i in range(1, 11))
 
 
 def made_up_logs(noise: float, poses: int = 10, rows: int = 300) -> tuple[PoseLog, ...]:
@@ -91,10 +88,9 @@ def test_absent_logs_are_named(tmp_path: Path) -> None:
         read_pose_logs(tmp_path)
 
 
-@needs_recordings
-def test_on_the_recordings(tmp_path: Path) -> None:
+def test_on_the_recordings(tmp_path: Path, data_holding: Callable[..., Path]) -> None:
     """The figures of the issue; half a unit of their last digit where they must be reproduced."""
-    result = run(ExperimentContext(tmp_path, DATA))
+    result = run(ExperimentContext(tmp_path, data_holding(*RECORDINGS)))
     metrics = plain_metrics(result.metrics)
     assert metrics["inverse"]["mean_rmse_n"] == pytest.approx(0.87, abs=0.005)
     np.testing.assert_allclose(
@@ -122,5 +118,5 @@ def test_on_the_recordings(tmp_path: Path) -> None:
     assert EXPERIMENT.name == "panda-wrench"
     # The same again, to the last bit.
     (tmp_path / "again").mkdir()
-    again = run(ExperimentContext(tmp_path / "again", DATA))
+    again = run(ExperimentContext(tmp_path / "again", data_holding()))
     assert plain_metrics(again.metrics) == metrics

@@ -1,37 +1,39 @@
 """The UR10e's model, fitted and checked on recordings of the real arm."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from analyses.experiments.real_arms.ur10e_identification import EXPERIMENT
 from analyses.methods.learning.identification_config import LAWS
-from analyses.methods.learning.ur10e_logs import FOLDER
 from analyses.output.outputs import plain_metrics
 from analyses.study.experiment import ExperimentContext
 from analyses.study.outcome import look_up
 from models.identification.identified_model import IdentifiedModel
-from models.robot.robot import Robot
 
-DATA = Path(__file__).parents[5] / "shared" / "data"
-needs_data = pytest.mark.skipif(
-    not (DATA / FOLDER).is_dir(), reason="the recordings are not beside the project (shared/data)"
+RECORDINGS = (
+    "ur10e/ur-20_02_10-30sec_12harm.csv",
+    "ur10e/ur-20_02_12-40sec_12harm.csv",
+    "ur10e/ur-20_02_12-50sec_12harm.csv",
+    "ur10e/ur-20_02_19_14harm50sec.csv",
+    "ur10e/ur-20_01_17-ptp_10_points.csv",
 )
 
 
 @pytest.fixture(scope="module")
-def outcome(tmp_path_factory):
+def outcome(tmp_path_factory, data_holding):
     out = tmp_path_factory.mktemp("ur10e-identification")
     told = []
     result = EXPERIMENT.run(
-        ExperimentContext(out=out, data=DATA, progress=lambda share, what: told.append(share))
+        ExperimentContext(
+            out=out,
+            data=data_holding(*RECORDINGS),
+            progress=lambda share, what: told.append(share),
+        )
     )
     assert told == sorted(told)
     return out, result
 
 
-@needs_data
 def test_predicts_torque_as_well_as_the_prototype(outcome):
     _, result = outcome
     found = result.metrics["validation"]["14harm50sec"]["rmse_nm"]
@@ -40,7 +42,6 @@ def test_predicts_torque_as_well_as_the_prototype(outcome):
     assert len(result.metrics["validation"]["ptp_10_points"]["relative_pct"]) == 6
 
 
-@needs_data
 def test_the_best_law_reaches_what_the_prototype_reached(outcome):
     _, result = outcome
     best = result.metrics["best"]
@@ -54,7 +55,6 @@ def test_the_best_law_reaches_what_the_prototype_reached(outcome):
     np.testing.assert_array_equal(same, harmonic)
 
 
-@needs_data
 def test_each_law_is_there_and_none_is_worse_than_plain_where_it_is_richer(outcome):
     _, result = outcome
     rmse = {law: result.metrics[law]["validation"]["14harm50sec"]["rmse_nm"] for law in LAWS}
@@ -65,7 +65,6 @@ def test_each_law_is_there_and_none_is_worse_than_plain_where_it_is_richer(outco
     )
 
 
-@needs_data
 def test_the_consistent_fit_costs_little(outcome):
     out, result = outcome
     for part in (result.metrics["consistent"], result.metrics["best"]["consistent"]):
@@ -75,21 +74,18 @@ def test_the_consistent_fit_costs_little(outcome):
     assert (out / "robot.urdf").is_file()
 
 
-@needs_data
 def test_filtering_the_regressor_is_what_held_out_runs_ask_for(outcome):
     _, result = outcome
     plain = result.metrics["unfiltered_regressor"]["cross_validation"]["rmse_nm"]
     assert (result.metrics["cross_validation"]["rmse_nm"] < plain).all()
 
 
-@needs_data
-def test_results_are_whole(outcome):
+def test_results_are_whole(ur10e, outcome):
     out, result = outcome
     for row in result.comparison:
         look_up(plain_metrics(result.metrics), row.key)
     assert all((out / figure.path).is_file() for figure in result.figures)
-    robot = Robot.load("ur10e")
-    model = IdentifiedModel.load(out / "model.yaml", robot)
+    model = IdentifiedModel.load(out / "model.yaml", ur10e)
     # 14 n = 84 parameters: 36 base inertial ones of a 6R arm, 18 of friction, and 4 of 6 rotor
     # inertias, since those of the first two joints go with inertias of their links.
     assert len(model.base_parameters.names) == 58
@@ -103,4 +99,4 @@ def test_results_are_whole(outcome):
     assert (model.friction.coulomb_viscous.viscous > 0.0).all()
     rng = np.random.default_rng(0)
     q = rng.uniform(model.validity.q_min, model.validity.q_max, (500, 6))
-    assert np.linalg.eigvalsh(model.chain(robot).mass_matrix(q)).min() > 0.0
+    assert np.linalg.eigvalsh(model.chain(ur10e).mass_matrix(q)).min() > 0.0

@@ -1,11 +1,9 @@
 """The payload experiment: its reference and its figures of merit, and the real recording."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from analyses.experiments.real_arms.ur10e_payload import EXPERIMENT, FOLDER
+from analyses.experiments.real_arms.ur10e_payload import EXPERIMENT
 from analyses.methods.reading.known_payload import (
     MASS,
     METHODS,
@@ -16,17 +14,19 @@ from analyses.methods.reading.known_payload import (
 from analyses.study.experiment import ExperimentContext
 from analyses.study.outcome import look_up
 from models.recordings.recording import Recording
-from models.robot.robot import Robot
 
-DATA = Path(__file__).parents[5] / "shared" / "data"
-needs_data = pytest.mark.skipif(
-    not (DATA / FOLDER).is_dir(), reason="the recordings are not beside the project (shared/data)"
+RECORDINGS = (
+    "ur10e/ur-20_02_10-30sec_12harm.csv",
+    "ur10e/ur-20_02_12-40sec_12harm.csv",
+    "ur10e/ur-20_02_12-50sec_12harm.csv",
+    "ur10e/ur-20_02_19_14harm50sec.csv",
+    "ur10e/ur-20_02_19_14harm50secLoad.csv",
+    "ur10e/ur-20_01_17-ptp_10_points.csv",
 )
 
 
-def test_reference_is_the_payloads_weight_and_inertia():
+def test_reference_is_the_payloads_weight_and_inertia(ur10e):
     """One joint turns as a cosine: E runs on a circle, whose acceleration is known."""
-    robot = Robot.load("ur10e")
     t = np.arange(0.0, 10.0, 0.01)
     w, amplitude = 2.0, 0.7
     angle = amplitude * np.cos(w * t)
@@ -34,8 +34,8 @@ def test_reference_is_the_payloads_weight_and_inertia():
     q = np.tile([0.3, -1.1, 1.2, 0.4, 0.8, 0.0], (len(t), 1))
     q[:, 0] = angle  # the base's axis is z
     recording = Recording(t=t, q=q, v=0 * q, current=0 * q, source="circle")
-    reference = payload_reference(robot, recording, 5.0)
-    _, p = robot.chain.pose(q)
+    reference = payload_reference(ur10e, recording, 5.0)
+    _, p = ur10e.chain.pose(q)
     p[:, 2] = 0.0
     z = np.array([0.0, 0.0, 1.0])
     a_E = acceleration[:, None] * np.cross(z, p) - (rate**2)[:, None] * p
@@ -90,12 +90,12 @@ def test_without_valid_samples_there_are_no_figures():
 
 
 @pytest.fixture(scope="module")
-def outcome(tmp_path_factory):
+def outcome(tmp_path_factory, data_holding):
     out = tmp_path_factory.mktemp("ur10e-payload")
-    return out, EXPERIMENT.run(ExperimentContext(out=out, data=DATA))
+    context = ExperimentContext(out=out, data=data_holding(*RECORDINGS))
+    return out, EXPERIMENT.run(context)
 
 
-@needs_data
 def test_bayesian_reads_the_payload(outcome):
     _, result = outcome
     bayesian = result.metrics["bayesian"]
@@ -105,7 +105,6 @@ def test_bayesian_reads_the_payload(outcome):
     assert (bayesian["inside_95_pct"][:2] > 90.0).all()
 
 
-@needs_data
 def test_with_the_best_law_the_reading_at_the_flange_is_closer(outcome):
     _, result = outcome
     bayesian = result.metrics["best"]["bayesian"]
@@ -113,7 +112,6 @@ def test_with_the_best_law_the_reading_at_the_flange_is_closer(outcome):
         assert bayesian[f"rmse_f{axis}_n"] <= target
 
 
-@needs_data
 @pytest.mark.parametrize("method", ["bayesian", "force_only"])
 def test_where_the_load_acts_its_force_and_mass_are_read(outcome, method):
     _, result = outcome
@@ -127,7 +125,6 @@ def test_where_the_load_acts_its_force_and_mass_are_read(outcome, method):
     assert reading["mass_kg"] == pytest.approx(MASS, rel=0.01)
 
 
-@needs_data
 def test_a_prior_without_a_mean_loses_mass(outcome):
     at_load = outcome[1].metrics["best"]["at_load"]
     assert at_load["bayesian_zero_mean"]["mass_kg"] < 0.99 * MASS
@@ -135,7 +132,6 @@ def test_a_prior_without_a_mean_loses_mass(outcome):
     np.testing.assert_allclose(at_load["point_m"], [0.027, 0.174, 0.053], atol=0.015)
 
 
-@needs_data
 def test_the_plain_inverse_fails_and_its_flag_says_so(outcome):
     _, result = outcome
     inverse = result.metrics["inverse"]
@@ -147,14 +143,12 @@ def test_the_plain_inverse_fails_and_its_flag_says_so(outcome):
     assert inverse["valid"]["mass_kg"] == pytest.approx(MASS, rel=0.05)
 
 
-@needs_data
 def test_damping_loses_a_third_of_the_force(outcome):
     _, result = outcome
     assert result.metrics["damped"]["mass_kg"] / MASS == pytest.approx(2 / 3, abs=0.05)
     assert result.metrics["damped"]["inside_95_pct"][2] < 50.0
 
 
-@needs_data
 def test_sigma_tau_is_what_the_causal_observer_sees(outcome):
     """Over a run that was neither fitted nor loaded: the stated sds within a quarter."""
     _, result = outcome
@@ -164,7 +158,6 @@ def test_sigma_tau_is_what_the_causal_observer_sees(outcome):
     )
 
 
-@needs_data
 def test_results_are_whole(outcome):
     out, result = outcome
     for row in result.comparison:

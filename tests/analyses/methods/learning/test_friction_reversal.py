@@ -1,7 +1,5 @@
 """Friction by reversal on the simulated arm and on a real one's recordings."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -20,21 +18,16 @@ from models.friction.true_friction import DryFriction
 from models.friction.velocity_friction import CoulombViscous
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording_reader import read_recording
-from models.robot.robot import Robot
-
-DATA = Path("../shared/data/ur10e")
 
 
 @pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
-
-
-@pytest.fixture(scope="module")
-def separated(robot):
+def separated(sts_reversed):
     """Half a minute of passes at one posture; the separation knows the nominal inertias."""
     return reversals_of_simulated_arm(
-        robot, IdentifiedModel.nominal(robot), robot.home, (0.02, 0.08, 0.25, 0.9)
+        sts_reversed,
+        IdentifiedModel.nominal(sts_reversed),
+        sts_reversed.home,
+        (0.02, 0.08, 0.25, 0.9),
     )
 
 
@@ -44,11 +37,11 @@ def true_law(robot):
 
 
 @pytest.mark.slow
-def test_the_simulated_arms_friction_comes_back(robot, separated):
-    truth = true_law(robot)
+def test_the_simulated_arms_friction_comes_back(sts_reversed, separated):
+    truth = true_law(sts_reversed)
     for j, samples in enumerate(separated.samples):
         assert len(samples.speed) > 100
-        v = np.zeros((len(samples.speed), robot.num_joints))
+        v = np.zeros((len(samples.speed), sts_reversed.num_joints))
         v[:, j] = samples.speed
         # The load term is left out of the oracle: at most 2 % of the torque carried, some 1 N m.
         expected = truth.sliding_torque(v)[:, j]
@@ -57,8 +50,8 @@ def test_the_simulated_arms_friction_comes_back(robot, separated):
     metrics = separated.metrics()
     # What eq. 15 assumes away is there, from the ripple, and no larger than it.
     asymmetric = np.array(metrics["asymmetric_rms_nm"])
-    assert (asymmetric > 0.1 * robot.truth.ripple_amplitude).all()
-    assert (asymmetric < 1.5 * robot.truth.ripple_amplitude + 0.05).all()
+    assert (asymmetric > 0.1 * sts_reversed.truth.ripple_amplitude).all()
+    assert (asymmetric < 1.5 * sts_reversed.truth.ripple_amplitude + 0.05).all()
 
 
 @pytest.mark.slow
@@ -82,11 +75,10 @@ def test_a_network_on_it_beats_coulomb_viscous_near_zero(separated, tmp_path):
     assert path.is_file()
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="the UR10e's recordings are not here")
-def test_a_real_arms_friction_is_almost_odd():
-    robot = Robot.load("ur10e")
-    log = read_recording(DATA / "ur-20_01_22-joint_1.csv", robot=robot, check=False)
-    found = separate_recordings(robot, [log], IdentifiedModel.nominal(robot), joints=[0])
+def test_a_real_arms_friction_is_almost_odd(ur10e, data):
+    path = data("ur10e/ur-20_01_22-joint_1.csv")
+    log = read_recording(path, robot=ur10e, check=False)
+    found = separate_recordings(ur10e, [log], IdentifiedModel.nominal(ur10e), joints=[0])
     samples = found.samples[0]
     assert len(samples.speed) > 1000
     # The first axis is vertical: the nominal model's gravity has no part in it.
@@ -96,6 +88,6 @@ def test_a_real_arms_friction_is_almost_odd():
     assert [len(s.speed) for s in found.samples[1:]] == [0] * 5
 
 
-def test_recordings_and_joints_must_match(robot):
+def test_recordings_and_joints_must_match(sts):
     with pytest.raises(ValueError, match="one joint per recording"):
-        separate_recordings(robot, [], IdentifiedModel.nominal(robot), joints=[0])
+        separate_recordings(sts, [], IdentifiedModel.nominal(sts), joints=[0])

@@ -22,7 +22,6 @@ from models.friction.friction_structure import STRUCTURES
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
 from models.recordings.recording_writer import write_recording
-from models.robot.robot import Robot
 
 STEP = 0.01
 COULOMB = np.array([8.0, 7.0, 5.0, 2.0, 2.5, 1.5])
@@ -32,19 +31,14 @@ NOISE = np.array([3.0, 2.0, 1.5, 0.5, 0.4, 0.3])  # N m, per sample of 100 Hz
 
 
 @pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
-
-
-@pytest.fixture(scope="module")
-def truth(robot):
+def truth(sts):
     """Pinocchio's model of the arm with inertias that its file does not have, and rotor inertia."""
     rng = np.random.default_rng(3)
-    model = pin.buildModelFromXML(robot.urdf_text)
-    for i in range(robot.num_joints):
+    model = pin.buildModelFromXML(sts.urdf_text)
+    for i in range(sts.num_joints):
         pi = model.inertias[i + 1].toDynamicParameters() * rng.uniform(0.7, 1.3, 10)
         model.inertias[i + 1] = pin.Inertia.FromDynamicParameters(pi)
-    model.armature = rng.uniform(0.5, 2.0, robot.num_joints)
+    model.armature = rng.uniform(0.5, 2.0, sts.num_joints)
     return model
 
 
@@ -70,19 +64,19 @@ def recording(robot, truth, seed, duration=20.0, noise=0.0, name=None):
 
 
 @pytest.fixture(scope="module")
-def noisy(robot, truth):
+def noisy(sts, truth):
     """Three fitted logs and one for validation, with noise."""
-    return [recording(robot, truth, seed, noise=1.0) for seed in (1, 2, 3, 4)]
+    return [recording(sts, truth, seed, noise=1.0) for seed in (1, 2, 3, 4)]
 
 
 @pytest.fixture(scope="module")
-def result(robot, noisy):
-    return identify(noisy[:3], robot, noisy[3:])
+def result(sts, noisy):
+    return identify(noisy[:3], sts, noisy[3:])
 
 
-def test_known_parameters_come_back_from_clean_logs(robot, truth):
-    result = identify([recording(robot, truth, seed) for seed in (1, 2)], robot)
-    n = robot.num_joints
+def test_known_parameters_come_back_from_clean_logs(sts, truth):
+    result = identify([recording(sts, truth, seed) for seed in (1, 2)], sts)
+    n = sts.num_joints
     inertial = np.array([truth.inertias[i + 1].toDynamicParameters() for i in range(n)])
     own = np.stack([truth.armature, COULOMB, VISCOUS, OFFSET], axis=1)
     expected = result.base.combination @ np.concatenate([inertial.ravel(), own.ravel()])
@@ -112,14 +106,14 @@ def test_validation_error_is_the_noise_that_the_filter_passes(result):
     assert (fit.similarity > 0.9).all()
 
 
-def test_residual_covariance_is_cross_validated(robot, noisy):
+def test_residual_covariance_is_cross_validated(sts, noisy):
     # Plain squares: Huber's weights are found once, on all logs.
     config = IdentificationConfig(loss="squares")
-    result = identify(noisy[:3], robot, config=config)
+    result = identify(noisy[:3], sts, config=config)
 
     def held_out(k):
         others = [noisy[i] for i in range(3) if i != k]
-        (fit,) = identify(others, robot, [noisy[k]], config).validation
+        (fit,) = identify(others, sts, [noisy[k]], config).validation
         return fit.residual
 
     residuals = [held_out(k) for k in range(3)]
@@ -135,8 +129,8 @@ def test_residual_covariance_counts_a_constant_error():
     np.testing.assert_allclose(residual_covariance([x[:1], x[1:]]), [[5.0, 4.0], [4.0, 4.0]])
 
 
-def test_a_single_log_states_the_residual_of_the_fit(robot, noisy):
-    single = identify(noisy[:1], robot)
+def test_a_single_log_states_the_residual_of_the_fit(sts, noisy):
+    single = identify(noisy[:1], sts)
     assert single.cross_validation == ()
     assert "single log" in single.model.provenance.residual
     fit_sd = single.fit[0].rmse
@@ -154,16 +148,16 @@ def test_torque_fit_states_what_it_says():
     np.testing.assert_allclose(fit.similarity, [1.0, -1.0])
 
 
-def test_results_do_not_depend_on_the_logs_own_clock(robot, noisy):
+def test_results_do_not_depend_on_the_logs_own_clock(sts, noisy):
     moved = [replace(r, t=r.t + 1000.0) for r in noisy[:1]]
-    a, b = identify(noisy[:1], robot), identify(moved, robot)
+    a, b = identify(noisy[:1], sts), identify(moved, sts)
     # 1e-9: times near 1000 s carry 1e-13, the grid's interpolation multiplies it by the slopes.
     np.testing.assert_allclose(
         a.model.base_parameters.values, b.model.base_parameters.values, atol=1e-7
     )
 
 
-def test_missing_samples_are_bridged_and_a_dropout_is_left_out(robot, noisy):
+def test_missing_samples_are_bridged_and_a_dropout_is_left_out(sts, noisy):
     """Each 40th sample lost, and once 80 ms: the same model but for the noise of what is lost."""
     log = noisy[0]
     lost = np.arange(len(log.t)) % 40 == 7
@@ -172,7 +166,7 @@ def test_missing_samples_are_bridged_and_a_dropout_is_left_out(robot, noisy):
         log,
         **{key: getattr(log, key)[~lost] for key in ("t", "q", "v", "current", "dropout")},
     )
-    even, result = identify([log], robot), identify([uneven], robot)
+    even, result = identify([log], sts), identify([uneven], sts)
     law, other = (r.model.friction.coulomb_viscous for r in (even, result))
     np.testing.assert_allclose(other.coulomb, law.coulomb, rtol=0.05)
     left_out = np.setdiff1d(even.fit[0].t.round(6), result.fit[0].t.round(6))
@@ -181,16 +175,16 @@ def test_missing_samples_are_bridged_and_a_dropout_is_left_out(robot, noisy):
     assert log.t[690] < left_out.min() < log.t[700]
 
 
-def test_kilohertz_logs_give_what_their_decimation_gives(robot, truth):
+def test_kilohertz_logs_give_what_their_decimation_gives(sts, truth):
     """The regressor is built on a coarser grid when the log is finer than the cutoff needs."""
-    log = recording(robot, truth, 1)
+    log = recording(sts, truth, 1)
     t = np.arange(log.t[0], log.t[-1], 0.001)
     fine = Recording(
         t=t,
         **{key: _interpolated(log, key, t) for key in ("q", "v", "current")},
         source="fine.csv",
     )
-    a, b = identify([log], robot), identify([fine], robot)
+    a, b = identify([log], sts), identify([fine], sts)
     assert b.config.time_step == pytest.approx(0.001)
     law, other = (r.model.friction.coulomb_viscous for r in (a, b))
     np.testing.assert_allclose(other.coulomb, law.coulomb, rtol=0.01)
@@ -202,19 +196,19 @@ def _interpolated(log, key, t):
     return np.stack([np.interp(t, log.t, signal[:, j]) for j in range(signal.shape[1])], axis=1)
 
 
-def test_measured_torque_is_preferred_to_current(robot, noisy):
+def test_measured_torque_is_preferred_to_current(sts, noisy):
     log = noisy[0]
-    tau = log.current * robot.torque_per_ampere * robot.current_sign
+    tau = log.current * sts.torque_per_ampere * sts.current_sign
     direct = replace(log, tau_J=tau, current=np.zeros_like(log.current))
     np.testing.assert_allclose(
-        identify([direct], robot).model.base_parameters.values,
-        identify([log], robot).model.base_parameters.values,
+        identify([direct], sts).model.base_parameters.values,
+        identify([log], sts).model.base_parameters.values,
         rtol=1e-9,
         atol=1e-9,
     )
 
 
-def test_model_states_ranges_and_origin(robot, noisy, result):
+def test_model_states_ranges_and_origin(sts, noisy, result):
     validity, provenance = result.model.validity, result.model.provenance
     q = np.vstack([log.q for log in noisy[:3]])
     # The ranges leave out half a second at each end of a log.
@@ -226,7 +220,7 @@ def test_model_states_ranges_and_origin(robot, noisy, result):
     assert provenance.logs[0].last_row == 2000
 
 
-def test_the_whole_command_and_its_files(robot, noisy, tmp_path):
+def test_the_whole_command_and_its_files(sts, noisy, tmp_path):
     logs = []
     for k, log in enumerate(noisy):
         logs.append(tmp_path / f"log_{k}.csv")
@@ -247,7 +241,7 @@ def test_the_whole_command_and_its_files(robot, noisy, tmp_path):
     np.testing.assert_allclose(metrics["validation"]["log_3"]["rmse_nm"], result.validation[0].rmse)
     config = yaml.safe_load((out / "config.yaml").read_text())
     assert config["identification"]["cutoff"] == 5.0
-    loaded = IdentifiedModel.load(out / "model.yaml", robot)
+    loaded = IdentifiedModel.load(out / "model.yaml", sts)
     np.testing.assert_array_equal(loaded.inertial_parameters, result.model.inertial_parameters)
     assert len(loaded.provenance.logs[0].sha256) == 64
     # The same logs give the same bytes.
@@ -267,67 +261,67 @@ def refusal(*args, **kwargs) -> str:
     return line
 
 
-def test_no_log_is_refused(robot):
-    assert "no log" in refusal([], robot)
+def test_no_log_is_refused(sts):
+    assert "no log" in refusal([], sts)
 
 
-def test_joints_that_hardly_move_are_named(robot, noisy):
+def test_joints_that_hardly_move_are_named(sts, noisy):
     log = noisy[0]
     q, v = log.q.copy(), log.v.copy()
     q[:, [1, 4]], v[:, [1, 4]] = 0.3, 0.0
-    line = refusal([replace(log, q=q, v=v)], robot)
+    line = refusal([replace(log, q=q, v=v)], sts)
     assert "joint_2" in line
     assert "joint_5" in line
     assert "joint_3" not in line
 
 
-def test_a_joint_that_moves_in_one_log_only_is_enough(robot, noisy):
+def test_a_joint_that_moves_in_one_log_only_is_enough(sts, noisy):
     log = noisy[0]
     q, v = log.q.copy(), log.v.copy()
     q[:, 5], v[:, 5] = 0.3, 0.0
-    identify([replace(log, q=q, v=v), noisy[1]], robot)
+    identify([replace(log, q=q, v=v), noisy[1]], sts)
 
 
-def test_a_log_of_another_number_of_joints_is_refused(robot, noisy):
+def test_a_log_of_another_number_of_joints_is_refused(sts, noisy):
     log = noisy[0]
     short = replace(log, q=log.q[:, :5], v=log.v[:, :5], current=log.current[:, :5])
-    assert "5 joints" in refusal([short], robot)
-    assert "5 joints" in refusal([log], robot, [short])
+    assert "5 joints" in refusal([short], sts)
+    assert "5 joints" in refusal([log], sts, [short])
 
 
-def test_a_short_log_is_refused(robot, noisy):
-    assert "lasts 2.99 s" in refusal([noisy[0][:300]], robot)
+def test_a_short_log_is_refused(sts, noisy):
+    assert "lasts 2.99 s" in refusal([noisy[0][:300]], sts)
 
 
-def test_a_cutoff_above_the_logs_rate_is_refused(robot, noisy):
-    line = refusal([noisy[0]], robot, config=IdentificationConfig(cutoff=40.0))
+def test_a_cutoff_above_the_logs_rate_is_refused(sts, noisy):
+    line = refusal([noisy[0]], sts, config=IdentificationConfig(cutoff=40.0))
     assert "160 samples a second" in line
 
 
 @pytest.mark.parametrize(
     "change", [{"cutoff": 0.0}, {"filter_order": 0}, {"num_passes": 0}, {"time_step": -1.0}]
 )
-def test_impossible_settings_are_refused(robot, noisy, change):
+def test_impossible_settings_are_refused(sts, noisy, change):
     (key,) = change
-    assert key in refusal([noisy[0]], robot, config=IdentificationConfig(**change))
+    assert key in refusal([noisy[0]], sts, config=IdentificationConfig(**change))
 
 
-def test_validating_on_a_fitted_log_warns(robot, noisy):
-    result = identify(noisy[:2], robot, [replace(noisy[1], source="copy.csv")])
+def test_validating_on_a_fitted_log_warns(sts, noisy):
+    result = identify(noisy[:2], sts, [replace(noisy[1], source="copy.csv")])
     (warning,) = [w for w in result.warnings if "copy.csv" in w]
     assert "validates nothing" in warning
 
 
-def test_a_log_given_twice_warns(robot, noisy):
-    result = identify([noisy[0], noisy[0]], robot)
+def test_a_log_given_twice_warns(sts, noisy):
+    result = identify([noisy[0], noisy[0]], sts)
     assert any("given twice" in w for w in result.warnings)
     assert [fit.name for fit in result.fit] == ["run_1", "run_1_2"]
 
 
-def test_torque_that_belongs_to_another_motion_warns(robot, noisy):
+def test_torque_that_belongs_to_another_motion_warns(sts, noisy):
     """A wrong robot of the same number of joints looks like this: nothing explains the torque."""
     wrong = replace(noisy[0], current=noisy[1].current)
-    result = identify([wrong], robot)
+    result = identify([wrong], sts)
     assert any("unexplained" in w and "sts_sre4_600" in w for w in result.warnings)
 
 
@@ -339,22 +333,22 @@ def loaded(robot, truth, mass):
     return carrying
 
 
-def test_a_payload_changed_between_logs_is_reported(robot, truth, noisy):
-    carrying = recording(robot, loaded(robot, truth, 1.5), 5, noise=1.0)
-    (warning,) = [w for w in identify([*noisy[:2], carrying], robot).warnings if "payload" in w]
+def test_a_payload_changed_between_logs_is_reported(sts, truth, noisy):
+    carrying = recording(sts, loaded(sts, truth, 1.5), 5, noise=1.0)
+    (warning,) = [w for w in identify([*noisy[:2], carrying], sts).warnings if "payload" in w]
     assert "run_5 +" in warning
     assert "run_1 -" in warning
     # The same payload in all logs is part of the last link.
-    every = [recording(robot, loaded(robot, truth, 1.5), k, noise=1.0) for k in (1, 2)]
-    assert not any("payload" in w for w in identify(every, robot).warnings)
+    every = [recording(sts, loaded(sts, truth, 1.5), k, noise=1.0) for k in (1, 2)]
+    assert not any("payload" in w for w in identify(every, sts).warnings)
 
 
 @pytest.mark.parametrize("joint", [1, 2])
-def test_a_wrong_torque_constant_is_reported(robot, noisy, joint):
+def test_a_wrong_torque_constant_is_reported(sts, noisy, joint):
     gain = np.ones(6)
     gain[joint] = 1.4
     wrong = [replace(log, current=log.current * gain) for log in noisy[:2]]
-    (warning,) = [w for w in identify(wrong, robot).warnings if "gravity" in w]
+    (warning,) = [w for w in identify(wrong, sts).warnings if "gravity" in w]
     assert f"joint_{joint + 1}" in warning
     assert "torque_per_ampere" in warning
 
@@ -363,7 +357,7 @@ def test_right_torque_constants_are_not(result):
     assert not any("gravity" in w or "payload" in w for w in result.warnings)
 
 
-def test_spikes_in_the_current_hardly_move_the_model(robot, noisy):
+def test_spikes_in_the_current_hardly_move_the_model(sts, noisy):
     """Twenty samples of 50 A in each joint of a log: a drive's log has them."""
     rng = np.random.default_rng(6)
     current = noisy[0].current.copy()
@@ -373,36 +367,34 @@ def test_spikes_in_the_current_hardly_move_the_model(robot, noisy):
     spiked = [replace(noisy[0], current=current), noisy[1]]
 
     def error(loss):
-        return (
-            identify(spiked, robot, noisy[3:], IdentificationConfig(loss=loss)).validation[0].rmse
-        )
+        return identify(spiked, sts, noisy[3:], IdentificationConfig(loss=loss)).validation[0].rmse
 
-    clean = identify(noisy[:2], robot, noisy[3:]).validation[0].rmse
+    clean = identify(noisy[:2], sts, noisy[3:]).validation[0].rmse
     assert (error("huber") < 1.3 * clean).all()
     assert (error("squares") > error("huber")).all()
 
 
 @pytest.mark.parametrize("law", ["coulomb-viscous", "stribeck", "presliding"])
-def test_each_law_predicts_what_coulomb_and_viscous_friction_made(robot, noisy, law):
+def test_each_law_predicts_what_coulomb_and_viscous_friction_made(sts, noisy, law):
     """All of them contain it; the richer ones must not lose by it."""
     logs = [
-        replace(log, current=log.current - OFFSET / (robot.torque_per_ampere * robot.current_sign))
+        replace(log, current=log.current - OFFSET / (sts.torque_per_ampere * sts.current_sign))
         for log in noisy
     ]
-    found = identify(logs[:3], robot, config=IdentificationConfig(friction=law))
+    found = identify(logs[:3], sts, config=IdentificationConfig(friction=law))
     assert found.law == law
-    plain = identify(logs[:3], robot)
+    plain = identify(logs[:3], sts)
     # Up to 30 % for what ten more parameters and a displacement of at least 0.03 mrad cost.
     assert (found.held_out[law] < 1.3 * plain.held_out[plain.law]).all()
 
 
-def test_cross_validation_chooses_a_law_and_states_all(robot, noisy):
-    found = identify(noisy[:2], robot, config=IdentificationConfig(friction="best"))
+def test_cross_validation_chooses_a_law_and_states_all(sts, noisy):
+    found = identify(noisy[:2], sts, config=IdentificationConfig(friction="best"))
     assert set(STRUCTURES) <= set(found.held_out) <= set(LAWS)
     assert found.law == best_law(found.held_out)
     assert found.metrics()["friction"]["law"] == found.law
     # No fit depends on those made before it: to the last bit what the law gives alone.
-    alone = identify(noisy[:2], robot, config=IdentificationConfig(friction="load-dependent"))
+    alone = identify(noisy[:2], sts, config=IdentificationConfig(friction="load-dependent"))
     np.testing.assert_array_equal(
         found.held_out["load-dependent"], alone.held_out["load-dependent"]
     )
@@ -413,16 +405,16 @@ def test_the_best_law_counts_joints_alike():
     assert best_law(held_out) == "c"
 
 
-def test_an_unknown_law_is_refused_with_a_suggestion(robot, noisy):
-    line = refusal([noisy[0]], robot, config=IdentificationConfig(friction="presliding+net"))
+def test_an_unknown_law_is_refused_with_a_suggestion(sts, noisy):
+    line = refusal([noisy[0]], sts, config=IdentificationConfig(friction="presliding+net"))
     assert 'did you mean "presliding+network"' in line
     assert "semi-parametric" in line
 
 
-def test_the_consistent_fit_is_a_robot_and_hardly_worse(robot, noisy, tmp_path):
+def test_the_consistent_fit_is_a_robot_and_hardly_worse(sts, noisy, tmp_path):
     config = IdentificationConfig(consistent=True)
-    plain = identify(noisy[:3], robot, noisy[3:])
-    found = identify(noisy[:3], robot, noisy[3:], config)
+    plain = identify(noisy[:3], sts, noisy[3:])
+    found = identify(noisy[:3], sts, noisy[3:], config)
     assert found.metrics()["inconsistent_links"] == []
     assert (found.validation[0].rmse < 1.05 * plain.validation[0].rmse).all()
     found.write(OutputFolder(tmp_path), {})

@@ -12,18 +12,12 @@ from analyses.methods.planning.excitation import ExcitationConfig, excite, excit
 from models.excitation.excitation_program import ExcitationLimits
 from models.excitation.fourier_trajectory import FourierTrajectory
 from models.files.input_error import InputError
-from models.robot.robot import Robot
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
 
 
 @pytest.mark.slow
-def test_the_figures_to_reach(robot):
+def test_the_figures_to_reach(sts):
     start = time.perf_counter()
-    result = excite(robot)
+    result = excite(sts)
     assert time.perf_counter() - start < 60.0
     assert result.condition_number < 10.0  # the goal is 60
     assert result.unweighted_condition_number < 30.0
@@ -33,7 +27,7 @@ def test_the_figures_to_reach(robot):
     assert result.closest is None or result.closest.slack > 0.0
 
 
-def test_files_and_their_content(robot, tmp_path):
+def test_files_and_their_content(sts, tmp_path):
     config = ExcitationConfig(num_starts=2, iterations=20)
     first, second = excite_robot("sts_sre4_600", tmp_path, config)
     assert np.abs(first.trajectory.sine - second.trajectory.sine).max() > 0.01
@@ -45,7 +39,7 @@ def test_files_and_their_content(robot, tmp_path):
     header = (tmp_path / "trajectory.csv").read_text().splitlines()[0].split(",")
     assert header[:2] == ["t", "q1"] and header[-1] == "vdot6" and len(header) == 19
     assert table.shape == (10001, 19)  # 1 kHz
-    series = FourierTrajectory.load(tmp_path / "trajectory.yaml", robot.name)
+    series = FourierTrajectory.load(tmp_path / "trajectory.yaml", sts.name)
     expected = np.hstack([table[:, :1], *series.sample(table[:, 0])])
     np.testing.assert_allclose(table, expected, rtol=1e-7, atol=1e-7)
     metrics = json.loads((tmp_path / "metrics.json").read_text())
@@ -54,9 +48,9 @@ def test_files_and_their_content(robot, tmp_path):
     assert (np.array(metrics["peak_torque_share"]) < 0.7).all()
 
 
-def test_a_motion_too_slow_to_tell_inertias_says_so(robot):
+def test_a_motion_too_slow_to_tell_inertias_says_so(sts):
     limits = ExcitationLimits(acceleration=[2e-3], velocity_share=1e-3)
-    result = excite(robot, ExcitationConfig(limits=limits, num_starts=1, iterations=2))
+    result = excite(sts, ExcitationConfig(limits=limits, num_starts=1, iterations=2))
     assert any("Ixx" in name or "Izz" in name for name in result.undetermined)
     assert any("undetermined" in warning for warning in result.warnings)
 
@@ -70,9 +64,9 @@ def test_a_motion_too_slow_to_tell_inertias_says_so(robot):
         (ExcitationConfig(limits=ExcitationLimits(floor=0.6)), "clearance: no trajectory found"),
     ],
 )
-def test_bad_settings_are_one_line(robot, config, message):
+def test_bad_settings_are_one_line(sts, config, message):
     with pytest.raises(InputError, match=message) as error:
-        excite(robot, config)
+        excite(sts, config)
     assert "\n" not in str(error.value)
 
 

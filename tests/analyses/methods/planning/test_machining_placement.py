@@ -22,7 +22,6 @@ from diagrams.scenario import load_scenario
 from diagrams.workpiece import pose_of_workpiece, surface_of
 from models.estimation.torque_error import TorqueError
 from models.motion.surface_path import SurfacePath
-from models.robot.robot import Robot
 
 MOVING = np.array([1.54, 1.90, 0.70, 0.32, 0.28, 0.12])  # N m, as identified arms have it
 BREAKAWAY = np.array([16.8, 22.9, 13.8, 2.3, 3.9, 1.8])
@@ -32,14 +31,9 @@ X = np.array([0.45, 0.3, 0.5, 0.7, 1.1])
 SUNK_BLADE = [0.36, 0.05, 0.85, 1.68, 1.87]
 
 
-@pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
-
-
 @pytest.fixture(scope="module", params=SCENARIOS)
-def problem(request, robot):
-    return PlacementProblem(load_scenario(request.param), robot, ERROR)
+def problem(request, sts):
+    return PlacementProblem(load_scenario(request.param), sts, ERROR)
 
 
 def path_of(scenario, X_WP, num_samples=21):
@@ -55,13 +49,13 @@ def path_of(scenario, X_WP, num_samples=21):
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
-def test_the_objective_is_the_predicted_sd_of_eq_22(robot, name):
+def test_the_objective_is_the_predicted_sd_of_eq_22(sts, name):
     """Sample by sample, feed by feed: c^T J^-T Sigma J^-1 c, with the torque errors' covariance."""
     scenario = load_scenario(name)
-    problem = PlacementProblem(scenario, robot, ERROR)
+    problem = PlacementProblem(scenario, sts, ERROR)
     path = path_of(scenario, pose_of_workpiece(scenario.workpiece))
     found, q = bundled_place(problem)
-    np.testing.assert_allclose(robot.chain.pose(q)[1], path.p_WS, atol=1e-8)
+    np.testing.assert_allclose(sts.chain.pose(q)[1], path.p_WS, atol=1e-8)
     p, last, variances = path.p_WS, len(q) - 1, []
     for feed in FEEDS:
         tick = feed / last  # s from one sample to the next
@@ -69,7 +63,7 @@ def test_the_objective_is_the_predicted_sd_of_eq_22(robot, name):
             behind, ahead = max(i - 1, 0), min(i + 1, last)
             v = (q[ahead] - q[behind]) / ((ahead - behind) * tick)
             variance = MOVING**2 + BREAKAWAY**2 / 3.0 * np.exp(-((v / 0.0015) ** 2))
-            to_wrench = np.linalg.inv(robot.chain.jacobian(q[i]).T)
+            to_wrench = np.linalg.inv(sts.chain.jacobian(q[i]).T)
             covariance = (to_wrench @ np.diag(variance) @ to_wrench.T)[3:, 3:]
             along = (p[ahead] - p[behind]) / np.linalg.norm(p[ahead] - p[behind])
             variances += [c @ covariance @ c for c in (along, path.n_W[i])]
@@ -77,14 +71,14 @@ def test_the_objective_is_the_predicted_sd_of_eq_22(robot, name):
     assert found == pytest.approx(np.sqrt(np.mean(variances)), rel=1e-3)
 
 
-def test_a_joint_that_rests_is_dear(robot):
+def test_a_joint_that_rests_is_dear(sts):
     """Joints that stand still all along hide the force within their stiction."""
     scenario = load_scenario("Polishing")
-    problem = PlacementProblem(scenario, robot, ERROR)
+    problem = PlacementProblem(scenario, sts, ERROR)
     path = path_of(scenario, pose_of_workpiece(scenario.workpiece))
     _, q = bundled_place(problem)
     still = np.repeat(q[10:11], len(q), axis=0)
-    loose = PlacementProblem(scenario, robot, replace(ERROR, breakaway=np.zeros(6)))
+    loose = PlacementProblem(scenario, sts, replace(ERROR, breakaway=np.zeros(6)))
     assert problem.force_sd(still, path) > 5.0 * problem.force_sd(q, path)
     assert loose.force_sd(still, path) < 2.0 * problem.force_sd(q, path)
 
@@ -129,7 +123,7 @@ def test_what_is_placed_stands_where_the_pose_is(problem):
     )
 
 
-def test_turning_the_cell_about_the_first_axis_changes_nothing(problem, robot):
+def test_turning_the_cell_about_the_first_axis_changes_nothing(problem, sts):
     """Why the path's middle may lie straight ahead."""
     _, q = bundled_place(problem)
     path = path_of(
@@ -139,7 +133,7 @@ def test_turning_the_cell_about_the_first_axis_changes_nothing(problem, robot):
     c, s = np.cos(0.3), np.sin(0.3)
     R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     turned = q + np.array([0.3, 0, 0, 0, 0, 0])
-    np.testing.assert_allclose(robot.chain.pose(turned)[1], path.p_WS @ R.T, atol=1e-8)
+    np.testing.assert_allclose(sts.chain.pose(turned)[1], path.p_WS @ R.T, atol=1e-8)
     other = SurfacePath(path.p_WS @ R.T, path.n_W @ R.T, "turned")
     assert problem.force_sd(turned, other) == pytest.approx(problem.force_sd(q, path), rel=1e-9)
 
@@ -154,17 +148,17 @@ def test_beyond_the_bounds_or_out_of_reach_there_is_no_posture(problem):
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
-def test_bundled_places_keep_clear_and_inside_their_joint_ranges(robot, name):
+def test_bundled_places_keep_clear_and_inside_their_joint_ranges(sts, name):
     scenario = load_scenario(name)
-    plan = make_machining_path(scenario, robot)
+    plan = make_machining_path(scenario, sts)
     q = np.vstack([plan.q_start, plan.trajectory.q[::50]])
     # The blade counts as its hull: the true distance is larger.
-    assert workpiece_clearance(robot, scenario.workpiece, q) > 0.05
+    assert workpiece_clearance(sts, scenario.workpiece, q) > 0.05
     for joint, (lower, upper) in scenario.machining.joint_ranges_deg.items():
-        own = q[:, robot.joint_names.index(joint)]
+        own = q[:, sts.joint_names.index(joint)]
         assert np.radians(lower) < own.min() and own.max() < np.radians(upper)
     # What the search found is what the pass does.
-    _, found = bundled_place(PlacementProblem(scenario, robot, ERROR))
+    _, found = bundled_place(PlacementProblem(scenario, sts, ERROR))
     count = len(plan.s) // 2 + 1
     for j in range(6):
         along = np.interp(np.linspace(0, 1, 21), plan.s[:count], plan.trajectory.q[:count, j])
@@ -206,8 +200,8 @@ def test_bundled_places_are_the_best_near_by(problem):
 
 
 @pytest.mark.slow
-def test_a_short_search_finds_nothing_better(robot):
-    problem = PlacementProblem(load_scenario("Polishing"), robot, ERROR)
+def test_a_short_search_finds_nothing_better(sts):
+    problem = PlacementProblem(load_scenario("Polishing"), sts, ERROR)
     bundled, _ = bundled_place(problem)
     (found,) = search(problem, seed=1, draws=64, refined=1)
     assert found.force_sd > 0.98 * bundled
@@ -218,7 +212,7 @@ def test_a_short_search_finds_nothing_better(robot):
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
-def test_workpieces_stand_above_the_floor(robot, name):
+def test_workpieces_stand_above_the_floor(sts, name):
     """By the lowest of many points on the surface, and of a plate below it."""
     scenario = load_scenario(name)
     workpiece = scenario.workpiece
@@ -231,7 +225,7 @@ def test_workpieces_stand_above_the_floor(robot, name):
     # A centimetre by the coarser points of the rule, which miss some tenths of a millimetre.
     assert height > 0.009
     # Sunk into the floor it is no place.
-    problem = PlacementProblem(scenario, robot, ERROR)
+    problem = PlacementProblem(scenario, sts, ERROR)
     sunk = np.array({"Polishing": [0.48, 0.05, 1.04, 0.14, 1.11]}.get(name, SUNK_BLADE))
     assert problem.lowest(sunk) < 0.0
     assert problem.best_branch(sunk) == (1e3, None)

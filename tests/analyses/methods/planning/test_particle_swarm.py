@@ -14,11 +14,6 @@ FEW = SwarmConfig(num_particles=40, num_iterations=12)
 
 
 @pytest.fixture(scope="module")
-def sts() -> Robot:
-    return Robot.load("sts_sre4_600")
-
-
-@pytest.fixture(scope="module")
 def task() -> PlacementTask:
     return load_task("linear_path")[0]
 

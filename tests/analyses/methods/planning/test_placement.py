@@ -1,8 +1,6 @@
 import csv
 import dataclasses
 import json
-import xml.etree.ElementTree as ET
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -39,11 +37,6 @@ SMALL = SearchEffort(
     num_samples=2000, num_poses=6, num_starts=10, num_rounds=1, num_kinds=4, num_steps=12,
     num_solves=2,
 )  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def sts() -> Robot:
-    return Robot.load("sts_sre4_600")
 
 
 @pytest.fixture(scope="module")
@@ -143,48 +136,20 @@ def test_clearance_is_kept_everywhere_and_has_its_price(sts: Robot) -> None:
     assert result.largest_violation < 1e-7
 
 
-def panda(folder: Path) -> Robot:
-    """The seven-joint arm of the example-robot-data wheel, its fingers locked."""
-    wheel = metadata.distribution("example-robot-data")
-    robots = Path(str(wheel.locate_file("cmeel.prefix/share/example-robot-data/robots")))
-    urdf = robots / "panda_description/urdf/panda.urdf"
-    locked = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}
-    joints = [
-        joint.get("name")
-        for joint in ET.parse(urdf).getroot().findall("joint")
-        if joint.get("type") != "fixed" and joint.get("name") not in locked
-    ]
-    config = {
-        "name": "panda",
-        "urdf": str(urdf),
-        "base_link": "panda_link0",
-        "flange": "panda_hand_tcp",
-        "locked_joints": locked,
-        "payload": 3.0,
-        "home": [0.0, 0.0, 0.0, -1.5, 0.0, 1.5, 0.0],
-        "drives": [
-            {"joint": joint, "torque_per_ampere": 10.0, "rotor_inertia": 0.0} for joint in joints
-        ],
-    }
-    (folder / "robot.yaml").write_text(yaml.safe_dump(config))
-    return Robot.load(folder / "robot.yaml")
-
-
-def test_an_arm_of_seven_joints_is_placed_numerically(tmp_path: Path) -> None:
-    robot = panda(tmp_path)
-    assert robot.num_joints == 7
+def test_an_arm_of_seven_joints_is_placed_numerically(panda: Robot) -> None:
+    assert panda.num_joints == 7
     task, source = load_task("linear_path")
     task = dataclasses.replace(task, initial=None, path_length=0.6)
     effort = dataclasses.replace(EFFORT_NUMERIC, num_samples=2000, num_rounds=0, num_solves=2)
-    result = place(task, source, robot, effort=effort)
+    result = place(task, source, panda, effort=effort)
     assert any("no known analytic inverse kinematics" in notice for notice in result.notices)
     # From 7.516, which every seed of a full search finds; random postures have a median of 40.
     assert result.best.metrics("jcn")["mean_jcn"] < 7.9
     assert result.largest_violation < 1e-7
     q = result.best.fine.q
-    assert np.all(q >= robot.position_lower)
-    assert np.all(q <= robot.position_upper)
-    R, p = robot.chain.pose(q)
+    assert np.all(q >= panda.position_lower)
+    assert np.all(q <= panda.position_upper)
+    R, p = panda.chain.pose(q)
     along = np.linspace(-0.3, 0.3, len(q))[:, np.newaxis] * result.best.placement.n_W
     np.testing.assert_allclose(p, result.best.placement.p_WM + along, atol=1e-9)
     np.testing.assert_allclose(R, np.broadcast_to(R[0], R.shape), atol=1e-9)
@@ -232,13 +197,12 @@ def test_options_that_are_none_are_answered(sts: Robot) -> None:
         place(task, source, sts, objective="force-sd", method="truncated")
 
 
-def test_the_article_solver_is_a_choice_of_the_command(tmp_path: Path) -> None:
+def test_the_article_solver_is_a_choice_of_the_command(sts: Robot, tmp_path: Path) -> None:
     from analyses.methods.planning.particle_swarm import SwarmConfig
 
     task, source = load_task("linear_path")
-    robot = Robot.load("sts_sre4_600")
     swarm = SwarmConfig(num_particles=30, num_iterations=6)
-    result = place(task, source, robot, solver="pso-ga", swarm=swarm)
+    result = place(task, source, sts, solver="pso-ga", swarm=swarm)
     assert 10.97 < result.best.metrics("jcn")["mean_jcn"] < 15.0
     assert result.search.num_starts == 30
 

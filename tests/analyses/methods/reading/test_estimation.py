@@ -30,7 +30,6 @@ from models.recordings.recording import Recording
 from models.recordings.recording_writer import write_recording
 from models.robot.robot import Robot
 
-_DATA = Path(__file__).parents[5] / "shared" / "data" / "ur10e"
 _ROOT = Path(__file__).parents[4]
 _ROBOT = "sts_sre4_600"
 _FORCE = np.array([-3.0, 4.0, 25.0])
@@ -44,7 +43,7 @@ def _no_figure(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) 
     """Drawing takes longer than all else; one test draws, those of faults must not get so far."""
     if not any(word in request.node.name for word in ("figure", "absurd")):
         monkeypatch.setattr(OutputFolder, "write_figure", lambda self, name, figure: None)
-        monkeypatch.setattr(estimation._Summary, "figure", lambda self: None)
+        monkeypatch.setattr(estimation.EstimateSummary, "figure", lambda self: None)
 
 
 @pytest.fixture(scope="module")
@@ -253,11 +252,10 @@ def test_both_engines_agree(
     assert tables[0][:, 14].min() == 0  # the drop-out
 
 
-@pytest.mark.skipif(not _DATA.exists(), reason=f"no recordings in {_DATA}")
-def test_both_engines_agree_on_a_real_log(tmp_path: Path) -> None:
+def test_both_engines_agree_on_a_real_log(tmp_path: Path, data: Callable[[str], Path]) -> None:
     tables = []
+    log = data("ur10e/ur-20_02_19_14harm50secLoad.csv")
     for engine in ENGINES:
-        log = _DATA / "ur-20_02_19_14harm50secLoad.csv"
         config = EstimateConfig(engine=engine, prior_force_sd=30.0, prior_moment_sd=2.0)
         result = estimate_log(log, "ur10e", None, tmp_path / engine, config=config)
         assert result.notices[0].endswith("rows 308 to 5071")

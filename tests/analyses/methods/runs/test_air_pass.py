@@ -12,35 +12,29 @@ from models.estimation.momentum_observer import MomentumObserver
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
 from models.machining.air_pass import LEAD, raised_motion
-from models.robot.robot import Robot
 
 LOW, HIGH = 0.005, 0.01
 
 
 @pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
-
-
-@pytest.fixture(scope="module")
-def model(robot):
+def model(sts_reversed):
     """Slow friction is known, as slow passes show it; ripple, load and curvature are not."""
-    law = CoulombViscous(robot.truth.stiction, robot.truth.viscous, np.zeros(6))
-    return replace(IdentifiedModel.nominal(robot), friction=SemiParametricFriction(law))
+    law = CoulombViscous(sts_reversed.truth.stiction, sts_reversed.truth.viscous, np.zeros(6))
+    return replace(IdentifiedModel.nominal(sts_reversed), friction=SemiParametricFriction(law))
 
 
 @pytest.fixture(scope="module", params=["Polishing", "Grinding"])
-def passes(request, robot):
+def passes(request, sts_reversed):
     """The scenario, its plan, and a motion and its recording by height."""
     scenario = load_scenario(request.param)
     scenario = replace(scenario, machining=replace(scenario.machining, one_way=2.0))
-    plan = make_machining_path(scenario, robot)
+    plan = make_machining_path(scenario, sts_reversed)
     flown = {}
     for seed, height in enumerate((LOW, HIGH)):
-        motion = raised_motion(robot, plan.trajectory, height)
+        motion = raised_motion(sts_reversed, plan.trajectory, height)
         told = []
         recording = record_air_pass(
-            scenario, robot, motion, seed, lambda share, what, told=told: told.append(share)
+            scenario, sts_reversed, motion, seed, lambda share, what, told=told: told.append(share)
         )
         assert told[-1] == 1.0 and np.all(np.diff(told) > 0.0)
         flown[height] = motion, recording
@@ -51,7 +45,7 @@ def rms(x):
     return np.sqrt(np.mean(np.sum(x**2, axis=1)))
 
 
-def test_the_arm_does_the_motion_and_touches_nothing(robot, passes):
+def test_the_arm_does_the_motion_and_touches_nothing(sts_reversed, passes):
     scenario, plan, flown = passes
     for height, (motion, recording) in flown.items():
         assert recording.t[-1] == pytest.approx(motion.duration)
@@ -62,7 +56,7 @@ def test_the_arm_does_the_motion_and_touches_nothing(robot, passes):
         assert np.abs(error).max() < 0.01
         assert np.sqrt(np.mean(error**2, axis=0)).max() < 1e-3
         work = recording.t >= LEAD
-        R_WE, p_WE = robot.chain.pose(recording.q[work])
+        R_WE, p_WE = sts_reversed.chain.pose(recording.q[work])
         place = np.interp(recording.t[work] - LEAD, plan.trajectory.t, plan.s)
         s = plan.path.distance / plan.path.distance[-1]
         surface = np.stack([np.interp(place, s, p) for p in plan.path.p_WS.T], axis=1)
@@ -71,11 +65,11 @@ def test_the_arm_does_the_motion_and_touches_nothing(robot, passes):
         assert np.abs(above - height).max() < 5e-4
 
 
-def test_what_is_read_on_a_second_pass_is_mostly_known(robot, model, passes):
+def test_what_is_read_on_a_second_pass_is_mostly_known(sts_reversed, model, passes):
     """Another height, other noise: ripple, gravity and all that a place has to itself come back."""
     scenario, plan, flown = passes
     low, high = (
-        teach(recording, motion, plan, robot, model, scenario.estimator)
+        teach(recording, motion, plan, sts_reversed, model, scenario.estimator)
         for motion, recording in flown.values()
     )
     assert low.t[-1] == pytest.approx(4.0)
@@ -91,12 +85,12 @@ def test_what_is_read_on_a_second_pass_is_mostly_known(robot, model, passes):
     assert rms(late) > 2.0 * rms(left)
 
 
-def test_it_is_the_observers_output_with_friction_at_planned_speeds(robot, model, passes):
+def test_it_is_the_observers_output_with_friction_at_planned_speeds(sts_reversed, model, passes):
     """Fed by hand, tick by tick: a simulated estimator reads with just that friction."""
     scenario, plan, flown = passes
     motion, recording = flown[LOW]
-    taught = teach(recording, motion, plan, robot, model, scenario.estimator)
-    chain = model.chain(robot)
+    taught = teach(recording, motion, plan, sts_reversed, model, scenario.estimator)
+    chain = model.chain(sts_reversed)
     law = model.friction.velocity_law.coulomb_viscous
     config = replace(scenario.estimator.observer, time_step=recording.time_step)
     observer = MomentumObserver(config, 6)
@@ -108,7 +102,7 @@ def test_it_is_the_observers_output_with_friction_at_planned_speeds(robot, model
         momentum,
         np.array([chain.coriolis_transpose(*row) for row in zip(q, v, strict=True)]),
         np.array([chain.gravity_torque(row) for row in q]),
-        recording.current * robot.torque_per_ampere * robot.current_sign,
+        recording.current * sts_reversed.torque_per_ampere * sts_reversed.current_sign,
         law.coulomb * np.sign(v_planned) + law.viscous * v_planned,
     )
     error = np.abs(expected[round(LEAD / recording.time_step) :] - taught.tau_ext)

@@ -15,17 +15,21 @@ from analyses.methods.runs.machining import (
     PLAIN,
     READINGS,
     MachiningRun,
-    _comparison,
-    _key,
-    _notes,
     errors,
+    feed_key,
     learn,
     read_all,
     regulation,
     run_machining,
 )
 from analyses.methods.runs.machining_figures import feed_figure, force_figure, regulation_figure
-from analyses.methods.runs.machining_study import feed_metrics, over_feeds, sources
+from analyses.methods.runs.machining_study import (
+    _comparison,
+    _notes,
+    feed_metrics,
+    over_feeds,
+    sources,
+)
 from diagrams.closed_loop import make_closed_loop, uses_sensor
 from diagrams.machining import longest_duration, make_machining_path
 from diagrams.scenario import load_scenario
@@ -33,7 +37,6 @@ from models.friction.velocity_friction import CoulombViscous, SemiParametricFric
 from models.identification.identified_model import IdentifiedModel
 from models.machining.machining_phases import Fault, Phase
 from models.recordings.recording import Recording
-from models.robot.robot import Robot
 
 SHORT = {
     "standoff": 0.006,
@@ -44,11 +47,6 @@ SHORT = {
     "lift": 0.01,
 }
 TASKS = [polishing.TASK, grinding.TASK]
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
 
 
 def short(name, one_way):
@@ -71,9 +69,9 @@ def test_errors_of_a_force_by_hand():
 
 
 @pytest.fixture(scope="module", params=["Polishing", "Grinding"])
-def made_up(request, robot):
+def made_up(request, sts_reversed):
     """A run that never was: .2 s at rest, the whole work, .2 s of release, tick by tick."""
-    plan = make_machining_path(short(request.param, 2.0), robot)
+    plan = make_machining_path(short(request.param, 2.0), sts_reversed)
     work = 1e-3 * np.arange(4000)
     phase = np.repeat([Phase.TOUCH, Phase.WORK, Phase.RELEASE], [200, 4000, 200])
     feed_time = np.full(4400, -1.0)
@@ -159,23 +157,23 @@ def test_both_scenarios_of_a_task_are_one_but_for_the_loop(task):
 
 
 @pytest.fixture(scope="module")
-def models(robot):
+def models(sts_reversed):
     """Slow friction is known, as slow passes show it; ripple, load and curvature are not."""
-    law = CoulombViscous(robot.truth.stiction, robot.truth.viscous, np.zeros(6))
-    model = replace(IdentifiedModel.nominal(robot), friction=SemiParametricFriction(law))
+    law = CoulombViscous(sts_reversed.truth.stiction, sts_reversed.truth.viscous, np.zeros(6))
+    model = replace(IdentifiedModel.nominal(sts_reversed), friction=SemiParametricFriction(law))
     # The Bayesian reading's covariance: of an arm that stands, with noise.
     rng = np.random.default_rng(3)
-    gravity = robot.chain.gravity_torque(robot.home) / (
-        np.asarray(robot.torque_per_ampere) * robot.current_sign
+    gravity = sts_reversed.chain.gravity_torque(sts_reversed.home) / (
+        np.asarray(sts_reversed.torque_per_ampere) * sts_reversed.current_sign
     )
     current = gravity * (1.0 + 0.05 * rng.normal(size=(1000, 6))) + 0.05 * rng.normal(
         size=(1000, 6)
     )
-    q = np.repeat(robot.home[np.newaxis], 1000, axis=0)
+    q = np.repeat(sts_reversed.home[np.newaxis], 1000, axis=0)
     log = Recording(
         t=1e-3 * np.arange(1000), q=q, v=np.zeros_like(q), current=current, source="held out"
     )
-    return ArmModels(robot, {LAW: model, PLAIN: model}, (log,))
+    return ArmModels(sts_reversed, {LAW: model, PLAIN: model}, (log,))
 
 
 @pytest.fixture(scope="module")
@@ -209,8 +207,8 @@ def untaught(robot, models):
 
 
 @pytest.mark.slow
-def test_an_air_pass_makes_force_control_without_a_sensor_better(robot, models, runs):
-    taught, plain = runs["estimate"], untaught(robot, models)
+def test_an_air_pass_makes_force_control_without_a_sensor_better(sts_reversed, models, runs):
+    taught, plain = runs["estimate"], untaught(sts_reversed, models)
     read = {}
     for name, run in (("taught", taught), ("plain", plain)):
         assert run.fault == Fault.NONE
@@ -233,13 +231,13 @@ def test_an_air_pass_makes_force_control_without_a_sensor_better(robot, models, 
 
 
 @pytest.mark.slow
-def test_all_that_is_compared_and_said_is_measured(robot, models, runs):
+def test_all_that_is_compared_and_said_is_measured(sts_reversed, models, runs):
     """One run in the place of all feeds: every key of the comparison leads to a number."""
     readings = read_all(runs["sensor"], models)
     assert set(readings) == set(READINGS)
     for task in TASKS:
         of_a_feed = feed_metrics(task, runs, readings)
-        metrics = {_key(feed): of_a_feed for feed in FEEDS}
+        metrics = {feed_key(feed): of_a_feed for feed in FEEDS}
         metrics |= over_feeds(metrics)
         metrics["sources"] = sources(models, dict.fromkeys(FEEDS, runs["sensor"]))
         rows = _comparison(task)

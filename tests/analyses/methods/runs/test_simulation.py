@@ -14,13 +14,7 @@ from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
 from models.machining.machining_phases import Fault, Phase
 from models.recordings.recording_reader import read_recording
-from models.robot.robot import Robot
 from systems.joint_tracking_controller import JointTrackingConfig
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
 
 
 @pytest.fixture(scope="module")
@@ -70,16 +64,16 @@ def test_metrics_file_is_the_result(written):
     assert not any("time" in key for key in metrics)  # nothing of the machine's speed
 
 
-def test_what_was_simulated_can_be_estimated_from_its_log(written, robot):
+def test_what_was_simulated_can_be_estimated_from_its_log(written, sts):
     result, out, _ = written
-    log = read_recording(out / "log.csv", robot=robot)
+    log = read_recording(out / "log.csv", robot=sts)
     np.testing.assert_array_equal(log.q, result.q)
     np.testing.assert_array_equal(log.current, result.current)
     np.testing.assert_array_equal(
         log.extra["wrench_true"], result.wrench_true[:, [3, 4, 5, 0, 1, 2]]
     )
-    model = known_model(robot, result.scenario)
-    estimator = WrenchEstimator(robot, model, result.scenario.estimator)
+    model = known_model(sts, result.scenario)
+    estimator = WrenchEstimator(sts, model, result.scenario.estimator)
     batch = estimator.run(estimator.initial_state(), log.q, log.v, log.current)
     np.testing.assert_allclose(batch.wrench, result.wrench, atol=1e-9)
     np.testing.assert_allclose(batch.covariance, result.covariance, atol=1e-9)
@@ -103,9 +97,9 @@ def test_figure_shows_truth_estimate_band_and_sensor(written):
     figure.clear()
 
 
-def test_reads_back_what_is_applied(robot):
+def test_reads_back_what_is_applied(sts):
     """Noise-free, with the true model: within 0.1 N and 0.02 N m."""
-    result = simulate(replace(load_scenario("ConstantWrench"), duration=1.0), robot)
+    result = simulate(replace(load_scenario("ConstantWrench"), duration=1.0), sts)
     error = np.abs(result.wrench[-1] - result.wrench_true[-1])
     np.testing.assert_array_equal(result.wrench_true[-1], [0.5, 1.5, 1.0, -3, 0, 25])
     assert error[3:].max() < 0.1
@@ -116,17 +110,16 @@ def test_reads_back_what_is_applied(robot):
         result.pressing_force()
 
 
-def test_impedance_run_has_its_signals(robot):
-    result = simulate(replace(load_scenario("OneOfEverything"), duration=0.3), robot)
+def test_impedance_run_has_its_signals(sts):
+    result = simulate(replace(load_scenario("OneOfEverything"), duration=0.3), sts)
     assert result.pose_error.shape == (301, 6)
     assert result.force_setpoint.shape == (301,)
     np.testing.assert_array_equal(result.pressing_force(), result.wrench_true[:, 5])
     assert {"pose_rmse_m", "force_control_rmse_n"} <= result.metrics().keys()
 
 
-def test_any_robot_and_a_model_of_ones_own(tmp_path):
-    robot = Robot.load("ur10e")
-    model = replace(IdentifiedModel.nominal(robot), residual_covariance=np.diag(np.full(6, 0.01)))
+def test_any_robot_and_a_model_of_ones_own(ur10e, tmp_path):
+    model = replace(IdentifiedModel.nominal(ur10e), residual_covariance=np.diag(np.full(6, 0.01)))
     model.save(tmp_path / "model.yaml")
     result = simulate_scenario(
         "ConstantWrench",
@@ -169,28 +162,28 @@ def test_a_machining_scenario_runs_to_its_end(tmp_path, name):
     assert metrics["max_normal_force_n"] < 100.0
 
 
-def test_known_model_is_exact_where_the_law_can_be(robot):
-    assert not known_model(robot, Scenario(friction="none")).friction.torque(np.ones(6)).any()
+def test_known_model_is_exact_where_the_law_can_be(sts):
+    assert not known_model(sts, Scenario(friction="none")).friction.torque(np.ones(6)).any()
     # Stiction equal to Coulomb, no load, no ripple: a Coulomb-viscous joint at any velocity.
     for motion in (JointSineMotion(), HoldMotion()):
-        law = known_model(robot, Scenario(friction="coulomb_viscous", motion=motion)).friction
-        expected = robot.truth.coulomb + robot.truth.viscous * 0.5
+        law = known_model(sts, Scenario(friction="coulomb_viscous", motion=motion)).friction
+        expected = sts.truth.coulomb + sts.truth.viscous * 0.5
         np.testing.assert_allclose(law.torque(np.full(6, 0.5)), expected, rtol=1e-9)
 
 
-def test_known_model_fits_the_true_curve_over_the_motion(robot):
+def test_known_model_fits_the_true_curve_over_the_motion(sts):
     motion = JointSineMotion(amplitude=[0.3], frequency=[0.3])
     scenario = Scenario(friction="full", motion=motion, duration=10.0)
-    law = known_model(robot, scenario).friction
+    law = known_model(sts, scenario).friction
     v = np.linspace(0.05, 0.5, 50)[:, None] * np.ones(6)
-    truth = true_friction(scenario, robot).sliding_torque(v, robot.chain.gravity_torque(robot.home))
+    truth = true_friction(scenario, sts).sliding_torque(v, sts.chain.gravity_torque(sts.home))
     error = np.abs(law.torque(v) - truth).mean(axis=0)
-    without = np.abs(robot.truth.coulomb + robot.truth.viscous * v - truth).mean(axis=0)
+    without = np.abs(sts.truth.coulomb + sts.truth.viscous * v - truth).mean(axis=0)
     assert np.all(error < 0.6 * without)
     assert np.all(law.coulomb_viscous.viscous >= 0)
 
 
-def test_a_motion_that_diverges_is_one_line(robot):
+def test_a_motion_that_diverges_is_one_line(sts):
     scenario = Scenario(
         duration=1.0,
         friction="none",
@@ -199,7 +192,7 @@ def test_a_motion_that_diverges_is_one_line(robot):
         wrench=[WrenchStep(force=[1e6, 1e6, 1e6], moment=[1e6, 0, 0])],
     )
     with pytest.raises(InputError, match=r"diverges before 0\.1 s") as error:
-        simulate(scenario, robot)
+        simulate(scenario, sts)
     assert "\n" not in str(error.value)
 
 
@@ -210,17 +203,17 @@ def test_unknown_scenario_leaves_nothing(tmp_path):
 
 
 @pytest.mark.slow
-def test_machining_without_a_sensor_reads_with_what_an_air_pass_taught(robot):
+def test_machining_without_a_sensor_reads_with_what_an_air_pass_taught(sts):
     scenario = load_scenario("PolishingSensorless")
     machining = replace(scenario.machining, one_way=2.0)
     scenario = replace(scenario, machining=machining)
-    result = simulate(scenario, robot)
+    result = simulate(scenario, sts)
     assert result.fault == Fault.NONE
     # Valid is what the plan calls steady: at work, and not at the ends and the turn.
     assert np.all(result.phase[result.valid] == Phase.WORK)
     assert 0.2 < result.valid.mean() < 0.5
     metrics = result.metrics()
-    direction = -robot.chain.pose(result.q)[0][:, :, 2]
+    direction = -sts.chain.pose(result.q)[0][:, :, 2]
     pushed, read = (
         np.sum(force[:, 3:] * direction, axis=1) for force in (result.wrench_true, result.wrench)
     )
@@ -228,5 +221,5 @@ def test_machining_without_a_sensor_reads_with_what_an_air_pass_taught(robot):
     assert np.sqrt(np.mean((read - pushed)[result.valid] ** 2)) < 4.0
     for axis in ("fx", "fy", "fz"):
         assert metrics["valid"][f"max_error_{axis}_n"] <= metrics[f"max_error_{axis}_n"]
-    untaught = simulate(replace(scenario, machining=replace(machining, air_pass=0.0)), robot)
+    untaught = simulate(replace(scenario, machining=replace(machining, air_pass=0.0)), sts)
     assert untaught.valid.mean() > 0.9  # it does not know what it does not know

@@ -22,42 +22,36 @@ from models.estimation.estimator import WrenchEstimator
 from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
-from models.robot.robot import Robot
 
 
 @pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
+def run(sts):
+    return run_task(task_scenario("Combined", 0, one_way=0.4), sts)
 
 
-@pytest.fixture(scope="module")
-def run(robot):
-    return run_task(task_scenario("Combined", 0, one_way=0.4), robot)
-
-
-def test_the_articles_paths_have_its_condition_numbers(robot):
+def test_the_articles_paths_have_its_condition_numbers(sts):
     largest = {"initial": 59.567, "optimised": 17.665}
     scenario = task_scenario("Combined", 0)
     for name in PATHS[:2]:
-        trajectory = make_trajectory(on_path(scenario, robot, *task_path(robot, name)), robot)
-        jcn = robot.chain.condition_number(trajectory.q)
+        trajectory = make_trajectory(on_path(scenario, sts, *task_path(sts, name)), sts)
+        jcn = sts.chain.condition_number(trajectory.q)
         assert jcn.max() == pytest.approx(largest[name], abs=2e-3)
-        _, p_WE = robot.chain.pose(trajectory.q[[0, -1]])
+        _, p_WE = sts.chain.pose(trajectory.q[[0, -1]])
         assert np.linalg.norm(p_WE[1] - p_WE[0]) == pytest.approx(1.0, abs=1e-6)
 
 
-def test_three_joints_turn_round_in_the_middle_of_the_friction_run(robot):
+def test_three_joints_turn_round_in_the_middle_of_the_friction_run(sts):
     scenario = task_scenario("FrictionAtReversal", 0)
-    trajectory = make_trajectory(scenario, robot)
+    trajectory = make_trajectory(scenario, sts)
     assert trajectory.duration == scenario.duration == 100.0
     _, v, _ = trajectory.sample(np.array([49.0, 51.0]))
     assert set(np.flatnonzero(v[0] * v[1] < 0.0)) >= {1, 2, 4}
     assert uniform_motion(scenario.motion) == (1.0, 99.0)
 
 
-def test_both_cycles_of_the_repeated_motion_are_alike(robot):
+def test_both_cycles_of_the_repeated_motion_are_alike(sts):
     scenario = task_scenario("RepeatCycle", 0)
-    trajectory = make_trajectory(scenario, robot)
+    trajectory = make_trajectory(scenario, sts)
     assert trajectory.duration == pytest.approx(scenario.duration)
     start = scenario.motion.lead_in
     t = start + np.linspace(0.0, 400.0, 401)
@@ -79,15 +73,15 @@ def test_a_shortened_task_keeps_its_parts_in_order():
     assert push.start + push.duration == pytest.approx(short.duration)
 
 
-def test_the_highest_speed_is_the_fastest_joints_of_all_runs(robot):
+def test_the_highest_speed_is_the_fastest_joints_of_all_runs(sts):
     slow, fast = (task_scenario("Combined", 0, one_way) for one_way in (40.0, 20.0))
-    assert highest_speed([slow, fast], robot) == highest_speed([fast], robot)
-    assert highest_speed([slow], robot) < 0.75 * highest_speed([fast], robot)
+    assert highest_speed([slow, fast], sts) == highest_speed([fast], sts)
+    assert highest_speed([slow], sts) < 0.75 * highest_speed([fast], sts)
 
 
-def test_readings_use_encoders_and_current_alone(robot, run):
-    model = IdentifiedModel.nominal(robot)
-    estimator = WrenchEstimator(robot, model)
+def test_readings_use_encoders_and_current_alone(sts, run):
+    model = IdentifiedModel.nominal(sts)
+    estimator = WrenchEstimator(sts, model)
     reading = read_run("a", run, estimator)
     blind = replace(
         run,
@@ -116,19 +110,21 @@ def test_part_of_a_run_has_all_its_columns(run):
     np.testing.assert_array_equal(part.recording.q, run.recording.q[100:201])
 
 
-def test_eq_4_reads_the_wrench_that_the_second_cycle_adds(robot):
+def test_eq_4_reads_the_wrench_that_the_second_cycle_adds(sts_reversed):
     """A wrench of known size, written into the second cycle's torques, and nothing else."""
     rng = np.random.default_rng(1)
-    period, n = 400, robot.num_joints
-    q = np.tile(robot.home + 0.05 * rng.normal(size=(period, n)).cumsum(0) / 20.0, (2, 1))
+    period, n = 400, sts_reversed.num_joints
+    q = np.tile(sts_reversed.home + 0.05 * rng.normal(size=(period, n)).cumsum(0) / 20.0, (2, 1))
     F = np.array([0.1, -0.2, 0.3, 5.0, -7.0, 9.0])  # on the robot
     tau = np.tile(3.0 * rng.normal(size=(period, n)), (2, 1))
-    tau[period:] -= robot.chain.jacobian(q[period:]).transpose(0, 2, 1) @ F  # the motors give less
-    drive = robot.torque_per_ampere * robot.current_sign
+    tau[period:] -= (
+        sts_reversed.chain.jacobian(q[period:]).transpose(0, 2, 1) @ F
+    )  # the motors give less
+    drive = sts_reversed.torque_per_ampere * sts_reversed.current_sign
     t = np.arange(2 * period) / 1000.0
     recording = Recording(t=t, q=q, v=np.zeros_like(q), current=tau / drive, source="made")
-    raw = repetition_torque(recording, robot, period)
-    np.testing.assert_allclose(raw, robot.chain.jacobian(q[:period]).transpose(0, 2, 1) @ F)
+    raw = repetition_torque(recording, sts_reversed, period)
+    np.testing.assert_allclose(raw, sts_reversed.chain.jacobian(q[:period]).transpose(0, 2, 1) @ F)
 
     class Run:
         pass
@@ -137,17 +133,17 @@ def test_eq_4_reads_the_wrench_that_the_second_cycle_adds(robot):
     run.recording, run.reference = recording, np.tile(F[3:], (2 * period, 1))
     run.condition_number = np.ones(2 * period)
     inverse = WrenchReconstruction(WrenchReconstructionConfig("inverse"), np.eye(n))
-    reading = read_repetition("eq. 4", run, robot, period, inverse)
+    reading = read_repetition("eq. 4", run, sts_reversed, period, inverse)
     np.testing.assert_allclose(reading.error, 0.0, atol=1e-8)  # rounding at JCN of some tens
     assert reading.t[0] == 0.0
 
 
-def test_the_low_pass_of_eq_4_is_the_observers(robot):
+def test_the_low_pass_of_eq_4_is_the_observers(sts_reversed):
     period, K_0 = 300, 20.0
-    tau = np.zeros((2 * period, robot.num_joints))
+    tau = np.zeros((2 * period, sts_reversed.num_joints))
     tau[period:] = -1.0  # a step of the external torque
-    drive = robot.torque_per_ampere * robot.current_sign
+    drive = sts_reversed.torque_per_ampere * sts_reversed.current_sign
     t = np.arange(2 * period) / 1000.0
     recording = Recording(t=t, q=0 * tau, v=0 * tau, current=tau / drive, source="made")
-    read = repetition_torque(recording, robot, period, K_0)
+    read = repetition_torque(recording, sts_reversed, period, K_0)
     np.testing.assert_allclose(read[:, 0], -np.expm1(-K_0 * (t[:period] + 1e-3)), atol=1e-12)

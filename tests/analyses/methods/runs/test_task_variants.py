@@ -1,12 +1,17 @@
 """What is made with the truth beside the variants: lag, and friction without it."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from analyses.methods.learning.arm_models import ArmModels
 from analyses.methods.reading.force_errors import ForceReading
-from analyses.methods.runs.task_variants import against_lagged, lag_alone
+from analyses.methods.runs.task_runs import TaskRun
+from analyses.methods.runs.task_variants import against_lagged, known_friction, lag_alone
+from models.identification.identified_model import IdentifiedModel
+from models.recordings.recording import Recording
 
 FREQUENCY, AMPLITUDE, K_0 = 2.0, 10.0, 20.0
 
@@ -47,3 +52,22 @@ def test_a_reading_that_lags_as_the_observer_does_errs_by_nothing_else(run):
     figures = against_lagged(reading, run, K_0)
     assert figures["bias_y_n"] == pytest.approx(1.5, abs=0.02)
     assert figures["rmse_y_n"] == pytest.approx(1.5, rel=0.02)
+
+
+def test_with_its_friction_known_only_the_wrench_is_left(sts_reversed):
+    """At rest, with friction and a wrench made up, on drives that count backwards as well."""
+    n, N, drive = 6, 1000, sts_reversed.torque_per_ampere * sts_reversed.current_sign
+    q = np.tile(sts_reversed.home, (N, 1))
+    F = np.array([0.5, -0.3, 0.2, 6.0, -8.0, 20.0])  # on the robot
+    friction = np.tile([8.0, -9.0, 5.0, 1.0, -2.0, 1.0], (N, 1))
+    J, G = sts_reversed.chain.jacobian(q[0]), sts_reversed.chain.gravity_torque(q[0])
+    tau = G + friction - J.T @ F  # the wrench relieves the motors
+    t = np.arange(N) / 1000.0
+    recording = Recording(t=t, q=q, v=0.0 * q, current=tau / drive, source="made")
+    run = TaskRun("rest", recording, np.tile(F, (N, 1)), None, friction, np.ones(N))
+    model = replace(IdentifiedModel.nominal(sts_reversed), residual_covariance=np.eye(n))
+    models = ArmModels(sts_reversed, {"coulomb-viscous": model}, ())
+    figures = known_friction(models, run, 1000.0)
+    # Of 20 N, e^-3 is left at the first of a thousand samples.
+    for axis in "xyz":
+        assert figures[f"rmse_{axis}_n"] < 0.05

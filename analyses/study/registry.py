@@ -1,0 +1,162 @@
+"""Which experiments there are: those of this software, of other packages, and those registered.
+
+An experiment is a module with `EXPERIMENT = Experiment(name=..., title=..., run=...)`. What a list
+of experiments needs (ENTRY_FIELDS) is read off that statement without importing the module, so that
+it imports neither Drake nor numba: these arguments must be literals.
+
+    modules below analyses.experiments               are found by themselves
+    entry points of the group wrenchsight.experiments   of installed packages name a module each
+    registered("my_package.my_experiment")           adds a module for as long as a block lasts
+
+In another process of the same study the module is imported by its name.
+"""
+
+import ast
+import dataclasses
+import pkgutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import entry_points
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+from analyses.study.experiment import Experiment
+from models.files.input_error import InputError
+
+ENTRY_POINTS: Final = "wrenchsight.experiments"
+_STATEMENT: Final = "EXPERIMENT"
+
+
+@dataclass(frozen=True)
+class ExperimentEntry:
+    """What is known of an experiment before its module is imported; see `Experiment`."""
+
+    module: str
+    name: str
+    title: str
+    section: str
+    order: float = Experiment.order
+    seconds: float = Experiment.seconds
+    readme: tuple[str, ...] = Experiment.readme
+
+
+ENTRY_FIELDS: Final = tuple(f.name for f in dataclasses.fields(ExperimentEntry))[1:]
+
+
+class ExperimentRegistry:
+    """The experiments that a study knows.
+
+    Args:
+        packages: names of those whose modules all hold an EXPERIMENT that belongs to it.
+        group: of entry points; empty for none.
+    """
+
+    def __init__(self, packages: Sequence[str] = (), group: str = "") -> None:
+        self._packages, self._group = tuple(packages), group
+        self._registered: dict[str, ExperimentEntry] = {}
+        self._removed: set[str] = set()
+
+    def entries(self) -> dict[str, ExperimentEntry]:
+        """The experiments by name, in the order of the report.
+
+        Raises:
+            InputError: an installed package offers a module that holds no experiment.
+        """
+        found = [*self._of_packages(), *self._of_entry_points(), *self._registered.values()]
+        known = {entry.name: entry for entry in found if entry.name not in self._removed}
+        return dict(sorted(known.items(), key=lambda item: item[1].order))
+
+    def register(self, module: str) -> ExperimentEntry:
+        """Adds the experiment of a module, which can be imported by this name.
+
+        Raises:
+            ValueError: the module holds no experiment, or there is one of its name already.
+        """
+        entry = read_entry(module)
+        if entry.name in self.entries():
+            taken = self.entries()[entry.name].module
+            raise ValueError(f"{module}: {taken} has an experiment {entry.name} already")
+        self._removed.discard(entry.name)
+        self._registered[entry.name] = entry
+        return entry
+
+    def unregister(self, name: str) -> None:
+        """Takes an experiment out; one of a package comes back by `register`.
+
+        Raises:
+            ValueError: there is none of this name.
+        """
+        if name not in self.entries():
+            raise ValueError(f"there is no experiment {name}")
+        if self._registered.pop(name, None) is None:
+            self._removed.add(name)
+
+    @contextmanager
+    def registered(self, module: str) -> Iterator[ExperimentEntry]:
+        """Adds the experiment of a module for as long as the block lasts."""
+        entry = self.register(module)
+        try:
+            yield entry
+        finally:
+            self._registered.pop(entry.name, None)
+
+    def _of_packages(self) -> Iterator[ExperimentEntry]:
+        for package in self._packages:
+            spec = find_spec(package)
+            places = None if spec is None else spec.submodule_search_locations
+            for info in pkgutil.walk_packages(places, f"{package}."):
+                if not info.ispkg:
+                    yield read_entry(info.name)
+
+    def _of_entry_points(self) -> Iterator[ExperimentEntry]:
+        for point in entry_points(group=self._group) if self._group else ():
+            try:
+                yield read_entry(point.module)
+            except ValueError as error:
+                package = point.dist.name if point.dist is not None else point.name
+                remedy = "repair it or take it out"
+                raise InputError(package, "", f"its entry point fails: {error}", remedy) from None
+
+
+def read_entry(module: str) -> ExperimentEntry:
+    """Reads what a list of experiments needs of a module, without importing it.
+
+    Raises:
+        ValueError: the module is not there, or holds no EXPERIMENT with literals in ENTRY_FIELDS.
+    """
+    try:
+        spec = find_spec(module)
+    except ModuleNotFoundError:
+        spec = None
+    if spec is None or spec.origin is None:
+        raise ValueError(f"there is no module {module}")
+    path = Path(spec.origin)
+    return ExperimentEntry(module, **_literals(path, path.stat().st_mtime_ns))
+
+
+@cache
+def _literals(path: Path, changed: int) -> Mapping[str, Any]:
+    """The literal arguments of the EXPERIMENT in a file."""
+    text = path.read_text(encoding="utf-8")
+    # The rest of the file takes a hundred times as long to parse.
+    _, found, statement = text.partition(f"\n{_STATEMENT} = ")
+    if not found:
+        raise ValueError(f"{path} has no {_STATEMENT} = Experiment(...)")
+    (first, *_) = ast.parse(f"{_STATEMENT} = {statement}").body
+    call = first.value if isinstance(first, ast.Assign) else None
+    if not isinstance(call, ast.Call):
+        raise ValueError(f"{path}: its {_STATEMENT} is not Experiment(...)")
+    order = [field.name for field in dataclasses.fields(Experiment)]
+    given = dict(zip(order, call.args, strict=False))
+    given |= {word.arg: word.value for word in call.keywords if word.arg is not None}
+    try:
+        return {key: ast.literal_eval(given[key]) for key in ENTRY_FIELDS if key in given}
+    except ValueError:
+        fields = ", ".join(ENTRY_FIELDS)
+        raise ValueError(f"{path}: of its {_STATEMENT}, {fields} must be literals") from None
+
+
+REGISTRY: Final = ExperimentRegistry(["analyses.experiments"], ENTRY_POINTS)
