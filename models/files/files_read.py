@@ -10,6 +10,7 @@ from contextvars import ContextVar
 from pathlib import Path
 
 _listener: ContextVar[Callable[[Path], None] | None] = ContextVar("told of files", default=None)
+_remembered: ContextVar[list[Path] | None] = ContextVar("files read", default=None)
 
 
 def about_to_read(path: str | Path) -> None:
@@ -18,9 +19,21 @@ def about_to_read(path: str | Path) -> None:
     Raises:
         InputError: it must not be, see `told_of_files_read`.
     """
-    listener = _listener.get()
+    listener, remembered = _listener.get(), _remembered.get()
+    if remembered is not None:
+        remembered.append(Path(path))
     if listener is not None:
         listener(Path(path))
+
+
+@contextmanager
+def remembering_files_read() -> Iterator[None]:
+    """Has `told_of_files_read`, inside the block, tell also of what was read before it."""
+    token = _remembered.set([])
+    try:
+        yield
+    finally:
+        _remembered.reset(token)
 
 
 @contextmanager
@@ -30,6 +43,8 @@ def told_of_files_read(listener: Callable[[Path], None]) -> Iterator[None]:
     Args:
         listener: may raise InputError; the file is then not read.
     """
+    for path in _remembered.get() or ():
+        listener(path)
     token = _listener.set(listener)
     try:
         yield

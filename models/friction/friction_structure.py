@@ -12,8 +12,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from models.friction.friction_law import FrictionLaw
 from models.friction.friction_network import FrictionNetworks
-from models.friction.presliding_friction import FrictionLaw, PreslidingFriction, slip_path
+from models.friction.presliding_friction import PreslidingFriction, slip_path
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 
 Array = NDArray[np.float64]

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from models.files.configuration import REQUIRED, load_configuration, save_configuration
 from models.files.input_error import InputError
+from models.friction.friction_law import FrictionLaw
 from models.friction.friction_network import FrictionNetworks
-from models.friction.presliding_friction import FrictionLaw, PreslidingFriction
+from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, Handover, SemiParametricFriction
 from models.rigid_body.serial_chain import SerialChain
 from models.robot.robot import Robot

@@ -188,3 +188,13 @@ def test_a_file_that_the_user_added_stays(X, log):
     assert result.exit_code == 2
     assert "figures/mine.png, which wrenchsight did not write there" in result.stderr
     assert _files(X) == before
+
+
+def test_a_command_does_not_overwrite_the_configuration_that_it_runs_again(X, tmp_path):
+    before = _files(X)
+    line = _refused("estimate", "--config", X / "config.yaml", "--out", X)
+    assert "config.yaml: is read by this command" in line
+    assert _files(X) == before
+    again = _run("estimate", "--config", X / "config.yaml", "--out", tmp_path / "Y")
+    assert again.exit_code == 0, again.output
+    assert _files(tmp_path / "Y")["wrench.csv"] == before["wrench.csv"]

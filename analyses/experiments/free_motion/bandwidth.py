@@ -562,8 +562,4 @@ EXPERIMENT = Experiment(
     section="4.8, Figs. 22-23",
     run=run,
     order=130,
-    readme=(
-        "max_amplitude_error_pct",
-        "max_phase_error_deg",
-    ),
 )

@@ -265,8 +265,5 @@ EXPERIMENT = Experiment(
     section="4.6, Fig. 19",
     run=run,
     order=90,
-    readme=(
-        "reduction_rmse_z_pct",
-        "reduction_max_z_pct",
-    ),
+    readme=("reduction_rmse_z_pct",),
 )

@@ -294,8 +294,5 @@ EXPERIMENT = Experiment(
     section="4.5, Figs. 15-16",
     run=run,
     order=70,
-    readme=(
-        "reduction_rmse_y_pct",
-        "reduction_max_y_pct",
-    ),
+    readme=("reduction_rmse_y_pct",),
 )

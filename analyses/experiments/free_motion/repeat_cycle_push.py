@@ -211,8 +211,5 @@ EXPERIMENT = Experiment(
     section="4.5, Fig. 17",
     run=run,
     order=80,
-    readme=(
-        "reduction_rmse_y_pct",
-        "reduction_max_y_pct",
-    ),
+    readme=("reduction_rmse_y_pct",),
 )

@@ -401,8 +401,5 @@ EXPERIMENT = Experiment(
     section="4.3, Figs. 8-10",
     run=run,
     order=40,
-    readme=(
-        "initial.max_error_y_n",
-        "optimised.max_error_y_n",
-    ),
+    readme=("optimised.max_error_y_n",),
 )

@@ -336,10 +336,5 @@ EXPERIMENT = Experiment(
     run=run,
     order=30,
     seconds=60,
-    readme=(
-        "initial.max_jcn",
-        "optimised.max_jcn",
-        "optimised.mean_jcn_along_path",
-        "pso_ga.best_mean_jcn",
-    ),
+    readme=("optimised.mean_jcn_along_path",),
 )

@@ -1,21 +1,12 @@
-"""Path on a surface: how to use the free angle about the normal (section 4.4, Figs. 11-13).
+"""Experiment `surface-path`: what is the free angle about the normal worth (section 4.4)?
 
-Command `redundancy --task T`, and experiment `surface-path`. Three ways along one path are
-compared: at a constant angle (initial), by the local method that the article uses, and the optimum
-(dynamic programming over a grid of angles and all branches, then refined continuously).
-
-A task names a surface, where the workpiece stands, and how the tool is held (see `RedundancyTask`):
-
-    surface: {blade: {}, start: [0.75, 0.15], end: [0.75, 0.85], num_samples: 121}
-    workpiece: {xyz: [0.45, -0.25, 0.25], rpy: [0, 0, 0]}
-    tool_axis: [0.7071, 0, 0.7071]
-    initial_angle_deg: 60
-
-or, in the place of the surface, `csv: points.csv` with the columns x,y,z,nx,ny,nz.
+The bundled path on a blade, as `redundancy` uses it: at a constant angle, by the local method that
+the article uses, and the optimum (Figs. 11-13).
 """
 
-from analyses.methods.planning.redundancy import RedundancyTask, find_redundancy
+from analyses.methods.planning.redundancy import find_redundancy
 from analyses.methods.planning.redundancy_results import draw
+from analyses.methods.planning.redundancy_task import RedundancyTask
 from analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -80,8 +71,4 @@ EXPERIMENT = Experiment(
     run=run,
     order=50,
     seconds=60,
-    readme=(
-        "initial.mean_jcn",
-        "optimised.mean_jcn",
-    ),
 )

@@ -470,8 +470,5 @@ EXPERIMENT = Experiment(
     run=run,
     needs=(FOLDER,),
     order=170,
-    readme=(
-        "inverse.mean_rmse_n",
-        "bayesian.mean_rmse_n",
-    ),
+    readme=("bayesian.mean_rmse_n",),
 )

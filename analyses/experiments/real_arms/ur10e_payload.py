@@ -369,10 +369,5 @@ EXPERIMENT = Experiment(
     needs=(FOLDER,),
     order=160,
     seconds=40,
-    readme=(
-        "best.bayesian.rmse_fx_n",
-        "best.bayesian.rmse_fy_n",
-        "best.bayesian.rmse_fz_n",
-        "best.at_load.force_only.mass_kg",
-    ),
+    readme=("best.at_load.force_only.mass_kg",),
 )

@@ -1,6 +1,6 @@
 """How logs become a model: the settings of an identification, and the friction laws it knows."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -30,6 +30,18 @@ class IdentificationConfig:
     loss: str = "huber"  # or "squares"; see analyses.methods.learning.friction_fit
     cross_validate: bool = True  # whether each log is predicted from the others, too
     seed: int = 0  # of the networks' training
+
+
+@dataclass
+class IdentifySettings:
+    """All that a run of `identify` depends on, as its config.yaml holds it."""
+
+    command: str = "identify"
+    robot: str = ""  # a bundled name, or a robot.yaml
+    logs: list[str] = field(default_factory=list)
+    validate: list[str] = field(default_factory=list)  # logs to predict, not fitted
+    log_format: str | None = None  # description of the logs' columns
+    identification: IdentificationConfig = field(default_factory=IdentificationConfig)
 
 
 def checked_config(config: IdentificationConfig) -> IdentificationConfig:

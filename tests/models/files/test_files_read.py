@@ -7,7 +7,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from models.files.files_read import about_to_read, told_of_files_read
+from models.files.files_read import about_to_read, remembering_files_read, told_of_files_read
 from models.files.input_error import InputError
 from models.motion.surface_path import SurfacePath
 from models.recordings.recording_reader import read_recording
@@ -28,6 +28,13 @@ def test_nobody_needs_to_be_told(tmp_path):
 def test_only_what_is_read_inside_the_block_is_told(tmp_path):
     assert _told(lambda: about_to_read(tmp_path / "a")) == ["a"]
     about_to_read(tmp_path / "b")
+
+
+def test_what_was_read_before_the_block_is_remembered_where_asked_for(tmp_path):
+    with remembering_files_read():
+        about_to_read(tmp_path / "a")
+        assert _told(lambda: about_to_read(tmp_path / "b")) == ["a", "b"]
+    assert _told(lambda: None) == []
 
 
 def test_a_refusal_comes_before_the_file_is_opened(tmp_path):

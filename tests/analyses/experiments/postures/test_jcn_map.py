@@ -9,7 +9,8 @@ from typer.testing import CliRunner
 
 from analyses.__main__ import app
 from analyses.experiments.postures.jcn_map import EXPERIMENT
-from analyses.methods.planning.jcn_map import SliceConfig, jcn_map, sample, slice_plane
+from analyses.methods.planning.jcn_map import jcn_map, sample, slice_plane
+from analyses.methods.planning.jcn_map_settings import SliceConfig
 from analyses.output.result_marker import MARKER
 from analyses.study.experiment import ExperimentContext
 from models.files.input_error import InputError

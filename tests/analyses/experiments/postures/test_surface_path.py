@@ -10,7 +10,8 @@ from typer.testing import CliRunner
 
 from analyses.__main__ import app
 from analyses.experiments.postures.surface_path import EXPERIMENT
-from analyses.methods.planning.redundancy import RedundancyTask, find_redundancy
+from analyses.methods.planning.redundancy import find_redundancy
+from analyses.methods.planning.redundancy_task import RedundancyTask
 from analyses.study.experiment import ExperimentContext
 from models.files.configuration import load_configuration, save_configuration
 from models.files.task_files import task_file
