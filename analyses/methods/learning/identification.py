@@ -50,6 +50,7 @@ from analyses.methods.learning.low_passed_logs import (
 )
 from analyses.methods.learning.torque_fit import TorqueFit, pooled_rmse
 from analyses.output.outputs import OutputFolder
+from analyses.output.result_folder import result_folder
 from analyses.study.shared_results import digest, shared
 from models.files.input_error import InputError
 from models.friction.extended_friction import ExtendedFriction
@@ -164,7 +165,7 @@ class IdentificationResult:
         out.write_json("metrics.json", self.metrics())
         if self.config.consistent:
             out.write_text("robot.urdf", self.urdf())
-        out.write_yaml("config.yaml", replace(settings, identification=self.config))
+        out.write_settings("config.yaml", replace(settings, identification=self.config))
         self.model.save(out / "model.yaml")
 
 
@@ -305,21 +306,21 @@ def identify_logs(
     """The command `identify`: reads the logs, fits, and writes the result into `out`.
 
     Raises:
-        InputError: as `Robot.load`, `read_recording`, `OutputFolder` and `identify`.
+        InputError: as `Robot.load`, `read_recording`, `result_folder` and `identify`.
     """
-    robot = Robot.load(robot_name)
-    recordings, validation = (
-        [read_recording(log, log_format, robot) for log in paths] for paths in (logs, validate)
-    )
-    folder = OutputFolder(out)
-    result = identify(recordings, robot, validation, config, progress)
-    settings = IdentifySettings(
-        robot=str(robot_name),
-        logs=[str(log) for log in logs],
-        validate=[str(log) for log in validate],
-        log_format=None if log_format is None else str(log_format),
-    )
-    result.write(folder, settings)
+    with result_folder(out, "identify") as folder:
+        robot = Robot.load(robot_name)
+        recordings, validation = (
+            [read_recording(log, log_format, robot) for log in paths] for paths in (logs, validate)
+        )
+        result = identify(recordings, robot, validation, config, progress)
+        settings = IdentifySettings(
+            robot=str(robot_name),
+            logs=[str(log) for log in logs],
+            validate=[str(log) for log in validate],
+            log_format=None if log_format is None else str(log_format),
+        )
+        result.write(folder, settings)
     return result
 
 
