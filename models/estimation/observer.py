@@ -80,7 +80,7 @@ class Observer(Protocol):
 
     @property
     def pole(self) -> Array | None:
-        """(n,) 1/s where tau_ext is the true one through pole / (s + pole); None where it is not."""
+        """(n,) 1/s where tau_ext is the true one through pole / (s + pole); None elsewhere."""
 
     @property
     def settling_time(self) -> float:
