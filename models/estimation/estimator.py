@@ -20,7 +20,17 @@ from models.estimation.kernel_choice import kernel_choice
 from models.estimation.momentum_observer import MomentumObserverConfig
 from models.estimation.observer import NUM_SIGNALS, TAU_F, TAU_J, Observer
 from models.estimation.observers import AnyObserverConfig, make_observer
-from models.estimation.tick import NUM_READING, estimate_tick, scratch_size, serial_log, terms_log
+from models.estimation.tick import (
+    GAIN,
+    KNOWN_CORRECTION,
+    KNOWN_COUNTS,
+    KNOWN_TAU_F,
+    NUM_READING,
+    estimate_tick,
+    scratch_size,
+    serial_log,
+    terms_log,
+)
 from models.estimation.trusted_reading import TrustedReading
 from models.estimation.wrench import (
     WrenchReconstruction,
@@ -250,7 +260,10 @@ class WrenchEstimator:
         sample = self._sample
         sample[0], sample[1], sample[2] = q, v, current
         if taught is not None or tau_f is not None:
-            sample = np.vstack([sample, self._known(taught, tau_f, ())])
+            known = self._known(taught, tau_f, ())
+            sample = np.vstack([sample, known])
+            if tau_f is not None:
+                sample[2] -= np.asarray(tau_f, float) / self.tables.drives[GAIN]
         if state.shape != self._state_shape:
             raise ValueError(f"state must be {self._state_shape}, not {state.shape}")
         if self.trusted is not None:
@@ -300,7 +313,8 @@ class WrenchEstimator:
             current: (N, n) A, as the drives report it.
             taught: by an air pass, sample by sample: friction is then the law's `feedforward` at
                 planned speeds, without memory, and tau_ext is corrected.
-            tau_f: (N, n) N m, friction known from elsewhere, in the place of the law's.
+            tau_f: (N, n) N m, friction known from elsewhere, in the place of the law's: it is taken
+                off the motor torque, sample by sample.
 
         Raises:
             ValueError: shapes that disagree; taught and tau_f together.
@@ -317,6 +331,9 @@ class WrenchEstimator:
         known = np.empty((N, 0, n))
         if taught is not None or tau_f is not None:
             known = self._known(taught, tau_f, (N,))
+            if tau_f is not None:
+                taken = np.asarray(tau_f, float) / self.tables.drives[GAIN]
+                current = np.asarray(current - taken)
         chain, drives, friction, slip, observer, wrench = self.tables
         tau_ext, J, F = np.empty((N, n)), np.empty((N, 6, n)), np.empty((N, 6))
         covariance, quality, counts = np.empty((N, 6, 6)), np.empty((N, 2)), np.empty(N, np.bool_)
@@ -400,18 +417,20 @@ class WrenchEstimator:
         n = self.num_joints
         if taught is not None and tau_f is not None:
             raise ValueError("taught says which friction is taken: tau_f has no place beside it")
-        correction, counts = np.zeros((*lead, n)), np.ones(lead)
-        if taught is not None:
-            tau_f = self.model.friction.feedforward.torque(taught.v_planned)
-            correction = np.asarray(taught.tau_correction, float)
-            counts = np.asarray(taught.counts, float)
-        tau_f = np.asarray(tau_f, float)
-        if not tau_f.shape == correction.shape == (*lead, n) or counts.shape != lead:
-            raise ValueError(
-                f"friction and correction must be {(*lead, n)}, counts {lead}, not {tau_f.shape}, "
-                f"{correction.shape} and {counts.shape}"
-            )
-        return np.stack([tau_f, correction, np.repeat(counts[..., None], n, axis=-1)], axis=-2)
+        known = np.zeros((*lead, 3, n))
+        known[..., KNOWN_COUNTS, :] = 1.0
+        if taught is None:
+            shape = np.asarray(tau_f, float).shape
+            if shape != (*lead, n):
+                raise ValueError(f"tau_f must be {(*lead, n)}, not {shape}")
+            return known
+        shapes = [np.shape(signal) for signal in taught]
+        if shapes != [(*lead, n), (*lead, n), lead]:
+            raise ValueError(f"what was taught must be {(*lead, n)} twice and {lead}, not {shapes}")
+        known[..., KNOWN_TAU_F, :] = self.model.friction.feedforward.torque(taught.v_planned)
+        known[..., KNOWN_CORRECTION, :] = taught.tau_correction
+        known[..., KNOWN_COUNTS, :] = np.asarray(taught.counts, float)[..., None]
+        return known
 
 
 def estimator_is_compiled() -> bool:

@@ -137,7 +137,7 @@ def test_a_constant_wrench_is_read_back(
     np.testing.assert_array_equal(table[:, 0], recording.t)
     settled = recording.t > 0.1  # 20 time constants
     error = table[settled, 1:7] - _WRENCH
-    # The bounds for a noise-free log; the sign: a push by the environment reads positive.
+    # Bounds for a noise-free log; the sign: a push by the environment reads positive.
     assert np.abs(error[:, :3]).max() < 0.1
     assert np.abs(error[:, 3:]).max() < 0.02
     assert np.all(table[settled, 14] == 1)
