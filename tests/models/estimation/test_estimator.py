@@ -261,6 +261,7 @@ def test_the_load_is_the_torque_transmitted_at_the_sample_before() -> None:
     law = own.model.friction
     tau_J = current * arm().torque_per_ampere * arm().current_sign
     load = np.zeros_like(q)
+    law = law.sampled(own.observer.time_step)
     for k in range(1, len(q)):
         load[k] = tau_J[k - 1] - law.torque_along(q[:k], v[:k], load[:k])[-1]
     tau_f = law.torque_along(q, v, load)

@@ -22,6 +22,7 @@ from analyses.methods.reading import estimation
 from analyses.methods.reading.estimate_config import ENGINES, EstimateConfig, EstimateSettings
 from analyses.methods.reading.estimation import EstimateResult, estimate_log
 from analyses.output.outputs import OutputFolder
+from models.estimation.wrench import live_prior
 from models.estimation.wrench_table import COLUMNS
 from models.files.configuration import load_configuration
 from models.files.input_error import InputError
@@ -361,7 +362,29 @@ def test_a_log_without_force_warns(
     free = recording.current + tau / (robot.torque_per_ampere * robot.current_sign)
     write_recording(replace(recording, current=free), tmp_path / "log.csv")
     result = _estimate(tmp_path / "log.csv", model_file, tmp_path / "out", EstimateConfig())
-    assert any("no force beyond the model's error" in line for line in result.warnings)
+    assert any("little force beyond the model's error" in line for line in result.warnings)
+    # A third of the live prior, so that a short contact in a quiet log is not read as noise.
+    found, live = result.metrics()["prior"], live_prior(robot.payload)
+    np.testing.assert_allclose([found["force_sd_n"], found["moment_sd_nm"]], np.array(live) / 3.0)
+
+
+@pytest.mark.parametrize(("prior", "rule"), [("live", "live"), ("30,2", "given")])
+def test_a_prior_that_is_stated(
+    log: Path, robot: Robot, model_file: Path, tmp_path: Path, prior: str, rule: str
+) -> None:
+    found = _estimate(log, model_file, tmp_path / "out", EstimateConfig(prior=prior))
+    expected = live_prior(robot.payload) if prior == "live" else (30.0, 2.0)
+    own = found.metrics()["prior"]
+    assert (own["force_sd_n"], own["moment_sd_nm"], own["rule"]) == (*expected, rule)
+
+
+@pytest.mark.parametrize("prior", ["quiet", "30", "30,2,1", "0,1", "30,nan"])
+def test_a_prior_that_makes_no_sense(
+    log: Path, model_file: Path, tmp_path: Path, prior: str
+) -> None:
+    with pytest.raises(InputError, match="prior"):
+        _estimate(log, model_file, tmp_path / "out", EstimateConfig(prior=prior))
+    assert not (tmp_path / "out").exists()
 
 
 # --- bad input ---------------------------------------------------------------------------------
