@@ -22,6 +22,7 @@ from analyses.methods.reading.estimate_config import (
 )
 from analyses.methods.reading.estimate_summary import EstimateSummary
 from analyses.output.outputs import OutputFolder
+from analyses.output.result_folder import result_folder
 from analyses.output.stream_summary import EvenSample
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.observers import make_observer
@@ -97,30 +98,31 @@ def estimate_log(
         log_format: description of the log's columns.
 
     Raises:
-        InputError: as `Robot.load`, `IdentifiedModel.load`, `RecordingReader` and `OutputFolder`; a
-            setting that makes no sense.
+        InputError: as `Robot.load`, `IdentifiedModel.load`, `RecordingReader` and `result_folder`;
+            a setting that makes no sense.
     """
-    robot = Robot.load(robot_name)
-    config = checked_config(config or EstimateConfig(), robot)
-    if model_path is None:
-        model = IdentifiedModel.nominal(robot)
-    else:
-        model = IdentifiedModel.load(Path(model_path), robot)
+    with result_folder(out, "estimate") as folder:
+        robot = Robot.load(robot_name)
+        config = checked_config(config or EstimateConfig(), robot)
+        if model_path is None:
+            model = IdentifiedModel.nominal(robot)
+        else:
+            model = IdentifiedModel.load(Path(model_path), robot)
 
-    def read() -> RecordingReader:
-        reader = RecordingReader(log, log_format, robot, config.check)
-        reader.require_joint_signals()
-        return reader
+        def read() -> RecordingReader:
+            reader = RecordingReader(log, log_format, robot, config.check)
+            reader.require_joint_signals()
+            return reader
 
-    read()  # refuses a bad log before the folder is made
-    settings = EstimateSettings(
-        log=str(log),
-        robot=str(robot_name),
-        model=None if model_path is None else str(model_path),
-        log_format=None if log_format is None else str(log_format),
-        estimate=config,
-    )
-    return estimate(read, robot, model, OutputFolder(out), settings, progress)
+        settings = EstimateSettings(
+            log=str(log),
+            robot=str(robot_name),
+            model=None if model_path is None else str(model_path),
+            log_format=None if log_format is None else str(log_format),
+            estimate=config,
+        )
+        result = estimate(read, robot, model, folder, settings, progress)
+    return replace(result, table=out / result.table.name)
 
 
 def estimate(
