@@ -36,12 +36,12 @@ class IdentificationConfig:
 class IdentifySettings:
     """All that a run of `identify` depends on, as its config.yaml holds it."""
 
-    command: str = "identify"
+    command: str = "identify"  # which wrote it
     robot: str = ""  # a bundled name, or a robot.yaml
-    logs: list[str] = field(default_factory=list)
+    logs: list[str] = field(default_factory=list)  # of free motion, to be fitted
     validate: list[str] = field(default_factory=list)  # logs to predict, not fitted
     log_format: str | None = None  # description of the logs' columns
-    identification: IdentificationConfig = field(default_factory=IdentificationConfig)
+    identification: IdentificationConfig = field(default_factory=IdentificationConfig)  # how
 
 
 def checked_config(config: IdentificationConfig) -> IdentificationConfig:

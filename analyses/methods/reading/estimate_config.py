@@ -43,12 +43,12 @@ class EstimateConfig:
 class EstimateSettings:
     """All that a run of `estimate` depends on, as its config.yaml holds it."""
 
-    command: str = "estimate"
-    log: str = ""
+    command: str = "estimate"  # which wrote it
+    log: str = ""  # of q, v and motor current
     robot: str = ""  # a bundled name, or a robot.yaml
     model: str | None = None  # a model.yaml; None: what the robot's own files state
     log_format: str | None = None  # description of the log's columns
-    estimate: EstimateConfig = field(default_factory=EstimateConfig)
+    estimate: EstimateConfig = field(default_factory=EstimateConfig)  # how
 
 
 def stated_prior(config: EstimateConfig, robot: Robot) -> tuple[float, float] | None:
