@@ -107,7 +107,7 @@ def run_study(
     if jobs < 1:
         raise InputError("--jobs", "", f"is {jobs}, at least 1 was expected")
     folder = OutputFolder(out)
-    with _sole_writer(out), _ends_are_interrupts():
+    with sole_writer(out), _ends_are_interrupts():
         _recover(out)
         for left_over in list(out.glob(".*.partial")):  # of a study that was killed
             shutil.rmtree(left_over) if left_over.is_dir() else left_over.unlink()
@@ -482,7 +482,7 @@ def _thread_limits(threads: int) -> Iterator[None]:
 
 
 @contextmanager
-def _sole_writer(out: Path) -> Iterator[None]:
+def sole_writer(out: Path) -> Iterator[None]:
     """Holds a lock on `out`: two studies in one folder would take each other's files away."""
     with writing_to(out / ".lock"):
         file = (out / ".lock").open("w")

@@ -111,8 +111,8 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
                 "estimated force blue.",
             )
         ],
-        comparison=_comparison(task),
-        notes=_notes(task, metrics),
+        comparison=comparison_rows(task),
+        notes=notes_on(task, metrics),
         configuration={"scenarios": scenarios, "feeds_s": FEEDS, "K_0": K_0},
     )
 
@@ -191,7 +191,8 @@ def over_feeds(metrics: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _comparison(task: MachiningTask) -> list[ComparisonRow]:
+def comparison_rows(task: MachiningTask) -> list[ComparisonRow]:
+    """What the report and the README hold against the article."""
     feeds = ", ".join(f"{feed:g}" for feed in FEEDS)
     force = f"{task.component.capitalize()} force, one way in {feeds} s"
     ours = "reads with what a pass through the air has taught"
@@ -230,7 +231,8 @@ def _share(metrics: Mapping[str, Any], feed: float) -> str:
     return f"{100.0 * (1.0 - metrics[feed_key(feed)]['steady_share']):.1f}"
 
 
-def _notes(task: MachiningTask, metrics: Mapping[str, Any]) -> list[str]:
+def notes_on(task: MachiningTask, metrics: Mapping[str, Any]) -> list[str]:
+    """What the figures say, in sentences."""
     rmse = [metrics[feed_key(feed)]["rmse_n"] for feed in FEEDS]
     slowest, fastest = (
         metrics["sources"][feed_key(FEEDS[-1])],

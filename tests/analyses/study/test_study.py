@@ -655,7 +655,7 @@ def test_a_full_disk_at_the_summary_leaves_the_earlier_one(experiments, run, tmp
 def test_two_studies_do_not_write_in_one_folder(experiments, run, tmp_path):
     experiments("one")
     with (
-        study._sole_writer(OutputFolder(tmp_path / "study").path),
+        study.sole_writer(OutputFolder(tmp_path / "study").path),
         pytest.raises(InputError, match="another study"),
     ):
         run("one")
