@@ -13,6 +13,8 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from analyses.commands.discovery import find_commands, load_command
+from analyses.output.interruption import ends_are_interrupts
+from models.files.files_read import remembering_files_read
 from models.files.input_error import InputError
 
 
@@ -32,11 +34,12 @@ class _Commands(TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         name, command, rest = super().resolve_command(ctx, args)
-        return name, command and load_command(find_commands()[command.name]), rest
+        return name, command and load_command(find_commands()[str(command.name)]), rest
 
     def invoke(self, ctx: Any) -> Any:
         try:
-            return super().invoke(ctx)
+            with ends_are_interrupts(), remembering_files_read():
+                return super().invoke(ctx)
         except InputError as error:
             line, code = str(error), 2
         except OSError as error:

@@ -69,6 +69,7 @@ class WrenchEstimatorSystem(LeafSystem):
         self._estimator = estimator
         self._taught = taught
         self._n = n = estimator.num_joints
+        self._choice, self._rows = estimator.choice, estimator.observer_rows
         # At planned speeds friction needs no memory: it slides.
         self._law = estimator.model.friction.feedforward if taught else estimator.model.friction
         self._shapes: dict[str, tuple[int, ...]] = {}
@@ -80,7 +81,7 @@ class WrenchEstimatorSystem(LeafSystem):
         initial = estimator.observer.initial_state()
         if not taught:
             initial = estimator.initial_state()
-        self._state: DiscreteStateIndex = self.DeclareDiscreteState(initial.ravel())
+        state: DiscreteStateIndex = self.DeclareDiscreteState(initial.ravel())
         self.DeclarePeriodicDiscreteUpdateEvent(estimator.observer.time_step, 0.0, self._update)
         self._tables = self.DeclareCacheEntry(
             "estimator tables",
@@ -90,7 +91,7 @@ class WrenchEstimatorSystem(LeafSystem):
         prerequisites = {
             self._q.ticket(),
             self._v.ticket(),
-            self.discrete_state_ticket(self._state),
+            self.discrete_state_ticket(state),
             self._tables.ticket(),
         }
         # An observer that does not read the present torque leaves a loop over it open.
@@ -129,8 +130,8 @@ class WrenchEstimatorSystem(LeafSystem):
             {self._q.ticket(), self._v.ticket()},
         )
         # Memory that is settled once; nothing in it outlives a call.
-        self._sample = np.zeros((6 if taught else 3, n))
-        self._before = np.zeros(initial.size)
+        self._known = np.zeros((3 if taught else 0, n))
+        self._unread = np.zeros(n)
         self._scratch = np.empty(scratch_size(n))
 
     @property
@@ -189,38 +190,37 @@ class WrenchEstimatorSystem(LeafSystem):
         value.set_value(tables)
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        tables: EstimatorTables = self._tables.Eval(context)
-        sample, before = self._sample, self._before
-        sample[0] = self._q.Eval(context)
-        sample[1] = self._v.Eval(context)
-        if self._reads_current:
-            sample[2] = self._current.Eval(context)
+        tables: EstimatorTables = self._tables.EvalAbstract(context).get_value()
         if self._taught:
-            friction_torque(tables.friction, self._v_planned.Eval(context), sample[3 + KNOWN_TAU_F])
-            sample[3 + KNOWN_CORRECTION] = self._correction.Eval(context)
-            sample[3 + KNOWN_COUNTS] = self._counts.Eval(context)[0]
-        before[:] = context.get_discrete_state(self._state).value()
+            friction_torque(
+                tables.friction, self._v_planned.Eval(context), self._known[KNOWN_TAU_F]
+            )
+            self._known[KNOWN_CORRECTION] = self._correction.Eval(context)
+            self._known[KNOWN_COUNTS] = self._counts.Eval(context)[0]
         tick_output(
-            self._estimator.choice,
+            self._choice,
             *tables,
-            self._estimator.observer_rows,
-            before,
-            sample,
+            self._rows,
+            context.get_discrete_state_vector().value(),
+            self._q.Eval(context),
+            self._v.Eval(context),
+            self._current.Eval(context) if self._reads_current else self._unread,
+            self._known,
             output.get_mutable_value(),
             self._scratch,
         )
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        tables: EstimatorTables = self._tables.Eval(context)
-        self._sample[2] = self._current.Eval(context)
+        tables: EstimatorTables = self._tables.EvalAbstract(context).get_value()
         tick_update(
-            self._estimator.choice,
+            self._choice,
             tables.drives,
             tables.slip,
             tables.observer,
-            self._estimator.observer_rows,
+            self._rows,
             discrete_state.get_mutable_value(),
-            self._sample,
+            self._current.Eval(context),
+            self._known,
             self._reading.Eval(context),
         )
 

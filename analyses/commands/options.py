@@ -143,6 +143,8 @@ def _put(settings: Any, place: str, value: Any, option: str) -> None:
         settings = getattr(settings, part)
         if settings is None:  # a part that is not asked for has no settings
             return
+    if not hasattr(settings, name):  # of another kind, as the file has it
+        raise InputError(option, "", f"{type(settings).__name__} has no {name}", "leave it out")
     if isinstance(value, str) and isinstance(getattr(settings, name), list):
         value = numbers(value, option)
     elif isinstance(value, Path):

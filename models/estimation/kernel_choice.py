@@ -45,9 +45,11 @@ def chosen(choice: Any, place: int) -> Any:
 
 def _name(group: tuple[Any, ...]) -> str:
     told = hashlib.sha1(usedforsecurity=False)
-    for kernel in group:
+    for kernel in _single(group):
         function = kernel.py_func
         told.update(f"{function.__module__}.{function.__qualname__}".encode())
+        held = (cell.cell_contents for cell in function.__closure__ or ())
+        told.update(repr([value for value in held if isinstance(value, int | float)]).encode())
         source = Path(function.__code__.co_filename)
         if _PACKAGE in source.parents:
             continue
@@ -55,3 +57,11 @@ def _name(group: tuple[Any, ...]) -> str:
         for file in sorted(source.parent.glob("*.py")) if source.is_file() else ():
             told.update(f"{file.name} {file.stat().st_mtime_ns}".encode())
     return told.hexdigest()[:16]
+
+
+def _single(group: tuple[Any, ...]) -> list[Any]:
+    """The kernels of a group, and those that they are composed of."""
+    found = []
+    for kernel in group:
+        found += _single(kernel) if isinstance(kernel, tuple) else [kernel]
+    return found

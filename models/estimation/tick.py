@@ -288,7 +288,10 @@ def tick_output(
     wrench: Array,
     rows: int,
     state: Array,
-    sample: Array,
+    q: Array,
+    v: Array,
+    current: Array,
+    known: Array,
     out: Array,
     scratch: Array,
 ) -> None:
@@ -298,14 +301,15 @@ def tick_output(
 
     Args:
         state: flat.
+        q, v, current: (n,).
+        known: (0, n) or (3, n), see above.
         out: (`output_size`,), written: as `estimate_tick`, then what `tick_update` takes.
         others: as `estimate_tick`.
     """
-    n = sample.shape[1]
+    n = q.shape[0]
     X, bodies, work, _ = _split_scratch(scratch, n)
     signals, J = _split(out[n + NUM_READING :], n)
-    known = sample[3:]
-    _terms(chain, drives, friction, sample[0], sample[1], sample[2], known, signals, J, X, bodies)
+    _terms(chain, drives, friction, q, v, current, known, signals, J, X, bodies)
     parts = state.reshape(state.shape[0] // n, n)
     fresh = _output(choice, slip, observer, rows, parts, known, signals, J)
     counts = _corrected(known, signals, out[:n], fresh)
@@ -320,19 +324,22 @@ def tick_update(
     observer: Array,
     rows: int,
     state: Array,
-    sample: Array,
+    current: Array,
+    known: Array,
     out: Array,
 ) -> None:
     """The second half of a tick: takes the sample into the state.
 
-    Arguments as `estimate_tick`; the state is flat, and `out` is what `tick_output` left for the
-    same sample.
+    Args:
+        state: flat, changed.
+        out: what `tick_output` left for the same sample.
+        others: as `tick_output`.
     """
-    n = sample.shape[1]
+    n = current.shape[0]
     signals, J = _split(out[n + NUM_READING :], n)
-    motor_torque(drives[GAIN], sample[2], signals[TAU_J])
+    motor_torque(drives[GAIN], current, signals[TAU_J])
     parts = state.reshape(state.shape[0] // n, n)
-    _update(choice, slip, observer, rows, parts, sample[3:], signals, J)
+    _update(choice, slip, observer, rows, parts, known, signals, J)
 
 
 # ----------------------------------------------------------------------------------------------

@@ -23,6 +23,8 @@ class FrictionKernels(NamedTuple):
 
     add_torque: Any
     update: Any
+    parts: tuple[Any, ...] = ()
+    """The compiled functions that these two are composed of, where they are."""
 
 
 @njit(cache=True, error_model="numpy")

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from models.files.files_read import about_to_read
 from models.files.input_error import InputError
 from models.recordings.log_container import LogTable
 from models.recordings.log_containers import TEXT, container_of, usual_suffixes
@@ -138,17 +139,20 @@ class RecordingReader:
                 increase, the rows end too early, or what `RecordingChecks` finds.
         """
         used = sorted({column for signal in self.layout.signals for column in signal.columns})
+        gaps = {c for signal in self.layout.signals if signal.may_be_empty for c in signal.columns}
         checks = self._checks()
         num_samples = 0
         last: Recording | None = None
-        for values, rows in self._table.blocks(used, self._rows):
+        for values, rows in self._table.blocks(used, self._rows, gaps):
             chunk = self._recording(values, rows, used)
             self._check_size(chunk)
             _check_time(chunk, last)
             if last is None and chunk.num_samples > 1:
                 plausible_step(chunk)
             if checks is not None:
-                checks.feed(chunk)
+                whole = _without_gaps(chunk) if gaps else chunk
+                if whole.num_samples:
+                    checks.feed(whole)
             last = chunk[-1:]
             num_samples += chunk.num_samples
             yield chunk
@@ -191,6 +195,9 @@ class RecordingReader:
         if current is None and tau_J is not None and self._robot is not None:
             current = tau_J / (self._robot.current_sign * self._robot.torque_per_ampere)
         dropout = found.pop("dropout", None)
+        flags = np.asarray(np.isnan(values).any(axis=1))
+        if dropout is not None:
+            flags |= dropout[:, 0] != 0
         return Recording(
             t=found.pop("t"),
             q=found.pop("q", joints),
@@ -198,7 +205,7 @@ class RecordingReader:
             current=joints if current is None else current,
             source=str(self.path),
             tau_J=tau_J,
-            dropout=np.zeros(size, bool) if dropout is None else dropout[:, 0] != 0,
+            dropout=flags,
             extra=found,
             row=rows,
             row_word=self._table.row_word,
@@ -218,6 +225,7 @@ class RecordingReader:
         path = self.path
         container = container_of(path)
         _check_there(path)
+        about_to_read(path)
         if description is not None:
             form, form_path = load_format(description)
             return form, str(form_path), (container or TEXT).open(path, form)
@@ -382,6 +390,22 @@ def _check_there(path: Path) -> None:
         near = difflib.get_close_matches(path.name, [p.name for p in path.parent.iterdir()], n=1)
         remedy = f'did you mean "{near[0]}"?' if near else remedy
     raise InputError(path, "", "no such file", remedy)
+
+
+def _without_gaps(chunk: Recording) -> Recording:
+    """The samples that have a number everywhere."""
+    whole = ~chunk.dropout
+    return replace(
+        chunk,
+        t=chunk.t[whole],
+        q=chunk.q[whole],
+        v=chunk.v[whole],
+        current=chunk.current[whole],
+        tau_J=None if chunk.tau_J is None else chunk.tau_J[whole],
+        dropout=chunk.dropout[whole],
+        extra={},
+        row=None if chunk.row is None else chunk.row[whole],
+    )
 
 
 def _check_time(chunk: Recording, last: Recording | None) -> None:

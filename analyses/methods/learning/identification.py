@@ -50,10 +50,12 @@ from analyses.methods.learning.low_passed_logs import (
 )
 from analyses.methods.learning.torque_fit import TorqueFit, pooled_rmse
 from analyses.output.outputs import OutputFolder
+from analyses.output.result_folder import result_folder
 from analyses.study.shared_results import digest, shared
 from models.files.input_error import InputError
+from models.friction.extended_friction import ExtendedFriction
 from models.friction.friction_law import FrictionLaw
-from models.friction.friction_structure import STRUCTURES
+from models.friction.friction_structure import structures
 from models.friction.presliding_friction import PreslidingFriction
 from models.identification.base_parameters import BaseParameters
 from models.identification.identified_model import (
@@ -163,7 +165,7 @@ class IdentificationResult:
         out.write_json("metrics.json", self.metrics())
         if self.config.consistent:
             out.write_text("robot.urdf", self.urdf())
-        out.write_yaml("config.yaml", replace(settings, identification=self.config))
+        out.write_settings("config.yaml", replace(settings, identification=self.config))
         self.model.save(out / "model.yaml")
 
 
@@ -228,7 +230,7 @@ def _identify(
         config.selection,
     )
     progress(0.9, "solving")
-    laws = tuple(STRUCTURES) if config.friction == "best" else (config.friction,)
+    laws = tuple(structures()) if config.friction == "best" else (config.friction,)
     fits = LawFits(problem, fitted, config, digest((tuple(recordings), robot, filtering)))
     candidates = [fits.candidate(law) for law in laws]
     chosen = best_law({c.law: c.cross_validated_rmse for c in candidates})
@@ -304,21 +306,21 @@ def identify_logs(
     """The command `identify`: reads the logs, fits, and writes the result into `out`.
 
     Raises:
-        InputError: as `Robot.load`, `read_recording`, `OutputFolder` and `identify`.
+        InputError: as `Robot.load`, `read_recording`, `result_folder` and `identify`.
     """
-    robot = Robot.load(robot_name)
-    recordings, validation = (
-        [read_recording(log, log_format, robot) for log in paths] for paths in (logs, validate)
-    )
-    folder = OutputFolder(out)
-    result = identify(recordings, robot, validation, config, progress)
-    settings = IdentifySettings(
-        robot=str(robot_name),
-        logs=[str(log) for log in logs],
-        validate=[str(log) for log in validate],
-        log_format=None if log_format is None else str(log_format),
-    )
-    result.write(folder, settings)
+    with result_folder(out, "identify") as folder:
+        robot = Robot.load(robot_name)
+        recordings, validation = (
+            [read_recording(log, log_format, robot) for log in paths] for paths in (logs, validate)
+        )
+        result = identify(recordings, robot, validation, config, progress)
+        settings = IdentifySettings(
+            robot=str(robot_name),
+            logs=[str(log) for log in logs],
+            validate=[str(log) for log in validate],
+            log_format=None if log_format is None else str(log_format),
+        )
+        result.write(folder, settings)
     return result
 
 
@@ -373,6 +375,10 @@ def residual_covariance(residuals: Sequence[Array]) -> Array:
 
 
 def _slip_metrics(friction: FrictionLaw) -> dict[str, Any]:
+    if isinstance(friction, ExtendedFriction):
+        names = (term.name for term in friction.terms)
+        further = dict(zip(names, friction.coefficients.T, strict=True))
+        return {**_slip_metrics(friction.law), "terms": further}
     if not isinstance(friction, PreslidingFriction):
         return {}
     return {

@@ -6,13 +6,13 @@ import numpy as np
 
 from models.files.configuration import nearest
 from models.files.input_error import InputError
-from models.friction.friction_structure import STRUCTURES
+from models.friction.friction_structure import STRUCTURES, structures
 
 # Rules by which a law's shape is chosen (`analyses.methods.learning.friction_fit`).
 SELECTIONS = ("one-standard-error", "lowest-error")
 # Laws of `--friction`; those of STRUCTURES, and the ones with a network near zero velocity.
 WITH_NETWORK = {"semi-parametric": "coulomb-viscous-offset", "presliding+network": "presliding"}
-LAWS = (*STRUCTURES, *WITH_NETWORK)  # what "best" chooses from
+LAWS = (*STRUCTURES, *WITH_NETWORK)  # what "best" chooses from, beside laws with further terms
 
 
 @dataclass
@@ -59,7 +59,7 @@ def checked_config(config: IdentificationConfig) -> IdentificationConfig:
         value = getattr(config, key)
         if not (np.isfinite(value) and value >= least):
             raise InputError("identify", key, f"expected at least {least:g}, found {value:g}")
-    known = (*LAWS, "best")
+    known = (*structures(), *WITH_NETWORK, "best")
     if config.friction not in known:
         remedy = f"{nearest(config.friction, known)} known are {', '.join(known)}".strip()
         raise InputError("--friction", "", f"no friction law is named {config.friction!r}", remedy)

@@ -1,11 +1,12 @@
 """How a log becomes wrenches: the settings of `estimate`."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from models.estimation.estimator import WrenchEstimatorConfig
-from models.estimation.momentum_observer import TORQUE_SAMPLES, MomentumObserverConfig
+from models.estimation.momentum_observer import MomentumObserverConfig
+from models.estimation.observers import make_observer
 from models.estimation.wrench import METHODS
 from models.files.input_error import InputError
 from models.robot.robot import Robot
@@ -58,16 +59,9 @@ def checked_config(config: EstimateConfig, robot: Robot) -> EstimateConfig:
     for name, value, known in (
         ("engine", config.engine, ENGINES),
         ("method", reconstruction.method, METHODS),
-        ("torque_samples", observer.torque_samples, TORQUE_SAMPLES),
     ):
         if value not in known:
-            words = name.replace("_", " ")
-            raise refuse(name, f'unknown {words} "{value}"', f"give {' or '.join(known)}")
-    if len(observer.K_0) not in (1, robot.num_joints):
-        found = f"has {len(observer.K_0)} values"
-        raise refuse("K_0", found, f"give one, or one a joint ({robot.num_joints})")
-    if not all(np.isfinite(K_0) and K_0 > 0 for K_0 in observer.K_0):
-        raise refuse("K_0", "is not positive", "give the observer's gain in 1/s, such as 20")
+            raise refuse(name, f'unknown {name} "{value}"', f"give {' or '.join(known)}")
     for name in ("prior_force_sd", "prior_moment_sd", "max_force_sd"):
         number = getattr(reconstruction, name)
         if number is not None and not (np.isfinite(number) and number > 0):
@@ -81,4 +75,9 @@ def checked_config(config: EstimateConfig, robot: Robot) -> EstimateConfig:
         if not (np.isfinite(number) and number >= 0):
             found = f"is {number}, expected zero or more"
             raise refuse(name, found, "leave it out for the default")
+    step = observer.time_step or 1e-3  # any: that of the log is not known yet
+    try:
+        make_observer(replace(observer, time_step=step), robot.num_joints)
+    except ValueError as error:
+        raise refuse("observer", str(error), "see the command's --help") from None
     return config

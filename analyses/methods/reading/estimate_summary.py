@@ -24,7 +24,6 @@ _MEDIAN_SAMPLES = 1 << 17
 _FIGURE_BINS = 2000  # about one a pixel
 _BAND = 1.96  # standard deviations: 95 %
 _SINGULAR = 1e12  # condition number: beyond, rounding alone decides its digits
-_SETTLING = 3.0  # time constants of the observer, which starts at zero: 5 % are missing then
 _OUTSIDE_WARNING = 0.01  # share of samples outside the model's ranges
 _UNSURE_WARNING = 0.5  # share of invalid samples
 
@@ -66,8 +65,8 @@ class _Moments:
 class EstimateSummary:
     """What metrics and figure need, gathered chunk by chunk."""
 
-    def __init__(self, model: IdentifiedModel) -> None:
-        self._model = model
+    def __init__(self, model: IdentifiedModel, settling_time: float) -> None:
+        self._model, self._settling_time = model, settling_time
         self.count = 0
         self.num_valid = 0
         self._num_invalid = {"settling": 0, "dropout": 0, "unsure": 0}
@@ -87,8 +86,7 @@ class EstimateSummary:
     def judge(self, chunk: Recording, batch: EstimateBatch, config: WrenchEstimatorConfig) -> Flags:
         """(N,) which samples of the next chunk may be trusted; counts why others may not."""
         index = self.count + np.arange(chunk.num_samples)
-        observer = config.observer
-        settling = index * observer.time_step < _SETTLING / min(observer.K_0)  # it flags these
+        settling = index * config.observer.time_step < self._settling_time  # it flags these
         dropout = chunk.dropout & ~settling
         unsure = ~batch.valid & ~dropout & ~settling
         for name, reason in (("settling", settling), ("dropout", dropout), ("unsure", unsure)):

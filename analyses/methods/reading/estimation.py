@@ -8,6 +8,7 @@ spread, of external torque and Jacobian; the prior is what explains those best
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -21,8 +22,10 @@ from analyses.methods.reading.estimate_config import (
 )
 from analyses.methods.reading.estimate_summary import EstimateSummary
 from analyses.output.outputs import OutputFolder
+from analyses.output.result_folder import result_folder
 from analyses.output.stream_summary import EvenSample
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
+from models.estimation.observers import make_observer
 from models.estimation.wrench import (
     FORCE_SD_RANGE,
     evidence_prior,
@@ -95,30 +98,31 @@ def estimate_log(
         log_format: description of the log's columns.
 
     Raises:
-        InputError: as `Robot.load`, `IdentifiedModel.load`, `RecordingReader` and `OutputFolder`; a
-            setting that makes no sense.
+        InputError: as `Robot.load`, `IdentifiedModel.load`, `RecordingReader` and `result_folder`;
+            a setting that makes no sense.
     """
-    robot = Robot.load(robot_name)
-    config = checked_config(config or EstimateConfig(), robot)
-    if model_path is None:
-        model = IdentifiedModel.nominal(robot)
-    else:
-        model = IdentifiedModel.load(Path(model_path), robot)
+    with result_folder(out, "estimate") as folder:
+        robot = Robot.load(robot_name)
+        config = checked_config(config or EstimateConfig(), robot)
+        if model_path is None:
+            model = IdentifiedModel.nominal(robot)
+        else:
+            model = IdentifiedModel.load(Path(model_path), robot)
 
-    def read() -> RecordingReader:
-        reader = RecordingReader(log, log_format, robot, config.check)
-        reader.require_joint_signals()
-        return reader
+        def read() -> RecordingReader:
+            reader = RecordingReader(log, log_format, robot, config.check)
+            reader.require_joint_signals()
+            return reader
 
-    read()  # refuses a bad log before the folder is made
-    settings = EstimateSettings(
-        log=str(log),
-        robot=str(robot_name),
-        model=None if model_path is None else str(model_path),
-        log_format=None if log_format is None else str(log_format),
-        estimate=config,
-    )
-    return estimate(read, robot, model, OutputFolder(out), settings, progress)
+        settings = EstimateSettings(
+            log=str(log),
+            robot=str(robot_name),
+            model=None if model_path is None else str(model_path),
+            log_format=None if log_format is None else str(log_format),
+            estimate=config,
+        )
+        result = estimate(read, robot, model, folder, settings, progress)
+    return replace(result, table=out / result.table.name)
 
 
 def estimate(
@@ -151,13 +155,14 @@ def estimate(
         config, rule = _with_evidence(read(), robot, model, config, max_gap, part, warnings)
     reader = read()
     part = _Part(progress, 0.4 * (num_passes - 1), 1.0, "estimating")
-    summary = EstimateSummary(model)
-    engine: _Engine | None = None
+    chunks = _uniform(reader, config, max_gap, part)
+    first = next(chunks)
+    config = _timed(config, first)
+    engine: _Engine = _ENGINES[settings.estimate.engine](robot, model, config)
+    observer = make_observer(config.observer, robot.num_joints)
+    summary = EstimateSummary(model, observer.settling_time)
     with WrenchTableWriter(out / "wrench.csv") as table:
-        for chunk in _uniform(reader, config, max_gap, part):
-            if engine is None:
-                config = _timed(config, chunk)
-                engine = _ENGINES[settings.estimate.engine](robot, model, config)
+        for chunk in chain([first], chunks):
             batch = engine.run(chunk.q, chunk.v, chunk.current)
             sd, valid = batch.standard_deviation, summary.judge(chunk, batch, config)
             table.write(chunk.t, batch.wrench, sd, batch.condition_number, valid)
@@ -166,7 +171,7 @@ def estimate(
     warnings += summary.warnings()
     out.write_figure("wrench", summary.figure())
     used = replace(settings.estimate, estimator=config)
-    out.write_yaml("config.yaml", replace(settings, estimate=used))
+    out.write_settings("config.yaml", replace(settings, estimate=used))
     out.write_json("metrics.json", metrics)
     progress(1.0, "done")
     return EstimateResult(
@@ -187,7 +192,7 @@ def _has_prior(config: WrenchEstimatorConfig) -> bool:
 
 def _timed(config: WrenchEstimatorConfig, chunk: Recording) -> WrenchEstimatorConfig:
     """The configuration with the time step that the log suggests, unless it states one."""
-    step = config.observer.time_step or plausible_step(chunk)
+    step = config.observer.time_step or float(plausible_step(chunk))
     return replace(config, observer=replace(config.observer, time_step=step))
 
 
@@ -273,7 +278,7 @@ def _with_evidence(
         if value is not None
     ]
     rule = "evidence of the log" + (f", {given[0]} given" if given else "")
-    return replace(config, reconstruction=prior.with_prior(force_sd, moment_sd)), rule
+    return replace(config, reconstruction=prior.with_prior(float(force_sd), float(moment_sd))), rule
 
 
 class _Part:

@@ -50,7 +50,9 @@ def call(monkeypatch, tmp_path):
 
         monkeypatch.setattr(*WORK[command], note)
         if config is not None:
-            path = OutputFolder(tmp_path).write_yaml("config.yaml", config)
+            folder = OutputFolder(tmp_path)
+            write = folder.write_yaml if isinstance(config, dict) else folder.write_settings
+            path = write("config.yaml", config)
             arguments = (*arguments, "--config", path)
         result = CliRunner().invoke(app, [command, *map(str, arguments)])
         return seen if result.exit_code == 130 else result
@@ -159,6 +161,7 @@ def test_every_command_with_settings_reads_them_from_a_file(call):
     assert call("place", "--task", "other", config=place)["content"] is None
 
     content = load_configuration(task_file("blade_path", "redundancy"), RedundancyTask)
+    content.model = Path("model.yaml")
     settings = RedundancySettings(task="blade_path", robot="ur10e", task_content=content)
     seen = call("redundancy", config=settings)["values"]
     assert (seen[0], seen[1], seen[4]) == ("blade_path", "ur10e", content)
@@ -183,3 +186,26 @@ def test_all_settings_are_options_with_their_defaults():
     for name, entry in find_commands().items():
         options = {parameter.name for parameter in load_command(entry).params}
         assert ("config" in options) == (name in WORK), name
+
+
+@dataclasses.dataclass
+class _Plain:
+    K_0: float = 1.0
+
+
+@dataclasses.dataclass
+class _Other:
+    gain: float = 2.0
+
+
+@dataclasses.dataclass
+class _Settings:
+    observer: _Plain | _Other = dataclasses.field(default_factory=_Plain)
+    floor: float | None = 0.0
+
+
+@pytest.mark.parametrize("settings", [_Settings(), _Settings(_Other(3.0), None)])
+def test_what_a_result_writes_is_read_back(tmp_path, settings):
+    """Also one of several kinds, and nothing where the default is something."""
+    path = OutputFolder(tmp_path).write_settings("config.yaml", settings)
+    assert load_configuration(path, _Settings) == settings

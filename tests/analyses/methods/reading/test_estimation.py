@@ -376,9 +376,9 @@ def _line(call: Callable[[], object]) -> str:
     [
         ({"engine": "Batch"}, ['unknown engine "Batch"', "batch or diagram"]),
         ({"method": "bayes"}, ['unknown method "bayes"', "bayesian"]),
-        ({"K_0": [20.0, 30.0]}, ["K_0", "has 2 values", "6"]),
-        ({"K_0": [0.0]}, ["K_0", "not positive"]),
-        ({"K_0": [float("nan")]}, ["K_0", "not positive"]),
+        ({"K_0": [20.0, 30.0]}, ["K_0", "not 2", "6"]),
+        ({"K_0": [0.0]}, ["K_0", "positive"]),
+        ({"K_0": [float("nan")]}, ["K_0", "positive"]),
         ({"prior_force_sd": -1.0}, ["prior_force_sd", "expected a positive number"]),
         ({"prior_moment_sd": 0.0}, ["prior_moment_sd"]),
         ({"max_force_sd": float("inf")}, ["max_force_sd"]),

@@ -26,7 +26,7 @@ from analyses.methods.runs.machining_figures import feed_figure, force_figure, r
 from analyses.methods.runs.machining_study import (
     comparison_rows,
     feed_metrics,
-    notes_on,
+    findings,
     over_feeds,
     sources,
 )
@@ -253,7 +253,7 @@ def test_all_that_is_compared_and_said_is_measured(sts_reversed, models, runs):
         assert of_a_feed["fault"] == {"sensor": "none", "estimate": "none"}
         # (3 - .25 - .65) / 3
         assert of_a_feed["steady_share"] == pytest.approx(0.7, abs=0.01)
-        notes = " ".join(notes_on(task, metrics))
+        notes = " ".join(findings(task, metrics))
         assert "nan" not in notes and "broken off" not in notes
     # Readings are not mixed up: the sensor and known friction read best.
     assert of_a_feed["sensor"]["normal"]["rmse_n"] < 1.5
