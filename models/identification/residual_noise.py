@@ -9,7 +9,7 @@ white      independent from row to row, larger where the joint reverses
 slow       what the model's inertias and the gear's position miss
 c, d       friction that wanders about its mean: shares of the law's dry and viscous torque
 held       a joint at rest carries any torque within its stiction: one unknown constant a rest, even
-           between -dry and dry, hence of variance dry^2 / 3
+           between -stiction and stiction, hence of variance stiction^2 / 3
 
 slow, c and d are Ornstein-Uhlenbeck processes with one correlation time. What white and slow amount
 to is stated in units of the model's own residual sd, so that a poorer model has wider errors.
@@ -60,6 +60,7 @@ class ResidualRows:
         residual: (m, n) N m, measured minus predicted torque.
         dry: (m, n) N m, the friction law's torque without its viscous part and offset.
         viscous: (m, n) N m, that viscous part.
+        stiction: (m, n) N m, zero or more: the largest torque that friction takes at rest.
         sliding: (m, n, 3) what one unit more of Coulomb, viscous and offset adds to the prediction.
         sd: (n,) N m, of the model's residual, positive.
     """
@@ -69,6 +70,7 @@ class ResidualRows:
     residual: Array
     dry: Array
     viscous: Array
+    stiction: Array
     sliding: Array
     sd: Array
 
@@ -79,7 +81,8 @@ class ResidualRows:
             ValueError: shapes that disagree, times that do not rise, numbers that are not finite.
         """
         m, n = self.residual.shape
-        same = all(x.shape == (m, n) for x in (self.v, self.dry, self.viscous))
+        matrices = (self.v, self.dry, self.viscous, self.stiction)
+        same = all(x.shape == (m, n) for x in matrices)
         if not same or self.t.shape != (m,) or self.sliding.shape != (m, n, 3):
             raise ValueError("residual rows: expected t (m,), sliding (m, n, 3), the others (m, n)")
         if self.sd.shape != (n,) or not (self.sd > 0.0).all():
@@ -96,11 +99,19 @@ class ResidualRows:
 
     @property
     def dry_level(self) -> Array:
-        """(n,) N m: root mean square of the dry friction where the joint moves."""
+        """(n,) N m: root mean square of the dry friction where the joint moves, else stiction."""
         moves = np.abs(self.v) >= V_REST
         squares = (self.dry**2 * moves).sum(axis=0) / np.maximum(moves.sum(axis=0), 1)
-        largest = np.abs(self.dry).max(axis=0, initial=0.0)
-        return np.asarray(np.where(moves.any(axis=0), np.sqrt(squares), largest))
+        still = np.sqrt(np.mean(self.stiction**2, axis=0))
+        return np.asarray(np.where(moves.any(axis=0), np.sqrt(squares), still))
+
+    @property
+    def drift(self) -> Array:
+        """(m, n, 3) what drifting coefficients add: `sliding`, its Coulomb and viscous part zero
+        where a joint rests. There it carries what its stiction takes, whatever the law says.
+        """
+        moves = np.abs(self.v) >= V_REST
+        return self.sliding * np.stack([moves, moves, np.ones_like(moves)], axis=2)
 
     @property
     def moving_share(self) -> Array:
@@ -115,6 +126,7 @@ class ResidualRows:
             self.residual[part],
             self.dry[part],
             self.viscous[part],
+            self.stiction[part],
             self.sliding[part],
             self.sd,
         )
@@ -131,20 +143,20 @@ class ResidualRows:
         """
         both = np.column_stack([columns, self.residual[:, joint]])
         out = np.empty_like(both)
-        level = float(self.dry_level[joint])
         for begin in range(0, len(both), BLOCK):
             part = slice(begin, begin + BLOCK)
-            lower = cholesky(self._covariance(joint, part, level, noise), lower=True)
+            lower = cholesky(self._covariance(joint, part, noise), lower=True)
             out[part] = solve_triangular(lower, both[part], lower=True)
         return out
 
     def covariance(self, joint: int, noise: ResidualNoise) -> Array:
         """Covariance (m, m) in (N m)^2 of one joint's residual."""
-        return self._covariance(joint, slice(None), float(self.dry_level[joint]), noise)
+        return self._covariance(joint, slice(None), noise)
 
-    def _covariance(self, joint: int, part: slice, level: float, noise: ResidualNoise) -> Array:
+    def _covariance(self, joint: int, part: slice, noise: ResidualNoise) -> Array:
         t, v, sd = self.t[part], self.v[part, joint], float(self.sd[joint])
         dry, viscous = self.dry[part, joint], self.viscous[part, joint]
+        level = self.stiction[part, joint]
         reversal = 1.0 + noise.reversal * np.exp(-((v / noise.reversal_velocity) ** 2))
         slow = (noise.slow * sd) ** 2
         slow = slow + noise.coulomb**2 * np.outer(dry, dry)
@@ -153,6 +165,7 @@ class ResidualRows:
         rest = np.abs(v) < V_REST
         # Successive samples at rest have one number; a motion in between begins another rest.
         episode = np.cumsum(np.diff(rest, prepend=False))
-        held = np.outer(rest, rest) & (episode[:, None] == episode)
+        same = np.outer(rest, rest) & (episode[:, None] == episode)
+        held = np.where(same, np.outer(level, level) / 3.0, 0.0)
         white = np.diag((noise.white * sd * reversal) ** 2)
-        return np.asarray(slow * fading + white + held * level**2 / 3.0)
+        return np.asarray(slow * fading + white + held)
