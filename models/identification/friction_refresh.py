@@ -23,15 +23,20 @@ Array = NDArray[np.float64]
 class FrictionDrift:
     """By how much friction drifts: standard deviations of the prior.
 
+    The default is what one UR10e did over five weeks (eight logs that its model was not fitted on):
+    what windows of 3 and 8 s of each say agrees with the rest of their log within 1.96 standard
+    errors in 94 to 96 % (Coulomb and viscous) and 98 to 100 % (offset) of the cases. A ninth log,
+    seven weeks before the fit, was left out of this: 94 to 100 % of its windows of 3 s.
+
     Attributes:
         coulomb: of the joint's dry friction.
         viscous: of the joint's viscous coefficient.
         offset: of the joint's dry friction.
     """
 
-    coulomb: float = 0.03
+    coulomb: float = 0.05
     viscous: float = 0.3
-    offset: float = 0.01
+    offset: float = 0.02
 
     def deviation(self, rows: ResidualRows, law: CoulombViscous) -> Array:
         """Returns (n, 3): Coulomb in N m, viscous in N m s/rad, offset in N m.
@@ -95,12 +100,13 @@ def refresh_friction(
         noise: of the residual.
     """
     noise = noise or ResidualNoise()
+    columns = rows.drift
     prior = (drift or FrictionDrift()).deviation(rows, law)
     change, deviation = np.empty_like(prior), np.empty_like(prior)
     scale = np.empty(rows.num_joints)
     for j in range(rows.num_joints):
         fit = fit_with_prior(
-            [rows.whitened(j, rows.sliding[:, j], noise)], prior[j], np.zeros(prior.shape[1])
+            [rows.whitened(j, columns[:, j], noise)], prior[j], np.zeros(prior.shape[1])
         )
         change[j], deviation[j], scale[j] = fit.values, fit.standard_deviation, fit.scale[0]
     return FrictionRefresh(law, change, deviation, prior, scale)
