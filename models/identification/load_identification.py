@@ -111,7 +111,8 @@ class LoadEstimate:
     @property
     def inertia_told(self) -> Array:
         """(6,) share of the prior's variance that the motion has taken away, 0 to 1."""
-        return np.asarray(1.0 - (self.standard_deviation[4:] / self.inertia_prior_sd) ** 2)
+        left = (self.standard_deviation[4:] / self.inertia_prior_sd) ** 2
+        return np.asarray(np.maximum(1.0 - left, 0.0))
 
     @property
     def realisable(self) -> Array:
@@ -191,7 +192,7 @@ def _solve(
             columns = np.zeros((len(one.rows.t), k))
             if index == 0:
                 columns[:, :_LOAD] = one.load[:, j] @ frame
-            columns[:, _LOAD + 3 * j : _LOAD + 3 * j + 3] = one.rows.sliding[:, j]
+            columns[:, _LOAD + 3 * j : _LOAD + 3 * j + 3] = one.rows.drift[:, j]
             if missed:
                 columns[:, -_LOAD:] = one.load[:, j]
             parts.append(one.rows.whitened(j, np.hstack([columns, one.model[:, j]]), noise))

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.identification.physical_consistency import pseudo_inertia
-from models.robot.robot import Robot, pose_of
+from models.robot.robot import Robot
+from models.robot.robot_config import pose_of
 
 Array = NDArray[np.float64]
 
