@@ -46,7 +46,7 @@ def api_of(room: str) -> str:
 def results() -> str:
     """The table of `docs/results.json`, whole."""
     text = (ROOT / "docs" / "results.json").read_text(encoding="utf-8")
-    return results_table(json.loads(text))
+    return results_table(json.loads(text), whole=True)
 
 
 def schema_tables(schema: type) -> str:

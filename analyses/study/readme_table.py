@@ -2,9 +2,10 @@
 
     python -m analyses.study.readme_table [STUDY_FOLDER] [README]
 
-writes the figures that the table shows into docs/results.json beside the README, and then the table
-between the README's two markers; all else stays as it is. Both files are committed: a test compares
-them, so that a table edited by hand, or figures without their table, do not pass.
+writes the report's figures into docs/results.json beside the README, and then the table of those
+that count most (`readme` of the experiments) between the README's two markers; all else stays as it
+is. The documentation shows them all. Both files are committed: a test compares them, so that a
+table edited by hand, or figures without their table, do not pass.
 """
 
 import json
@@ -31,14 +32,15 @@ def shown_rows() -> dict[str, tuple[str, ...]]:
 
 
 def collect(study: Path) -> dict[str, Any]:
-    """Returns the figures of a study that the README shows.
+    """Returns the figures of a study that its report shows beside others'.
 
     Args:
         study: folder that `wrenchsight study` wrote.
 
     Returns:
         `quick` and `seed` of the study, and its `experiments` in the report's order: `name`,
-        `title` and `rows`, which are `ComparisonRow`s with the figure `here`.
+        `title` and `rows`, which are `ComparisonRow`s with the figure `here` and whether the
+        README shows it, `readme`.
 
     Raises:
         InputError: the folder has no whole results.
@@ -49,28 +51,34 @@ def collect(study: Path) -> dict[str, Any]:
     for name in sorted(metrics, key=_place):
         stored = _read(study / name / "result.json")
         rows = [
-            row | {"here": look_up(metrics[name], row["key"])}
+            row | {"here": here, "readme": row["key"] in shown.get(name, ())}
             for row in stored["comparison"]
-            if row["key"] in shown.get(name, ())
+            if (here := look_up(metrics[name], row["key"])) is not None
         ]
         if rows:
             experiments.append({"name": name, "title": stored["title"], "rows": rows})
             quick |= stored["quick"]
             seeds.add(stored["seed"])
     if not experiments:
-        problem = "no experiment in it has a figure for the README"
+        problem = "no experiment in it has a figure to show"
         raise InputError(study / "metrics.json", "", problem, "run `wrenchsight study` first")
     return {"quick": quick, "seed": seeds.pop(), "experiments": experiments}
 
 
-def results_table(results: Mapping[str, Any]) -> str:
-    """Returns what `collect` found as Markdown; shortened runs are called that."""
+def results_table(results: Mapping[str, Any], whole: bool = False) -> str:
+    """Returns what `collect` found as Markdown; shortened runs are called that.
+
+    Args:
+        results: of `collect`.
+        whole: whether with the rows that the README leaves out.
+    """
     lines = [
         "| Experiment | Measure | Article | Here | Why, where they differ |",
         "|---|---|---:|---:|---|",
     ]
     for experiment in results["experiments"]:
-        for index, row in enumerate(experiment["rows"]):
+        shown = [row for row in experiment["rows"] if whole or row["readme"]]
+        for index, row in enumerate(shown):
             (text,) = comparisons({row["key"]: row["here"]}, [row])
             stated = " ".join(text.stated)
             if text.source != "article":

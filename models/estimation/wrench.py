@@ -47,10 +47,10 @@ UNKNOWN_SD = 1e6  # N or N m; stands for infinity: no arm's wrench gets near it
 # Last row of `WrenchReconstruction.table`.
 _METHOD, _FORCE_SD, _MOMENT_SD, _DAMPING, _TRUNCATION, _MAX_FORCE_SD, _NUM_SETTINGS = range(7)
 
-# Rows of the scratch array, (_NUM_ROWS, max(n, 6)).
+# Rows of the scratch array of `reconstruct`, (WORK_ROWS, max(n, 6)).
 _WHITE, _FACTOR, _INVERSE_FACTOR, _TURNED, _TURN, _MATRIX, _PLAIN = range(0, 42, 6)
 _SCRATCH, _VECTOR = 42, 48
-_NUM_ROWS = _VECTOR + 3
+WORK_ROWS = _VECTOR + 3
 _BLOCK = 256  # samples a thread takes at a time
 
 
@@ -142,7 +142,7 @@ class WrenchReconstruction:
 
     def scratch(self) -> Array:
         """Returns a new work array for `reconstruct`; one per thread."""
-        return np.zeros((_NUM_ROWS, max(self.num_joints, 6)))
+        return np.zeros((WORK_ROWS, max(self.num_joints, 6)))
 
     def reconstruct(self, J: ArrayLike, tau_ext: ArrayLike) -> WrenchEstimate:
         """Returns the reading for J ((6, n) or (N, 6, n)) and tau_ext ((n,) or (N, n), N m)."""
@@ -504,7 +504,7 @@ def reconstruct_log(table, J, tau_ext, wrench, covariance, quality):  # type: ig
     N = J.shape[0]
     for block in prange((N + _BLOCK - 1) // _BLOCK):
         start, stop = block * _BLOCK, min(N, (block + 1) * _BLOCK)
-        work = np.zeros((_NUM_ROWS, max(J.shape[2], 6)))
+        work = np.zeros((WORK_ROWS, max(J.shape[2], 6)))
         conditions = np.empty(stop - start)
         condition_numbers_of(J[start:stop], conditions)
         for k in range(start, stop):

@@ -14,8 +14,11 @@ from numpy.typing import NDArray
 
 from models.files.configuration import REQUIRED, load_configuration, save_configuration
 from models.files.input_error import InputError
+from models.friction.extended_friction import ExtendedFriction
+from models.friction.friction_law import FrictionLaw
 from models.friction.friction_network import FrictionNetworks
-from models.friction.presliding_friction import FrictionLaw, PreslidingFriction
+from models.friction.friction_terms import TERMS, term_of
+from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, Handover, SemiParametricFriction
 from models.rigid_body.serial_chain import SerialChain
 from models.robot.robot import Robot
@@ -119,6 +122,7 @@ class _FrictionBlock:
     handover: str = field(default="continuous", metadata=REQUIRED)
     networks: _NetworksBlock | None = None
     presliding: _PreslidingBlock | None = None
+    terms: dict[str, list[float]] | None = None  # coefficients of further terms, by name
 
 
 @dataclass
@@ -274,7 +278,7 @@ class IdentifiedModel:
                 path, "inertial_parameters", block.inertial_parameters, (n, 10)
             ),
             reflected_inertia=_numbers(path, "reflected_inertia", block.reflected_inertia, (n,)),
-            friction=_read_friction(path, block.friction, n),
+            friction=_with_terms(path, block.friction, _read_friction(path, block.friction, n)),
             residual_covariance=_read_covariance(path, block.residual_covariance, n),
             base_parameters=_read_base_parameters(path, block.base_parameters),
             condition_number=float(_numbers(path, "condition_number", block.condition_number, ())),
@@ -336,6 +340,11 @@ def _numbers(path: Path, key: str, values: object, shape: tuple[int, ...]) -> Ar
 
 
 def _friction_block(law: FrictionLaw) -> _FrictionBlock:
+    if isinstance(law, ExtendedFriction):
+        block = _friction_block(law.law)
+        names = (term.name for term in law.terms)
+        block.terms = dict(zip(names, _plain(law.coefficients.T), strict=True))
+        return block
     near_zero = law.velocity_law
     networks = near_zero.networks
     sliding = law.coulomb_viscous
@@ -398,6 +407,21 @@ def _read_friction(path: Path, block: _FrictionBlock, n: int) -> FrictionLaw:
         raise InputError(
             path, "friction.presliding", str(error).removeprefix("friction: ")
         ) from None
+
+
+def _with_terms(path: Path, block: _FrictionBlock, law: FrictionLaw) -> FrictionLaw:
+    if not block.terms:
+        return law
+    place, terms, columns = "friction.terms", [], []
+    for name, values in block.terms.items():
+        term = term_of(name)
+        if term is None:
+            known = ", ".join(term.name for term in TERMS) or "none"
+            problem = f'no friction term is registered as "{name}" (known: {known})'
+            raise InputError(path, place, problem, "import the module that registers it")
+        terms.append(term)
+        columns.append(_numbers(path, f"{place}.{name}", values, (law.num_joints,)))
+    return ExtendedFriction(law, tuple(terms), np.stack(columns, axis=1))
 
 
 def _read_covariance(path: Path, values: list[list[float]], n: int) -> Array:

@@ -5,7 +5,7 @@ A container is one file of this room (`text_table`, `parquet_table`) and one ent
 `recording_format`'s.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -32,16 +32,20 @@ class LogTable(Protocol):
     """Share of the file that the current pass has read."""
 
     def blocks(
-        self, columns: list[int], rows: tuple[int, int] | None = None
+        self,
+        columns: list[int],
+        rows: tuple[int, int] | None = None,
+        may_be_empty: Collection[int] = (),
     ) -> Iterator[tuple[Array, RowNumbers]]:
         """Reads columns block by block, with memory that does not grow with the log.
 
         Args:
             columns: their numbers, from 0.
             rows: first and last row, counted from 1; None for all.
+            may_be_empty: those of the columns in which a value may be missing: NaN.
 
         Yields:
-            (N, k) values, all finite, and (N,) their rows as a person counts them in the file.
+            (N, k) values, all others finite, and (N,) their rows as a person counts them.
 
         Raises:
             InputError: a value is missing or no finite number, the file is damaged or ends before

@@ -1,6 +1,6 @@
 """Tables of numbers in Parquet files: read batch by batch with constant memory, and written."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -61,15 +61,19 @@ class ParquetTable:
             raise InputError(path, "", "has no rows", "record the log again")
 
     def blocks(
-        self, columns: list[int], rows: tuple[int, int] | None = None
+        self,
+        columns: list[int],
+        rows: tuple[int, int] | None = None,
+        may_be_empty: Collection[int] = (),
     ) -> Iterator[tuple[Array, Lines]]:
         """Reads the columns of the given numbers (0-based), batch by batch.
 
         Args:
             rows: first and last row, counted from 1.
+            may_be_empty: those of the columns in which a value may be missing: NaN.
 
         Yields:
-            (N, k) values, all finite, and (N,) their rows.
+            (N, k) values, all others finite, and (N,) their rows.
 
         Raises:
             InputError: a column holds no numbers, a value is missing or not finite, or the file
@@ -79,6 +83,7 @@ class ParquetTable:
         names = [self.names[k] for k in columns]
         for column in columns:
             self._check_type(column)
+        optional = np.array([column in may_be_empty for column in columns])
         first, last = rows or (1, self.num_rows)
         if last > self.num_rows:
             raise InputError(
@@ -97,7 +102,8 @@ class ParquetTable:
                     break
                 if end > first:
                     start, stop = max(first - begin, 0), min(last + 1 - begin, batch.num_rows)
-                    yield self._values(batch.slice(start, stop - start), names, begin + start)
+                    part = batch.slice(start, stop - start)
+                    yield self._values(part, names, begin + start, optional)
                 begin = end
         except (pa.ArrowException, OSError) as error:
             raise InputError(
@@ -106,7 +112,9 @@ class ParquetTable:
         finally:
             file.close()
 
-    def _values(self, batch: pa.RecordBatch, names: list[str], row: int) -> tuple[Array, Lines]:
+    def _values(
+        self, batch: pa.RecordBatch, names: list[str], row: int, optional: NDArray[np.bool_]
+    ) -> tuple[Array, Lines]:
         values = np.empty((batch.num_rows, len(names)))
         for k, name in enumerate(names):
             column = batch.column(name)
@@ -116,8 +124,9 @@ class ParquetTable:
             else:
                 column = column.cast(pa.float64(), safe=False)
                 values[:, k] = column.to_numpy(zero_copy_only=False)
-        if not np.isfinite(values).all():
-            i, k = (int(index[0]) for index in np.nonzero(~np.isfinite(values)))
+        wrong = ~(np.isfinite(values) | (np.isnan(values) & optional))
+        if wrong.any():
+            i, k = (int(index[0]) for index in np.nonzero(wrong))
             raise InputError(
                 self.path,
                 f"row {row + i}, column {names[k]}",

@@ -29,7 +29,7 @@ class Recording:
     source: str  # the log, for messages
     tau_J: Array | None = None  # (T, n) N m, motor torque on the joint side, where it is logged
     dropout: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
-    """(T,) True where the sample was bridged over missing ones; none if left out."""
+    """(T,) True where the sample was bridged over missing ones or lacks a number (NaN there)."""
     extra: Mapping[str, Array] = field(default_factory=dict)  # (T, ...) other signals, by name
     row: NDArray[np.int64] | None = None  # (T,) line or row of the log that each sample stands on
     row_word: str = "row"  # what such a number counts: "line" in a text file

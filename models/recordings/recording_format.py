@@ -48,6 +48,7 @@ class SignalColumns:
     gain: list[float] = field(default_factory=list)  # per column, or one for all; -1 turns the sign
     offset: list[float] = field(default_factory=list)  # SI; per column, or one for all
     shape: list[int] = field(default_factory=list)  # of one sample of an extra signal; e.g. [6, 7]
+    may_be_empty: bool = False  # an empty cell is NaN, and its sample a drop-out; else an error
 
 
 @dataclass
@@ -81,6 +82,7 @@ class Signal:
     scale: Array  # (k,): unit and gain
     offset: Array  # (k,)
     shape: tuple[int, ...]  # of one sample
+    may_be_empty: bool = False
 
 
 @dataclass(frozen=True)
@@ -261,7 +263,10 @@ def _signal(
             "named",
             "correct one of them",
         )
-    return Signal(name, tuple(columns), scale, offset, () if name == "t" else shape)
+    if entry.may_be_empty and name == "t":
+        raise InputError(source, place, "every sample needs its time", "remove may_be_empty")
+    shape = () if name == "t" else shape
+    return Signal(name, tuple(columns), scale, offset, shape, entry.may_be_empty)
 
 
 def _per_column(values: list[float], default: float, size: int, place: str, source: str) -> Array:

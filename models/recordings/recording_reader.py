@@ -138,17 +138,20 @@ class RecordingReader:
                 increase, the rows end too early, or what `RecordingChecks` finds.
         """
         used = sorted({column for signal in self.layout.signals for column in signal.columns})
+        gaps = {c for signal in self.layout.signals if signal.may_be_empty for c in signal.columns}
         checks = self._checks()
         num_samples = 0
         last: Recording | None = None
-        for values, rows in self._table.blocks(used, self._rows):
+        for values, rows in self._table.blocks(used, self._rows, gaps):
             chunk = self._recording(values, rows, used)
             self._check_size(chunk)
             _check_time(chunk, last)
             if last is None and chunk.num_samples > 1:
                 plausible_step(chunk)
             if checks is not None:
-                checks.feed(chunk)
+                whole = _without_gaps(chunk) if gaps else chunk
+                if whole.num_samples:
+                    checks.feed(whole)
             last = chunk[-1:]
             num_samples += chunk.num_samples
             yield chunk
@@ -191,6 +194,9 @@ class RecordingReader:
         if current is None and tau_J is not None and self._robot is not None:
             current = tau_J / (self._robot.current_sign * self._robot.torque_per_ampere)
         dropout = found.pop("dropout", None)
+        flags = np.isnan(values).any(axis=1)
+        if dropout is not None:
+            flags |= dropout[:, 0] != 0
         return Recording(
             t=found.pop("t"),
             q=found.pop("q", joints),
@@ -198,7 +204,7 @@ class RecordingReader:
             current=joints if current is None else current,
             source=str(self.path),
             tau_J=tau_J,
-            dropout=np.zeros(size, bool) if dropout is None else dropout[:, 0] != 0,
+            dropout=flags,
             extra=found,
             row=rows,
             row_word=self._table.row_word,
@@ -382,6 +388,22 @@ def _check_there(path: Path) -> None:
         near = difflib.get_close_matches(path.name, [p.name for p in path.parent.iterdir()], n=1)
         remedy = f'did you mean "{near[0]}"?' if near else remedy
     raise InputError(path, "", "no such file", remedy)
+
+
+def _without_gaps(chunk: Recording) -> Recording:
+    """The samples that have a number everywhere."""
+    whole = ~chunk.dropout
+    return replace(
+        chunk,
+        t=chunk.t[whole],
+        q=chunk.q[whole],
+        v=chunk.v[whole],
+        current=chunk.current[whole],
+        tau_J=None if chunk.tau_J is None else chunk.tau_J[whole],
+        dropout=chunk.dropout[whole],
+        extra={},
+        row=None if chunk.row is None else chunk.row[whole],
+    )
 
 
 def _check_time(chunk: Recording, last: Recording | None) -> None:

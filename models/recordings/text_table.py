@@ -2,7 +2,7 @@
 
 import csv
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -122,15 +122,19 @@ class TextTable:
             )
 
     def blocks(
-        self, columns: list[int], rows: tuple[int, int] | None = None
+        self,
+        columns: list[int],
+        rows: tuple[int, int] | None = None,
+        may_be_empty: Collection[int] = (),
     ) -> Iterator[tuple[Array, Lines]]:
         """Reads the columns of the given numbers (0-based), block by block.
 
         Args:
             rows: first and last row, counted from 1 at the first line after the header.
+            may_be_empty: those of the columns in which a cell may be empty: NaN.
 
         Yields:
-            (N, k) values, all finite, and (N,) the lines that they stand on.
+            (N, k) values, all others finite, and (N,) the lines that they stand on.
 
         Raises:
             InputError: a line has missing or extra cells, a cell is empty, no number or not
@@ -152,7 +156,7 @@ class TextTable:
                 start = int(breaks[first_line - line - 1]) if line < first_line else 0
                 stop = int(breaks[last_line - line]) if end > last_line else len(block)
                 block, line = block[start:stop], max(line, first_line)
-            values, lines = self._parsed(block, line, columns)
+            values, lines = self._parsed(block, line, columns, may_be_empty)
             if len(lines):
                 yield values, lines
         if rows is not None and end < last_line:
@@ -200,7 +204,9 @@ class TextTable:
         )
         return b""
 
-    def _parsed(self, block: bytes, line: int, columns: list[int]) -> tuple[Array, Lines]:
+    def _parsed(
+        self, block: bytes, line: int, columns: list[int], may_be_empty: Collection[int]
+    ) -> tuple[Array, Lines]:
         names = [str(k) for k in range(self.num_columns)]
         used = [str(k) for k in columns]
         try:
@@ -213,15 +219,16 @@ class TextTable:
                 block = without_blanks
                 table = self._table(block, names, used)
         except pa.ArrowInvalid as error:
-            self._find_fault(block, line, columns)
+            self._find_fault(block, line, columns, may_be_empty)
             raise InputError(
                 self.path, f"line {line} or below", f"cannot be read: {error}", "correct it"
             ) from error
         values = np.empty((table.num_rows, len(columns)))
         for k in range(len(columns)):
             values[:, k] = table.column(k).to_numpy()  # an empty cell becomes NaN
-        if not np.isfinite(values).all():
-            self._find_fault(block, line, columns)
+        optional = np.array([column in may_be_empty for column in columns])
+        if not (np.isfinite(values) | (np.isnan(values) & optional)).all():
+            self._find_fault(block, line, columns, may_be_empty)
         num_lines = block.count(b"\n") + (not block.endswith(b"\n"))
         if table.num_rows == num_lines:
             return values, np.arange(line, line + num_lines)
@@ -243,7 +250,9 @@ class TextTable:
             ),
         )
 
-    def _find_fault(self, block: bytes, line: int, columns: list[int]) -> None:
+    def _find_fault(
+        self, block: bytes, line: int, columns: list[int], may_be_empty: Collection[int]
+    ) -> None:
         """Raises an InputError for the first line of a block that is wrong."""
         for number, data in enumerate(block.split(b"\n"), start=line):
             if not data.strip(b" \t\r"):
@@ -278,6 +287,8 @@ class TextTable:
                     remedy,
                 )
             for column in columns:
+                if column in may_be_empty and not cells[column]:
+                    continue
                 self._check_cell(cells[column], place, column)
 
     def _check_cell(self, cell: str, place: str, column: int) -> None:

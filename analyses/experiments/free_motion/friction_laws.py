@@ -48,6 +48,7 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from analyses.study.wording import change
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
@@ -290,7 +291,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics=metrics,
         figures=figures,
         comparison=_comparison(arms),
-        notes=_notes(metrics),
+        notes=findings(metrics),
         configuration={
             "laws": list(LAWS),
             "near_zero_rad_per_s": NEAR_ZERO,
@@ -301,15 +302,16 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
 
 
-def _notes(metrics: dict[str, Any]) -> list[str]:
+def findings(metrics: dict[str, Any]) -> list[str]:
+    """What the figures say, in sentences."""
     simulated = metrics["simulated"]
     article, memory = (
         simulated[law]["near_zero_mean_reduction_pct"] for law in (ARTICLE, "presliding")
     )
     notes = [
-        f"Near zero velocity the article's semi-parametric law errs {article:.0f} % less than "
+        f"Near zero velocity the article's semi-parametric law errs {change(article, 0)} than "
         f"Coulomb-viscous friction on the simulated arm (mean over the joints), the law with "
-        f"memory {memory:.0f} % less."
+        f"memory {change(memory, 0)}."
     ]
     if "real" in metrics:
         real = metrics["real"]
@@ -317,7 +319,7 @@ def _notes(metrics: dict[str, Any]) -> list[str]:
         notes.append(
             "On the UR10e these laws err "
             + ", ".join(
-                f"{real[law]['near_zero_mean_reduction_pct']:.0f} % less (`{law}`)"
+                f"{change(real[law]['near_zero_mean_reduction_pct'], 0)} (`{law}`)"
                 for law in (ARTICLE, "presliding", "presliding+network")
             )
             + " near zero. In a motion with long rests they leave of the torque of joints 5 and 6 "

@@ -26,12 +26,5 @@ EXPERIMENT = Experiment(
     run=run,
     order=110,
     seconds=240,
-    readme=(
-        "article.correlation",
-        "article.rmse_n",
-        "ours.correlation",
-        "ours.rmse_n",
-        "regulation.estimate.rms_n",
-        "regulation.sensor.rms_n",
-    ),
+    readme=("article.rmse_n", "ours.rmse_n"),
 )

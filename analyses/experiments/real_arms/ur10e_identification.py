@@ -27,6 +27,7 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from analyses.study.wording import change, change_between, listed
 from models.robot.robot import Robot
 
 
@@ -73,12 +74,14 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics=metrics,
         figures=figures,
         comparison=_comparison(),
-        notes=[*_notes(metrics), *result.warnings],
+        notes=[*findings(metrics), *result.warnings],
         configuration={"fitted": list(FITTED), "validated": VALIDATED, "fit": result.config},
     )
 
 
-def _notes(metrics: dict[str, Any]) -> list[str]:
+def findings(metrics: dict[str, Any]) -> list[str]:
+    """What the figures say, in sentences."""
+
     def line(values: Any) -> str:
         return " ".join(f"{value:.2f}" for value in values)
 
@@ -88,6 +91,14 @@ def _notes(metrics: dict[str, Any]) -> list[str]:
     plain_links = "inconsistent_links_of_plain_fit"
     richer, resting = (best["validation"][name] for name in VALIDATED)
     held_out = metrics["cross_validation"]["rmse_nm"]
+
+    def changes(law: str, run: str, joints: tuple[int, int]) -> str:
+        before, after = (
+            metrics[own]["validation"][run]["relative_pct"]
+            for own in (IdentificationConfig().friction, law)
+        )
+        return listed(change_between(before[j], after[j]) for j in joints)
+
     plain = metrics["unfiltered_regressor"]["cross_validation"]["rmse_nm"]
     return [
         f"With the friction law that cross-validation chose, `{best['law']}`, the model predicts "
@@ -103,14 +114,17 @@ def _notes(metrics: dict[str, Any]) -> list[str]:
         "one of the three fitted runs at a time, never on the validation runs: held-out RMSE "
         f"{line(held_out)} N m with it, {line(plain)} N m without.",
         "A joint at rest carries any torque within its stiction band, which no function of "
-        "velocity can express: that is what the wrist lacks in `ptp_10_points`. Joints 2 and 3 "
-        "lack friction that grows with the load of the gear.",
+        "velocity can express: with the law that can, `presliding`, joints 5 and 6 leave "
+        f"{changes('presliding', 'ptp_10_points', (4, 5))} unexplained in `ptp_10_points` than "
+        "with plain friction. With friction that grows with the load of the gear, "
+        "`load-dependent`, joints 2 and 3 leave "
+        f"{changes('load-dependent', '14harm50sec', (1, 2))} in `14harm50sec`.",
         "The slip displacements and Stribeck velocities are the smoothest within one standard "
         "error of the lowest held-out error over the fitted runs; those of the lowest error "
         f"itself would leave {lowest['relative_pct'][4]:.1f} % and "
         f"{lowest['relative_pct'][5]:.1f} % of joints 5 and 6 over `ptp_10_points`.",
-        "With every link's inertia that of a real body the held-out error is at most "
-        f"{metrics['consistent']['worst_ratio_pct']:.1f} % above plain least squares', whose "
+        "With every link's inertia that of a real body the error on a held-out run is at worst "
+        f"{change(-metrics['consistent']['worst_ratio_pct'])} than plain least squares', whose "
         f"parameters belong to no body in {len(metrics['consistent'][plain_links])} of 6 links.",
     ]
 

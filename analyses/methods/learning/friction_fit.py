@@ -117,7 +117,7 @@ class _LogColumns:
             q, v = self._motion.q, self._motion.v
             load = np.zeros_like(v) if load is None else load
             z = slip_path(structure.displacement, q, v)
-            columns = [structure.column(term, j, z, v, load) for term, j, _ in missing]
+            columns = [structure.column(term, j, z, q, v, load) for term, j, _ in missing]
             (rows,) = self._regression.friction_rows([np.stack(columns, axis=1)])
             self._rows.update(zip(missing, rows.T, strict=True))
         return [np.stack([self._rows[key] for key in own], axis=1) for own in keys]

@@ -34,6 +34,7 @@ from analyses.methods.learning.identification_checks import contradictions, doub
 from analyses.methods.learning.identification_config import (
     WITH_NETWORK,
     IdentificationConfig,
+    IdentifySettings,
     checked_config,
 )
 from analyses.methods.learning.identification_figures import torque_figure
@@ -51,8 +52,10 @@ from analyses.methods.learning.torque_fit import TorqueFit, pooled_rmse
 from analyses.output.outputs import OutputFolder
 from analyses.study.shared_results import digest, shared
 from models.files.input_error import InputError
-from models.friction.friction_structure import STRUCTURES
-from models.friction.presliding_friction import FrictionLaw, PreslidingFriction
+from models.friction.extended_friction import ExtendedFriction
+from models.friction.friction_law import FrictionLaw
+from models.friction.friction_structure import structures
+from models.friction.presliding_friction import PreslidingFriction
 from models.identification.base_parameters import BaseParameters
 from models.identification.identified_model import (
     BaseParameterTable,
@@ -147,13 +150,13 @@ class IdentificationResult:
         model = self.model
         return identified_urdf(self.robot, model.inertial_parameters, model.reflected_inertia)
 
-    def write(self, out: OutputFolder, command: dict[str, Any]) -> None:
+    def write(self, out: OutputFolder, settings: IdentifySettings) -> None:
         """Writes model.yaml, metrics.json, config.yaml and figures/torque_<log>.png; of a
         consistent fit also robot.urdf.
 
         Args:
             out: the folder.
-            command: what config.yaml must hold besides the identification's own settings.
+            settings: what config.yaml is to hold; written with the time step filled in.
         """
         for fit in self.validation or self.fit:
             kind = "validation" if self.validation else "fitted"
@@ -161,7 +164,7 @@ class IdentificationResult:
         out.write_json("metrics.json", self.metrics())
         if self.config.consistent:
             out.write_text("robot.urdf", self.urdf())
-        out.write_yaml("config.yaml", command | {"identification": self.config})
+        out.write_settings("config.yaml", replace(settings, identification=self.config))
         self.model.save(out / "model.yaml")
 
 
@@ -226,7 +229,7 @@ def _identify(
         config.selection,
     )
     progress(0.9, "solving")
-    laws = tuple(STRUCTURES) if config.friction == "best" else (config.friction,)
+    laws = tuple(structures()) if config.friction == "best" else (config.friction,)
     fits = LawFits(problem, fitted, config, digest((tuple(recordings), robot, filtering)))
     candidates = [fits.candidate(law) for law in laws]
     chosen = best_law({c.law: c.cross_validated_rmse for c in candidates})
@@ -310,14 +313,13 @@ def identify_logs(
     )
     folder = OutputFolder(out)
     result = identify(recordings, robot, validation, config, progress)
-    command = {
-        "command": "identify",
-        "robot": str(robot_name),
-        "logs": [str(log) for log in logs],
-        "validate": [str(log) for log in validate],
-        "log_format": None if log_format is None else str(log_format),
-    }
-    result.write(folder, command)
+    settings = IdentifySettings(
+        robot=str(robot_name),
+        logs=[str(log) for log in logs],
+        validate=[str(log) for log in validate],
+        log_format=None if log_format is None else str(log_format),
+    )
+    result.write(folder, settings)
     return result
 
 
@@ -372,6 +374,10 @@ def residual_covariance(residuals: Sequence[Array]) -> Array:
 
 
 def _slip_metrics(friction: FrictionLaw) -> dict[str, Any]:
+    if isinstance(friction, ExtendedFriction):
+        names = (term.name for term in friction.terms)
+        further = dict(zip(names, friction.coefficients.T, strict=True))
+        return {**_slip_metrics(friction.law), "terms": further}
     if not isinstance(friction, PreslidingFriction):
         return {}
     return {

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from analyses.methods.learning.identification_config import IdentificationConfig
 from analyses.methods.learning.torque_fit import TorqueFit
 from models.files.input_error import InputError
-from models.friction.presliding_friction import FrictionLaw
+from models.friction.friction_law import FrictionLaw
 from models.identification.identified_model import (
     LogSource,
 )

@@ -7,19 +7,20 @@ fails, the program is solved again with more in reserve.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from analyses.methods.planning.excitation_config import ExcitationConfig, ExciteSettings
 from analyses.output.figures import SERIES, new_figure
 from analyses.output.outputs import OutputFolder
 from diagrams.clearance import Clearance, ClosestPair
 from diagrams.pages.motion_page import record_motion
 from models.excitation.excitation_information import MEASURES, ExcitationInformation
-from models.excitation.excitation_program import ExcitationLimits, ExcitationProgram, MotionBounds
+from models.excitation.excitation_program import ExcitationProgram, MotionBounds
 from models.excitation.fourier_trajectory import FourierTrajectory
 from models.files.configuration import nearest, save_configuration
 from models.files.input_error import InputError
@@ -35,21 +36,6 @@ ProgressCallback = Callable[[float, str], None]
 # The second goes on where the first ended, the others start from the next best random ones.
 RESERVES = ((0.004, 0.02), (0.008, 0.05), (0.008, 0.05), (0.015, 0.15))
 UNDETERMINED = 1e-4  # pivot, relative to the largest, below which noise hides a parameter
-
-
-@dataclass
-class ExcitationConfig:
-    """What an excitation is to be like."""
-
-    measure: str = "condition_number"  # to be small; or log_det, to be large
-    base_frequency: float = 0.1  # Hz
-    num_harmonics: int = 5  # of the Fourier series
-    limits: ExcitationLimits = field(default_factory=ExcitationLimits)
-    seed: int = 0  # another seed, another trajectory
-    num_starts: int = 12  # random motions drawn; the best is the start
-    iterations: int = 70  # of the solver
-    time_step: float = 1e-3  # s, of the table for the controller
-    num_periods: int = 1  # in that table and in the picture
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,15 +252,10 @@ def excite_robot(
     if validation:
         metrics["validation"] = results[1].metrics()
     folder.write_json("metrics.json", metrics)
-    folder.write_yaml(
-        "config.yaml",
-        {
-            "command": "excite",
-            "robot": str(robot_name),
-            "validation": validation,
-            "excitation": config,
-        },
+    settings = ExciteSettings(
+        robot=str(robot_name), validation=validation, record=recording, excitation=config
     )
+    folder.write_settings("config.yaml", settings)
     progress(1.0, "done")
     return tuple(results)
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from analyses.methods.planning.jcn_map_settings import NUM_SAMPLES, JcnMapSettings, SliceConfig
 from analyses.output.figures import COLOUR, new_figure, save_figure
 from analyses.output.outputs import OutputFolder
 from diagrams.pages.cloud_page import record_cloud
@@ -25,7 +26,6 @@ from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
-NUM_SAMPLES, NUM_SAMPLES_QUICK = 500_000, 50_000
 THRESHOLD = 11.0  # the article's figure of a good configuration
 _CHUNK = 250_000  # samples between two signs of progress
 _SCALE = (9.0, 100.0)  # of the colours
@@ -52,27 +52,6 @@ class Samples:
             "samples": len(self.jcn),
             "singular": int(len(self.jcn) - len(finite)),
         }
-
-
-@dataclass(frozen=True)
-class SliceConfig:
-    """A plane, and the cone that the tool may point in.
-
-    Attributes:
-        axis: "x", "y" or "z": the plane's normal in W.
-        value: of that coordinate in the plane, m.
-        cone_axis: (3,) direction of the tool in W in the cone's middle; down.
-        cone_deg: from there to the cone's side.
-        num_points: of the grid along each side of the square.
-        extent: half the square's side, m; None for the arm's reach.
-    """
-
-    axis: str = "z"
-    value: float = 0.3
-    cone_axis: tuple[float, float, float] = (0.0, 0.0, -1.0)
-    cone_deg: float = 30.0
-    num_points: int = 41
-    extent: float | None = None
 
 
 @dataclass(frozen=True)
@@ -169,6 +148,8 @@ def slice_plane(
         raise InputError("--slice", "", "expected a place in m, and a grid of 2 to 401 points")
     if not 0.0 <= config.cone_deg <= 180.0:
         raise InputError("--cone-deg", "", f"{config.cone_deg:g}, expected 0 to 180")
+    if len(config.cone_axis) != 3:
+        raise InputError("--cone-axis", "", f"{len(config.cone_axis)} numbers, expected three")
     first, second = (i for i in range(3) if i != _PLANES[config.axis])
     extent = config.extent
     if extent is None:
@@ -227,8 +208,8 @@ def jcn_map(
     notices = []
     with folder.atomic("samples.npz") as partial, partial.open("wb") as file:
         np.savez(file, q=samples.q, jcn=samples.jcn, p_WE=samples.p_WE)
-    _draw_cloud(samples, folder / "figures" / "workspace.png")
-    _draw_distribution(samples, folder / "figures" / "distribution.png")
+    draw_cloud(samples, folder / "figures" / "workspace.png")
+    draw_distribution(samples, folder / "figures" / "distribution.png")
     record(robot, samples, folder / "recording.html")
     cut = None
     if plane is not None:
@@ -249,18 +230,16 @@ def jcn_map(
             np.savez(
                 file, p_WE=found.p_WE, jcn=found.best, direction_W=found.direction_W, q=found.q
             )
-        _draw_slice(cut, folder / "figures" / "slice.png")
+        draw_slice(cut, folder / "figures" / "slice.png")
     folder.write_json("metrics.json", {**metrics, "notices": notices})
-    folder.write_yaml(
-        "config.yaml",
-        {
-            "robot": robot_name,
-            "num_samples": num_samples,
-            "seed": seed,
-            "within_limits": within_limits,
-            "slice": plane,
-        },
+    settings = JcnMapSettings(
+        robot=str(robot_name),
+        num_samples=num_samples,
+        seed=seed,
+        within_limits=within_limits,
+        slice=plane,
     )
+    folder.write_settings("config.yaml", settings)
     return JcnMapResult(samples, cut, metrics, tuple(notices))
 
 
@@ -279,7 +258,8 @@ def record(robot: Robot, samples: Samples, path: Path) -> None:
     )
 
 
-def _draw_cloud(samples: Samples, path: Path) -> None:
+def draw_cloud(samples: Samples, path: Path) -> None:
+    """Draws where the samples are and what they attain, in space and by distance and height."""
     from matplotlib.colors import LogNorm
 
     figure, _ = new_figure(1, 2, height=4.0)
@@ -319,7 +299,8 @@ def _draw_cloud(samples: Samples, path: Path) -> None:
     save_figure(figure, path)
 
 
-def _draw_distribution(samples: Samples, path: Path) -> None:
+def draw_distribution(samples: Samples, path: Path) -> None:
+    """Draws how often each condition number occurs."""
     figure, axes = new_figure(1, 1, height=3.2)
     ax = axes[0, 0]
     finite = samples.jcn[np.isfinite(samples.jcn)]
@@ -338,7 +319,8 @@ def _draw_distribution(samples: Samples, path: Path) -> None:
     save_figure(figure, path)
 
 
-def _draw_slice(cut: Slice, path: Path) -> None:
+def draw_slice(cut: Slice, path: Path) -> None:
+    """Draws the best condition number over a plane."""
     from matplotlib.colors import LogNorm
 
     figure, axes = new_figure(1, 1, height=5.2, width=6.4)

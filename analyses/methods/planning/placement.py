@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analyses.methods.planning.particle_swarm import SwarmConfig, place_by_swarm
+from analyses.methods.planning.place_settings import PlaceSettings
 from analyses.output.figures import COLOUR, SERIES, new_figure
 from analyses.output.outputs import OutputFolder
 from diagrams.pages.path_page import PathMotion, TriangleMesh, record_paths
@@ -253,14 +254,18 @@ def place_task(
     model_path: Path | None = None,
     method: str = "bayesian",
     quick: bool = False,
+    content: PlacementTask | None = None,
     progress: Callable[[float, str], None] = lambda fraction, what: None,
 ) -> PlacementResult:
     """The command `place`: reads the task, places its path and writes the results.
 
+    Args:
+        content: what counts before the content of the task that `task_name` names.
+
     Raises:
         InputError: as `place`; the task, the robot or the model cannot be read.
     """
-    task, source = load_task(task_name)
+    task, source = load_task(task_name) if content is None else (content, Path(task_name))
     robot = Robot.load(robot_name)
     model = None if model_path is None else IdentifiedModel.load(model_path, robot)
     folder = OutputFolder(out)
@@ -276,26 +281,25 @@ def place_task(
         effort=EFFORT_QUICK if quick and task.clearance is None else None,
         progress=progress,
     )
-    configuration = {
-        "task": str(task_name),
-        "robot": robot.name,
-        "objective": objective,
-        "solver": solver,
-        "seed": seed,
-        "model": None if model_path is None else model_path.name,
-        "method": method,
-        "quick": quick,
-    }
-    write_placement(folder, result, configuration)
+    settings = PlaceSettings(
+        task=str(task_name),
+        robot=str(robot_name),
+        objective=objective,
+        solver=solver,
+        model=None if model_path is None else str(model_path),
+        method=method,
+        seed=seed,
+        quick=quick,
+        task_content=task,
+    )
+    write_placement(folder, result, settings)
     return result
 
 
-def write_placement(
-    folder: OutputFolder, result: PlacementResult, configuration: dict[str, Any]
-) -> None:
+def write_placement(folder: OutputFolder, result: PlacementResult, settings: PlaceSettings) -> None:
     """Writes metrics, configuration, times, the postures, figures and the recording."""
     folder.write_json("metrics.json", result.metrics())
-    folder.write_yaml("config.yaml", {**configuration, "task_content": result.task})
+    folder.write_settings("config.yaml", settings)
     folder.write_json(
         "timings.json",
         {

@@ -5,10 +5,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.reading.estimate_config import EstimateConfig
 from analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
 from analyses.output.stream_summary import Envelope, EvenSample
-from models.estimation.estimator import EstimateBatch
+from models.estimation.estimator import EstimateBatch, WrenchEstimatorConfig
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
 
@@ -25,7 +24,6 @@ _MEDIAN_SAMPLES = 1 << 17
 _FIGURE_BINS = 2000  # about one a pixel
 _BAND = 1.96  # standard deviations: 95 %
 _SINGULAR = 1e12  # condition number: beyond, rounding alone decides its digits
-_SETTLING = 3.0  # time constants of the observer, which starts at zero: 5 % are missing then
 _OUTSIDE_WARNING = 0.01  # share of samples outside the model's ranges
 _UNSURE_WARNING = 0.5  # share of invalid samples
 
@@ -67,8 +65,8 @@ class _Moments:
 class EstimateSummary:
     """What metrics and figure need, gathered chunk by chunk."""
 
-    def __init__(self, model: IdentifiedModel) -> None:
-        self._model = model
+    def __init__(self, model: IdentifiedModel, settling_time: float) -> None:
+        self._model, self._settling_time = model, settling_time
         self.count = 0
         self.num_valid = 0
         self._num_invalid = {"settling": 0, "dropout": 0, "unsure": 0}
@@ -85,10 +83,10 @@ class EstimateSummary:
         self._envelope = Envelope(_FIGURE_BINS)
         self._valid_range = np.stack([np.full(6, np.inf), np.full(6, -np.inf)])
 
-    def judge(self, chunk: Recording, batch: EstimateBatch, config: EstimateConfig) -> Flags:
+    def judge(self, chunk: Recording, batch: EstimateBatch, config: WrenchEstimatorConfig) -> Flags:
         """(N,) which samples of the next chunk may be trusted; counts why others may not."""
         index = self.count + np.arange(chunk.num_samples)
-        settling = index * config.time_step < _SETTLING / min(config.K_0)  # flagged by the observer
+        settling = index * config.observer.time_step < self._settling_time  # it flags these
         dropout = chunk.dropout & ~settling
         unsure = ~batch.valid & ~dropout & ~settling
         for name, reason in (("settling", settling), ("dropout", dropout), ("unsure", unsure)):
@@ -140,12 +138,12 @@ class EstimateSummary:
             self._outside["tau"] += (np.abs(torque) > np.array(ranges.tau_max)).sum(axis=0)
         self._outside_motion += int(outside.sum())
 
-    def metrics(self, config: EstimateConfig, rule: str) -> dict[str, Any]:
+    def metrics(self, config: WrenchEstimatorConfig, rule: str) -> dict[str, Any]:
         share = 100.0 / self.count
         return {
             "num_samples": self.count,
             "duration_s": self._last - self._first,
-            "time_step_s": config.time_step,
+            "time_step_s": config.observer.time_step,
             "valid_pct": share * self.num_valid,
             "invalid": {
                 "observer_settling_pct": share * self._num_invalid["settling"],
@@ -153,8 +151,8 @@ class EstimateSummary:
                 "force_too_uncertain_pct": share * self._num_invalid["unsure"],
             },
             "prior": {
-                "force_sd_n": config.prior_force_sd,
-                "moment_sd_nm": config.prior_moment_sd,
+                "force_sd_n": config.reconstruction.prior_force_sd,
+                "moment_sd_nm": config.reconstruction.prior_moment_sd,
                 "rule": rule,
             },
             "condition_number": {

@@ -19,6 +19,7 @@ from scipy.optimize import nnls
 
 from analyses.methods.advance import advance
 from analyses.methods.runs.air_pass import record_air_pass, teach
+from analyses.methods.runs.simulate_settings import SimulateSettings
 from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
 from analyses.output.outputs import OutputFolder
 from diagrams.closed_loop import ClosedLoop, make_closed_loop
@@ -283,17 +284,17 @@ def simulate_scenario(
     files.append(folder.write_figure("wrench", result.figure()))
     text = yaml_dump_typed(scenario, child_name=name)
     files.append(folder.write_text("scenario.yaml", text))
-    command = {
-        "command": "simulate",
-        "scenario": scenario_name,
-        "robot": scenario.robot,
-        "model": None if model_path is None else str(model_path),
-        "seed": scenario.seed,
-        "duration_s": scenario.duration,
-        "record": record,
-        "graph": graph,
-    }
-    files.append(folder.write_yaml("config.yaml", command))
+    settings = SimulateSettings(
+        scenario=scenario_name,
+        robot=scenario.robot,
+        model=None if model_path is None else str(model_path),
+        seed=scenario.seed,
+        duration_s=scenario.duration,
+        quick=quick,
+        record=record,
+        graph=graph,
+    )
+    files.append(folder.write_settings("config.yaml", settings))
     files.append(folder.write_json("metrics.json", result.metrics()))
     return replace(result, files=tuple(files), notices=notices + result.notices)
 

@@ -242,7 +242,7 @@ def read_run(name: str, run: TaskRun, estimator: WrenchEstimator) -> ForceReadin
         part = estimator.run(state, recording.q[rows], recording.v[rows], recording.current[rows])
         force[rows] = part.wrench[:, 3:]
         sd[rows] = part.standard_deviation[:, 3:]
-    settled = recording.t - recording.t[0] >= 3.0 / float(estimator.observer.K_0.min())
+    settled = recording.t - recording.t[0] >= estimator.observer.settling_time
     return ForceReading(
         name,
         recording.t[settled],

@@ -225,10 +225,7 @@ def test_jobs_run_side_by_side(experiments, tmp_path):
             mine,
             f"""
     (context.data / "{mine}").touch()
-    limit = time.monotonic() + 30
     while not (context.data / "{other}").exists():
-        if time.monotonic() > limit:
-            raise TimeoutError("alone")
         time.sleep(0.01)
     return measured(context)""",
         )
@@ -551,9 +548,7 @@ if __name__ == "__main__":
         text=True,
     )
     marker = tmp_path / "study" / ".slow.partial" / "pid"
-    deadline = time.monotonic() + 60
     while not (marker.exists() and marker.read_text().endswith(".")):
-        assert time.monotonic() < deadline
         assert process.poll() is None
         time.sleep(0.02)
     return process, int(marker.read_text()[:-1])
@@ -572,7 +567,7 @@ _SLOW = "    (context.out / 'pid').write_text(f'{os.getpid()}.')\n    time.sleep
 def test_control_c_in_the_terminal_ends_the_experiments_too(experiments, tmp_path):
     process, experiment = _start(tmp_path, experiments("slow", _SLOW).parent)
     os.killpg(process.pid, signal.SIGINT)  # as the terminal does: to the whole group
-    _, errors = process.communicate(timeout=30)
+    _, errors = process.communicate()
     assert process.returncode != 0
     assert errors.count("KeyboardInterrupt") == 1  # the experiment's process says nothing
     assert not _is_running(experiment)
@@ -586,9 +581,7 @@ def test_after_a_kill_no_experiment_runs_on_and_the_next_study_tidies_up(
     process, experiment = _start(tmp_path, module.parent)
     process.kill()
     process.communicate()
-    deadline = time.monotonic() + 10
     while _is_running(experiment):
-        assert time.monotonic() < deadline
         time.sleep(0.02)
     assert (tmp_path / "study" / ".slow.partial").is_dir()
     module.write_text(module.read_text().replace(_SLOW, "    return measured(context)"))
@@ -603,7 +596,7 @@ def test_a_termination_keeps_what_is_finished_and_the_next_study_goes_on(
     run("done")
     process, experiment = _start(tmp_path, experiments("slow", _SLOW).parent)
     os.killpg(process.pid, signal.SIGTERM)  # as a batch system does
-    _, errors = process.communicate(timeout=30)
+    _, errors = process.communicate()
     assert process.returncode != 0
     assert "TerminatedError: SIGTERM" in errors
     assert not _is_running(experiment)

@@ -9,7 +9,6 @@ from models.friction.friction_network import FrictionNetworks
 from models.friction.presliding_friction import (
     PreslidingFriction,
     add_slip_torque,
-    initial_friction_state,
     slip_path,
     update_slip,
 )
@@ -132,7 +131,7 @@ def test_a_gap_costs_its_rows_and_the_displacement_over_it_counts() -> None:
 
 def test_tick_by_tick_is_the_log_and_the_output_changes_nothing() -> None:
     own, (q, v, load) = law(), motion(60)
-    state = initial_friction_state(own)
+    state = own.initial_state()
     assert state.shape == (own.state_rows, N) == (4, N)
     state[1] = load[0]
     for k in range(len(q)):

@@ -17,6 +17,7 @@ from models.files.input_error import InputError
 from models.recordings import text_table
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import RecordingReader, read_recording
+from models.robot.robot import Robot
 
 _NUM_ROWS = 40
 _HEADER = "t,q1,q2,v1,v2,i1,i2"
@@ -458,6 +459,72 @@ def test_time_in_another_unit(tmp_path: Path, factor: float, unit: str) -> None:
     table = _table() * [factor, 1, 1, 1, 1, 1, 1]
     path = _csv(tmp_path, _HEADER, *_lines(table))
     _refused(path, "column t", "the median step is", f"it looks like {unit}")
+
+
+# --- cells that may be empty --------------------------------------------------------------------
+
+
+def _with_gaps(tmp_path: Path, suffix: str) -> tuple[Path, Path, np.ndarray]:
+    """A log that lacks its positions in rows 6 to 8, its description, and its numbers."""
+    table = _table()
+    table[5:8, 1:3] = np.nan
+    if suffix == ".csv":
+        lines = [",".join("" if np.isnan(x) else repr(float(x)) for x in row) for row in table]
+        path = _csv(tmp_path, *lines)
+    else:
+        path = tmp_path / "log.parquet"
+        names = [f"c{k + 1}" for k in range(7)]
+        columns = [pa.array(x, from_pandas=True) for x in table.T]
+        pq.write_table(pa.table(columns, names), path)
+    description = _description(tmp_path, "header: false\n" if suffix == ".csv" else "")
+    text = description.read_text().replace("2-3}", "2-3, may_be_empty: true}")
+    description.write_text(text)
+    return path, description, table
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_an_empty_cell_is_a_dropout_where_the_description_allows_it(
+    tmp_path: Path, suffix: str
+) -> None:
+    path, description, table = _with_gaps(tmp_path, suffix)
+    recording = read_recording(path, description)
+    _same(recording, table)  # NaN where it is empty
+    np.testing.assert_array_equal(np.flatnonzero(recording.dropout), [5, 6, 7])
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_an_empty_cell_elsewhere_is_refused_by_its_place(tmp_path: Path, suffix: str) -> None:
+    path, description, _ = _with_gaps(tmp_path, suffix)
+    description.write_text(description.read_text().replace(", may_be_empty: true", ""))
+    with pytest.raises(InputError, match=r"(line|row) 6, column (2|c2).*empty"):
+        read_recording(path, description)
+
+
+def test_a_word_is_no_empty_cell(tmp_path: Path) -> None:
+    path, description, _ = _with_gaps(tmp_path, ".csv")
+    path.write_text(path.read_text().replace(",,", ",none,", 1))
+    with pytest.raises(InputError, match=r'line 6, column 2.*holds "none"'):
+        read_recording(path, description)
+
+
+def test_time_may_not_be_empty(tmp_path: Path) -> None:
+    path, description, _ = _with_gaps(tmp_path, ".csv")
+    text = description.read_text().replace("time: {columns: 1}", "time: {columns: 1, MAY}")
+    description.write_text(text.replace("MAY", "may_be_empty: true"))
+    with pytest.raises(InputError, match="every sample needs its time"):
+        read_recording(path, description)
+
+
+def test_a_log_with_gaps_is_held_against_its_robot(
+    ur10e: Robot, data: Callable[[str], Path]
+) -> None:
+    path = data("ur10e_contact/straight_UR_F35_g1_v0.10.csv")
+    recording = read_recording(path, "ur10e-contact", ur10e)
+    table = np.genfromtxt(path, delimiter=",", names=True)
+    np.testing.assert_array_equal(recording.q[:, 3], table["q4"])
+    np.testing.assert_array_equal(recording.extra["sensor_force"][:, 0], table["Fz_ati"])
+    np.testing.assert_array_equal(recording.dropout, np.isnan(table["q1"]))
+    assert 0 < recording.dropout.sum() < 200
 
 
 # --- real logs ---------------------------------------------------------------------------------

@@ -19,10 +19,11 @@ import pytest
 import yaml
 
 from analyses.methods.reading import estimation
-from analyses.methods.reading.estimate_config import ENGINES, EstimateConfig
+from analyses.methods.reading.estimate_config import ENGINES, EstimateConfig, EstimateSettings
 from analyses.methods.reading.estimation import EstimateResult, estimate_log
 from analyses.output.outputs import OutputFolder
 from models.estimation.wrench_table import COLUMNS
+from models.files.configuration import load_configuration
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel, Validity
 from models.recordings import resampling, text_table
@@ -35,7 +36,22 @@ _ROBOT = "sts_sre4_600"
 _FORCE = np.array([-3.0, 4.0, 25.0])
 _MOMENT = np.array([0.5, 1.5, 1.0])
 _WRENCH = np.concatenate([_FORCE, _MOMENT])  # force first, as pinocchio and people have it
-_GIVEN = EstimateConfig(prior_force_sd=1000.0, prior_moment_sd=100.0)
+
+
+def _config(
+    engine: str = "batch", max_gap: float = 0.0, check: bool = True, **estimator: Any
+) -> EstimateConfig:
+    """Settings; what is not of `EstimateConfig` itself goes to its observer or reconstruction."""
+    config = EstimateConfig(engine=engine, max_gap=max_gap, check=check)
+    for name, value in estimator.items():
+        parts = (config.estimator.observer, config.estimator.reconstruction)
+        (part,) = (part for part in parts if hasattr(part, name))
+        setattr(part, name, value)
+    return config
+
+
+_PRIOR = {"prior_force_sd": 1000.0, "prior_moment_sd": 100.0}
+_GIVEN = _config(**_PRIOR)
 
 
 @pytest.fixture(autouse=True)
@@ -43,7 +59,7 @@ def _no_figure(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) 
     """Drawing takes longer than all else; one test draws, those of faults must not get so far."""
     if not any(word in request.node.name for word in ("figure", "absurd")):
         monkeypatch.setattr(OutputFolder, "write_figure", lambda self, name, figure: None)
-        monkeypatch.setattr(estimation._Summary, "figure", lambda self: None)
+        monkeypatch.setattr(estimation.EstimateSummary, "figure", lambda self: None)
 
 
 @pytest.fixture(scope="module")
@@ -113,7 +129,7 @@ def test_a_constant_wrench_is_read_back(
     log: Path, model_file: Path, tmp_path: Path, recording: Recording, method: str
 ) -> None:
     # As the arm moves, so does J^T F, and the observer lags it by 1 / K_0: 0.2 N at K_0 = 20 here.
-    config = replace(_GIVEN, method=method, K_0=[200.0])
+    config = _config(**_PRIOR, method=method, K_0=[200.0])
     result = _estimate(log, model_file, tmp_path / "out", config)
     table = _table(result)
     assert table.shape == (recording.num_samples, len(COLUMNS))
@@ -193,7 +209,7 @@ def test_the_prior_is_found_in_the_log(log: Path, model_file: Path, tmp_path: Pa
     assert found["force_sd_n"] == pytest.approx(np.linalg.norm(_FORCE) / np.sqrt(3), rel=0.3)
     assert found["moment_sd_nm"] == pytest.approx(np.linalg.norm(_MOMENT) / np.sqrt(3), rel=0.3)
     assert found["rule"] == "evidence of the log"
-    half = EstimateConfig(prior_force_sd=50.0)
+    half = _config(prior_force_sd=50.0)
     found = _estimate(log, model_file, tmp_path / "b", half).metrics()["prior"]
     assert found["force_sd_n"] == 50.0
     assert 0.1 < found["moment_sd_nm"] < 10.0
@@ -201,12 +217,12 @@ def test_the_prior_is_found_in_the_log(log: Path, model_file: Path, tmp_path: Pa
 
 
 def test_a_run_can_be_repeated_from_its_config(log: Path, model_file: Path, tmp_path: Path) -> None:
-    first = _estimate(log, model_file, tmp_path / "a", EstimateConfig(K_0=[15.0]))
+    first = _estimate(log, model_file, tmp_path / "a", _config(K_0=[15.0]))
     written = yaml.safe_load((tmp_path / "a" / "config.yaml").read_text())
     assert written["log"] == str(log)
     assert written["model"] == str(model_file)
     assert written["robot"] == _ROBOT
-    again = EstimateConfig(**written["estimate"])
+    again = load_configuration(tmp_path / "a" / "config.yaml", EstimateSettings).estimate
     assert asdict(again) == asdict(first.config)
     _estimate(log, model_file, tmp_path / "b", again)
     same = [(tmp_path / run / "wrench.csv").read_bytes() for run in "ab"]
@@ -243,7 +259,7 @@ def test_both_engines_agree(
                 tmp_path / "log.csv",
                 model_file,
                 tmp_path / engine,
-                EstimateConfig(engine=engine, method=method),
+                _config(engine=engine, method=method),
             )
         )
         for engine in ENGINES
@@ -256,7 +272,7 @@ def test_both_engines_agree_on_a_real_log(tmp_path: Path, data: Callable[[str], 
     tables = []
     log = data("ur10e/ur-20_02_19_14harm50secLoad.csv")
     for engine in ENGINES:
-        config = EstimateConfig(engine=engine, prior_force_sd=30.0, prior_moment_sd=2.0)
+        config = _config(engine=engine, prior_force_sd=30.0, prior_moment_sd=2.0)
         result = estimate_log(log, "ur10e", None, tmp_path / engine, config=config)
         assert result.notices[0].endswith("rows 308 to 5071")
         tables.append(_table(result))
@@ -364,12 +380,14 @@ def _line(call: Callable[[], object]) -> str:
     [
         ({"engine": "Batch"}, ['unknown engine "Batch"', "batch or diagram"]),
         ({"method": "bayes"}, ['unknown method "bayes"', "bayesian"]),
-        ({"K_0": [20.0, 30.0]}, ["K_0", "has 2 values", "6"]),
-        ({"K_0": [0.0]}, ["K_0", "not positive"]),
-        ({"K_0": [float("nan")]}, ["K_0", "not positive"]),
+        ({"K_0": [20.0, 30.0]}, ["K_0", "not 2", "6"]),
+        ({"K_0": [0.0]}, ["K_0", "positive"]),
+        ({"K_0": [float("nan")]}, ["K_0", "positive"]),
         ({"prior_force_sd": -1.0}, ["prior_force_sd", "expected a positive number"]),
         ({"prior_moment_sd": 0.0}, ["prior_moment_sd"]),
         ({"max_force_sd": float("inf")}, ["max_force_sd"]),
+        ({"torque_samples": "triangular"}, ["torque_samples", "held or trapezoidal"]),
+        ({"damping": -0.1}, ["damping", "zero or more"]),
         ({"max_gap": -0.1}, ["max_gap", "zero or more"]),
         ({"time_step": float("nan")}, ["time_step"]),
     ],
@@ -377,7 +395,7 @@ def _line(call: Callable[[], object]) -> str:
 def test_settings_that_make_no_sense(
     log: Path, model_file: Path, tmp_path: Path, change: dict[str, object], words: list[str]
 ) -> None:
-    config = EstimateConfig(**change)
+    config = _config(**change)
     line = _line(lambda: _estimate(log, model_file, tmp_path / "out", config))
     for word in words:
         assert word in line
@@ -474,7 +492,7 @@ def test_implausible_logs(
 
 def test_the_checks_can_be_left_out(recording: Recording, model_file: Path, tmp_path: Path) -> None:
     write_recording(replace(recording, current=-recording.current), tmp_path / "log.csv")
-    config = replace(_GIVEN, check=False)
+    config = _config(**_PRIOR, check=False)
     result = _estimate(tmp_path / "log.csv", model_file, tmp_path / "out", config)
     assert result.num_samples == recording.num_samples
 
@@ -488,7 +506,7 @@ def test_absurd_numbers_do_not_crash(
     current[700:] *= size
     write_recording(replace(recording, current=current), tmp_path / "log.csv")
     for method in ("bayesian", "inverse"):
-        config = EstimateConfig(method=method, check=False)
+        config = _config(method=method, check=False)
         if size < 1e9:
             result = _estimate(tmp_path / "log.csv", model_file, tmp_path / "out", config)
             assert result.num_samples == recording.num_samples
@@ -525,9 +543,12 @@ def test_the_memory_does_not_grow_with_the_log(robot: Robot, tmp_path: Path) -> 
     """700,000 samples against 200,000; ten million were tried by hand."""
     code = (
         "import sys, resource; from pathlib import Path\n"
-        "from analyses.methods.reading.estimation import EstimateConfig, estimate_log\n"
+        "from analyses.methods.reading.estimate_config import EstimateConfig\n"
+        "from analyses.methods.reading.estimation import estimate_log\n"
         "log = Path(sys.argv[1])\n"
-        "config = EstimateConfig(prior_force_sd=20.0, prior_moment_sd=1.0)\n"
+        "config = EstimateConfig()\n"
+        "prior = config.estimator.reconstruction\n"
+        "prior.prior_force_sd, prior.prior_moment_sd = 20.0, 1.0\n"
         f"result = estimate_log(log, '{_ROBOT}', None, log.parent / 'out', config=config)\n"
         "print(result.num_samples, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)\n"
     )
