@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from analyses.methods.calibration.model_residual import ModelResidual, with_friction
 from analyses.methods.learning.identification_config import IdentifySettings, RefreshConfig
-from analyses.methods.learning.model_residual import ModelResidual, with_friction
 from analyses.output.outputs import OutputFolder
 from models.files.input_error import InputError
 from models.friction.sliding_friction import TERMS, with_sliding

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.learning.model_residual import ModelResidual
-from analyses.methods.learning.payload_config import PayloadConfig, PayloadSettings
+from analyses.methods.calibration.model_residual import ModelResidual
+from analyses.methods.calibration.payload_config import PayloadConfig, PayloadSettings
 from analyses.output.outputs import OutputFolder
 from models.files.input_error import InputError
 from models.identification.friction_refresh import FrictionDrift
