@@ -171,7 +171,7 @@ def calibrate(
     )
     calibration = problem.solve()
     ratio = np.where(gains_told(calibration), calibration.ratio, 1.0)
-    renewed = robot.with_torque_per_ampere(ratio * robot.torque_per_ampere)
+    renewed = robot.with_torque_per_ampere((ratio * robot.torque_per_ampere).tolist())
     second = identify(
         recordings,
         renewed,
