@@ -13,6 +13,8 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from analyses.commands.discovery import find_commands, load_command
+from analyses.output.interruption import ends_are_interrupts
+from models.files.files_read import remembering_files_read
 from models.files.input_error import InputError
 
 
@@ -36,7 +38,8 @@ class _Commands(TyperGroup):
 
     def invoke(self, ctx: Any) -> Any:
         try:
-            return super().invoke(ctx)
+            with ends_are_interrupts(), remembering_files_read():
+                return super().invoke(ctx)
         except InputError as error:
             line, code = str(error), 2
         except OSError as error:

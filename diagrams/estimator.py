@@ -82,7 +82,7 @@ def make_estimator(
     friction = builder.AddNamedSystem(
         "friction",
         FrictionLawSystem(
-            model.friction.feedforward if taught else model.friction,
+            model.friction.feedforward if taught else estimator.friction,
             estimator.observer.time_step,
         ),
     )

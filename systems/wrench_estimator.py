@@ -71,7 +71,7 @@ class WrenchEstimatorSystem(LeafSystem):
         self._n = n = estimator.num_joints
         self._choice, self._rows = estimator.choice, estimator.observer_rows
         # At planned speeds friction needs no memory: it slides.
-        self._law = estimator.model.friction.feedforward if taught else estimator.model.friction
+        self._law = estimator.friction.feedforward if taught else estimator.friction
         self._shapes: dict[str, tuple[int, ...]] = {}
         self.parameters: dict[str, NumericParameterIndex] = {}
         self._declare_parameters()
@@ -80,7 +80,7 @@ class WrenchEstimatorSystem(LeafSystem):
         )
         initial = estimator.observer.initial_state()
         if not taught:
-            initial = estimator.initial_state()
+            initial = estimator.initial_state()[: estimator.tick_rows]
         state: DiscreteStateIndex = self.DeclareDiscreteState(initial.ravel())
         self.DeclarePeriodicDiscreteUpdateEvent(estimator.observer.time_step, 0.0, self._update)
         self._tables = self.DeclareCacheEntry(

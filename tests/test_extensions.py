@@ -98,6 +98,7 @@ class CautiousObserver:
         self.time_step = config.time_step
         self.table = np.array([config.bandwidth, config.time_step])
         self.reads_present_torque = False
+        self.pole = None
         self.settling_time = 3.0 / config.bandwidth
 
     @property

@@ -27,6 +27,7 @@ PLACES = {
     "robot": "robot",
     "model": "model",
     "log_format": "log_format",
+    "prior": "estimate.prior",
     "engine": "estimate.engine",
     "method": "estimate.estimator.reconstruction.method",
     "k0": "estimate.estimator.observer.K_0",
@@ -51,6 +52,10 @@ def command(
         typer.Option(help="model.yaml that identify wrote; without it the robot's own files."),
     ] = None,
     log_format: LogFormat = None,
+    prior: Annotated[
+        str,
+        typer.Option(help="live (half the rated payload), log (what it tells), or N,N m: 30,2."),
+    ] = DEFAULTS.prior,
     engine: Annotated[
         str, typer.Option(help="batch (kernels) or diagram (the Drake diagram): the same result.")
     ] = DEFAULTS.engine,

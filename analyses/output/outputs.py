@@ -5,7 +5,7 @@ import json
 import math
 import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import Enum
 from pathlib import Path
@@ -209,19 +209,25 @@ def _with_tags(value: Any) -> Any:
     return found
 
 
-def replace_folder(new: Path, old: Path) -> None:
+def _remove(folder: Path) -> None:
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def replace_folder(new: Path, old: Path, discard: Callable[[Path], None] = _remove) -> None:
     """Puts folder `new` in the place of `old`, which may be absent.
 
     Two renames: a crash between them leaves `old` under a hidden name, see `recover_folder`.
+
+    Args:
+        discard: what becomes of the old folder, given the hidden name that it has by then.
 
     Raises:
         OSError: a folder cannot be renamed; `old` is then as it was.
     """
     aside = _aside(old)
-    recover_folder(old)
-    had_old = old.exists()
+    recover_folder(old, discard)
+    had_old = os.path.lexists(old)
     if had_old:
-        shutil.rmtree(aside, ignore_errors=True)
         old.rename(aside)
     try:
         new.rename(old)
@@ -229,13 +235,23 @@ def replace_folder(new: Path, old: Path) -> None:
         if had_old:
             aside.rename(old)
         raise
-    shutil.rmtree(aside, ignore_errors=True)
+    if had_old:
+        discard(aside)
 
 
-def recover_folder(path: Path) -> None:
-    """Gives `path` its content back if a crash stopped `replace_folder` half way."""
-    if _aside(path).exists() and not path.exists():
-        _aside(path).rename(path)
+def recover_folder(path: Path, discard: Callable[[Path], None] = _remove) -> None:
+    """Gives `path` its content back if a crash stopped `replace_folder` half way.
+
+    Args:
+        discard: as in `replace_folder`, for a crash behind its renames.
+    """
+    aside = _aside(path)
+    if not os.path.lexists(aside):
+        return
+    if os.path.lexists(path):
+        discard(aside)
+    else:
+        aside.rename(path)
 
 
 def _aside(path: Path) -> Path:

@@ -18,9 +18,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from models.estimation.kernel_choice import kernel_choice
 from models.estimation.momentum_observer import MomentumObserverConfig
-from models.estimation.observer import NUM_SIGNALS, Observer
+from models.estimation.observer import NUM_SIGNALS, TAU_F, TAU_J, Observer
 from models.estimation.observers import AnyObserverConfig, make_observer
-from models.estimation.tick import NUM_READING, estimate_tick, scratch_size, serial_log, terms_log
+from models.estimation.tick import (
+    GAIN,
+    KNOWN_CORRECTION,
+    KNOWN_COUNTS,
+    KNOWN_TAU_F,
+    NUM_READING,
+    estimate_tick,
+    scratch_size,
+    serial_log,
+    terms_log,
+)
+from models.estimation.trusted_reading import TrustedReading
 from models.estimation.wrench import (
     WrenchReconstruction,
     WrenchReconstructionConfig,
@@ -45,6 +56,8 @@ class WrenchEstimatorConfig:
 
     observer: AnyObserverConfig = field(default_factory=MomentumObserverConfig)
     reconstruction: WrenchReconstructionConfig = field(default_factory=WrenchReconstructionConfig)
+    force_bandwidth_hz: float = 3.0  # up to which the band holds the observer's lag
+    position_resolution: list[float] | None = None  # rad, per joint; None: what the model says
 
 
 class Taught(NamedTuple):
@@ -84,6 +97,8 @@ class EstimateBatch(NamedTuple):
         valid: (N,) as `models.estimation.wrench.WrenchEstimate`; also False where the sample or the
             one before it was not finite, so that tau_ext is held.
         J: (N, 6, n) rows [angular; linear] at E in axes of W.
+        torque_sd: (N, n) N m, of tau_ext where nothing touches the arm; None without a torque error
+            in the model.
     """
 
     tau_ext: Array
@@ -92,11 +107,30 @@ class EstimateBatch(NamedTuple):
     condition_number: Array
     valid: Flags
     J: Array
+    torque_sd: Array | None = None
 
     @property
     def standard_deviation(self) -> Array:
         """(N, 6) of the wrench, N m and N, rotation first."""
         return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1)))
+
+
+class Observation(NamedTuple):
+    """What the observer and the friction law see of each of N samples.
+
+    Attributes:
+        tau_ext: (N, n) N m.
+        tau_J: (N, n) N m, motor torque on the joint side.
+        tau_f: (N, n) N m, friction.
+        fresh: (N,) see `models.estimation.observer`.
+        J: (N, 6, n) rows [angular; linear] at E in axes of W.
+    """
+
+    tau_ext: Array
+    tau_J: Array
+    tau_f: Array
+    fresh: Flags
+    J: Array
 
 
 class EstimatorTables(NamedTuple):
@@ -113,8 +147,10 @@ class EstimatorTables(NamedTuple):
 class WrenchEstimator:
     """From q, v and motor current to the wrench at E, with one model of one robot.
 
-    Sigma_tau is the model's residual covariance. A prior that the configuration leaves open is
-    `live_prior` of the robot's payload; `with_prior` puts in another.
+    A model with a torque error is read by `trusted_reading`: sds of each sample, J as the observer
+    saw it, a band that holds lag and scale. Of another one Sigma_tau is the residual covariance,
+    at rest and in motion alike. A prior that the configuration leaves open is `live_prior` of the
+    robot's payload; `with_prior` puts in another.
 
     `step` and `run` change `state` in place and may be mixed freely; one estimator serves any
     number of states, from one thread.
@@ -139,12 +175,27 @@ class WrenchEstimator:
         self.reconstruction = WrenchReconstruction(
             self.config.reconstruction, model.residual_covariance
         )
-        self.choice = kernel_choice(self.observer.kernels, model.friction.kernels)
+        resolution = self.config.position_resolution
+        self.friction = model.friction.sampled(self.observer.time_step, resolution)
+        self.choice = kernel_choice(self.observer.kernels, self.friction.kernels)
         self.tables = self.tables_of(
-            robot.torque_per_ampere, model.friction, self.observer, self.reconstruction
+            robot.torque_per_ampere, self.friction, self.observer, self.reconstruction
         )
         self.observer_rows = len(self.observer.initial_state())
-        self._state_shape = (self.observer_rows + model.friction.state_rows, n)
+        self.tick_rows = self.observer_rows + self.friction.state_rows
+        self.trusted: TrustedReading | None = None
+        if model.torque_error is not None:
+            self.trusted = TrustedReading(
+                model.torque_error,
+                self.friction,
+                self.config.reconstruction.with_live(*live_prior(robot.payload)),
+                getattr(self.observer, "K_0", None),
+                self.observer.time_step,
+                resolution,
+                self.config.force_bandwidth_hz,
+            )
+        more = 0 if self.trusted is None else self.trusted.state_rows
+        self._state_shape = (self.tick_rows + more, n)
         self._sample = np.empty((3, n))
         self._scratch = np.empty(scratch_size(n))
 
@@ -175,10 +226,13 @@ class WrenchEstimator:
         return type(self)(self.robot, self.model, config)
 
     def initial_state(self) -> Array:
-        """Returns the state before the first sample: the observer's rows, then the friction
-        law's, (observer_rows + friction.state_rows, n).
+        """Returns the state before the first sample: the observer's rows, the friction law's,
+        (tick_rows, n) together, then those of the reading that knows the torque error, if any.
         """
-        return np.vstack([self.observer.initial_state(), self.model.friction.initial_state()])
+        parts = [self.observer.initial_state(), self.friction.initial_state()]
+        if self.trusted is not None:
+            parts.append(self.trusted.initial_state())
+        return np.vstack(parts)
 
     def step(
         self,
@@ -206,9 +260,23 @@ class WrenchEstimator:
         sample = self._sample
         sample[0], sample[1], sample[2] = q, v, current
         if taught is not None or tau_f is not None:
-            sample = np.vstack([sample, self._known(taught, tau_f, ())])
+            known = self._known(taught, tau_f, ())
+            sample = np.vstack([sample, known])
+            if tau_f is not None:
+                sample[2] -= np.asarray(tau_f, float) / self.tables.drives[GAIN]
         if state.shape != self._state_shape:
             raise ValueError(f"state must be {self._state_shape}, not {state.shape}")
+        if self.trusted is not None:
+            one = [np.asarray(x, float).reshape(1, n) for x in (q, v, current)]
+            if taught is not None:
+                taught = Taught(*(np.asarray(part, float)[None] for part in taught))
+            if tau_f is not None:
+                tau_f = np.asarray(tau_f, float)[None]
+            batch = self.run(state, *one, taught=taught, tau_f=tau_f)
+            return TickEstimate(
+                *(batch.tau_ext[0], batch.wrench[0], batch.covariance[0]),
+                *(float(batch.condition_number[0]), bool(batch.valid[0])),
+            )
         out = np.empty(n + NUM_READING)
         estimate_tick(
             self.choice,
@@ -245,7 +313,8 @@ class WrenchEstimator:
             current: (N, n) A, as the drives report it.
             taught: by an air pass, sample by sample: friction is then the law's `feedforward` at
                 planned speeds, without memory, and tau_ext is corrected.
-            tau_f: (N, n) N m, friction known from elsewhere, in the place of the law's.
+            tau_f: (N, n) N m, friction known from elsewhere, in the place of the law's: it is taken
+                off the motor torque, sample by sample.
 
         Raises:
             ValueError: shapes that disagree; taught and tau_f together.
@@ -262,10 +331,14 @@ class WrenchEstimator:
         known = np.empty((N, 0, n))
         if taught is not None or tau_f is not None:
             known = self._known(taught, tau_f, (N,))
+            if tau_f is not None:
+                taken = np.asarray(tau_f, float) / self.tables.drives[GAIN]
+                current = np.asarray(current - taken)
         chain, drives, friction, slip, observer, wrench = self.tables
         tau_ext, J, F = np.empty((N, n)), np.empty((N, 6, n)), np.empty((N, 6))
         covariance, quality, counts = np.empty((N, 6, 6)), np.empty((N, 2)), np.empty(N, np.bool_)
         signals = np.empty((min(N, _PASS), NUM_SIGNALS, n))
+        torque_sd = np.empty((0 if self.trusted is None else N, n))
         for start in range(0, N, _PASS):
             rows = slice(start, min(N, start + _PASS))
             part = signals[: rows.stop - start]
@@ -285,18 +358,57 @@ class WrenchEstimator:
                 slip,
                 observer,
                 self.observer_rows,
-                state,
+                state[: self.tick_rows],
                 known[rows],
                 part,
                 J[rows],
                 tau_ext[rows],
                 counts[rows],
             )
+            if self.trusted is not None:
+                (
+                    F[rows],
+                    covariance[rows],
+                    quality[rows, 0],
+                    quality[rows, 1],
+                    torque_sd[rows],
+                ) = self.trusted.run(
+                    state[self.tick_rows :],
+                    q[rows],
+                    v[rows],
+                    part[:, TAU_J] - part[:, TAU_F],
+                    J[rows],
+                    tau_ext[rows],
+                    counts[rows],
+                )
+                continue
+            ones = np.ones_like(tau_ext[rows])
             reconstruct_log(
-                wrench, J[rows], tau_ext[rows], F[rows], covariance[rows], quality[rows]
+                *(wrench, J[rows], J[rows], tau_ext[rows], ones, np.zeros_like(ones)),
+                *(F[rows], covariance[rows], quality[rows]),
             )
         valid = (quality[:, 1] == 1.0) & counts
-        return EstimateBatch(tau_ext, F, covariance, quality[:, 0], valid, J)
+        known_sd = None if self.trusted is None else torque_sd
+        return EstimateBatch(tau_ext, F, covariance, quality[:, 0], valid, J, known_sd)
+
+    def observe(self, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> Observation:
+        """The chain of a whole log up to tau_ext, from its start, without a reading of the wrench.
+
+        Args:
+            q, v, current: as `run`.
+        """
+        q, v, current = (np.require(x, float, ("C", "W")) for x in (q, v, current))
+        N, n = q.shape
+        chain, drives, friction, slip, observer, _ = self.tables
+        known, signals = np.empty((N, 0, n)), np.empty((N, NUM_SIGNALS, n))
+        J, tau_ext, fresh = np.empty((N, 6, n)), np.empty((N, n)), np.empty(N, np.bool_)
+        terms_log(chain, drives, friction, q, v, current, known, signals, J)
+        state = np.vstack([self.observer.initial_state(), self.friction.initial_state()])
+        serial_log(
+            *(self.choice, slip, observer, self.observer_rows, state, known, signals, J),
+            *(tau_ext, fresh),
+        )
+        return Observation(tau_ext, signals[:, TAU_J].copy(), signals[:, TAU_F].copy(), fresh, J)
 
     def _known(
         self, taught: Taught | None, tau_f: ArrayLike | None, lead: tuple[int, ...]
@@ -305,18 +417,20 @@ class WrenchEstimator:
         n = self.num_joints
         if taught is not None and tau_f is not None:
             raise ValueError("taught says which friction is taken: tau_f has no place beside it")
-        correction, counts = np.zeros((*lead, n)), np.ones(lead)
-        if taught is not None:
-            tau_f = self.model.friction.feedforward.torque(taught.v_planned)
-            correction = np.asarray(taught.tau_correction, float)
-            counts = np.asarray(taught.counts, float)
-        tau_f = np.asarray(tau_f, float)
-        if not tau_f.shape == correction.shape == (*lead, n) or counts.shape != lead:
-            raise ValueError(
-                f"friction and correction must be {(*lead, n)}, counts {lead}, not {tau_f.shape}, "
-                f"{correction.shape} and {counts.shape}"
-            )
-        return np.stack([tau_f, correction, np.repeat(counts[..., None], n, axis=-1)], axis=-2)
+        known = np.zeros((*lead, 3, n))
+        known[..., KNOWN_COUNTS, :] = 1.0
+        if taught is None:
+            shape = np.asarray(tau_f, float).shape
+            if shape != (*lead, n):
+                raise ValueError(f"tau_f must be {(*lead, n)}, not {shape}")
+            return known
+        shapes = [np.shape(signal) for signal in taught]
+        if shapes != [(*lead, n), (*lead, n), lead]:
+            raise ValueError(f"what was taught must be {(*lead, n)} twice and {lead}, not {shapes}")
+        known[..., KNOWN_TAU_F, :] = self.model.friction.feedforward.torque(taught.v_planned)
+        known[..., KNOWN_CORRECTION, :] = taught.tau_correction
+        known[..., KNOWN_COUNTS, :] = np.asarray(taught.counts, float)[..., None]
+        return known
 
 
 def estimator_is_compiled() -> bool:

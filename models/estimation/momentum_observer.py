@@ -169,6 +169,11 @@ class MomentumObserver:
         self._no_J = np.zeros((6, num_joints))  # the kernels do not read it
 
     @property
+    def pole(self) -> Array | None:
+        """K_0."""
+        return self.K_0
+
+    @property
     def parameters(self) -> dict[str, Array]:
         """K_0 (n,) 1/s."""
         return {"K_0": self.K_0}

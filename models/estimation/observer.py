@@ -79,6 +79,10 @@ class Observer(Protocol):
         """Whether `output` reads signals[TAU_J]: then no controller may close a loop over it."""
 
     @property
+    def pole(self) -> Array | None:
+        """(n,) 1/s where tau_ext is the true one through pole / (s + pole); None elsewhere."""
+
+    @property
     def settling_time(self) -> float:
         """s after the start from which the estimate is fresh."""
 

@@ -21,6 +21,7 @@ import yaml
 from pydrake.common import pretty_class_name
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 
+from models.files.files_read import about_to_read
 from models.files.input_error import InputError
 from models.files.whole_file import whole_file
 
@@ -98,6 +99,7 @@ def nearest(word: str, known: typing.Iterable[str]) -> str:
 def _read_text(path: Path) -> str:
     if path.is_dir():
         raise InputError(path, "", "is a directory", "expected a YAML file")
+    about_to_read(path)
     try:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError as error:

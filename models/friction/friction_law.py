@@ -24,7 +24,7 @@ Both are compiled by `numba.njit(error_model="numpy")`.
 from typing import Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from models.friction.slip_elements import FrictionKernels
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
@@ -50,6 +50,11 @@ class FrictionLaw(Protocol):
     @property
     def velocity_law(self) -> SemiParametricFriction:
         """The part of the law that is a function of velocity alone."""
+
+    def sampled(self, time_step: float, resolution: ArrayLike | None = None) -> Self:
+        """Returns the law for positions as encoders report them, every `time_step` s, in steps of
+        `resolution` rad, (n,) or (); None: those that the law was fitted with.
+        """
 
     @property
     def kernels(self) -> FrictionKernels:

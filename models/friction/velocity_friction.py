@@ -151,8 +151,12 @@ class SemiParametricFriction:
 
     @property
     def slip_table(self) -> Array:
-        """(n, 5): no slip elements."""
-        return np.zeros((self.num_joints, 5))
+        """(n, 10): no slip elements."""
+        return np.zeros((self.num_joints, 10))
+
+    def sampled(self, time_step: float, resolution: ArrayLike | None = None) -> Self:
+        """The law itself: nothing in it but velocity."""
+        return self
 
     @property
     def kernels(self) -> FrictionKernels:

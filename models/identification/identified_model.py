@@ -5,7 +5,7 @@ reflected rotor inertia, friction, and the covariance of what the model leaves u
 (`model.yaml`) is YAML with every number written so that it reads back bit for bit.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, cast, get_args
 
@@ -20,6 +20,15 @@ from models.friction.friction_network import FrictionNetworks
 from models.friction.friction_terms import TERMS, term_of
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, Handover, SemiParametricFriction
+from models.identification.torque_error_model import (
+    BEYOND_LOAD,
+    BEYOND_SPEED,
+    DRIFT,
+    REACH,
+    REST_TIME,
+    SCALE,
+    TorqueErrorModel,
+)
 from models.rigid_body.serial_chain import SerialChain
 from models.robot.robot import Robot
 
@@ -111,6 +120,31 @@ class _PreslidingBlock:
     cubic: list[float] = field(default_factory=list, metadata=REQUIRED)
     weight: list[list[float]] = field(default_factory=list, metadata=REQUIRED)
     displacement: list[list[float]] = field(default_factory=list, metadata=REQUIRED)
+    speed_limit: list[float] | None = None  # rad/s; beyond, the law goes on along its tangent
+
+
+@dataclass
+class _TorqueErrorBlock:
+    """What `models.identification.torque_error_model` says, attribute by attribute."""
+
+    constant: list[float] = field(default_factory=list, metadata=REQUIRED)
+    speed: list[float] = field(default_factory=list, metadata=REQUIRED)
+    load: list[float] = field(default_factory=list, metadata=REQUIRED)
+    acceleration: list[float] = field(default_factory=list, metadata=REQUIRED)
+    reversal: list[float] = field(default_factory=list, metadata=REQUIRED)
+    correlation: list[list[float]] = field(default_factory=list, metadata=REQUIRED)
+    correlation_time: list[float] = field(default_factory=list, metadata=REQUIRED)
+    lasting: list[float] = field(default_factory=list, metadata=REQUIRED)
+    fitted_speed: list[float] = field(default_factory=list, metadata=REQUIRED)
+    fitted_load: list[float] = field(default_factory=list, metadata=REQUIRED)
+    K_0: list[float] = field(default_factory=list, metadata=REQUIRED)
+    resolution: list[float] = field(default_factory=list, metadata=REQUIRED)
+    rest_time: float = REST_TIME
+    reach: float = REACH
+    drift: float = DRIFT
+    beyond_speed: float = BEYOND_SPEED
+    beyond_load: float = BEYOND_LOAD
+    scale: float = SCALE
 
 
 @dataclass
@@ -144,6 +178,7 @@ class _ModelFile:
     condition_number: float = field(default=1.0, metadata=REQUIRED)
     validity: Validity = field(default_factory=Validity, metadata=REQUIRED)
     provenance: Provenance = field(default_factory=Provenance, metadata=REQUIRED)
+    torque_error: _TorqueErrorBlock | None = None
     complete: bool = field(default=True, metadata=REQUIRED)  # last: absent in a truncated file
 
 
@@ -166,6 +201,8 @@ class IdentifiedModel:
         condition_number: of the column-scaled regressor of the base parameters.
         validity: ranges of the motion that the model was fitted on.
         provenance: logs, filter and method.
+        torque_error: how far what an observer reads may be off, state by state; None for a model of
+            which only residual_covariance is known, the same at rest and in motion.
     """
 
     robot: str
@@ -179,6 +216,7 @@ class IdentifiedModel:
     condition_number: float = 1.0
     validity: Validity = field(default_factory=Validity)
     provenance: Provenance = field(default_factory=Provenance)
+    torque_error: TorqueErrorModel | None = None
 
     @classmethod
     def nominal(cls, robot: Robot) -> "IdentifiedModel":
@@ -284,6 +322,7 @@ class IdentifiedModel:
             condition_number=float(_numbers(path, "condition_number", block.condition_number, ())),
             validity=_read_validity(path, block.validity, n),
             provenance=block.provenance,
+            torque_error=_read_torque_error(path, block.torque_error, n),
         )
         model.check_robot(robot, path)
         return model
@@ -303,6 +342,9 @@ class IdentifiedModel:
             condition_number=float(self.condition_number),
             validity=self.validity,
             provenance=self.provenance,
+            torque_error=None
+            if self.torque_error is None
+            else _TorqueErrorBlock(**self.torque_error.to_dict()),
         )
 
 
@@ -358,7 +400,8 @@ def _friction_block(law: FrictionLaw) -> _FrictionBlock:
         if networks is None
         else _NetworksBlock(**{key: _plain(getattr(networks, key)) for key in _NETWORK_FIELDS}),
         presliding=_PreslidingBlock(
-            **{key: _plain(getattr(law, key)) for key in (*_SLIP_FIELDS, *_ELEMENT_FIELDS)}
+            **{key: _plain(getattr(law, key)) for key in (*_SLIP_FIELDS, *_ELEMENT_FIELDS)},
+            speed_limit=_plain(law.speed_limit) if np.isfinite(law.speed_limit).all() else None,
         )
         if isinstance(law, PreslidingFriction)
         else None,
@@ -390,14 +433,17 @@ def _read_friction(path: Path, block: _FrictionBlock, n: int) -> FrictionLaw:
     if block.presliding is None:
         sliding = CoulombViscous(coulomb, viscous, offset)
         return SemiParametricFriction(sliding, networks, v_crit, handover)
-    slip = {
+    slip: dict[str, Any] = {
         key: _numbers(path, f"friction.presliding.{key}", getattr(block.presliding, key), (n,))
         for key in _SLIP_FIELDS
     }
-    elements = {
+    elements: dict[str, Any] = {
         key: _numbers(path, f"friction.presliding.{key}", getattr(block.presliding, key), (n, -1))
         for key in _ELEMENT_FIELDS
     }
+    limit = block.presliding.speed_limit
+    if limit is not None:
+        slip["speed_limit"] = _numbers(path, "friction.presliding.speed_limit", limit, (n,))
     velocity_law = SemiParametricFriction(
         CoulombViscous(np.zeros(n), viscous, offset), networks, v_crit, handover
     )
@@ -443,6 +489,23 @@ def _read_base_parameters(path: Path, table: BaseParameterTable) -> BaseParamete
     _numbers(path, "base_parameters.values", table.values, (count,))
     _numbers(path, "base_parameters.standard_deviations", table.standard_deviations, (count,))
     return table
+
+
+def _read_torque_error(
+    path: Path, block: _TorqueErrorBlock | None, n: int
+) -> TorqueErrorModel | None:
+    if block is None:
+        return None
+    values: dict[str, Any] = {}
+    for own in fields(block):
+        value = getattr(block, own.name)
+        shape = (n, n) if own.name == "correlation" else (n,) if isinstance(value, list) else ()
+        values[own.name] = _numbers(path, f"torque_error.{own.name}", value, shape)
+    try:
+        return TorqueErrorModel(**values)
+    except ValueError as error:
+        key, _, problem = str(error).partition(": ")
+        raise InputError(path, f"torque_error.{key}", problem, "identify the model again") from None
 
 
 def _read_validity(path: Path, validity: Validity, n: int) -> Validity:

@@ -19,6 +19,7 @@ from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from models.files.configuration import nearest
+from models.files.files_read import about_to_read
 from models.files.input_error import InputError
 from models.robot.robot_config import RobotConfig, ShapeConfig, ToolConfig
 
@@ -105,6 +106,7 @@ class _Reader:
     # Reading ----------------------------------------------------------------------------------
 
     def _parse(self) -> ET.Element:
+        about_to_read(self.path)
         try:
             data = self.path.read_bytes()
         except OSError as error:
@@ -313,6 +315,7 @@ class _Reader:
         found = self._resolve(name)
         if found is None:
             return f"{suffix}, file not found"
+        about_to_read(found)
         shape.set("filename", found.as_uri())
         return ""
 

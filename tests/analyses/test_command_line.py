@@ -297,7 +297,7 @@ def test_an_interrupt_is_one_line_and_its_code(tmp_path, number, code):
     assert process.returncode == code
     assert errors.splitlines() == ["slow  interrupted", "interrupted; what was written is whole"]
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
-        ".lock",
+        ".wrenchsight.json",
         "metrics.json",
         "report.html",
         "timings.json",

@@ -356,7 +356,7 @@ def _comparison(arms: Mapping[str, LawsOnOneArm]) -> list[ComparisonRow]:
                 "%",
                 value,
                 "",
-                "prototype",
+                "plain tools",
             )
             for law, values in ((PLAIN, (26.0, 51.0)), ("presliding", (7.7, 19.3)))
             for j, value in zip((4, 5), values, strict=True)

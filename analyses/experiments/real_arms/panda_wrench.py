@@ -441,7 +441,7 @@ def _rank_figure(readings: dict[str, MethodReading], out: Path) -> FigureFile:
 
 
 def _comparison() -> list[ComparisonRow]:
-    plain = "prototype"
+    plain = "plain tools"
     return [
         ComparisonRow(
             "mean RMSE over ten poses, eq. 22", "inverse.mean_rmse_n", "N", 0.87, source=plain
@@ -458,7 +458,7 @@ def _comparison() -> list[ComparisonRow]:
             "bayesian.mean_rmse_n",
             "N",
             0.66,
-            "prior by evidence; the prototype's was 20 N and 0.2 N m",
+            "prior by evidence; there it was 20 N and 0.2 N m",
             plain,
         ),
         ComparisonRow(
@@ -466,7 +466,7 @@ def _comparison() -> list[ComparisonRow]:
             "bayesian_fixed_prior.mean_rmse_n",
             "N",
             0.66,
-            "the prototype's torque noise is not known",
+            "its torque noise is not known",
             plain,
         ),
         ComparisonRow(

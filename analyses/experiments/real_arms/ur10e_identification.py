@@ -205,7 +205,7 @@ def _laws_figure(
 
 
 def _comparison() -> list[ComparisonRow]:
-    prototype, other = "prototype", "figaroh"
+    plain, other = "plain tools", "figaroh"
     harmonic = "validation.14harm50sec.rmse_nm"
     best = "best.validation"
     return [
@@ -215,7 +215,7 @@ def _comparison() -> list[ComparisonRow]:
             "N m",
             [1.09, 1.15, 0.53, 0.22, 0.24, 0.20],
             "",
-            prototype,
+            plain,
         ),
         ComparisonRow(
             "Share unexplained over ptp_10_points with the best friction law, joint 5",
@@ -223,7 +223,7 @@ def _comparison() -> list[ComparisonRow]:
             "%",
             7.7,
             "",
-            prototype,
+            plain,
         ),
         ComparisonRow(
             "Share unexplained over ptp_10_points with the best friction law, joint 6",
@@ -231,7 +231,7 @@ def _comparison() -> list[ComparisonRow]:
             "%",
             19.3,
             "",
-            prototype,
+            plain,
         ),
         ComparisonRow(
             "Torque RMSE over 14harm50sec, joints 1 to 6",
@@ -239,7 +239,7 @@ def _comparison() -> list[ComparisonRow]:
             "N m",
             [1.97, 3.11, 1.30, 0.44, 0.40, 0.34],
             "the regressor is filtered like the torque",
-            prototype,
+            plain,
         ),
         ComparisonRow(
             "torque RMSE over 14harm50sec, against the package figaroh",
@@ -255,7 +255,7 @@ def _comparison() -> list[ComparisonRow]:
             "%",
             26.0,
             "",
-            prototype,
+            plain,
         ),
         ComparisonRow(
             "Share unexplained over ptp_10_points, joint 6",
@@ -263,7 +263,7 @@ def _comparison() -> list[ComparisonRow]:
             "%",
             51.0,
             "at rest, stiction carries what friction as a function of velocity cannot",
-            prototype,
+            plain,
         ),
     ]
 

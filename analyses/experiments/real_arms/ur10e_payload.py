@@ -296,15 +296,15 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
     lost = f"damping reads {change_between(MASS, metrics['damped']['mass_kg'])} than there is"
 
     def row(label: str, key: str, unit: str, value: float, remark: str = "") -> ComparisonRow:
-        return ComparisonRow(label, key, unit, value, remark, "prototype")
+        return ComparisonRow(label, key, unit, value, remark, "plain tools")
 
-    richer = "the prototype's friction had memory, Stribeck and load terms"
+    richer = "the plain tools' friction had memory, Stribeck and load terms"
     rows = [
         row(f"force RMSE {axis}, Bayesian", f"bayesian.rmse_f{axis}_n", "N", value, remark)
         for axis, value, remark in zip(
             AXES,
             (7.3, 7.4, 10.0),
-            ("prior of maximum evidence; the prototype's was set by hand (30 N, 2 N m)", "", ""),
+            ("prior of maximum evidence; there it was set by hand (30 N, 2 N m)", "", ""),
             strict=True,
         )
     ]

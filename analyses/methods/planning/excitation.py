@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from analyses.methods.planning.excitation_config import ExcitationConfig, ExciteSettings
 from analyses.output.figures import SERIES, new_figure
 from analyses.output.outputs import OutputFolder
+from analyses.output.result_folder import result_folder
 from diagrams.clearance import Clearance, ClosestPair
 from diagrams.pages.motion_page import record_motion
 from models.excitation.excitation_information import MEASURES, ExcitationInformation
@@ -230,11 +231,22 @@ def excite_robot(
         The trajectory, and the validation's where there is one.
 
     Raises:
-        InputError: as `Robot.load`, `OutputFolder` and `excite`.
+        InputError: as `Robot.load`, `result_folder` and `excite`.
     """
     config = ExcitationConfig() if config is None else config
+    with result_folder(out, "excite") as folder:
+        return _excite_into(folder, robot_name, config, validation, recording, progress)
+
+
+def _excite_into(
+    folder: OutputFolder,
+    robot_name: str | Path,
+    config: ExcitationConfig,
+    validation: bool,
+    recording: bool,
+    progress: ProgressCallback,
+) -> tuple[ExcitationResult, ...]:
     robot = Robot.load(robot_name)
-    folder = OutputFolder(out)
     # Any other seed is as good; this one meets nobody's second run.
     seeds = {"trajectory": config.seed, "validation": config.seed + 1_000_003}
     names = list(seeds) if validation else ["trajectory"]

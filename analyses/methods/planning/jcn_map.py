@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 from analyses.methods.planning.jcn_map_settings import NUM_SAMPLES, JcnMapSettings, SliceConfig
 from analyses.output.figures import COLOUR, new_figure, save_figure
 from analyses.output.outputs import OutputFolder
+from analyses.output.result_folder import result_folder
 from diagrams.pages.cloud_page import record_cloud
 from models.files.input_error import InputError
 from models.motion.branches import is_closed_form
 from models.motion.posture_map import PostureMap, best_postures
 from models.motion.posture_measures import ConditionNumber, check_joints
+from models.motion.surface_path import frame_about
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -142,14 +144,7 @@ def slice_plane(
     Raises:
         InputError: a plane, cone or grid that makes no sense.
     """
-    if config.axis not in _PLANES:
-        raise InputError("--slice", "", f'"{config.axis}", expected x, y or z', "write z=0.3")
-    if not (math.isfinite(config.value) and 2 <= config.num_points <= 401):
-        raise InputError("--slice", "", "expected a place in m, and a grid of 2 to 401 points")
-    if not 0.0 <= config.cone_deg <= 180.0:
-        raise InputError("--cone-deg", "", f"{config.cone_deg:g}, expected 0 to 180")
-    if len(config.cone_axis) != 3:
-        raise InputError("--cone-axis", "", f"{len(config.cone_axis)} numbers, expected three")
+    _check_slice(config)
     first, second = (i for i in range(3) if i != _PLANES[config.axis])
     extent = config.extent
     if extent is None:
@@ -167,6 +162,18 @@ def slice_plane(
         progress=lambda fraction: progress(fraction, "slice"),
     )
     return Slice(config, ("xyz"[first], "xyz"[second]), u, u, postures)
+
+
+def _check_slice(config: SliceConfig) -> None:
+    if config.axis not in _PLANES:
+        raise InputError("--slice", "", f'"{config.axis}", expected x, y or z', "write z=0.3")
+    if not (math.isfinite(config.value) and 2 <= config.num_points <= 401):
+        raise InputError("--slice", "", "expected a place in m, and a grid of 2 to 401 points")
+    if not 0.0 <= config.cone_deg <= 180.0:
+        raise InputError("--cone-deg", "", f"{config.cone_deg:g}, expected 0 to 180")
+    if len(config.cone_axis) != 3:
+        raise InputError("--cone-axis", "", f"{len(config.cone_axis)} numbers, expected three")
+    frame_about(np.array(config.cone_axis), "cone_axis")
 
 
 @dataclass(frozen=True)
@@ -195,8 +202,22 @@ def jcn_map(
     Raises:
         InputError: see `sample` and `slice_plane`; or `out` cannot be written to.
     """
-    folder = OutputFolder(out)
+    with result_folder(out, "jcn-map") as folder:
+        return _map_into(folder, robot_name, num_samples, seed, within_limits, plane, progress)
+
+
+def _map_into(
+    folder: OutputFolder,
+    robot_name: str,
+    num_samples: int,
+    seed: int,
+    within_limits: bool,
+    plane: SliceConfig | None,
+    progress: Callable[[float, str], None],
+) -> JcnMapResult:
     robot = Robot.load(robot_name)
+    if plane is not None:
+        _check_slice(plane)
     samples = sample(
         robot,
         num_samples,

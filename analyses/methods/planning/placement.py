@@ -19,6 +19,7 @@ from analyses.methods.planning.particle_swarm import SwarmConfig, place_by_swarm
 from analyses.methods.planning.place_settings import PlaceSettings
 from analyses.output.figures import COLOUR, SERIES, new_figure
 from analyses.output.outputs import OutputFolder
+from analyses.output.result_folder import result_folder
 from diagrams.pages.path_page import PathMotion, TriangleMesh, record_paths
 from diagrams.placement_cell import PlacementCell, obstacle_corners, workpiece_corners
 from models.estimation.wrench import WrenchReconstructionConfig, live_prior
@@ -263,36 +264,37 @@ def place_task(
         content: what counts before the content of the task that `task_name` names.
 
     Raises:
-        InputError: as `place`; the task, the robot or the model cannot be read.
+        InputError: as `place` and `result_folder`; the task, the robot or the model cannot be
+            read.
     """
-    task, source = load_task(task_name) if content is None else (content, Path(task_name))
-    robot = Robot.load(robot_name)
-    model = None if model_path is None else IdentifiedModel.load(model_path, robot)
-    folder = OutputFolder(out)
-    result = place(
-        task,
-        source,
-        robot,
-        objective=objective,
-        solver=solver,
-        seed=seed,
-        model=model,
-        method=method,
-        effort=EFFORT_QUICK if quick and task.clearance is None else None,
-        progress=progress,
-    )
-    settings = PlaceSettings(
-        task=str(task_name),
-        robot=str(robot_name),
-        objective=objective,
-        solver=solver,
-        model=None if model_path is None else str(model_path),
-        method=method,
-        seed=seed,
-        quick=quick,
-        task_content=task,
-    )
-    write_placement(folder, result, settings)
+    with result_folder(out, "place") as folder:
+        task, source = load_task(task_name) if content is None else (content, Path(task_name))
+        robot = Robot.load(robot_name)
+        model = None if model_path is None else IdentifiedModel.load(model_path, robot)
+        result = place(
+            task,
+            source,
+            robot,
+            objective=objective,
+            solver=solver,
+            seed=seed,
+            model=model,
+            method=method,
+            effort=EFFORT_QUICK if quick and task.clearance is None else None,
+            progress=progress,
+        )
+        settings = PlaceSettings(
+            task=str(task_name),
+            robot=str(robot_name),
+            objective=objective,
+            solver=solver,
+            model=None if model_path is None else str(model_path),
+            method=method,
+            seed=seed,
+            quick=quick,
+            task_content=task,
+        )
+        write_placement(folder, result, settings)
     return result
 
 

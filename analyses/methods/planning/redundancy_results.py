@@ -10,7 +10,7 @@ import numpy as np
 from analyses.methods.planning.redundancy import RedundancyResult, find_redundancy
 from analyses.methods.planning.redundancy_task import RedundancySettings, RedundancyTask
 from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
-from analyses.output.outputs import OutputFolder
+from analyses.output.result_folder import result_folder
 from analyses.study.experiment import (
     FigureFile,
 )
@@ -143,17 +143,19 @@ def redundancy(
     Raises:
         InputError: see `find_redundancy`; or `out` cannot be written to.
     """
-    folder = OutputFolder(out)
-    robot = Robot.load(robot_name)
-    source = task_file(task_name, "redundancy")
-    config = load_configuration(source, RedundancyTask) if content is None else content
-    result = find_redundancy(robot, config, source, progress)
-    folder.write_text("trajectory.csv", trajectory_csv(result))
-    draw(result, out)
-    metrics = {**result.metrics(), "notices": list(result.notices)}
-    folder.write_json("metrics.json", metrics)
-    settings = RedundancySettings(task=str(task_name), robot=str(robot_name), task_content=config)
-    folder.write_settings("config.yaml", settings)
+    with result_folder(out, "redundancy") as folder:
+        robot = Robot.load(robot_name)
+        source = task_file(task_name, "redundancy")
+        config = load_configuration(source, RedundancyTask) if content is None else content
+        result = find_redundancy(robot, config, source, progress)
+        folder.write_text("trajectory.csv", trajectory_csv(result))
+        draw(result, folder.path)
+        metrics = {**result.metrics(), "notices": list(result.notices)}
+        folder.write_json("metrics.json", metrics)
+        settings = RedundancySettings(
+            task=str(task_name), robot=str(robot_name), task_content=config
+        )
+        folder.write_settings("config.yaml", settings)
     return result
 
 

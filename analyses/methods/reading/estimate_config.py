@@ -7,11 +7,13 @@ import numpy as np
 from models.estimation.estimator import WrenchEstimatorConfig
 from models.estimation.momentum_observer import MomentumObserverConfig
 from models.estimation.observers import make_observer
-from models.estimation.wrench import METHODS
+from models.estimation.wrench import METHODS, live_prior
 from models.files.input_error import InputError
 from models.robot.robot import Robot
 
 ENGINES = ("batch", "diagram")
+PRIORS = ("live", "log")
+FLOOR_SHARE = 1.0 / 3.0
 
 
 def _estimator_of_logs() -> WrenchEstimatorConfig:
@@ -22,11 +24,15 @@ def _estimator_of_logs() -> WrenchEstimatorConfig:
 class EstimateConfig:
     """How a log becomes wrenches.
 
-    `estimator` is the estimator's own configuration, but for two values that may be left to the
-    log: a time step of zero is the log's median step, and a prior of None is the one with the
-    greatest evidence in the log.
+    `estimator` is the estimator's own configuration, but for what may be left to the log: a time
+    step of zero is the log's median step, a position resolution of None the step of its encoders,
+    and a prior of None what `prior` says.
     """
 
+    prior: str = "log"
+    """Where the estimator states none: "live", half the rated payload; "log", what explains the log
+    best, but no less than FLOOR_SHARE of the live one, so that a short contact in a quiet log is
+    not read as noise; or two numbers, N and N m: "30,2"."""
     engine: str = "batch"  # "batch": the kernels; "diagram": the same chain as a Drake diagram
     estimator: WrenchEstimatorConfig = field(default_factory=_estimator_of_logs)
     max_gap: float = 0.0  # s, longest gap that is bridged; 0: 0.1 s or three steps
@@ -37,12 +43,22 @@ class EstimateConfig:
 class EstimateSettings:
     """All that a run of `estimate` depends on, as its config.yaml holds it."""
 
-    command: str = "estimate"
-    log: str = ""
+    command: str = "estimate"  # which wrote it
+    log: str = ""  # of q, v and motor current
     robot: str = ""  # a bundled name, or a robot.yaml
     model: str | None = None  # a model.yaml; None: what the robot's own files state
     log_format: str | None = None  # description of the log's columns
-    estimate: EstimateConfig = field(default_factory=EstimateConfig)
+    estimate: EstimateConfig = field(default_factory=EstimateConfig)  # how
+
+
+def stated_prior(config: EstimateConfig, robot: Robot) -> tuple[float, float] | None:
+    """Force sd (N) and moment sd (N m) that `prior` says without the log; None: it is the log's."""
+    if config.prior == "log":
+        return None
+    if config.prior == "live":
+        return live_prior(robot.payload)
+    force_sd, moment_sd = (float(x) for x in config.prior.split(","))
+    return force_sd, moment_sd
 
 
 def checked_config(config: EstimateConfig, robot: Robot) -> EstimateConfig:
@@ -62,6 +78,14 @@ def checked_config(config: EstimateConfig, robot: Robot) -> EstimateConfig:
     ):
         if value not in known:
             raise refuse(name, f'unknown {name} "{value}"', f"give {' or '.join(known)}")
+    if config.prior not in PRIORS:
+        try:
+            force_sd, moment_sd = (float(x) for x in config.prior.split(","))
+        except ValueError:
+            force_sd = moment_sd = float("nan")
+        if not (force_sd > 0.0 and moment_sd > 0.0 and np.isfinite(force_sd + moment_sd)):
+            found = f'is "{config.prior}", expected live, log or two numbers above zero'
+            raise refuse("prior", found, "give N and N m, such as 30,2")
     for name in ("prior_force_sd", "prior_moment_sd", "max_force_sd"):
         number = getattr(reconstruction, name)
         if number is not None and not (np.isfinite(number) and number > 0):

@@ -16,21 +16,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analyses.methods.reading.estimate_config import (
+    FLOOR_SHARE,
+    PRIORS,
     EstimateConfig,
     EstimateSettings,
     checked_config,
+    stated_prior,
 )
 from analyses.methods.reading.estimate_summary import EstimateSummary
 from analyses.output.outputs import OutputFolder
+from analyses.output.result_folder import result_folder
 from analyses.output.stream_summary import EvenSample
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.observers import make_observer
 from models.estimation.wrench import (
-    FORCE_SD_RANGE,
     evidence_prior,
+    live_prior,
 )
 from models.estimation.wrench_table import WrenchTableWriter
 from models.identification.identified_model import IdentifiedModel
+from models.recordings.position_resolution import position_resolution
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import RecordingReader
 from models.recordings.resampling import plausible_step, resample_chunks
@@ -40,7 +45,7 @@ Array = NDArray[np.float64]
 
 ProgressCallback = Callable[[float, str], None]
 
-_CHUNK = 1 << 16  # samples that are worked on at a time
+CHUNK_SAMPLES = 1 << 16  # samples that are worked on at a time
 _PRIOR_SAMPLES = 1 << 12
 
 
@@ -97,30 +102,31 @@ def estimate_log(
         log_format: description of the log's columns.
 
     Raises:
-        InputError: as `Robot.load`, `IdentifiedModel.load`, `RecordingReader` and `OutputFolder`; a
-            setting that makes no sense.
+        InputError: as `Robot.load`, `IdentifiedModel.load`, `RecordingReader` and `result_folder`;
+            a setting that makes no sense.
     """
-    robot = Robot.load(robot_name)
-    config = checked_config(config or EstimateConfig(), robot)
-    if model_path is None:
-        model = IdentifiedModel.nominal(robot)
-    else:
-        model = IdentifiedModel.load(Path(model_path), robot)
+    with result_folder(out, "estimate") as folder:
+        robot = Robot.load(robot_name)
+        config = checked_config(config or EstimateConfig(), robot)
+        if model_path is None:
+            model = IdentifiedModel.nominal(robot)
+        else:
+            model = IdentifiedModel.load(Path(model_path), robot)
 
-    def read() -> RecordingReader:
-        reader = RecordingReader(log, log_format, robot, config.check)
-        reader.require_joint_signals()
-        return reader
+        def read() -> RecordingReader:
+            reader = RecordingReader(log, log_format, robot, config.check)
+            reader.require_joint_signals()
+            return reader
 
-    read()  # refuses a bad log before the folder is made
-    settings = EstimateSettings(
-        log=str(log),
-        robot=str(robot_name),
-        model=None if model_path is None else str(model_path),
-        log_format=None if log_format is None else str(log_format),
-        estimate=config,
-    )
-    return estimate(read, robot, model, OutputFolder(out), settings, progress)
+        settings = EstimateSettings(
+            log=str(log),
+            robot=str(robot_name),
+            model=None if model_path is None else str(model_path),
+            log_format=None if log_format is None else str(log_format),
+            estimate=config,
+        )
+        result = estimate(read, robot, model, folder, settings, progress)
+    return replace(result, table=out / result.table.name)
 
 
 def estimate(
@@ -145,9 +151,21 @@ def estimate(
         warnings.append(
             "the model is not identified from logs: its friction and its noise are assumed"
         )
+    elif model.torque_error is None:
+        warnings.append(
+            "the model does not say what its torque errs by at rest and in motion: one covariance "
+            "stands for both; identify it again"
+        )
     config, max_gap = settings.estimate.estimator, settings.estimate.max_gap
-    num_passes = 1 if _has_prior(config) else 2
+    if config.position_resolution is None:
+        step = position_resolution(next(iter(read().chunks())).q)
+        config = replace(config, position_resolution=step.tolist())
     rule = "given"
+    stated = stated_prior(settings.estimate, robot)
+    if stated is not None and not _has_prior(config):
+        config = replace(config, reconstruction=config.reconstruction.with_prior(*stated))
+        rule = settings.estimate.prior if settings.estimate.prior in PRIORS else "given"
+    num_passes = 1 if _has_prior(config) else 2
     if num_passes == 2:
         part = _Part(progress, 0.0, 0.4, "finding the prior")
         config, rule = _with_evidence(read(), robot, model, config, max_gap, part, warnings)
@@ -240,8 +258,8 @@ def _uniform(
     """The log on its uniform grid, some ten thousand samples at a time."""
     step = config.observer.time_step or None
     for chunk in resample_chunks(reader.chunks(), step, max_gap or None):
-        for begin in range(0, chunk.num_samples, _CHUNK):
-            yield chunk[begin : begin + _CHUNK]
+        for begin in range(0, chunk.num_samples, CHUNK_SAMPLES):
+            yield chunk[begin : begin + CHUNK_SAMPLES]
         part(reader.progress)
 
 
@@ -262,14 +280,22 @@ def _with_evidence(
             engine = _BatchEngine(robot, model, _timed(config, chunk))
         batch = engine.run(chunk.q, chunk.v, chunk.current)
         measured = ~chunk.dropout
-        J.add(batch.J[measured])
-        tau_ext.add(batch.tau_ext[measured])
-    force_sd, moment_sd = evidence_prior(J.values(), tau_ext.values(), model.residual_covariance)
+        sd = np.ones_like(batch.tau_ext) if batch.torque_sd is None else batch.torque_sd
+        J.add((batch.J / sd[:, None, :])[measured])
+        tau_ext.add((batch.tau_ext / sd)[measured])
+    noise = model.residual_covariance
+    if model.torque_error is not None:
+        noise = model.torque_error.correlation
+    force_sd, moment_sd = evidence_prior(J.values(), tau_ext.values(), noise)
     prior = config.reconstruction
-    if force_sd < 1.01 * FORCE_SD_RANGE[0] and prior.prior_force_sd is None:
+    live_force, live_moment = live_prior(robot.payload)
+    if force_sd < FLOOR_SHARE * live_force and prior.prior_force_sd is None:
         warnings.append(
-            "the log shows no force beyond the model's error: the readings are close to zero"
+            "the log as a whole shows little force beyond the model's error: the prior is "
+            f"{FLOOR_SHARE * live_force:.3g} N, so that a short contact still reads"
         )
+    force_sd = max(force_sd, FLOOR_SHARE * live_force)
+    moment_sd = max(moment_sd, FLOOR_SHARE * live_moment)
     given = [
         name
         for name, value in (("force", prior.prior_force_sd), ("moment", prior.prior_moment_sd))

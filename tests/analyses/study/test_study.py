@@ -14,6 +14,7 @@ import yaml
 
 from analyses.output.outputs import OutputFolder
 from analyses.output.progress import Progress
+from analyses.output.sole_writer import sole_writer
 from analyses.study import study
 from analyses.study.registry import REGISTRY
 from analyses.study.study import check_names, run_study
@@ -154,7 +155,7 @@ def test_a_study_writes_every_file(experiments, run, tmp_path):
     assert not result.failed
     files = {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()}
     assert files == {
-        ".lock",
+        ".wrenchsight.json",
         "metrics.json",
         "timings.json",
         "report.html",
@@ -162,6 +163,7 @@ def test_a_study_writes_every_file(experiments, run, tmp_path):
         "one/config.yaml",
         "one/result.json",
         "one/checksums.sha256",
+        "one/.wrenchsight.json",
         "one/figures/noise.png",
     }
     metrics = _read(out / "metrics.json")
@@ -509,7 +511,9 @@ def test_an_interrupt_leaves_whole_results_only(experiments, tmp_path):
         run_study([], out, tmp_path, watch=interrupt)
     assert list(_read(out / "metrics.json")) == ["quick-one"]
     names = sorted(p.name for p in out.iterdir())
-    assert names == [".lock", "metrics.json", "quick-one", "report.html", "timings.json"]
+    assert names == [
+        ".wrenchsight.json", "metrics.json", "quick-one", "report.html", "timings.json",
+    ]  # fmt: skip
     assert "interrupted" in (out / "report.html").read_text()
 
 
@@ -655,7 +659,7 @@ def test_a_full_disk_at_the_summary_leaves_the_earlier_one(experiments, run, tmp
 def test_two_studies_do_not_write_in_one_folder(experiments, run, tmp_path):
     experiments("one")
     with (
-        study._sole_writer(OutputFolder(tmp_path / "study").path),
+        sole_writer(OutputFolder(tmp_path / "study").path),
         pytest.raises(InputError, match="another study"),
     ):
         run("one")

@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 from analyses.__main__ import app
 from analyses.methods.planning.jcn_map import jcn_map, sample, slice_plane
 from analyses.methods.planning.jcn_map_settings import SliceConfig
+from analyses.output.result_marker import MARKER
 from models.files.input_error import InputError
 from models.robot.robot import Robot
 
@@ -81,7 +82,7 @@ def test_the_command_writes_what_it_promises(tmp_path: Path) -> None:
         assert (tmp_path / "figures" / f"{name}.png").stat().st_size > 10_000
     page = (tmp_path / "recording.html").read_text()
     assert "JCN" in page and "</html>" in page
-    assert not list(tmp_path.glob(".*"))
+    assert [path.name for path in tmp_path.glob(".*")] == [MARKER]
 
 
 @pytest.mark.parametrize(
