@@ -167,11 +167,7 @@ class _Solution:
 
 
 def _wide_spread(mass: float) -> Array:
-<<<<<<< HEAD
     return np.asarray(np.r_[mass, np.full(3, mass * REACH), np.full(6, mass * REACH**2)])
-=======
-    return np.concatenate([[mass], np.full(3, mass * REACH), np.full(6, mass * REACH**2)])
->>>>>>> w-refresh
 
 
 def _solve(

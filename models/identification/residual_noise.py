@@ -158,16 +158,8 @@ class ResidualRows:
         dry, viscous = self.dry[part, joint], self.viscous[part, joint]
         level = self.stiction[part, joint]
         reversal = 1.0 + noise.reversal * np.exp(-((v / noise.reversal_velocity) ** 2))
-<<<<<<< HEAD
         drifts = noise.coulomb**2 * np.outer(dry, dry)
         slow = (noise.slow * sd) ** 2 + drifts + noise.viscous**2 * np.outer(viscous, viscous)
-=======
-        slow = (
-            (noise.slow * sd) ** 2
-            + noise.coulomb**2 * np.outer(dry, dry)
-            + noise.viscous**2 * np.outer(viscous, viscous)
-        )
->>>>>>> w-refresh
         fading = np.exp(-np.abs(t[:, None] - t) / noise.correlation_time)
         rest = np.abs(v) < V_REST
         # Successive samples at rest have one number; a motion in between begins another rest.

@@ -54,11 +54,7 @@ class IdentifySettings:
     refresh: str | None = None  # model.yaml of which the one log finds the friction anew
     log_format: str | None = None  # description of the logs' columns
     identification: IdentificationConfig = field(default_factory=IdentificationConfig)  # how
-<<<<<<< HEAD
     refreshing: RefreshConfig = field(default_factory=RefreshConfig)  # how, with `refresh`
-=======
-    refreshing: RefreshConfig = field(default_factory=RefreshConfig)  # of `refresh`
->>>>>>> w-refresh
 
 
 def checked_config(config: IdentificationConfig) -> IdentificationConfig:
