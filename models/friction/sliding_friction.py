@@ -10,7 +10,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from models.friction.presliding_friction import FrictionLaw, PreslidingFriction
+from models.friction.extended_friction import ExtendedFriction
+from models.friction.friction_law import FrictionLaw
+from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 
 Array = NDArray[np.float64]
@@ -33,6 +35,8 @@ def with_sliding(law: FrictionLaw, sliding: CoulombViscous) -> FrictionLaw:
         return replace(law, velocity_law=velocity_law, coulomb=sliding.coulomb)
     if isinstance(law, SemiParametricFriction):
         return replace(law, coulomb_viscous=sliding)
+    if isinstance(law, ExtendedFriction):
+        return replace(law, law=with_sliding(law.law, sliding))
     raise TypeError(f"friction: {type(law).__name__} has no sliding part to exchange")
 
 
@@ -58,12 +62,13 @@ def dry_and_viscous(law: FrictionLaw, q: Array, v: Array, load: Array) -> tuple[
     """Returns tau_f (N, n) along a log in two parts: the offset's and velocity's own left out of
     the first, (viscous v + cubic v^3) the second.
 
-    A network near zero velocity counts as dry.
+    A network near zero velocity and further terms count as dry.
     """
     here = law.coulomb_viscous
     viscous = here.viscous * v
-    if isinstance(law, PreslidingFriction):
-        viscous = viscous + law.cubic * v**3
+    own = _without_further_terms(law)
+    if isinstance(own, PreslidingFriction):
+        viscous = viscous + own.cubic * v**3
     return law.torque_along(q, v, load) - viscous - here.offset, viscous
 
 
@@ -74,7 +79,11 @@ def stiction(law: FrictionLaw, load: Array) -> Array:
         law: the friction law.
         load: (N, n) transmitted torque, N m.
     """
-    level = np.broadcast_to(np.abs(law.coulomb_viscous.coulomb), load.shape)
-    if isinstance(law, PreslidingFriction):
-        level = law.coulomb + law.stribeck + law.load * np.abs(load)
-    return np.maximum(level, 0.0)
+    own = _without_further_terms(law)
+    if isinstance(own, PreslidingFriction):
+        return np.maximum(own.coulomb + own.stribeck + own.load * np.abs(load), 0.0)
+    return np.broadcast_to(np.abs(own.coulomb_viscous.coulomb), load.shape)
+
+
+def _without_further_terms(law: FrictionLaw) -> FrictionLaw:
+    return _without_further_terms(law.law) if isinstance(law, ExtendedFriction) else law

@@ -167,7 +167,7 @@ class _Solution:
 
 
 def _wide_spread(mass: float) -> Array:
-    return np.r_[mass, np.full(3, mass * REACH), np.full(6, mass * REACH**2)]
+    return np.asarray(np.r_[mass, np.full(3, mass * REACH), np.full(6, mass * REACH**2)])
 
 
 def _solve(

@@ -158,9 +158,8 @@ class ResidualRows:
         dry, viscous = self.dry[part, joint], self.viscous[part, joint]
         level = self.stiction[part, joint]
         reversal = 1.0 + noise.reversal * np.exp(-((v / noise.reversal_velocity) ** 2))
-        slow = (noise.slow * sd) ** 2
-        slow = slow + noise.coulomb**2 * np.outer(dry, dry)
-        slow = slow + noise.viscous**2 * np.outer(viscous, viscous)
+        drifts = noise.coulomb**2 * np.outer(dry, dry)
+        slow = (noise.slow * sd) ** 2 + drifts + noise.viscous**2 * np.outer(viscous, viscous)
         fading = np.exp(-np.abs(t[:, None] - t) / noise.correlation_time)
         rest = np.abs(v) < V_REST
         # Successive samples at rest have one number; a motion in between begins another rest.

@@ -6,13 +6,14 @@ carry what the model's logs carried.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from analyses.methods.learning.identification_config import IdentifySettings, RefreshConfig
 from analyses.methods.learning.model_residual import ModelResidual, with_friction
 from analyses.output.outputs import OutputFolder
 from models.files.input_error import InputError
@@ -38,29 +39,6 @@ MOVED = 3.0  # standard errors, from which a coefficient is said to have moved
 LITTLE = 0.2  # share of the prior's variance; a log that takes less away says little
 MORE_THAN_FRICTION = 2.0  # of the residual's stated sd
 UNITS = {"coulomb": "N m", "viscous": "N m s/rad", "offset": "N m"}
-
-
-@dataclass
-class RefreshConfig:
-    """How friction is found anew."""
-
-    begin: float = 0.0  # s after the log's first sample
-    end: float = 0.0  # s; 0: the log's end
-    coulomb_drift: float = 0.05  # sd of the prior, share of the joint's dry friction
-    viscous_drift: float = 0.3  # share of the viscous coefficient
-    offset_drift: float = 0.02  # share of the dry friction
-
-
-@dataclass
-class RefreshSettings:
-    """All that a run of `identify --refresh` depends on, as its config.yaml holds it."""
-
-    command: str = "identify"
-    robot: str = ""  # a bundled name, or a robot.yaml
-    model: str = ""  # model.yaml whose friction is found anew
-    log: str = ""
-    log_format: str | None = None  # description of the log's columns
-    refresh: RefreshConfig = field(default_factory=RefreshConfig)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,11 +91,11 @@ class RefreshResult:
             },
         }
 
-    def write(self, out: OutputFolder, settings: RefreshSettings) -> None:
+    def write(self, out: OutputFolder, settings: IdentifySettings) -> None:
         """Writes model.yaml, metrics.json, config.yaml and figures/friction.png."""
         out.write_figure("friction", friction_figure(self))
         out.write_json("metrics.json", self.metrics())
-        out.write_yaml("config.yaml", replace(settings, refresh=self.config))
+        out.write_settings("config.yaml", replace(settings, refreshing=self.config))
         self.model.save(out / "model.yaml")
 
 
@@ -185,10 +163,10 @@ def refresh_log(
     recording = read_recording(log, log_format, robot)
     progress(0.4, "finding friction")
     result = refresh_model(recording, robot, model, config)
-    settings = RefreshSettings(
+    settings = IdentifySettings(
         robot=str(robot_name),
-        model=str(model_path),
-        log=str(log),
+        logs=[str(log)],
+        refresh=str(model_path),
         log_format=None if log_format is None else str(log_format),
     )
     result.write(OutputFolder(out), settings)
@@ -227,26 +205,23 @@ def friction_figure(result: RefreshResult) -> "Figure":
 
 def _part(recording: Recording, config: RefreshConfig) -> Recording:
     t = recording.t - recording.t[0]
-    end = config.end or float(t[-1])
-    chosen = np.flatnonzero((t >= config.begin) & (t <= end))
+    begin, end = config.part or (0.0, float(t[-1]))
+    chosen = np.flatnonzero((t >= begin) & (t <= end))
     if len(chosen) < 2:
         raise InputError(
             recording.source,
             "",
-            f"holds no samples from {config.begin:g} to {end:g} s; it lasts {t[-1]:.3g} s",
+            f"holds no samples from {begin:g} to {end:g} s; it lasts {t[-1]:.3g} s",
             "choose another part with --part",
         )
     return recording[chosen[0] : chosen[-1] + 1]
 
 
 def _checked(config: RefreshConfig) -> RefreshConfig:
-    for key in ("begin", "end"):
-        value = getattr(config, key)
-        if not (np.isfinite(value) and value >= 0.0):
-            raise InputError("refresh", key, f"expected seconds, 0 or more, found {value:g}")
-    if config.end and config.end <= config.begin:
-        problem = f"the part ends at {config.end:g} s, before it begins at {config.begin:g} s"
-        raise InputError("refresh", "end", problem)
+    part = config.part
+    if part and not (len(part) == 2 and np.isfinite(part).all() and 0.0 <= part[0] < part[1]):
+        found = ",".join(f"{value:g}" for value in part)
+        raise InputError("--part", "", f"expected BEGIN,END in s, found {found}", "such as 0,4")
     for key in ("coulomb_drift", "viscous_drift", "offset_drift"):
         value = getattr(config, key)
         if not (np.isfinite(value) and value > 0.0):

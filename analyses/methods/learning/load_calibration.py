@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from analyses.methods.learning.friction_fit import Solution
 from analyses.methods.learning.identification import IdentificationResult, identify
-from analyses.methods.learning.identification_config import IdentificationConfig
+from analyses.methods.learning.identification_config import IdentificationConfig, IdentifySettings
 from analyses.methods.learning.low_passed_logs import (
     LowPassedLog,
     check_recording,
@@ -106,9 +106,9 @@ class CalibrationResult:
             }
         }
 
-    def write(self, out: OutputFolder, command: dict[str, Any]) -> None:
+    def write(self, out: OutputFolder, settings: IdentifySettings) -> None:
         """Writes what an identification writes, and robot.yaml and figures/calibration.png."""
-        self.identification.write(out, command)
+        self.identification.write(out, settings)
         out.write_figure("calibration", calibration_figure(self))
         config = self.robot.config
         urdf = config.urdf if config.urdf.is_absolute() else self.robot.source.parent / config.urdf
@@ -171,7 +171,7 @@ def calibrate(
     )
     calibration = problem.solve()
     ratio = np.where(gains_told(calibration), calibration.ratio, 1.0)
-    renewed = robot.with_torque_per_ampere(ratio * robot.torque_per_ampere)
+    renewed = robot.with_torque_per_ampere((ratio * robot.torque_per_ampere).tolist())
     second = identify(
         recordings,
         renewed,
@@ -229,15 +229,14 @@ def calibrate_logs(
     loaded = [(read_recording(path, log_format, robot), load) for path, load in parsed]
     folder = OutputFolder(out)
     result = calibrate(recordings, loaded, robot, validation, config, progress)
-    command = {
-        "command": "identify",
-        "robot": str(robot_name),
-        "logs": [str(log) for log in logs],
-        "load": list(loads),
-        "validate": [str(log) for log in validate],
-        "log_format": None if log_format is None else str(log_format),
-    }
-    result.write(folder, command)
+    settings = IdentifySettings(
+        robot=str(robot_name),
+        logs=[str(log) for log in logs],
+        validate=[str(log) for log in validate],
+        load=list(loads),
+        log_format=None if log_format is None else str(log_format),
+    )
+    result.write(folder, settings)
     return result
 
 

@@ -20,7 +20,7 @@ from analyses.methods.learning.low_passed_logs import (
     low_pass_log,
     median_step,
 )
-from models.friction.presliding_friction import FrictionLaw
+from models.friction.friction_law import FrictionLaw
 from models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
 from models.identification.identified_model import IdentifiedModel
 from models.identification.load_identification import LoadRows

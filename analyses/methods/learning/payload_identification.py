@@ -6,7 +6,7 @@ transmits depends on the load, too: the fit is repeated with the load found befo
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analyses.methods.learning.model_residual import ModelResidual
+from analyses.methods.learning.payload_config import PayloadConfig, PayloadSettings
 from analyses.output.outputs import OutputFolder
 from models.files.input_error import InputError
 from models.identification.friction_refresh import FrictionDrift
@@ -43,27 +44,6 @@ TENSOR = ("xx", "yy", "zz", "xy", "xz", "yz")  # order of ToolConfig.inertia
 COM_TOLD = 0.02  # m, sd; where a centre of mass is less sure, the motion has not told it
 INERTIA_TOLD = 0.5  # share of the prior's variance
 SCATTER = 2.0  # times what the model states; more is no load's doing
-
-
-@dataclass
-class PayloadConfig:
-    """How a load is found."""
-
-    gain_sd: float = 0.03  # of each joint's torque per ampere, relative; 0: exact
-    name: str = "load"  # of the tool that is written
-
-
-@dataclass
-class PayloadSettings:
-    """All that a run of `payload` depends on, as its config.yaml holds it."""
-
-    command: str = "payload"
-    robot: str = ""  # a bundled name, or a robot.yaml
-    model: str = ""  # model.yaml that identify wrote
-    log: str = ""
-    empty: str | None = None  # a log of the same day without the load
-    log_format: str | None = None  # description of the logs' columns
-    payload: PayloadConfig = field(default_factory=PayloadConfig)
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +136,7 @@ class PayloadResult:
         """
         out.write_figure("load", load_figure(self))
         out.write_json("metrics.json", self.metrics())
-        out.write_yaml("config.yaml", replace(settings, payload=self.config))
+        out.write_settings("config.yaml", replace(settings, payload=self.config))
         if self.load.is_there:
             out.write_text("tool.yaml", self.tool_block())
             self.model.save(out / "model.yaml")
@@ -232,6 +212,7 @@ def payload_log(
     out: Path,
     empty: Path | None = None,
     log_format: str | Path | None = None,
+    check: bool = True,
     config: PayloadConfig | None = None,
     progress: ProgressCallback = lambda fraction, what: None,
 ) -> PayloadResult:
@@ -243,7 +224,7 @@ def payload_log(
     """
     robot = Robot.load(robot_name)
     model = IdentifiedModel.load(Path(model_path), robot)
-    recording = read_recording(log, log_format, robot, check=False)
+    recording = read_recording(log, log_format, robot, check)
     bare = None if empty is None else read_recording(empty, log_format, robot)
     result = identify_payload(recording, robot, model, config, bare, progress)
     settings = PayloadSettings(
@@ -252,6 +233,7 @@ def payload_log(
         log=str(log),
         empty=None if empty is None else str(empty),
         log_format=None if log_format is None else str(log_format),
+        check=check,
     )
     result.write(OutputFolder(out), settings)
     return result

@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+from numba import njit
 
+from models.friction.extended_friction import ExtendedFriction
 from models.friction.friction_network import FrictionNetworks
+from models.friction.friction_terms import FrictionTerm
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.sliding_friction import (
     TERMS,
@@ -41,6 +44,9 @@ LAWS = {
     "coulomb-viscous": lambda: SemiParametricFriction(SLIDING),
     "network": lambda: SemiParametricFriction(SLIDING, networks(), np.array([0.1, 0.2])),
     "presliding": presliding,
+    "with a further term": lambda: ExtendedFriction(
+        presliding(), (FrictionTerm("ripple", njit(lambda q, v: q)),), np.array([[0.0], [0.0]])
+    ),
 }
 
 
