@@ -116,7 +116,7 @@ def joined(values: Sequence[float]) -> str:
 class SeveralValues(TyperCommand):
     """Lets `--validate A B` stand for `--validate A --validate B`, as a shell's `*` writes it."""
 
-    options = ("--validate",)
+    options = ("--validate", "--load")
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         spelt, current = list[str](), ""

@@ -6,7 +6,7 @@ from typing import Any, Self
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from models.friction.friction_law import FrictionLaw
 from models.friction.friction_terms import FrictionTerm
@@ -61,6 +61,10 @@ class ExtendedFriction:
     def velocity_law(self) -> SemiParametricFriction:
         """That of the law below."""
         return self.law.velocity_law
+
+    def sampled(self, time_step: float, resolution: ArrayLike | None = None) -> Self:
+        """The same on the law below for such positions."""
+        return replace(self, law=self.law.sampled(time_step, resolution))
 
     @property
     def kernels(self) -> FrictionKernels:

@@ -54,6 +54,19 @@ class LogSource:
 
 
 @dataclass
+class FrictionSource:
+    """A recording from which friction was found anew; changes and their sds, one a joint."""
+
+    log: LogSource = field(default_factory=LogSource)
+    coulomb: list[float] = field(default_factory=list)  # N m
+    viscous: list[float] = field(default_factory=list)  # N m s/rad
+    offset: list[float] = field(default_factory=list)  # N m
+    coulomb_sd: list[float] = field(default_factory=list)  # N m
+    viscous_sd: list[float] = field(default_factory=list)  # N m s/rad
+    offset_sd: list[float] = field(default_factory=list)  # N m
+
+
+@dataclass
 class Provenance:
     """Where a model comes from. It states no date: the same logs give the same file."""
 
@@ -64,6 +77,7 @@ class Provenance:
     filter_order: int = 0
     filter_regressor: bool = True  # whether the regressor went through the same filter
     residual: str = ""  # how residual_covariance was found
+    refreshes: list[FrictionSource] = field(default_factory=list)  # oldest first
 
 
 @dataclass

@@ -47,6 +47,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from models.friction.extended_friction import ExtendedFriction
 from models.friction.friction_law import FrictionLaw
 from models.friction.slip_elements import SLIDING_COLUMNS, bounded_cubic, within_rounding
 
@@ -291,6 +292,8 @@ def averaged_share(x: ArrayLike) -> Array:
 
 def sliding_columns(friction: FrictionLaw) -> Array:
     """(n, SLIDING_COLUMNS) of a friction law; without memory its Coulomb friction is the level."""
+    if isinstance(friction, ExtendedFriction):
+        friction = friction.law
     if friction.state_rows > 0:
         return np.array(friction.slip_table[:, :SLIDING_COLUMNS])
     columns = np.zeros((friction.num_joints, SLIDING_COLUMNS))

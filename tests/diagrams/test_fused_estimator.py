@@ -16,18 +16,12 @@ from models.friction.friction_network import FrictionNetworks
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
-from models.robot.robot import Robot
 from systems.recording_player import RecordingPlayer, Samples
 
 T = 1e-3
 N = 6
 ROWS = 400
 OUTPUTS = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return Robot.load("sts_sre4_600")
 
 
 def friction(name):
@@ -56,19 +50,19 @@ LAWS = ("coulomb-viscous", "semi-parametric", "presliding")
 
 
 @pytest.fixture(scope="module")
-def model(robot):
+def model(sts_reversed):
     spread = np.random.default_rng(2).normal(size=(N, N))
-    nominal = IdentifiedModel.nominal(robot)
+    nominal = IdentifiedModel.nominal(sts_reversed)
     return replace(nominal, residual_covariance=spread @ spread.T + np.eye(N))
 
 
 @pytest.fixture(scope="module")
-def log(robot):
+def log(sts_reversed):
     """A motion with two holes."""
     rng = np.random.default_rng(11)
     t = np.arange(ROWS)[:, None] * T
     phase, rate = rng.uniform(0.0, 6.0, N), rng.uniform(1.0, 9.0, N)
-    q = robot.home + 0.4 * np.sin(rate * t + phase)
+    q = sts_reversed.home + 0.4 * np.sin(rate * t + phase)
     v = 0.4 * rate * np.cos(rate * t + phase)
     current = 2.0 * np.sin(3.0 * rate * t) + 0.05 * rng.normal(size=(ROWS, N))
     q[250:252, 2] = np.nan
@@ -113,10 +107,10 @@ def assert_same(stages, fused):
         np.testing.assert_allclose(fused[name], stages[name], rtol=0.0, atol=1e-12 * scale)
 
 
-def test_ports(robot, model):
+def test_ports(sts_reversed, model):
     for taught in (False, True):
         stages, fused = (
-            make_estimator(robot, model, taught=taught, fused=kind) for kind in (False, True)
+            make_estimator(sts_reversed, model, taught=taught, fused=kind) for kind in (False, True)
         )
         for ports in (
             lambda d: [d.get_input_port(i) for i in range(d.num_input_ports())],
@@ -127,9 +121,10 @@ def test_ports(robot, model):
 
 
 @pytest.mark.parametrize("kind", ["held", "trapezoidal"])
-def test_it_feeds_through_where_the_stages_do(robot, model, kind):
+def test_it_feeds_through_where_the_stages_do(sts_reversed, model, kind):
     stages, fused = (
-        make_estimator(robot, model, config(torque_samples=kind), fused=f) for f in (False, True)
+        make_estimator(sts_reversed, model, config(torque_samples=kind), fused=f)
+        for f in (False, True)
     )
     for name in ("q", "v", "current"):
         for output in (*OUTPUTS, "terms"):
@@ -144,32 +139,32 @@ def test_it_feeds_through_where_the_stages_do(robot, model, kind):
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("law", LAWS)
-def test_the_numbers_of_the_stages_and_of_the_batch(robot, model, log, law, method):
+def test_the_numbers_of_the_stages_and_of_the_batch(sts_reversed, model, log, law, method):
     model = replace(model, friction=friction(law))
-    fused = play(robot, model, config(method), log, fused=True)
-    assert_same(play(robot, model, config(method), log, fused=False), fused)
-    estimator = WrenchEstimator(robot, model, config(method))
+    fused = play(sts_reversed, model, config(method), log, fused=True)
+    assert_same(play(sts_reversed, model, config(method), log, fused=False), fused)
+    estimator = WrenchEstimator(sts_reversed, model, config(method))
     batch = estimator.run(estimator.initial_state(), *log)
     np.testing.assert_allclose(fused["wrench"], batch.wrench, rtol=0.0, atol=1e-9)
     np.testing.assert_array_equal(fused["valid"][:, 0] == 1.0, batch.valid)
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_torque_of_the_present_tick(robot, model, log, law):
+def test_torque_of_the_present_tick(sts_reversed, model, log, law):
     model = replace(model, friction=friction(law))
     configuration = config(torque_samples="trapezoidal")
-    assert_same(*(play(robot, model, configuration, log, fused=f) for f in (False, True)))
+    assert_same(*(play(sts_reversed, model, configuration, log, fused=f) for f in (False, True)))
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_what_an_air_pass_taught(robot, model, log, law):
+def test_what_an_air_pass_taught(sts_reversed, model, log, law):
     model = replace(model, friction=friction(law))
     rng = np.random.default_rng(4)
     taught = {"tau_correction": rng.normal(size=N), "v_planned": rng.normal(size=N), "counts": [1]}
-    stages, fused = (play(robot, model, config(), log, f, taught) for f in (False, True))
+    stages, fused = (play(sts_reversed, model, config(), log, f, taught) for f in (False, True))
     assert_same(stages, fused)
     assert fused["valid"].any()
-    fused = play(robot, model, config(), log, True, {**taught, "counts": [0]})
+    fused = play(sts_reversed, model, config(), log, True, {**taught, "counts": [0]})
     assert not fused["valid"].any()
 
 
@@ -187,7 +182,7 @@ PARAMETERS = {
 
 
 @pytest.mark.parametrize("parameter", PARAMETERS)
-def test_a_parameter_changed_through_the_context(robot, model, log, parameter):
+def test_a_parameter_changed_through_the_context(sts_reversed, model, log, parameter):
     law = "presliding" if parameter == "friction.slip" else "semi-parametric"
     model = replace(model, friction=friction(law))
     configuration = config("damped" if "damping" in parameter else "bayesian")
@@ -211,16 +206,16 @@ def test_a_parameter_changed_through_the_context(robot, model, log, parameter):
     def change(value):
         value.SetFromVector(PARAMETERS[parameter](value.CopyToVector()))
 
-    stages = play(robot, model, configuration, log, False, change=of_stages)
-    fused = play(robot, model, configuration, log, True, change=of_block)
+    stages = play(sts_reversed, model, configuration, log, False, change=of_stages)
+    fused = play(sts_reversed, model, configuration, log, True, change=of_block)
     assert_same(stages, fused)
-    unchanged = play(robot, model, configuration, log, True)
+    unchanged = play(sts_reversed, model, configuration, log, True)
     differs = [np.abs(fused[name] - unchanged[name]).max() for name in ("wrench", "covariance")]
     assert max(differs) > 1e-6
 
 
-def test_a_broken_parameter_is_refused_when_it_is_used(robot, model):
-    fused = make_estimator(robot, model, fused=True)
+def test_a_broken_parameter_is_refused_when_it_is_used(sts_reversed, model):
+    fused = make_estimator(sts_reversed, model, fused=True)
     block = fused.GetSubsystemByName("block")
     context = fused.CreateDefaultContext()
     for name in ("q", "v", "current"):
@@ -231,9 +226,9 @@ def test_a_broken_parameter_is_refused_when_it_is_used(robot, model):
         fused.GetOutputPort("wrench").Eval(context)
 
 
-def test_two_contexts_of_one_block_do_not_meet(robot, model, log):
+def test_two_contexts_of_one_block_do_not_meet(sts_reversed, model, log):
     """What the block keeps on itself is scratch: ticks of two simulations may alternate."""
-    fused = make_estimator(robot, model, config(), fused=True)
+    fused = make_estimator(sts_reversed, model, config(), fused=True)
     simulators = [Simulator(fused, fused.CreateDefaultContext()) for _ in range(2)]
     read = [[], []]
     for k in range(60):
@@ -244,7 +239,7 @@ def test_two_contexts_of_one_block_do_not_meet(robot, model, log):
                 fused.GetInputPort(name).FixValue(context, signal[row])
             read[which].append(fused.GetOutputPort("wrench").Eval(context))
             simulator.AdvanceTo((k + 0.5) * T)
-    estimator = WrenchEstimator(robot, model, config())
+    estimator = WrenchEstimator(sts_reversed, model, config())
     for which in range(2):
         rows = slice(100 * which, 100 * which + 60)
         batch = estimator.run(estimator.initial_state(), *(signal[rows] for signal in log))

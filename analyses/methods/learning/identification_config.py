@@ -33,15 +33,28 @@ class IdentificationConfig:
 
 
 @dataclass
+class RefreshConfig:
+    """How friction is found anew, for `identify --refresh`."""
+
+    part: list[float] = field(default_factory=list)  # begin and end, s of the log; none: all of it
+    coulomb_drift: float = 0.05  # sd of the prior, share of the joint's dry friction
+    viscous_drift: float = 0.3  # share of the viscous coefficient
+    offset_drift: float = 0.02  # share of the dry friction
+
+
+@dataclass
 class IdentifySettings:
     """All that a run of `identify` depends on, as its config.yaml holds it."""
 
-    command: str = "identify"
+    command: str = "identify"  # which wrote it
     robot: str = ""  # a bundled name, or a robot.yaml
-    logs: list[str] = field(default_factory=list)
+    logs: list[str] = field(default_factory=list)  # of free motion, to be fitted
     validate: list[str] = field(default_factory=list)  # logs to predict, not fitted
+    load: list[str] = field(default_factory=list)  # LOG=MASS or LOG=MASS,X,Y,Z, kg and m
+    refresh: str | None = None  # model.yaml of which the one log finds the friction anew
     log_format: str | None = None  # description of the logs' columns
-    identification: IdentificationConfig = field(default_factory=IdentificationConfig)
+    identification: IdentificationConfig = field(default_factory=IdentificationConfig)  # how
+    refreshing: RefreshConfig = field(default_factory=RefreshConfig)  # how, with `refresh`
 
 
 def checked_config(config: IdentificationConfig) -> IdentificationConfig:

@@ -28,8 +28,8 @@ class ExcitationConfig:
 class ExciteSettings:
     """All that a run of `excite` depends on, as its config.yaml holds it."""
 
-    command: str = "excite"
+    command: str = "excite"  # which wrote it
     robot: str = ""  # a bundled name, or a robot.yaml
     validation: bool = True  # whether to find a second, independent trajectory
     record: bool = True  # whether to write the pages on which the robot runs them
-    excitation: ExcitationConfig = field(default_factory=ExcitationConfig)
+    excitation: ExcitationConfig = field(default_factory=ExcitationConfig)  # what kind

@@ -30,9 +30,9 @@ class SliceConfig:
 class JcnMapSettings:
     """All that a run of `jcn-map` depends on, as its config.yaml holds it."""
 
-    command: str = "jcn-map"
+    command: str = "jcn-map"  # which wrote it
     robot: str = "sts_sre4_600"  # a bundled name, or a robot.yaml
-    num_samples: int = NUM_SAMPLES
-    seed: int = 0
+    num_samples: int = NUM_SAMPLES  # random configurations
+    seed: int = 0  # of the random configurations
     within_limits: bool = False  # random configurations within the limits, not over full turns
     slice: SliceConfig | None = None  # a plane to map as well

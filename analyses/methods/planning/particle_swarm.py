@@ -75,7 +75,7 @@ def _swarm(
     config: SwarmConfig,
     progress: Callable[[float, str], None],
 ) -> SearchResult:
-    cost = _Cost(robot, program, clearance)
+    cost = ParticleCost(robot, program, clearance)
     rng = np.random.default_rng(seed)
     lower, upper = cost.lower, cost.upper
     count = config.num_particles
@@ -146,7 +146,7 @@ def _breed(
     best_x[worst[better]], best_cost[worst[better]] = children[better], costs[better]
 
 
-class _Cost:
+class ParticleCost:
     """Cost of particles (N, 10): n, m, theta, r."""
 
     def __init__(

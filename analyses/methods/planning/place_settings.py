@@ -9,7 +9,7 @@ from models.placement.placement_task import PlacementTask
 class PlaceSettings:
     """All that a run of `place` depends on, as its config.yaml holds it."""
 
-    command: str = "place"
+    command: str = "place"  # which wrote it
     task: str = ""  # a bundled task, or a YAML file
     robot: str = "sts_sre4_600"  # a bundled name, or a robot.yaml
     objective: str = "jcn"  # or force-sd

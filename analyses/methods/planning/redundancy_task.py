@@ -16,7 +16,7 @@ from models.robot.robot_config import PoseConfig
 
 
 @dataclass
-class PlateConfig:
+class PlateSurfaceConfig:
     """A flat rectangle; m."""
 
     length: float = 0.4  # along x and u
@@ -24,7 +24,7 @@ class PlateConfig:
 
 
 @dataclass
-class BladeConfig:
+class BladeSurfaceConfig:
     """A section of a wind turbine blade; see `models.motion.workpieces.BladeSection`."""
 
     span: float = 0.5  # m, along y and v
@@ -40,8 +40,8 @@ class BladeConfig:
 class PatchPathConfig:
     """A path on a bundled workpiece, straight in its parameters; one of plate and blade."""
 
-    plate: PlateConfig | None = None
-    blade: BladeConfig | None = None
+    plate: PlateSurfaceConfig | None = None
+    blade: BladeSurfaceConfig | None = None
     start: list[float] = field(default_factory=list, metadata=REQUIRED)  # (u, v)
     end: list[float] = field(default_factory=list, metadata=REQUIRED)  # (u, v)
     num_samples: int = 121  # along the path
@@ -72,7 +72,7 @@ class RedundancyTask:
 class RedundancySettings:
     """All that a run of `redundancy` depends on, as its config.yaml holds it."""
 
-    command: str = "redundancy"
+    command: str = "redundancy"  # which wrote it
     task: str = ""  # a bundled task, or a YAML file
     robot: str = "sts_sre4_600"  # a bundled name, or a robot.yaml
     task_content: RedundancyTask | None = None  # counts before what `task` names

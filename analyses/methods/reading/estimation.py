@@ -45,7 +45,7 @@ Array = NDArray[np.float64]
 
 ProgressCallback = Callable[[float, str], None]
 
-_CHUNK = 1 << 16  # samples that are worked on at a time
+CHUNK_SAMPLES = 1 << 16  # samples that are worked on at a time
 _PRIOR_SAMPLES = 1 << 12
 
 
@@ -258,8 +258,8 @@ def _uniform(
     """The log on its uniform grid, some ten thousand samples at a time."""
     step = config.observer.time_step or None
     for chunk in resample_chunks(reader.chunks(), step, max_gap or None):
-        for begin in range(0, chunk.num_samples, _CHUNK):
-            yield chunk[begin : begin + _CHUNK]
+        for begin in range(0, chunk.num_samples, CHUNK_SAMPLES):
+            yield chunk[begin : begin + CHUNK_SAMPLES]
         part(reader.progress)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 class SimulateSettings:
     """All that a run of `simulate` depends on, as its config.yaml holds it."""
 
-    command: str = "simulate"
+    command: str = "simulate"  # which wrote it
     scenario: str = "Default"  # a bundled one's name, FILE.yaml or FILE.yaml:NAME
     robot: str | None = None  # instead of the scenario's; a bundled name, or a robot.yaml
     model: str | None = None  # a model.yaml; None: see analyses.methods.runs.simulation.known_model

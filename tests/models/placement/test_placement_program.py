@@ -63,7 +63,7 @@ def test_every_gradient_of_the_program_is_that_of_finite_differences(
     x = program.pack(start(sts, segments=4))
     x = x + 0.03 * rng.normal(size=len(x))  # on no constraint
     values = np.empty(len(x))
-    values[program.program.FindDecisionVariableIndices(program._x)] = x
+    values[program.program.FindDecisionVariableIndices(program.variables)] = x
     bindings = [
         *program.program.generic_constraints(),
         *program.program.quadratic_constraints(),

@@ -5,8 +5,8 @@ import pytest
 
 from analyses.methods.learning.friction_training import (
     LEAST_RATE,
+    Adam,
     TrainingConfig,
-    _Adam,
     critical_velocity,
     semi_parametric,
     train_networks,
@@ -114,7 +114,7 @@ def test_the_descent_is_that_of_torch():
     start = torch.tensor([[2.0, -1.0, 0.3], [0.1, 4.0, -3.0]], dtype=torch.float64)
     ours, theirs = start.clone(), start.clone().requires_grad_()
     steps = 30
-    descent = _Adam([ours], 0.02, steps)
+    descent = Adam([ours], 0.02, steps)
     optimiser = torch.optim.Adam([theirs], lr=0.02)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps, LEAST_RATE)
     for _ in range(steps):

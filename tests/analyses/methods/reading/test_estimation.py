@@ -20,6 +20,7 @@ import yaml
 
 from analyses.methods.reading import estimation
 from analyses.methods.reading.estimate_config import ENGINES, EstimateConfig, EstimateSettings
+from analyses.methods.reading.estimate_summary import EstimateSummary
 from analyses.methods.reading.estimation import EstimateResult, estimate_log
 from analyses.output.outputs import OutputFolder
 from models.estimation.wrench import live_prior
@@ -60,12 +61,7 @@ def _no_figure(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) 
     """Drawing takes longer than all else; one test draws, those of faults must not get so far."""
     if not any(word in request.node.name for word in ("figure", "absurd")):
         monkeypatch.setattr(OutputFolder, "write_figure", lambda self, name, figure: None)
-        monkeypatch.setattr(estimation.EstimateSummary, "figure", lambda self: None)
-
-
-@pytest.fixture(scope="module")
-def robot() -> Robot:
-    return Robot.load(_ROBOT)
+        monkeypatch.setattr(EstimateSummary, "figure", lambda self: None)
 
 
 def _recording(robot: Robot, duration: float = 1.5, step: float = 0.001) -> Recording:
@@ -92,16 +88,16 @@ def _recording(robot: Robot, duration: float = 1.5, step: float = 0.001) -> Reco
 
 
 @pytest.fixture(scope="module")
-def recording(robot: Robot) -> Recording:
-    return _recording(robot)
+def recording(sts: Robot) -> Recording:
+    return _recording(sts)
 
 
 @pytest.fixture(scope="module")
-def model_file(robot: Robot, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def model_file(sts: Robot, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The true model, said to be good to 0.05 N m a joint."""
     path = tmp_path_factory.mktemp("model") / "model.yaml"
-    covariance = 0.05**2 * np.eye(robot.num_joints)
-    replace(IdentifiedModel.nominal(robot), residual_covariance=covariance).save(path)
+    covariance = 0.05**2 * np.eye(sts.num_joints)
+    replace(IdentifiedModel.nominal(sts), residual_covariance=covariance).save(path)
     return path
 
 
@@ -253,7 +249,7 @@ def test_both_engines_agree(
     kept = np.delete(np.arange(600), np.arange(200, 230))  # a drop-out
     current = part.current + 0.02 * noise.normal(size=part.current.shape)
     write_recording(replace(part, t=jitter, current=current)[kept], tmp_path / "log.csv")
-    monkeypatch.setattr(estimation, "_CHUNK", 128)  # borders between stretches
+    monkeypatch.setattr(estimation, "CHUNK_SAMPLES", 128)  # borders between stretches
     tables = [
         _table(
             _estimate(
@@ -287,7 +283,7 @@ def test_chunks_do_not_show(
     whole = _estimate(log, model_file, tmp_path / "a", EstimateConfig())
     monkeypatch.setattr(text_table, "BLOCK_BYTES", 5000)
     monkeypatch.setattr(resampling, "STEP_SAMPLES", 10)
-    monkeypatch.setattr(estimation, "_CHUNK", 64)
+    monkeypatch.setattr(estimation, "CHUNK_SAMPLES", 64)
     parts = _estimate(log, model_file, tmp_path / "b", EstimateConfig())
     assert whole.table.read_bytes() == parts.table.read_bytes()
     a, b = whole.metrics(), parts.metrics()
@@ -324,7 +320,7 @@ def test_a_bridged_dropout_is_not_valid(
 
 
 def test_leaving_the_models_ranges_is_said(
-    log: Path, robot: Robot, recording: Recording, tmp_path: Path
+    log: Path, sts: Robot, recording: Recording, tmp_path: Path
 ) -> None:
     path = tmp_path / "narrow.yaml"
     q = recording.q
@@ -337,7 +333,7 @@ def test_leaving_the_models_ranges_is_said(
         vdot_max=(0.0 * q_max + 10.0).tolist(),
         tau_max=(0.0 * q_max + 1000.0).tolist(),
     )
-    replace(IdentifiedModel.nominal(robot), validity=validity).save(path)
+    replace(IdentifiedModel.nominal(sts), validity=validity).save(path)
     result = _estimate(log, path, tmp_path / "out")
     outside = result.metrics()["outside_model"]
     assert outside["motion_pct"] == pytest.approx(20.0, abs=0.2)
@@ -355,16 +351,16 @@ def test_a_log_without_a_model_warns(log: Path, tmp_path: Path) -> None:
 
 
 def test_a_log_without_force_warns(
-    recording: Recording, robot: Robot, model_file: Path, tmp_path: Path
+    recording: Recording, sts: Robot, model_file: Path, tmp_path: Path
 ) -> None:
-    J = robot.chain.jacobian(recording.q)[:, [3, 4, 5, 0, 1, 2]]
+    J = sts.chain.jacobian(recording.q)[:, [3, 4, 5, 0, 1, 2]]
     tau = np.einsum("kij,i->kj", J, _WRENCH)
-    free = recording.current + tau / (robot.torque_per_ampere * robot.current_sign)
+    free = recording.current + tau / (sts.torque_per_ampere * sts.current_sign)
     write_recording(replace(recording, current=free), tmp_path / "log.csv")
     result = _estimate(tmp_path / "log.csv", model_file, tmp_path / "out", EstimateConfig())
     assert any("little force beyond the model's error" in line for line in result.warnings)
     # A third of the live prior, so that a short contact in a quiet log is not read as noise.
-    found, live = result.metrics()["prior"], live_prior(robot.payload)
+    found, live = result.metrics()["prior"], live_prior(sts.payload)
     np.testing.assert_allclose([found["force_sd_n"], found["moment_sd_nm"]], np.array(live) / 3.0)
 
 
@@ -378,7 +374,7 @@ def test_a_prior_that_is_stated(
     assert (own["force_sd_n"], own["moment_sd_nm"], own["rule"]) == (*expected, rule)
 
 
-@pytest.mark.parametrize("prior", ["quiet", "30", "30,2,1", "0,1", "30,nan"])
+@pytest.mark.parametrize("prior", ["quiet", "30", "30,2,1", "0,1", "30,nan", "1e-200,1"])
 def test_a_prior_that_makes_no_sense(
     log: Path, model_file: Path, tmp_path: Path, prior: str
 ) -> None:
@@ -408,6 +404,10 @@ def _line(call: Callable[[], object]) -> str:
         ({"K_0": [float("nan")]}, ["K_0", "positive"]),
         ({"prior_force_sd": -1.0}, ["prior_force_sd", "expected a positive number"]),
         ({"prior_moment_sd": 0.0}, ["prior_moment_sd"]),
+        ({"prior_force_sd": 1e-200}, ["prior_force_sd", "0.001"]),
+        ({"K_0": [1e-9]}, ["K_0", "0.01 or more"]),
+        ({"max_gap": 1e7}, ["max_gap", "0 to 10"]),
+        ({"time_step": 1e-5}, ["time_step", "0.0001 to 10"]),
         ({"max_force_sd": float("inf")}, ["max_force_sd"]),
         ({"torque_samples": "triangular"}, ["torque_samples", "held or trapezoidal"]),
         ({"damping": -0.1}, ["damping", "zero or more"]),
@@ -562,7 +562,7 @@ def _write_long_log(path: Path, robot: Robot, num_rows: int) -> None:
 
 
 @pytest.mark.slow
-def test_the_memory_does_not_grow_with_the_log(robot: Robot, tmp_path: Path) -> None:
+def test_the_memory_does_not_grow_with_the_log(sts: Robot, tmp_path: Path) -> None:
     """700,000 samples against 200,000; ten million were tried by hand."""
     code = (
         "import sys, resource; from pathlib import Path\n"
@@ -578,7 +578,7 @@ def test_the_memory_does_not_grow_with_the_log(robot: Robot, tmp_path: Path) -> 
     peaks = []
     for num_rows in (200_000, 200_000, 700_000):  # the first may have to compile kernels
         log = tmp_path / f"{num_rows}.parquet"
-        _write_long_log(log, robot, num_rows)
+        _write_long_log(log, sts, num_rows)
         run = subprocess.run(
             [sys.executable, "-c", code, str(log)],
             cwd=_ROOT,
