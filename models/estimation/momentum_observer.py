@@ -52,6 +52,7 @@ Flags = NDArray[np.bool_]
 TORQUE_SAMPLES = ("held", "trapezoidal")
 
 START_SHARE = 0.05  # 3 / K_0 after the start
+LEAST_K_0 = 0.01  # 1/s; below, a reading is never fresh
 
 # Columns of MomentumObserver.table.
 _GAIN, _POLE, _AFTER, _BEFORE, _HALF = range(5)
@@ -75,7 +76,8 @@ def observer_output(table: Array, state: Array, signals: Array, J: Array) -> boo
 
     Returns:
         Whether every joint's estimate is fresh: False where this sample or the one before it was
-        not finite, so that the last estimate is held, and until the observer has settled.
+        not finite, so that the last estimate is held, until the observer has settled, and where its
+        gain is below LEAST_K_0.
     """
     fresh = True
     for i in range(table.shape[0]):
@@ -86,7 +88,8 @@ def observer_output(table: Array, state: Array, signals: Array, J: Array) -> boo
         tau_ext = state[1, i]
         if np.isfinite(arrived) and np.isfinite(state[0, i]):
             tau_ext = table[i, _POLE] * state[1, i] + table[i, _GAIN] * (arrived - state[0, i])
-            if table[i, _POLE] * state[2, i] > START_SHARE:
+            # The second: a filter that hardly moves any more says nothing of now.
+            if table[i, _POLE] * state[2, i] > START_SHARE or table[i, _GAIN] < LEAST_K_0:
                 fresh = False
         else:
             fresh = False

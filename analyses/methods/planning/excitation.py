@@ -36,6 +36,8 @@ ProgressCallback = Callable[[float, str], None]
 # What a trajectory must keep in reserve at the samples, tried in this order: m, share of torque.
 # The second goes on where the first ended, the others start from the next best random ones.
 RESERVES = ((0.004, 0.02), (0.008, 0.05), (0.008, 0.05), (0.015, 0.15))
+LARGEST_CLEARANCE = 0.1  # m; Clearance looks no farther than a little beyond
+LONGEST_TABLE = 5e6  # rows for the controller: 83 minutes at 1 kHz
 UNDETERMINED = 1e-4  # pivot, relative to the largest, below which noise hides a parameter
 
 
@@ -337,19 +339,26 @@ def _check(config: ExcitationConfig) -> None:
         known = " or ".join(MEASURES)
         raise InputError("excite", "measure", f"{config.measure!r}, expected {known}", remedy)
     limits = config.limits
-    for name, value, least in (
-        ("base_frequency", config.base_frequency, 1e-4),
-        ("time_step", config.time_step, 1e-6),
-        ("num_harmonics", config.num_harmonics, 2),
-        ("num_starts", config.num_starts, 1),
-        ("num_periods", config.num_periods, 1),
-        ("iterations", config.iterations, 1),
-        ("clearance", limits.clearance, 1e-3),
+    for name, value, least, largest in (
+        ("base_frequency", config.base_frequency, 1e-3, 10.0),
+        ("time_step", config.time_step, 1e-5, 1.0),
+        ("num_harmonics", config.num_harmonics, 2, 20),
+        ("num_starts", config.num_starts, 1, 1000),
+        ("num_periods", config.num_periods, 1, 1000),
+        ("iterations", config.iterations, 1, 10_000),
+        ("clearance", limits.clearance, 1e-3, LARGEST_CLEARANCE),
+        ("position_margin", limits.position_margin, 0.0, 2.0 * np.pi),
+        ("velocity_share", limits.velocity_share, 1e-3, 1.0),
+        ("torque_share", limits.torque_share, 1e-3, 1.0),
+        *(("acceleration", value, 1e-3, 1e3) for value in limits.acceleration),
+        *(("floor", value, -100.0, 100.0) for value in (limits.floor,) if value is not None),
     ):
-        if not (np.isfinite(value) and value >= least):
-            raise InputError("excite", name, f"{value:g}, expected {least:g} or more")
-    if config.num_harmonics > 20:
-        raise InputError("excite", "num_harmonics", f"{config.num_harmonics}, expected at most 20")
+        if not least <= value <= largest:
+            raise InputError("excite", name, f"{value:g}, expected {least:g} to {largest:g}")
+    rows = config.num_periods / (config.base_frequency * config.time_step)
+    if rows > LONGEST_TABLE:
+        problem = f"{config.num_periods} periods make {rows:.3g} rows, at most {LONGEST_TABLE:g}"
+        raise InputError("excite", "num_periods", problem, "take fewer, or a coarser time step")
 
 
 def _warnings(robot: Robot, undetermined: tuple[str, ...], clearance: Clearance) -> list[str]:
@@ -363,6 +372,11 @@ def _warnings(robot: Robot, undetermined: tuple[str, ...], clearance: Clearance)
         warnings.append(
             f"{robot.name} has no collision shapes: contact with itself or the floor is not checked"
         )
+    warnings += [
+        f"{pair} are near each other in the home posture: they keep {1e3 * kept:.0f} mm, not "
+        f"{1e3 * clearance.margin:.0f}"
+        for pair, kept in clearance.near_at_home
+    ]
     warnings += [
         f"{pair} overlap in the home posture: contact between them is not checked"
         for pair in clearance.overlapping

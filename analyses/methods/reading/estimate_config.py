@@ -5,13 +5,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from models.estimation.estimator import WrenchEstimatorConfig
-from models.estimation.momentum_observer import MomentumObserverConfig
+from models.estimation.momentum_observer import LEAST_K_0, MomentumObserverConfig
 from models.estimation.observers import make_observer
 from models.estimation.wrench import METHODS, live_prior
 from models.files.input_error import InputError
 from models.robot.robot import Robot
 
 ENGINES = ("batch", "diagram")
+LEAST_SD, LARGEST_SD = 1e-3, 1e9  # N or N m; a prior of less says that nothing acts
+LEAST_STEP, LONGEST = 1e-4, 10.0  # s; finer grids only repeat what a log says
 PRIORS = ("live", "log")
 FLOOR_SHARE = 1.0 / 3.0
 
@@ -83,13 +85,14 @@ def checked_config(config: EstimateConfig, robot: Robot) -> EstimateConfig:
             force_sd, moment_sd = (float(x) for x in config.prior.split(","))
         except ValueError:
             force_sd = moment_sd = float("nan")
-        if not (force_sd > 0.0 and moment_sd > 0.0 and np.isfinite(force_sd + moment_sd)):
-            found = f'is "{config.prior}", expected live, log or two numbers above zero'
+        if not all(LEAST_SD <= sd <= LARGEST_SD for sd in (force_sd, moment_sd)):
+            found = f'is "{config.prior}", expected live, log or two numbers from {LEAST_SD:g}'
             raise refuse("prior", found, "give N and N m, such as 30,2")
     for name in ("prior_force_sd", "prior_moment_sd", "max_force_sd"):
         number = getattr(reconstruction, name)
-        if number is not None and not (np.isfinite(number) and number > 0):
-            raise refuse(name, f"is {number}, expected a positive number", "give N or N m")
+        if number is not None and not LEAST_SD <= number <= LARGEST_SD:
+            found = f"is {number}, expected a positive number, {LEAST_SD:g} to {LARGEST_SD:g}"
+            raise refuse(name, found, "give N or N m")
     for name, number in (
         ("damping", reconstruction.damping),
         ("truncation", reconstruction.truncation),
@@ -99,6 +102,18 @@ def checked_config(config: EstimateConfig, robot: Robot) -> EstimateConfig:
         if not (np.isfinite(number) and number >= 0):
             found = f"is {number}, expected zero or more"
             raise refuse(name, found, "leave it out for the default")
+    for name, number, least, largest in (
+        ("time_step", observer.time_step, LEAST_STEP, LONGEST),
+        ("max_gap", config.max_gap, 0.0, LONGEST),
+    ):
+        if number and not least <= number <= LONGEST:
+            found = f"is {number:g} s, expected {least:g} to {largest:g}"
+            raise refuse(name, found, "leave it out for the default")
+    if isinstance(observer, MomentumObserverConfig) and any(
+        0.0 < K_0 < LEAST_K_0 for K_0 in observer.K_0
+    ):
+        found = f"is {min(observer.K_0):g} /s, expected {LEAST_K_0:g} or more"
+        raise refuse("K_0", found, "20 is the default")
     step = observer.time_step or 1e-3  # any: that of the log is not known yet
     try:
         make_observer(replace(observer, time_step=step), robot.num_joints)

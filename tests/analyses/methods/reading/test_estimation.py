@@ -374,7 +374,7 @@ def test_a_prior_that_is_stated(
     assert (own["force_sd_n"], own["moment_sd_nm"], own["rule"]) == (*expected, rule)
 
 
-@pytest.mark.parametrize("prior", ["quiet", "30", "30,2,1", "0,1", "30,nan"])
+@pytest.mark.parametrize("prior", ["quiet", "30", "30,2,1", "0,1", "30,nan", "1e-200,1"])
 def test_a_prior_that_makes_no_sense(
     log: Path, model_file: Path, tmp_path: Path, prior: str
 ) -> None:
@@ -404,6 +404,10 @@ def _line(call: Callable[[], object]) -> str:
         ({"K_0": [float("nan")]}, ["K_0", "positive"]),
         ({"prior_force_sd": -1.0}, ["prior_force_sd", "expected a positive number"]),
         ({"prior_moment_sd": 0.0}, ["prior_moment_sd"]),
+        ({"prior_force_sd": 1e-200}, ["prior_force_sd", "0.001"]),
+        ({"K_0": [1e-9]}, ["K_0", "0.01 or more"]),
+        ({"max_gap": 1e7}, ["max_gap", "0 to 10"]),
+        ({"time_step": 1e-5}, ["time_step", "0.0001 to 10"]),
         ({"max_force_sd": float("inf")}, ["max_force_sd"]),
         ({"torque_samples": "triangular"}, ["torque_samples", "held or trapezoidal"]),
         ({"damping": -0.1}, ["damping", "zero or more"]),
