@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize
 
-from models.estimation.wrench import FORCE_SD_RANGE, MOMENT_SD_RANGE
+from models.estimation.evidence_prior import FORCE_SD_RANGE, MOMENT_SD_RANGE
 
 Array = NDArray[np.float64]
 

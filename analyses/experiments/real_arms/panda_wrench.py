@@ -6,7 +6,7 @@ Jacobian, so that this tests the step from torque to wrench alone.
 
 What the estimate needs beside them comes from the torques, by a rule: the prior's sds and the
 torque noise (one sd for all joints: nothing published tells them apart) are those of greatest
-evidence over all logs together (`models.estimation.wrench.evidence_prior_and_noise`). The sensor
+evidence over all logs together (`models.estimation.evidence_prior.evidence_prior_and_noise`). The sensor
 only judges.
 """
 
@@ -28,13 +28,8 @@ from analyses.study.experiment import (
     FigureFile,
 )
 from analyses.study.wording import compared
-from models.estimation.wrench import (
-    METHODS,
-    WrenchReconstructionConfig,
-    evidence_prior,
-    evidence_prior_and_noise,
-    reconstruct_wrench,
-)
+from models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
+from models.estimation.wrench import METHODS, WrenchReconstructionConfig, reconstruct_wrench
 from models.files.input_error import InputError
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording

@@ -12,7 +12,7 @@ the two differ (`unloaded`).
 
 **The prior** of `bayesian` is chosen by a rule that sees the log but not the payload: the force and
 moment standard deviations with the largest marginal likelihood of the observed joint torques
-(`models.estimation.wrench.evidence_prior`). `bayesian_live_prior` uses the rule for when there is
+(`evidence_prior.evidence_prior`). `bayesian_live_prior` uses the rule for when there is
 no log yet, half the weight of the rated payload with a lever of 5 cm
 (`models.estimation.wrench.live_prior`).
 
@@ -63,12 +63,8 @@ from analyses.study.experiment import (
     FigureFile,
 )
 from analyses.study.wording import change_between
-from models.estimation.wrench import (
-    WrenchReconstruction,
-    evidence_prior,
-    evidence_prior_and_noise,
-    live_prior,
-)
+from models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
+from models.estimation.wrench import WrenchReconstruction, live_prior
 from models.identification.identified_model import IdentifiedModel
 from models.robot.robot import Robot
 

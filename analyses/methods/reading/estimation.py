@@ -3,7 +3,7 @@
 The log is streamed: its memory does not grow with its length. Without a given prior there are two
 passes. The first runs the observer over the whole log and keeps some thousand samples, evenly
 spread, of external torque and Jacobian; the prior is what explains those best
-(`models.estimation.wrench.evidence_prior`). The second one writes the wrenches.
+(`models.estimation.evidence_prior.evidence_prior`). The second one writes the wrenches.
 """
 
 from collections.abc import Callable, Iterator
@@ -28,11 +28,9 @@ from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from analyses.output.stream_summary import EvenSample
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
+from models.estimation.evidence_prior import evidence_prior
 from models.estimation.observers import make_observer
-from models.estimation.wrench import (
-    evidence_prior,
-    live_prior,
-)
+from models.estimation.wrench import live_prior
 from models.estimation.wrench_table import WrenchTableWriter
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.position_resolution import position_resolution

@@ -8,20 +8,22 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.estimation.wrench import (
+from models.estimation.evidence_prior import (
     FORCE_SD_RANGE,
-    METHODS,
     MOMENT_SD_RANGE,
-    WrenchReconstruction,
-    WrenchReconstructionConfig,
     evidence_prior,
     evidence_prior_and_noise,
-    largest_eigenvalue_3x3,
+)
+from models.estimation.wrench import (
+    METHODS,
+    WrenchReconstruction,
+    WrenchReconstructionConfig,
     live_prior,
     reconstruct,
     reconstruct_wrench,
 )
 from models.rigid_body.conditioning import condition_number
+from models.rigid_body.small_matrices import largest_eigenvalue_3x3
 
 Array = NDArray[np.float64]
 
