@@ -1,8 +1,7 @@
 """Reads a URDF, checks it, and turns it into the effective URDF of a serial arm.
 
-Drake's own messages about a broken URDF name neither line nor remedy, and some faults pass
-silently (an effort limit that is not there, a mesh that cannot be drawn). So the file is checked
-here first, with its line numbers.
+Drake's own messages about a broken URDF name neither line nor remedy, and some faults pass in
+silence (no effort limit, a mesh that cannot be drawn). So the file is checked here first.
 """
 
 import math

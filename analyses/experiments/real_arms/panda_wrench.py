@@ -6,8 +6,7 @@ Jacobian, so that this tests the step from torque to wrench alone.
 
 What the estimate needs beside them comes from the torques, by a rule: the prior's sds and the
 torque noise (one sd for all joints: nothing published tells them apart) are those of greatest
-evidence over all logs together (`models.estimation.evidence_prior.evidence_prior_and_noise`). The sensor
-only judges.
+evidence over all logs together (`models.estimation.evidence_prior`). The sensor only judges.
 """
 
 from collections.abc import Sequence
