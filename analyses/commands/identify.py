@@ -19,8 +19,8 @@ from analyses.output.console import new_console, new_table, say, showing_progres
 from models.files.input_error import InputError
 
 if TYPE_CHECKING:
+    from analyses.methods.calibration.load_calibration import CalibrationResult
     from analyses.methods.learning.identification import IdentificationResult
-    from analyses.methods.learning.load_calibration import CalibrationResult
 
 ORDER = 20
 COMMAND_CLASS = SeveralValues
@@ -97,7 +97,7 @@ def command(
     common = (settings.log_format, settings.identification)
     with showing_progress("identify") as progress:
         if settings.load:
-            from analyses.methods.learning.load_calibration import calibrate_logs
+            from analyses.methods.calibration.load_calibration import calibrate_logs
 
             calibrated = calibrate_logs(
                 logs, settings.load, settings.robot, out, validation, *common, progress
@@ -114,7 +114,7 @@ def command(
 
 
 def _refresh(settings: IdentifySettings, logs: list[Path], out: Path) -> None:
-    from analyses.methods.learning.friction_refreshing import refresh_log
+    from analyses.methods.calibration.friction_refreshing import refresh_log
 
     if len(logs) != 1 or settings.load or settings.validate:
         problem = "takes one log, and neither --load nor --validate"

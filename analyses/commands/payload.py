@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from analyses.commands.options import LogFormat, Out, RobotName, config_option, settled
-from analyses.methods.learning.payload_config import PayloadSettings
+from analyses.methods.calibration.payload_config import PayloadSettings
 from analyses.output.console import new_console, new_table, say, showing_progress
 
 if TYPE_CHECKING:
-    from analyses.methods.learning.payload_identification import PayloadResult
+    from analyses.methods.calibration.payload_identification import PayloadResult
 
 ORDER = 35
 DEFAULTS = PayloadSettings()
@@ -53,7 +53,7 @@ def command(
     out: Out = Path("out/payload"),
 ) -> None:
     """Find what the arm carries: mass, centre of mass, inertia, and a tool for robot.yaml."""
-    from analyses.methods.learning.payload_identification import payload_log
+    from analyses.methods.calibration.payload_identification import payload_log
 
     settings = settled(ctx, PayloadSettings, PLACES)
     with showing_progress("payload") as progress:

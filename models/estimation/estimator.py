@@ -97,8 +97,7 @@ class EstimateBatch(NamedTuple):
         valid: (N,) as `models.estimation.wrench.WrenchEstimate`; also False where the sample or the
             one before it was not finite, so that tau_ext is held.
         J: (N, 6, n) rows [angular; linear] at E in axes of W.
-        torque_sd: (N, n) N m, of tau_ext where nothing touches the arm; None without a torque error
-            in the model.
+        torque_sd: (N, n) N m, of tau_ext where nothing touches the arm.
     """
 
     tau_ext: Array
@@ -107,7 +106,7 @@ class EstimateBatch(NamedTuple):
     condition_number: Array
     valid: Flags
     J: Array
-    torque_sd: Array | None = None
+    torque_sd: Array
 
     @property
     def standard_deviation(self) -> Array:
@@ -338,7 +337,7 @@ class WrenchEstimator:
         tau_ext, J, F = np.empty((N, n)), np.empty((N, 6, n)), np.empty((N, 6))
         covariance, quality, counts = np.empty((N, 6, 6)), np.empty((N, 2)), np.empty(N, np.bool_)
         signals = np.empty((min(N, _PASS), NUM_SIGNALS, n))
-        torque_sd = np.empty((0 if self.trusted is None else N, n))
+        torque_sd = np.tile(np.sqrt(np.diag(self.reconstruction.torque_covariance)), (N, 1))
         for start in range(0, N, _PASS):
             rows = slice(start, min(N, start + _PASS))
             part = signals[: rows.stop - start]
@@ -388,8 +387,7 @@ class WrenchEstimator:
                 *(F[rows], covariance[rows], quality[rows]),
             )
         valid = (quality[:, 1] == 1.0) & counts
-        known_sd = None if self.trusted is None else torque_sd
-        return EstimateBatch(tau_ext, F, covariance, quality[:, 0], valid, J, known_sd)
+        return EstimateBatch(tau_ext, F, covariance, quality[:, 0], valid, J, torque_sd)
 
     def observe(self, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> Observation:
         """The chain of a whole log up to tau_ext, from its start, without a reading of the wrench.

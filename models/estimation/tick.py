@@ -32,7 +32,7 @@ from models.estimation.observer import (
 )
 from models.estimation.wrench import WORK_ROWS, reconstruct
 from models.friction.velocity_friction import friction_torque
-from models.rigid_body.serial_chain import SCRATCH_COLUMNS, observer_terms
+from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, observer_terms
 from models.robot.motors import motor_torque
 
 Array = NDArray[np.float64]

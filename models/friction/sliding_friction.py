@@ -59,17 +59,13 @@ def sliding_columns(law: FrictionLaw, q: Array, v: Array, load: Array) -> Array:
 
 
 def dry_and_viscous(law: FrictionLaw, q: Array, v: Array, load: Array) -> tuple[Array, Array]:
-    """Returns tau_f (N, n) along a log in two parts: the offset's and velocity's own left out of
-    the first, (viscous v + cubic v^3) the second.
-
-    A network near zero velocity and further terms count as dry.
+    """Returns tau_f (N, n) along a log in two parts: without the offset, viscous and cubic
+    coefficients, and what these two add. A network near zero velocity and further terms are dry.
     """
     here = law.coulomb_viscous
-    viscous = here.viscous * v
-    own = _without_further_terms(law)
-    if isinstance(own, PreslidingFriction):
-        viscous = viscous + own.cubic * v**3
-    return law.torque_along(q, v, load) - viscous - here.offset, viscous
+    bare = with_sliding(law, replace(here, viscous=0.0 * here.viscous, offset=0.0 * here.offset))
+    dry = _without_cubic(bare).torque_along(q, v, load)
+    return dry, law.torque_along(q, v, load) - dry - here.offset
 
 
 def stiction(law: FrictionLaw, load: Array) -> Array:
@@ -87,3 +83,11 @@ def stiction(law: FrictionLaw, load: Array) -> Array:
 
 def _without_further_terms(law: FrictionLaw) -> FrictionLaw:
     return _without_further_terms(law.law) if isinstance(law, ExtendedFriction) else law
+
+
+def _without_cubic(law: FrictionLaw) -> FrictionLaw:
+    if isinstance(law, ExtendedFriction):
+        return replace(law, law=_without_cubic(law.law))
+    if isinstance(law, PreslidingFriction):
+        return replace(law, cubic=np.zeros(law.num_joints))
+    return law

@@ -15,7 +15,7 @@ from numba import njit, prange
 from numpy.typing import ArrayLike, NDArray
 
 from models.motion.inverse_kinematics import closed_form
-from models.rigid_body.serial_chain import SCRATCH_COLUMNS, pose_and_jacobian
+from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]

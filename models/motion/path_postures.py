@@ -12,7 +12,8 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import ArrayLike, NDArray
 
-from models.rigid_body.serial_chain import SCRATCH_COLUMNS, SerialChain, pose_and_jacobian
+from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
+from models.rigid_body.serial_chain import SerialChain
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

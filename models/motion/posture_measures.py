@@ -24,7 +24,8 @@ from models.estimation.wrench import (
     reconstruct,
 )
 from models.files.input_error import InputError
-from models.rigid_body.serial_chain import SCRATCH_COLUMNS, SerialChain, pose_and_jacobian
+from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
+from models.rigid_body.serial_chain import SerialChain
 
 Array = NDArray[np.float64]
 

@@ -26,7 +26,8 @@ from pydrake.solvers import IpoptSolver, MathematicalProgram, SnoptSolver, Solve
 
 from models.motion.path_postures import quaternion_of
 from models.motion.posture_measures import PathMeasure
-from models.rigid_body.serial_chain import SCRATCH_COLUMNS, SerialChain, pose_and_jacobian
+from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
+from models.rigid_body.serial_chain import SerialChain
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analyses.methods.learning.arm_models import identify_arm
-from analyses.methods.learning.simulated_logs import ROBOT
+from analyses.methods.arms.arm_models import identify_arm
+from analyses.methods.arms.simulated_logs import ROBOT
 from analyses.methods.planning.article_paths import found_path
 from analyses.methods.reading.force_errors import (
     AXES,
@@ -179,7 +179,7 @@ def findings(metrics: dict[str, Any]) -> list[str]:
         f"({_three(metrics['least_jcn'])} N): the condition number asks about the worst direction "
         "of force and moment together, the force sd about force.",
         f"Inside the stated 95 % band lie {shares}. The band is from contact-free logs at the "
-        "task's speed (`analyses.methods.learning.arm_models`), never from these runs; it leaves "
+        "task's speed (`analyses.methods.arms.arm_models`), never from these runs; it leaves "
         "the lag out.",
         "The hand pushes for 6 s and pauses for 4 s, 15 N standard deviation per axis with nothing "
         "above 3 Hz; readings count where the arm moves evenly, between ramps of 1 % of the time.",

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analyses.methods.learning.arm_models import identify_arm
-from analyses.methods.learning.simulated_logs import ROBOT
+from analyses.methods.arms.arm_models import identify_arm
+from analyses.methods.arms.simulated_logs import ROBOT
 from analyses.methods.reading.force_errors import (
     ForceReading,
     draw_signal,
@@ -138,7 +138,7 @@ def findings(metrics: dict[str, Any]) -> list[str]:
         "Inside the stated 95 % band lie "
         + ", ".join(f"{100 * metrics[v.key]['share_in_95_band']:.0f} % ({v.key})" for v in VARIANTS)
         + ". The band is from contact-free logs at the task's speed "
-        "(`analyses.methods.learning.arm_models`), never from this run; it leaves the observer's "
+        "(`analyses.methods.arms.arm_models`), never from this run; it leaves the observer's "
         "lag out.",
     ]
 

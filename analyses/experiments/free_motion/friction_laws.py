@@ -6,7 +6,7 @@ on: torque over held-out runs, and friction near zero velocity.
 simulated   the bundled arm, whose true friction no law here contains; fitted on one excitation;
             held out are a second one, and passes of opposite direction through positions in a
             posture that is not trained on, from whose torques friction is separated
-            (`analyses.methods.learning.friction_reversal`). A law with memory has no value at a
+            (`analyses.methods.arms.friction_reversal`). A law with memory has no value at a
             velocity: each law's torque along the recorded motion is separated exactly as the
             measured one is, and the two are compared pair by pair, up to the networks' v_crit
 real        the UR10e; fitted on its three unloaded runs; held out are 14harm50sec, ptp_10_points
@@ -28,18 +28,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.learning.friction_reversal import (
+from analyses.methods.arms.friction_reversal import (
     SeparatedFriction,
     reversal_recordings,
     separate_recordings,
 )
+from analyses.methods.arms.semi_parametric import POSTURES, semi_parametric_model
+from analyses.methods.arms.simulated_identification import CONFIG, identify_simulated_arm
+from analyses.methods.arms.simulated_logs import ROBOT
+from analyses.methods.arms.ur10e_logs import FOLDER, identify_ur10e, validation_recordings
 from analyses.methods.learning.identification import identify, predict_torque
 from analyses.methods.learning.identification_config import LAWS, IdentificationConfig
-from analyses.methods.learning.semi_parametric import POSTURES, semi_parametric_model
-from analyses.methods.learning.simulated_identification import CONFIG, identify_simulated_arm
-from analyses.methods.learning.simulated_logs import ROBOT
 from analyses.methods.learning.torque_fit import TorqueFit
-from analyses.methods.learning.ur10e_logs import FOLDER, identify_ur10e, validation_recordings
 from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
 from analyses.study.experiment import (
     ComparisonRow,

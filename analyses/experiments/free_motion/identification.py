@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.learning.identification_figures import torque_figure
-from analyses.methods.learning.simulated_identification import (
+from analyses.methods.arms.simulated_identification import (
     identify_simulated_arm,
     inertial_error,
     with_known_friction,
 )
-from analyses.methods.learning.simulated_logs import PERIODS, ROBOT
+from analyses.methods.arms.simulated_logs import PERIODS, ROBOT
+from analyses.methods.learning.identification_figures import torque_figure
 from analyses.output.figures import save_figure
 from analyses.study.experiment import (
     ComparisonRow,

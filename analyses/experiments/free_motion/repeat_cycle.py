@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.learning.simulated_logs import ROBOT
+from analyses.methods.arms.simulated_logs import ROBOT
 from analyses.methods.planning.article_paths import branch_start
 from analyses.methods.reading.force_errors import (
     draw_signal,

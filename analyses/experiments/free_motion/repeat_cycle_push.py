@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analyses.methods.learning.simulated_logs import ROBOT
+from analyses.methods.arms.simulated_logs import ROBOT
 from analyses.methods.reading.force_errors import draw_signal, force_metrics, variants_figure
 from analyses.methods.runs.repeated_cycles import (
     AFTER,

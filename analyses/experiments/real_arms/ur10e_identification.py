@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from analyses.methods.arms.ur10e_logs import FITTED, FOLDER, VALIDATED, identify_ur10e
 from analyses.methods.learning.identification import IdentificationResult, best_law
 from analyses.methods.learning.identification_config import LAWS, IdentificationConfig
 from analyses.methods.learning.identification_figures import torque_figure
 from analyses.methods.learning.torque_fit import TorqueFit
-from analyses.methods.learning.ur10e_logs import FITTED, FOLDER, VALIDATED, identify_ur10e
 from analyses.output.figures import SERIES, new_figure, save_figure
 from analyses.study.experiment import (
     ComparisonRow,

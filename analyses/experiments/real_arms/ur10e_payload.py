@@ -35,8 +35,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from analyses.methods.arms.ur10e_logs import FITTED, FOLDER, VALIDATED, identify_ur10e
 from analyses.methods.learning.identification_config import IdentificationConfig
-from analyses.methods.learning.ur10e_logs import FITTED, FOLDER, VALIDATED, identify_ur10e
 from analyses.methods.reading.known_payload import (
     AXES,
     MARGIN,

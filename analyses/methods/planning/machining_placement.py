@@ -27,7 +27,7 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
-from analyses.methods.learning.arm_models import SLOW_SPEEDS, ArmModels, identify_arm
+from analyses.methods.arms.arm_models import SLOW_SPEEDS, ArmModels, identify_arm
 from diagrams.clearance import Clearance, workpiece_clearance
 from diagrams.scenario import BladeConfig, PlateConfig, Scenario, load_scenario
 from diagrams.workpiece import pose_of_workpiece, surface_of

@@ -280,7 +280,7 @@ def _with_evidence(
             engine = _BatchEngine(robot, model, _timed(config, chunk))
         batch = engine.run(chunk.q, chunk.v, chunk.current)
         measured = ~chunk.dropout
-        sd = np.ones_like(batch.tau_ext) if batch.torque_sd is None else batch.torque_sd
+        sd = np.ones_like(batch.tau_ext) if model.torque_error is None else batch.torque_sd
         J.add((batch.J / sd[:, None, :])[measured])
         tau_ext.add((batch.tau_ext / sd)[measured])
     noise = model.residual_covariance

@@ -12,7 +12,7 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 
 from analyses.methods.advance import advance, even_stretches
-from analyses.methods.learning.simulated_logs import TRACKING
+from analyses.methods.arms.simulated_logs import TRACKING
 from diagrams.closed_loop import make_closed_loop
 from diagrams.scenario import HoldMotion, Scenario
 from models.estimation.estimator import Taught, WrenchEstimator, WrenchEstimatorConfig

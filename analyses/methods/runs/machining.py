@@ -25,7 +25,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
 from analyses.methods.advance import advance, even_stretches
-from analyses.methods.learning.arm_models import ArmModels
+from analyses.methods.arms.arm_models import ArmModels
 from analyses.methods.runs.air_pass import record_air_pass, teach
 from diagrams.closed_loop import make_closed_loop
 from diagrams.machining import longest_duration, view_of

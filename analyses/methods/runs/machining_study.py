@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.learning.arm_models import ArmModels, identify_arm
-from analyses.methods.learning.simulated_logs import ROBOT
+from analyses.methods.arms.arm_models import ArmModels, identify_arm
+from analyses.methods.arms.simulated_logs import ROBOT
 from analyses.methods.runs.machining import (
     COMPONENTS,
     FEEDBACKS,

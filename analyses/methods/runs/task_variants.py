@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from analyses.methods.learning.arm_models import ArmModels
+from analyses.methods.arms.arm_models import ArmModels
 from analyses.methods.reading.force_errors import (
     AXES,
     ForceReading,

@@ -1,6 +1,7 @@
 """Settings of the commands: from a file, from options, and back from a result's config.yaml."""
 
 import dataclasses
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -181,11 +182,12 @@ def test_a_slice_that_is_no_plane_is_one_line(call, words):
     assert "--slice" in result.stderr
 
 
-def test_all_settings_are_options_with_their_defaults():
-    """An option shows the default that the settings have: both stand in one place."""
+def test_a_command_that_has_settings_takes_a_file_of_them():
     for name, entry in find_commands().items():
         options = {parameter.name for parameter in load_command(entry).params}
-        assert ("config" in options) == (name in WORK), name
+        places = getattr(import_module(entry.module), "PLACES", None)
+        assert ("config" in options) == (places is not None), name
+        assert set(places or ()) <= options, name
 
 
 @dataclasses.dataclass

@@ -7,7 +7,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from analyses.experiments.machining import grinding, polishing
-from analyses.methods.learning.arm_models import ArmModels
+from analyses.methods.arms.arm_models import ArmModels
 from analyses.methods.runs.machining import (
     COMPONENTS,
     FEEDS,

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from analyses.methods.calibration.model_residual import ModelResidual, with_friction
 from analyses.methods.learning.identification_config import IdentifySettings, RefreshConfig
-from analyses.methods.learning.model_residual import ModelResidual, with_friction
 from analyses.output.outputs import OutputFolder
+from analyses.output.result_folder import result_folder
 from models.files.input_error import InputError
 from models.friction.sliding_friction import TERMS, with_sliding
 from models.identification.friction_refresh import (
@@ -25,6 +26,7 @@ from models.identification.friction_refresh import (
 )
 from models.identification.identified_model import FrictionSource, IdentifiedModel
 from models.identification.residual_noise import V_REST, ResidualRows
+from models.identification.torque_error_model import TorqueErrorModel
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
 from models.robot.robot import Robot
@@ -35,8 +37,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 ProgressCallback = Callable[[float, str], None]
 
-MOVED = 3.0  # standard errors, from which a coefficient is said to have moved
 LITTLE = 0.2  # share of the prior's variance; a log that takes less away says little
+LARGEST_DRIFT = 0.3  # share of viscous friction, whatever a joint that stood leaves unknown
 MORE_THAN_FRICTION = 2.0  # of the residual's stated sd
 UNITS = {"coulomb": "N m", "viscous": "N m s/rad", "offset": "N m"}
 
@@ -132,6 +134,7 @@ def refresh_model(
     renewed = with_friction(model, with_sliding(model.friction, found.after))
     renewed = replace(
         renewed,
+        torque_error=_with_drift(model.torque_error, found),
         provenance=replace(
             model.provenance,
             refreshes=[*model.provenance.refreshes, _source(whole, found)],
@@ -155,22 +158,23 @@ def refresh_log(
 
     Raises:
         InputError: as `Robot.load`, `IdentifiedModel.load`, `read_recording`, `refresh_model` and
-            `OutputFolder`.
+            `result_folder`.
     """
-    robot = Robot.load(robot_name)
-    model = IdentifiedModel.load(Path(model_path), robot)
-    progress(0.1, f"reading {log.name}")
-    recording = read_recording(log, log_format, robot)
-    progress(0.4, "finding friction")
-    result = refresh_model(recording, robot, model, config)
-    settings = IdentifySettings(
-        robot=str(robot_name),
-        logs=[str(log)],
-        refresh=str(model_path),
-        log_format=None if log_format is None else str(log_format),
-    )
-    result.write(OutputFolder(out), settings)
-    progress(1.0, "done")
+    with result_folder(out, "identify") as folder:
+        robot = Robot.load(robot_name)
+        model = IdentifiedModel.load(Path(model_path), robot)
+        progress(0.1, f"reading {log.name}")
+        recording = read_recording(log, log_format, robot)
+        progress(0.4, "finding friction")
+        result = refresh_model(recording, robot, model, config)
+        settings = IdentifySettings(
+            robot=str(robot_name),
+            logs=[str(log)],
+            refresh=str(model_path),
+            log_format=None if log_format is None else str(log_format),
+        )
+        result.write(folder, settings)
+        progress(1.0, "done")
     return result
 
 
@@ -227,6 +231,15 @@ def _checked(config: RefreshConfig) -> RefreshConfig:
         if not (np.isfinite(value) and value > 0.0):
             raise InputError("refresh", key, f"expected a share above 0, found {value:g}")
     return config
+
+
+def _with_drift(error: TorqueErrorModel | None, found: FrictionRefresh) -> TorqueErrorModel | None:
+    """The torque error with the drift of viscous friction that the refresh leaves unknown."""
+    if error is None:
+        return None
+    viscous = np.abs(found.after.viscous)
+    share = found.standard_deviation[:, 1] / np.maximum(viscous, 1e-12)
+    return error.with_drift(float(np.minimum(np.sqrt(np.mean(share**2)), LARGEST_DRIFT)))
 
 
 def _source(whole: ModelResidual, found: FrictionRefresh) -> FrictionSource:

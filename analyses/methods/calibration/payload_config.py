@@ -15,11 +15,11 @@ class PayloadConfig:
 class PayloadSettings:
     """All that a run of `payload` depends on, as its config.yaml holds it."""
 
-    command: str = "payload"
+    command: str = "payload"  # which wrote it
     robot: str = ""  # a bundled name, or a robot.yaml
     model: str = ""  # model.yaml that identify wrote
-    log: str = ""
+    log: str = ""  # of motion with the load
     empty: str | None = None  # a log of the same day without the load
     log_format: str | None = None  # description of the logs' columns
     check: bool = True  # hold the log against the robot's limits and gravity
-    payload: PayloadConfig = field(default_factory=PayloadConfig)
+    payload: PayloadConfig = field(default_factory=PayloadConfig)  # how

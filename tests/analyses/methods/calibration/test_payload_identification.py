@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import yaml
 
+from analyses.methods.calibration.payload_config import PayloadConfig
+from analyses.methods.calibration.payload_identification import identify_payload, payload_log
 from analyses.methods.learning.identification import identify
 from analyses.methods.learning.identification_config import IdentificationConfig
-from analyses.methods.learning.payload_config import PayloadConfig
-from analyses.methods.learning.payload_identification import identify_payload, payload_log
 from models.files.input_error import InputError
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analyses.methods.learning.friction_refreshing import refresh_log, refresh_model
+from analyses.methods.calibration.friction_refreshing import refresh_log, refresh_model
 from analyses.methods.learning.identification import identify, predict_torque
 from analyses.methods.learning.identification_config import IdentificationConfig, RefreshConfig
 from models.files.input_error import InputError

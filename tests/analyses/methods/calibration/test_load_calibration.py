@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from analyses.methods.calibration.load_calibration import calibrate, calibrate_logs, known_load
 from analyses.methods.learning.identification_config import IdentificationConfig
-from analyses.methods.learning.load_calibration import calibrate, calibrate_logs, known_load
 from models.files.input_error import InputError
 from models.identification.gain_calibration import KnownLoad
 from models.identification.identified_model import IdentifiedModel

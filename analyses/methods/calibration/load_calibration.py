@@ -26,6 +26,7 @@ from analyses.methods.learning.low_passed_logs import (
     low_pass_log,
 )
 from analyses.output.outputs import OutputFolder
+from analyses.output.result_folder import result_folder
 from models.files.configuration import save_configuration
 from models.files.input_error import InputError
 from models.friction.friction_structure import LARGEST_LOAD, FrictionStructure
@@ -219,24 +220,24 @@ def calibrate_logs(
         progress: told the share done and the current step.
 
     Raises:
-        InputError: as `Robot.load`, `read_recording`, `OutputFolder`, `known_load`, `calibrate`.
+        InputError: as `Robot.load`, `read_recording`, `result_folder`, `known_load`, `calibrate`.
     """
-    robot = Robot.load(robot_name)
-    parsed = [known_load(text) for text in loads]
-    recordings, validation = (
-        [read_recording(log, log_format, robot) for log in paths] for paths in (logs, validate)
-    )
-    loaded = [(read_recording(path, log_format, robot), load) for path, load in parsed]
-    folder = OutputFolder(out)
-    result = calibrate(recordings, loaded, robot, validation, config, progress)
-    settings = IdentifySettings(
-        robot=str(robot_name),
-        logs=[str(log) for log in logs],
-        validate=[str(log) for log in validate],
-        load=list(loads),
-        log_format=None if log_format is None else str(log_format),
-    )
-    result.write(folder, settings)
+    with result_folder(out, "identify") as folder:
+        robot = Robot.load(robot_name)
+        parsed = [known_load(text) for text in loads]
+        recordings, validation = (
+            [read_recording(log, log_format, robot) for log in paths] for paths in (logs, validate)
+        )
+        loaded = [(read_recording(path, log_format, robot), load) for path, load in parsed]
+        result = calibrate(recordings, loaded, robot, validation, config, progress)
+        settings = IdentifySettings(
+            robot=str(robot_name),
+            logs=[str(log) for log in logs],
+            validate=[str(log) for log in validate],
+            load=list(loads),
+            log_format=None if log_format is None else str(log_format),
+        )
+        result.write(folder, settings)
     return result
 
 

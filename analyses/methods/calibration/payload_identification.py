@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.learning.model_residual import ModelResidual
-from analyses.methods.learning.payload_config import PayloadConfig, PayloadSettings
+from analyses.methods.calibration.model_residual import ModelResidual
+from analyses.methods.calibration.payload_config import PayloadConfig, PayloadSettings
 from analyses.output.outputs import OutputFolder
+from analyses.output.result_folder import result_folder
 from models.files.input_error import InputError
 from models.identification.friction_refresh import FrictionDrift
 from models.identification.identified_model import IdentifiedModel
@@ -220,22 +221,23 @@ def payload_log(
 
     Raises:
         InputError: as `Robot.load`, `IdentifiedModel.load`, `read_recording`, `identify_payload`
-            and `OutputFolder`.
+            and `result_folder`.
     """
-    robot = Robot.load(robot_name)
-    model = IdentifiedModel.load(Path(model_path), robot)
-    recording = read_recording(log, log_format, robot, check)
-    bare = None if empty is None else read_recording(empty, log_format, robot)
-    result = identify_payload(recording, robot, model, config, bare, progress)
-    settings = PayloadSettings(
-        robot=str(robot_name),
-        model=str(model_path),
-        log=str(log),
-        empty=None if empty is None else str(empty),
-        log_format=None if log_format is None else str(log_format),
-        check=check,
-    )
-    result.write(OutputFolder(out), settings)
+    with result_folder(out, "payload") as folder:
+        robot = Robot.load(robot_name)
+        model = IdentifiedModel.load(Path(model_path), robot)
+        recording = read_recording(log, log_format, robot, check)
+        bare = None if empty is None else read_recording(empty, log_format, robot)
+        result = identify_payload(recording, robot, model, config, bare, progress)
+        settings = PayloadSettings(
+            robot=str(robot_name),
+            model=str(model_path),
+            log=str(log),
+            empty=None if empty is None else str(empty),
+            log_format=None if log_format is None else str(log_format),
+            check=check,
+        )
+        result.write(folder, settings)
     return result
 
 
