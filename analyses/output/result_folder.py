@@ -106,8 +106,14 @@ def staged(
         with uninterrupted(), writing_to(out):
             for name in written:
                 (out / name).parent.mkdir(parents=True, exist_ok=True)
-            plan = json.dumps({"files": [*written, MARKER], "remove": removed})
-            OutputFolder(staging).write_text(_JOURNAL, plan)
+            before = {} if earlier is None else earlier.files
+            plan = {
+                "files": [*written, MARKER],
+                "remove": removed,
+                "before": {n: before[n] for n in (*written, *removed) if n in before},
+                "after": written,
+            }
+            OutputFolder(staging).write_text(_JOURNAL, json.dumps(plan))
             _carry_out(out)
     finally:
         if not (staging / _JOURNAL).exists():
@@ -124,13 +130,13 @@ def recover(out: Path) -> None:
     if not (staging / _JOURNAL).exists():
         return
     with writing_to(out), uninterrupted():
-        earlier, new = ResultMarker.read(out), ResultMarker.read(staging / _NEW)
-        known = [marker.files for marker in (earlier, new) if marker is not None]
         plan = json.loads((staging / _JOURNAL).read_text(encoding="utf-8"))
         for name in (*plan["files"], *plan["remove"]):
             path = out / name
             if name != MARKER and os.path.lexists(path):
-                checksums = [files[name] for files in known if name in files]
+                checksums = [
+                    plan[state][name] for state in ("before", "after") if name in plan[state]
+                ]
                 if not any(is_as_written(path, checksum) for checksum in checksums):
                     raise InputError(path, "", "was changed since wrenchsight wrote it", _REMEDY)
         _carry_out(out)

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from analyses.output import result_folder as module
+from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import STAGING, recover, result_folder
 from analyses.output.result_marker import MARKER, ResultMarker, strangers
 from models.files.files_read import about_to_read
@@ -292,6 +293,25 @@ def test_a_kill_while_files_change_places_is_completed(out, monkeypatch, renames
     _write(out, "3")
     assert _visible(out) == {"a.txt": "3", "figures/b.png": "3"}
     assert not (out / ".lock").exists()
+
+
+def test_a_kill_before_outdated_files_are_removed_is_completed(out, monkeypatch):
+    child = os.fork()
+    if child == 0:
+        monkeypatch.setattr(Path, "unlink", lambda *_, **__: os.kill(os.getpid(), signal.SIGKILL))
+        with result_folder(out, "estimate") as folder:
+            (folder / "a.txt").write_text("2")
+            monkeypatch.setattr(OutputFolder, "write_text", _plainly)
+        os._exit(0)
+    _, status = os.waitpid(child, 0)
+    assert os.WIFSIGNALED(status)
+    assert (out / "figures" / "b.png").exists() and (out / "a.txt").read_text() == "2"
+    _write(out, "3", ["a.txt"])
+    assert _visible(out) == {"a.txt": "3"}
+
+
+def _plainly(self, name, text):
+    (self.path / name).write_text(text)
 
 
 def test_what_was_changed_after_such_a_kill_is_not_overwritten(out, monkeypatch):
