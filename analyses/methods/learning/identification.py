@@ -4,16 +4,14 @@ For each log, resampled on its own time to a uniform grid:
 
 1. q, v and torque go through a zero-phase Butterworth low-pass; vdot is the derivative of the
    filtered v.
-2. The torque is linear in inertias, rotor inertias and friction
-   (`models.identification.torque_regression`). Each column of that regressor goes through **the
-   same low-pass** as the torque. Products of filtered signals, and above all sgn(v), hold
-   frequencies that the filtered torque has lost; without this step they count as error at each
-   reversal and bias the friction low. Chosen by leave-one-run-out on the three unloaded UR10e runs:
-   held-out RMSE 2.35 3.45 1.44 0.42 0.49 0.37 N m per joint without it, 1.72 2.96 1.25 0.27 0.35
-   0.24 with it.
-3. The base parameters are read off the regressor (`models.identification.base_parameters`), and
-   solved for by least squares in which each joint's rows are weighted with its own residual, in
-   several passes.
+2. The torque is linear in inertias, rotor inertias and friction (`models.identification.torque_regression`). Each
+   column of that regressor goes through **the same low-pass** as the torque. Products of filtered
+   signals, and above all sgn(v), hold frequencies that the filtered torque has lost; without this
+   step they count as error at each reversal and bias the friction low. Chosen by leave-one-run-out
+   on the three unloaded UR10e runs: held-out RMSE 2.35 3.45 1.44 0.42 0.49 0.37 N m per joint
+   without it, 1.72 2.96 1.25 0.27 0.35 0.24 with it.
+3. The base parameters are read off the regressor (`models.identification.base_parameters`), and solved for by
+   least squares in which each joint's rows are weighted with its own residual, in several passes.
 4. Standard parameters with these base parameters, nearest to the robot's own files, make the model.
 
 Every error stated here compares low-passed measured torque with low-passed predicted torque, clear
@@ -51,6 +49,7 @@ from models.identification.physical_consistency import unphysical_links
 from models.identification.torque_regression import RegressionRows, TorqueEstimate
 from models.recordings.recording import Recording
 from models.rigid_body.serial_chain import SerialChain
+from models.rigid_body.ties import first_of_least
 from models.robot.motors import current_to_torque
 from models.robot.robot import Robot
 from models.signals.zero_phase import ZeroPhaseLowPass, derivative
@@ -455,7 +454,7 @@ def predict_torque(
 
 def best_law(held_out: Mapping[str, Array]) -> str:
     """The law with the lowest held-out RMSE, as the geometric mean over the joints: a joint that
-    carries little counts as much as one that carries the arm.
+    carries little counts as much as one that carries the arm. Of equals the first.
 
     Args:
         held_out: (n,) N m per law, from the logs that were fitted alone.
@@ -464,7 +463,8 @@ def best_law(held_out: Mapping[str, Array]) -> str:
     def score(law: str) -> float:
         return float(np.mean(np.log(np.maximum(held_out[law], 1e-12))))
 
-    return min(held_out, key=score)
+    scores = np.exp([score(law) for law in held_out])
+    return list(held_out)[int(first_of_least(scores))]
 
 
 def residual_covariance(residuals: Sequence[Array]) -> Array:
