@@ -3,10 +3,11 @@
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize
 
 from models.estimation.wrench import whitening_matrix
+from models.rigid_body.bounded_minimum import bounded_minimum
 from models.rigid_body.small_matrices import factorise
+from models.rigid_body.ties import in_order
 
 Array = NDArray[np.float64]
 
@@ -75,23 +76,27 @@ def _most_evident(
     power = float(np.mean(np.sum(white_tau**2, axis=1)))
     n = tau_ext.shape[1]
 
-    def cost(log_sds: Array) -> float:
-        """Minus the mean log likelihood, up to a constant; noise scale c: J / c, tau_ext / c."""
+    def cost(log_sds: Array) -> tuple[float, Array]:
+        """Minus the mean log likelihood, up to a constant; noise scale c: J / c, tau_ext / c.
+
+        And its gradient by the logarithms of force_sd, moment_sd and c.
+        """
         force_sd, moment_sd, c = np.exp(log_sds)
-        fit = float(_log_evidence(gram, seen, moment_sd / c, force_sd / c, 1.0 / c))
-        return float(0.5 * power / c**2 + n * np.log(c) - fit)
+        fit, by_moment, by_force, by_weight = _log_evidence(
+            gram, seen, moment_sd / c, force_sd / c, 1.0 / c
+        )
+        by_c = n - power / c**2 + by_moment + by_force + by_weight
+        return float(0.5 * power / c**2 + n * np.log(c) - fit), np.array(
+            [-by_force, -by_moment, by_c]
+        )
 
     bounds = np.log(np.array([FORCE_SD_RANGE, MOMENT_SD_RANGE, scales]))
     # The surface can have several tops (a wrench explained as force or as moment) and flat plains
     # where a sd does not matter: climb from the best points of a coarse grid.
     axes = [np.linspace(low, high, 9 if low < high else 1) for low, high in bounds]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    starts = grid[np.argsort([cost(point) for point in grid], kind="stable")[:4]]
-    climbs = [
-        minimize(cost, start, method="L-BFGS-B", bounds=bounds, options={"eps": 1e-6})
-        for start in starts
-    ]
-    found = min(climbs, key=lambda climb: float(climb.fun)).x
+    starts = grid[in_order([cost(point)[0] for point in grid])[:4]]
+    found, _ = bounded_minimum(cost, list(starts), bounds)
     force_sd, moment_sd, scale = np.exp(found)
     return float(force_sd), float(moment_sd), float(scale)
 
@@ -101,10 +106,15 @@ def _log_evidence(gram, seen, moment_sd, force_sd, weight):  # type: ignore[no-u
     """What depends on the sds in the mean log likelihood of a sample; `weight` scales `seen`.
 
     By the matrix determinant and inversion lemmas only the 6x6 matrix A = 1 + S gram S appears:
-    2 log N = -log det A + |A^-1/2 S seen|^2 + constant.
+    2 log N = -log det A + |A^-1/2 S seen|^2 + constant. With y = A^-1 S seen its derivative by the
+    logarithm of a scale S_i is y_i^2 - 1 + (A^-1)_ii.
+
+    Returns:
+        It, and its derivatives by the logarithms of moment_sd, force_sd and weight.
     """
     L, R = np.zeros((6, 6)), np.zeros((6, 6))
-    total = 0.0
+    half, y = np.empty(6), np.empty(6)
+    total, by_moment, by_force, by_weight = 0.0, 0.0, 0.0, 0.0
     for k in range(gram.shape[0]):
         for i in range(6):
             scale_i = moment_sd if i < 3 else force_sd
@@ -113,9 +123,20 @@ def _log_evidence(gram, seen, moment_sd, force_sd, weight):  # type: ignore[no-u
                 L[i, j] = scale_i * scale_j * gram[k, i, j] + (1.0 if i == j else 0.0)
         factorise(L, R)
         for i in range(6):
-            y = 0.0
+            half[i] = 0.0
             for j in range(i + 1):
-                y += R[i, j] * seen[k, j] * (moment_sd if j < 3 else force_sd)
-            y *= weight
-            total += 0.5 * y * y - np.log(L[i, i])
-    return total / gram.shape[0]
+                half[i] += R[i, j] * seen[k, j] * (moment_sd if j < 3 else force_sd)
+            half[i] *= weight
+            total += 0.5 * half[i] * half[i] - np.log(L[i, i])
+            by_weight += half[i] * half[i]
+        for i in range(6):
+            y[i], inverse = 0.0, 0.0
+            for j in range(i, 6):
+                y[i] += R[j, i] * half[j]
+                inverse += R[j, i] * R[j, i]
+            if i < 3:
+                by_moment += y[i] * y[i] - 1.0 + inverse
+            else:
+                by_force += y[i] * y[i] - 1.0 + inverse
+    count = gram.shape[0]
+    return total / count, by_moment / count, by_force / count, by_weight / count

@@ -196,7 +196,7 @@ def _rows(chain: SerialChain, q: ArrayLike) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
-def _contract(J, G, gradient):  # type: ignore[no-untyped-def]
+def contract(J, G, gradient):  # type: ignore[no-untyped-def]
     """gradient_j = sum_i G_i . dJ_i/dq_j; J and G (6, n)."""
     n = J.shape[1]
     for j in range(n):
@@ -244,7 +244,7 @@ def _condition_number_gradient(J, B, Q, G, gradient):  # type: ignore[no-untyped
             G[i, k] = value * (
                 Q[first, i] * B[first, k] / largest - Q[last, i] * B[last, k] / smallest
             )
-    _contract(J, G, gradient)
+    contract(J, G, gradient)
     return value
 
 
@@ -357,7 +357,7 @@ def _force_sd_rows(  # type: ignore[no-untyped-def]
             trace = _inverse_trace(covariance_tau, J, G, B, Q)
         else:
             trace = _posterior_trace(settings, precision, J, G, unused, work)
-        _contract(J, G, gradients[k])
+        contract(J, G, gradients[k])
         value = math.sqrt(trace)
         values[k] = min(value, _UNREADABLE)
         for j in range(n):

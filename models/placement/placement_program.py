@@ -175,6 +175,17 @@ class PlacementProgram:
         self.program, self.variables = self._build()
         self._order = self.program.FindDecisionVariableIndices(self.variables)
 
+    def with_measure(self, measure: PathMeasure) -> "PlacementProgram":
+        """The same program with another cost."""
+        return PlacementProgram(
+            self.chain,
+            measure,
+            self.bounds,
+            self.path_length,
+            self.num_segments,
+            self._clearance,
+        )
+
     def _build(self) -> tuple[Any, NDArray[np.object_]]:
         k, n, bounds = self.num_segments, self.chain.num_joints, self.bounds
         program = MathematicalProgram()
@@ -283,6 +294,10 @@ class PlacementProgram:
                 "Major iterations limit": 250,
                 "Iterations limit": 20000,
             }
+            if self._clearance is not None:
+                # Distances between curved shapes are found iteratively. Taken as exact, the last
+                # digits of their differences stop the solver short of a place that keeps them.
+                chosen["Function precision"] = 1e-9
         else:
             engine = IpoptSolver()
             chosen = {
@@ -290,6 +305,14 @@ class PlacementProgram:
                 "constr_viol_tol": 1e-9,
                 "max_iter": 300,
                 "hessian_approximation": "limited-memory",
+                # Where turns of the base and of the tool change nothing, its quasi-Newton matrix
+                # has nothing to learn, the gradient never vanishes, and it wanders about the
+                # optimum until its iterations end, wherever that is. So it ends where the
+                # constraints hold and the cost no longer changes.
+                "acceptable_tol": 0.1,
+                "acceptable_constr_viol_tol": 1e-8,
+                "acceptable_obj_change_tol": 1e-5,
+                "acceptable_iter": 2,
                 "print_level": 0,
             }
         for name, value in {**chosen, **(options or {})}.items():

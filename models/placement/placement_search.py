@@ -12,7 +12,10 @@ The cost has many local optima, and the best one's basin can be narrow. So
    steps, again on every branch, and what is reached descends: a basin that a random start rarely
    meets is often the neighbour, in this sense, of one that is easily met;
 5. the ends are sorted by what the measure looks like point by point; the best of each kind descends
-   some more, and the best of these are brought to an optimum of the `MathematicalProgram`.
+   some more, and the best of these are brought to an optimum of the `MathematicalProgram`;
+6. what differs of these is taken to the optimum's exact place, and to the one member of its family
+   that stands for all (`models.placement.placement_refinement`): the same from any start and on any
+   machine.
 
 Two optima count as one if they have the same measure at every point of the path (or of the path
 backwards): where a measure does not see a rotation of the base or of the tool, optima come in
@@ -32,14 +35,17 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from models.motion.branches import all_branches, is_closed_form
-from models.motion.path_postures import correct_paths, solve_poses, track_paths, wrap_within
+from models.motion.path_postures import solve_poses, track_paths, wrap_within
 from models.placement.placement_descent import PlacementBatch, PlacementDescent
+from models.placement.placement_points import between_points, on_path
 from models.placement.placement_program import (
     Placement,
     PlacementProgram,
     Solution,
     quaternion_from,
 )
+from models.placement.placement_refinement import finished
+from models.rigid_body.ties import in_order
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -197,6 +203,8 @@ class PlacementSearch:
                 solution = self._solve(batch, int(index), solver, result, clock)
                 if solution is not None:
                     found.append(solution)
+            progress(0.97, "the last steps")
+            found = [self._finished(solution, result, clock) for solution in self._kinds(found)]
         except KeyboardInterrupt:
             result.interrupted = True
         result.num_starts = sum(len(batch) for batch, _ in ends)
@@ -216,7 +224,7 @@ class PlacementSearch:
         if np.sum(np.isfinite(self._costs(drawn))) < _FEW:
             drawn = PlacementBatch.joined([drawn, self.grown(rng, effort, result)])
         costs = self._costs(drawn)
-        order = np.argsort(costs, kind="stable")
+        order = in_order(costs)
         poses = drawn[order[: effort.num_poses]]
         others = self._on_all_branches(poses.n_W, poses.p_WM, poses.R_WE, result)
         pool = PlacementBatch.joined([drawn[order], others])
@@ -383,7 +391,7 @@ class PlacementSearch:
         profiles = self._posture.values(varied.q)
         result.evaluations += len(varied)
         kept: list[int] = []
-        for index in np.argsort(costs, kind="stable"):
+        for index in in_order(costs):
             if len(kept) == effort.num_starts or not math.isfinite(costs[index]):
                 break
             # Turned wrists are the same to the measure.
@@ -406,7 +414,7 @@ class PlacementSearch:
         """Indices of the best descents, of each kind one, kinds told apart by their profiles."""
         profiles = self._posture.values(batch.q)
         kept: list[int] = []
-        for index in np.argsort(values, kind="stable"):
+        for index in in_order(values):
             if len(kept) == count:
                 break
             if not kept or profile_gaps(profiles[index], profiles[kept]).min() > gap:
@@ -433,6 +441,12 @@ class PlacementSearch:
         clock.better(cost, placement)
         return Solution(placement, cost, solution.converged, solution.status, solution.evaluations)
 
+    def _finished(self, solution: Solution, result: SearchResult, clock: "_Clock") -> Solution:
+        done = finished(self._robot, self.program, solution, self.corrected)
+        result.evaluations += done.evaluations - solution.evaluations
+        clock.better(done.cost, done.placement)
+        return done
+
     def corrected(self, placement: Placement) -> Placement | None:
         """The placement with postures on their path to rounding; None if it breaks a constraint.
 
@@ -449,6 +463,15 @@ class PlacementSearch:
             return None
         return exact
 
+    def _kinds(self, found: list[Solution]) -> list[Solution]:
+        """Solutions that differ in their profiles, best first."""
+        kinds: list[tuple[Solution, Array]] = []
+        for index in in_order([solution.cost for solution in found]):
+            values = self._posture.values(found[index].placement.q)
+            if all(float(profile_gaps(values, other)) > SAME for _, other in kinds):
+                kinds.append((found[index], values))
+        return [solution for solution, _ in kinds]
+
     def _sort(
         self,
         found: list[Solution],
@@ -456,11 +479,7 @@ class PlacementSearch:
         result: SearchResult,
     ) -> None:
         """Distinct optima, best first, and the starts that came to each."""
-        kinds: list[tuple[Solution, Array]] = []
-        for solution in sorted(found, key=lambda s: s.cost):
-            values = self._posture.values(solution.placement.q)
-            if all(float(profile_gaps(values, other)) > SAME for _, other in kinds):
-                kinds.append((solution, values))
+        kinds = [(one, self._posture.values(one.placement.q)) for one in self._kinds(found)]
         counts = np.zeros(len(kinds), dtype=int)
         for batch, _ in ends:
             for profile in self._posture.values(batch.q):
@@ -508,49 +527,6 @@ class _Clock:
             self._result.history.append((time.perf_counter() - self._began, cost))
 
 
-def on_path(robot: Robot, placement: Placement, path_length: float) -> Placement | None:
-    """The same placement with each posture moved onto its point exactly; None if one cannot be."""
-    q = placement.q[np.newaxis].copy()
-    reached = correct_paths(
-        robot.chain,
-        q,
-        placement.n_W[np.newaxis],
-        placement.p_WM[np.newaxis],
-        placement.R_WE[np.newaxis],
-        path_length,
-    )
-    if not reached[0]:
-        return None
-    return Placement(q[0], placement.n_W, placement.p_WM, placement.quaternion)
-
-
-def between_points(
-    robot: Robot, placement: Placement, path_length: float, parts: int = 10
-) -> Placement | None:
-    """The placement with `parts` times as many points; None where the postures do not continue.
-
-    Each new posture is the one nearest to the straight line in the joints between two points. If
-    from one to the next no joint takes more than three times its share of the step between the
-    points (and a rounding), all of them lie on one branch.
-    """
-    k = len(placement.q) - 1
-    at = np.linspace(0.0, k, parts * k + 1)
-    left = np.minimum(at.astype(int), k - 1)
-    share = (at - left)[:, np.newaxis]
-    q = (1.0 - share) * placement.q[left] + share * placement.q[left + 1]
-    fine = on_path(
-        robot,
-        Placement(q, placement.n_W, placement.p_WM, placement.quaternion),
-        path_length,
-    )
-    if fine is None:
-        return None
-    steps = np.max(np.abs(np.diff(placement.q, axis=0)))
-    if np.max(np.abs(np.diff(fine.q, axis=0))) > 3.0 * steps / parts + 1e-6:
-        return None
-    return fine
-
-
 @contextmanager
 def one_thread() -> Iterator[None]:
     """Keeps numba's loops in this thread.
@@ -573,7 +549,7 @@ def _joined(ends: list[tuple[PlacementBatch, Array]]) -> tuple[PlacementBatch, A
 
 def best_of_each(cells: NDArray[np.intp], costs: Array, count: int) -> NDArray[np.intp]:
     """Indices of up to `count` finite costs: the best of each cell, then each one's second..."""
-    order = np.argsort(costs, kind="stable")
+    order = in_order(costs)
     order = order[np.isfinite(costs[order])]
     rank = np.empty(len(order), dtype=int)
     seen: dict[int, int] = {}

@@ -87,7 +87,7 @@ def linear_path(context: ExperimentContext) -> LinearPath:
     table_task, table_source = load_task("linear_path_table")
     effort = EFFORT_WITH_CLEARANCE
     if context.quick:
-        effort = dataclasses.replace(effort, num_starts=8, num_rounds=1, num_solves=2)
+        effort = dataclasses.replace(effort, num_rounds=2, num_solves=4)
     table = place(table_task, table_source, robot, seed=context.seed, effort=effort)
     postures = {
         "one_elbow": _along(robot, OPTIMISED_PATH, OPTIMISED_POSTURE),

@@ -277,8 +277,8 @@ def bootstrap(
     """
     N = len(target)
     draws = {name: np.empty(count) for name in columns}
-    order = {name: np.argsort(column) for name, column in columns.items()}
-    target_order = np.argsort(target)
+    order = {name: np.argsort(column, kind="stable") for name, column in columns.items()}
+    target_order = np.argsort(target, kind="stable")
     for start in range(0, count, _TOGETHER):
         rows = slice(start, min(start + _TOGETHER, count))
         # How often each row is drawn: ranks then follow from one sorting, by running sums.
@@ -332,7 +332,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics[method]["stated_sd_minus_jcn_interval_95"] = np.quantile(gap, [0.025, 0.975])
         # What choosing by a measure gains: the error in the fifth that it ranks best.
         metrics[method]["best_fifth_median_n"] = {
-            name: float(np.median(target[np.argsort(column)[: len(target) // 5]]))
+            name: float(np.median(target[np.argsort(column, kind="stable")[: len(target) // 5]]))
             for name, column in draws.predictors[method].items()
         }
     figures = [
@@ -461,7 +461,7 @@ def _draw_errors(context: ExperimentContext, draws: Draws) -> FigureFile:
             ax = axes[row, column]
             x, y = draws.predictors[method][name], draws.force_error[method]
             ax.loglog(x, y, ".", color=COLOUR["estimate"], markersize=1.8, alpha=0.5)
-            order = np.argsort(x)
+            order = np.argsort(x, kind="stable")
             groups = np.array_split(order, 20)
             ax.plot(
                 [float(np.median(x[group])) for group in groups],

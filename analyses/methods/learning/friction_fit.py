@@ -46,6 +46,7 @@ from models.identification.torque_regression import (
     split_terms,
 )
 from models.rigid_body.serial_chain import SerialChain
+from models.rigid_body.ties import SAME, first_of_least
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -283,12 +284,14 @@ class FrictionFit:
 
     def _smoothest(self, errors: Array) -> NDArray[np.intp]:
         """Per joint the last candidate that the rule allows; errors (candidates, folds, n)."""
-        lowest = errors.mean(axis=1).argmin(axis=0)
+        lowest = first_of_least(errors.mean(axis=1), axis=0)
         if self.selection == "lowest-error":
             return np.asarray(lowest)
         excess = errors - np.take_along_axis(errors, lowest[None, None, :], axis=0)
         standard_error = excess.std(axis=1, ddof=1) / np.sqrt(errors.shape[1])
-        good = excess.mean(axis=1) <= standard_error
+        # The same but for rounding is no worse: of equals the smoothest.
+        rounding = SAME * errors.mean(axis=1)
+        good = excess.mean(axis=1) <= standard_error + rounding
         return np.asarray(len(errors) - 1 - np.argmax(good[::-1], axis=0))
 
     def _solve(

@@ -100,7 +100,7 @@ def critical_velocity(v: Array, torque: Array, law: CoulombViscous) -> Array:
     against = np.sign(v) * (torque - law.torque(v))
     for j in range(n):
         use = np.isfinite(against[:, j]) & _moves(v[:, j])
-        order = np.argsort(np.abs(v[use, j]))
+        order = np.argsort(np.abs(v[use, j]), kind="stable")
         speed, deviation = np.abs(v[use, j])[order], against[use, j][order]
         if not len(speed):
             out[j] = 0.0  # the caller reports the empty band

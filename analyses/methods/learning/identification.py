@@ -71,6 +71,7 @@ from models.identification.physical_consistency import unphysical_links
 from models.identification.torque_regression import TorqueEstimate
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
+from models.rigid_body.ties import first_of_least
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -391,7 +392,8 @@ def best_law(
         logs = [np.mean(np.log(np.maximum(error, 1e-12))) for error in errors]
         return float(np.average(logs, weights=weights))
 
-    return min(held_out, key=score)
+    scores = np.exp([score(law) for law in held_out])
+    return list(held_out)[int(first_of_least(scores))]
 
 
 def _best_of(candidates: Sequence[LawFit]) -> str:

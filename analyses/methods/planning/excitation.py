@@ -148,7 +148,7 @@ def excite(
         starts.append(first.random_feasible(rng))
     exact = replace(information, friction_velocity=0.0)
     random = np.array([exact.condition_number(*_period(start)) for start in starts])
-    ranked = [starts[i] for i in np.argsort(random)]
+    ranked = [starts[i] for i in np.argsort(random, kind="stable")]
     start = ranked[0]
     about = 1.6 * config.iterations  # evaluations that so many iterations take
 

@@ -24,6 +24,7 @@ from models.motion.branches import is_closed_form
 from models.motion.posture_map import PostureMap, best_postures
 from models.motion.posture_measures import ConditionNumber, check_joints
 from models.motion.surface_path import frame_about
+from models.rigid_body.ties import first_of_least
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -71,6 +72,11 @@ class Slice:
         """(G, G) rows along v, NaN out of reach."""
         return self.postures.best.reshape(len(self.v), len(self.u))
 
+    def best_point(self) -> int:
+        """Index of the best point that is reached; of two as good, one on each side, the first."""
+        best = self.postures.best
+        return int(first_of_least(np.where(np.isfinite(best), best, np.inf)))
+
     def metrics(self) -> dict[str, Any]:
         """Where the best place is, and how much of the plane is good."""
         best = self.postures.best
@@ -80,7 +86,7 @@ class Slice:
             "reached_pct": 100.0 * float(np.mean(reached)),
         }
         if np.any(reached):
-            i = int(np.nanargmin(best))
+            i = self.best_point()
             metrics |= {
                 "min": float(best[i]),
                 "median": float(np.median(best[reached])),
@@ -290,7 +296,7 @@ def draw_cloud(samples: Samples, path: Path) -> None:
     shown = slice(0, _SCATTER)
     p = samples.p_WE[shown]
     # Good ones last, so that they are not covered by the many that are not.
-    order = np.argsort(-samples.jcn[shown])
+    order = np.argsort(-samples.jcn[shown], kind="stable")
     ax.scatter(*p[order].T, c=samples.jcn[shown][order], norm=norm, cmap="viridis", s=1.0, lw=0)
     ax.set_xlabel("x [m]")
     ax.set_ylabel("y [m]")
@@ -352,7 +358,7 @@ def draw_slice(cut: Slice, path: Path) -> None:
     if np.nanmin(cut.jcn, initial=np.inf) < THRESHOLD < np.nanmax(cut.jcn, initial=-np.inf):
         ax.contour(cut.u, cut.v, cut.jcn, levels=[THRESHOLD], colors="white", linewidths=1.2)
     if np.any(np.isfinite(cut.postures.best)):
-        p = cut.postures.p_WE[int(np.nanargmin(cut.postures.best))]
+        p = cut.postures.p_WE[cut.best_point()]
         first, second = ("xyz".index(name) for name in cut.axes)
         ax.plot(p[first], p[second], "o", color="#d55e00", label=f"best: {np.nanmin(cut.jcn):.2f}")
         figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center")

@@ -37,6 +37,7 @@ from models.motion.branches import all_branches
 from models.motion.inverse_kinematics import follow_path
 from models.motion.surface_path import SurfacePath
 from models.motion.workpieces import mesh
+from models.rigid_body.ties import better, in_order
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -145,7 +146,7 @@ class PlacementProblem:
             if np.any(q < self._lower) or np.any(q > self._upper):
                 continue
             cost = self.force_sd(q, path)
-            if cost < best[0]:
+            if better(cost, best[0]):
                 best = cost, q
         return best
 
@@ -214,7 +215,7 @@ def search(
     x = qmc.scale(qmc.Sobol(5, seed=seed).random(draws), LOWER, UPPER)
     costs = np.array([problem.best_branch(row)[0] for row in x])
     found: list[MachiningPlace] = []
-    for i in np.argsort(costs, kind="stable"):
+    for i in in_order(costs):
         if len(found) == refined or costs[i] >= NOWHERE:
             break
         row = x[i]

@@ -29,6 +29,7 @@ from models.placement.placement_program import (
     quaternion_from,
 )
 from models.placement.placement_search import Optimum, SearchResult, one_thread
+from models.rigid_body.ties import better, in_order
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -185,8 +186,8 @@ class ParticleCost:
             mean = np.mean(program.measure.posture.values(q[reached]), axis=1)
             values[reached] = np.minimum(mean, UNREACHED)
         batch = PlacementBatch(q, n_W[row], x[row, 3:6], R_WE[row])
-        for index in np.argsort(values, kind="stable"):
-            if values[index] >= costs[row[index]]:
+        for index in in_order(values):
+            if not better(values[index], costs[row[index]]):
                 continue
             if self._clearance is not None and self._collides(batch, int(index)):
                 continue

@@ -30,21 +30,23 @@ from models.motion.branches import all_branches, is_closed_form
 from models.motion.path_postures import track_paths
 from models.motion.posture_measures import ConditionNumber, ForceSd, PathMeasure, PostureMeasure
 from models.placement.placement_descent import PlacementDescent
+from models.placement.placement_points import between_points
 from models.placement.placement_program import SOLVERS, Placement, PlacementProgram, quaternion_from
 from models.placement.placement_search import (
     FEASIBLE,
     PlacementSearch,
     SearchEffort,
     SearchResult,
-    between_points,
 )
 from models.placement.placement_task import PlacementTask, check_task, load_task
+from models.rigid_body.ties import first_of_least
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
 OBJECTIVES = ("jcn", "force-sd")
 PLACE_SOLVERS = (*SOLVERS, "pso-ga")
+_HALF_TURN = 1e-9  # of a quaternion's w: a rotation by half a turn
 FINE = 10  # points between two of the path's, where it is looked at closely
 
 EFFORT = SearchEffort()
@@ -82,6 +84,8 @@ class Profile:
         w = min(1.0, abs(float(self.placement.quaternion[0])))
         theta = 2.0 * math.acos(w)
         axis = self.placement.quaternion[1:] * (1.0 if self.placement.quaternion[0] >= 0 else -1.0)
+        if w < _HALF_TURN:  # both ways round are one rotation
+            axis = axis * np.sign(axis[int(first_of_least(-np.abs(axis)))])
         length = float(np.linalg.norm(axis))
         metrics: dict[str, Any] = {
             "mean_jcn": float(np.mean(self.jcn)),
@@ -474,9 +478,9 @@ def _initial_profile(
         return None
     if task.initial.posture is not None:
         off = np.max(np.abs(branches[good] - np.array(task.initial.posture)), axis=1)
-        chosen = good[int(np.argmin(off))]
+        chosen = good[int(first_of_least(off))]
     else:
-        chosen = good[int(np.argmin(np.mean(measure.values(q[good]), axis=1)))]
+        chosen = good[int(first_of_least(np.mean(measure.values(q[good]), axis=1)))]
     placement = Placement(q[chosen], path.n_W, path.p_WM, quaternion_from(path.R_WE))
     return _profile(task, robot, measure, cell, placement)
 

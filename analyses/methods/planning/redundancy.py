@@ -35,6 +35,7 @@ from models.motion.redundancy import (
 )
 from models.motion.surface_path import SurfacePath
 from models.motion.workpieces import BladeSection, Plate, Surface, mesh
+from models.rigid_body.ties import better, first_of_least
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -185,10 +186,13 @@ def _refined(
         found.append(
             refine(problem, local.q, progress=lambda f: progress(0.9 + 0.1 * f, "refinement"))
         )
-    best = min(found, key=lambda trajectory: problem.cost(trajectory.q))
-    if local is not None and problem.violation(local.q) <= 1e-7 and mean(best) > mean(local):
+    best = found[int(first_of_least([problem.cost(trajectory.q) for trajectory in found]))]
+    if local is None or problem.violation(local.q) > 1e-7:
+        return best
+    if better(mean(local), mean(best)):
         # Smoother than the local one, and for that a little worse: here the measure comes first.
-        best = min(*found, local, key=mean)
+        found.append(local)
+        best = found[int(first_of_least([mean(trajectory) for trajectory in found]))]
     return best
 
 
