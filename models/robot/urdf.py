@@ -26,8 +26,7 @@ Array = NDArray[np.float64]
 
 _MOVING = ("revolute", "continuous", "prismatic")
 _KNOWN_TYPES = (*_MOVING, "fixed", "floating", "planar")
-_VISUAL_MESHES = (".obj", ".gltf", ".vtk")
-_COLLISION_MESHES = (".obj", ".gltf", ".vtk")
+_MESHES = (".obj", ".gltf", ".vtk")
 _SHAPES = ("box", "cylinder", "sphere", "capsule", "ellipsoid", "drake:capsule", "drake:ellipsoid")
 _KEPT = ("link", "joint", "material", "drake:collision_filter_group")
 
@@ -286,7 +285,7 @@ class _Reader:
     def _drop_pictures(self) -> None:
         dropped: dict[tuple[str, str], int] = {}
         for link in self.links.values():
-            for kind, meshes in (("visual", _VISUAL_MESHES), ("collision", _COLLISION_MESHES)):
+            for kind, meshes in (("visual", _MESHES), ("collision", _MESHES)):
                 for element in link.findall(kind):
                     reason = self._undrawable(element, meshes)
                     if reason:

@@ -255,7 +255,7 @@ def load_figure(result: PayloadResult) -> "Figure":
     for j, axis in enumerate(panels[:n]):
         axis.plot(t, rows.residual[:, j], color=COLOUR["truth"], label="left by the model")
         axis.plot(t, result.torque[:, j], color=COLOUR["estimate"], lw=1.0, label="of the load")
-        axis.set_title(f"{names[j]}: {left[j]:.2f} N m RMS between them")
+        axis.set_title(f"{names[j]}: {left[j]:.2f} N m apart (RMS)")
         axis.set_ylabel("torque [N m]")
         if j >= n - 2:
             axis.set_xlabel("time [s]")
