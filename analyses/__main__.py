@@ -15,7 +15,7 @@ from typer.core import TyperCommand, TyperGroup
 from analyses.commands.discovery import find_commands, load_command
 from analyses.output.interruption import ends_are_interrupts
 from models.files.files_read import remembering_files_read
-from models.files.input_error import InputError
+from models.files.input_error import InputError, printable
 
 
 class _Commands(TyperGroup):
@@ -50,7 +50,7 @@ class _Commands(TyperGroup):
         except KeyboardInterrupt as error:
             line = "interrupted; what was written is whole"
             code = 128 + getattr(error, "signum", signal.SIGINT)
-        sys.stderr.write(" ".join(line.split()) + "\n")
+        sys.stderr.write(printable(" ".join(line.split())) + "\n")
         raise typer.Exit(code)
 
 

@@ -20,6 +20,7 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from models.files.configuration import nearest
 from models.files.files_read import about_to_read
 from models.files.input_error import InputError
+from models.robot.gltf import gltf_fault
 from models.robot.robot_config import RobotConfig, ShapeConfig, ToolConfig
 
 Array = NDArray[np.float64]
@@ -314,6 +315,8 @@ class _Reader:
         if found is None:
             return f"{suffix}, file not found"
         about_to_read(found)
+        if suffix == ".gltf" and (fault := gltf_fault(found)):
+            return fault
         shape.set("filename", found.as_uri())
         return ""
 
