@@ -25,7 +25,7 @@ from models.estimation.tick import (
     tick_output,
     tick_update,
 )
-from models.estimation.wrench import WrenchReconstruction
+from models.estimation.wrench import UNKNOWN_SD, WrenchReconstruction
 from models.friction.velocity_friction import friction_torque
 
 Array = NDArray[np.float64]
@@ -181,6 +181,8 @@ class WrenchEstimatorSystem(LeafSystem):
             damping=float(wrench["damping"][0]),
             truncation=float(wrench["truncation"][0]),
         )
+        if estimator.trusted is not None:  # which then says what is valid, see make_estimator
+            config = replace(config, max_force_sd=UNKNOWN_SD)
         tables = estimator.tables_of(
             values["motor.torque_per_ampere"],
             self._law.with_parameters(own("friction.")),
