@@ -4,7 +4,7 @@ Each is registered as the documentation says, runs wherever the bundled ones do,
 again.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -152,7 +152,10 @@ class NumpyTable:
         self.progress = 0.0
 
     def blocks(
-        self, columns: list[int], rows: tuple[int, int] | None = None
+        self,
+        columns: list[int],
+        rows: tuple[int, int] | None = None,
+        may_be_empty: Collection[int] = (),
     ) -> Iterator[tuple[Array, NDArray[np.int64]]]:
         first, last = rows or (1, len(self._values))
         for begin in range(first - 1, last, 20):

@@ -44,6 +44,7 @@ from models.files.input_error import InputError
 from models.files.whole_file import writing_to
 
 _SHARED: Final = ".shared.partial"  # folder of what experiments have in common
+_ENDS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _NO_STORAGE: Final = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 
 
@@ -227,7 +228,8 @@ class _Run:
             self._process = spawn.Process(
                 target=_work, args=(task, theirs, self._log), name=self.outcome.name
             )
-            self._process.start()
+            with _for_this_process_alone():
+                self._process.start()
         theirs.close()
         self._started = time.monotonic()
         self.outcome.state = "running"
@@ -329,12 +331,25 @@ class _Task:
     settings: StudySettings
 
 
+@contextmanager
+def _for_this_process_alone() -> Iterator[None]:
+    """Holds signals back from a process that starts within the block, for all of its life: the
+    terminal and `kill` tell the whole group, and an interpreter that is just starting would end in
+    a traceback. They reach this process at the block's end.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _work(task: _Task, connection: Connection, log: Path) -> None:
     """Runs in the experiment's own process: its output goes to `log`, its steps to `connection`."""
     import faulthandler
 
     # The terminal and `kill` tell the whole group; it is the parent that ends this process.
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in _ENDS:
         signal.signal(number, signal.SIG_IGN)
     _die_with_parent()
     descriptor = -1

@@ -173,8 +173,11 @@ PARAMETERS = {
     "observer.K_0": lambda x: x + 15.0,
     "friction.viscous": lambda x: x + 1.0,
     "friction.v_crit": lambda x: 0.5 * x,
-    # coulomb, stribeck, 1 / v_s, load, cubic, two weights (their sum stays), two displacements
-    "friction.slip": lambda x: x * np.tile([1.2, 1.1, 1.3, 1.1, 2.0, 1.0, 1.0, 2.0, 1.0], N),
+    # coulomb, stribeck, 1 / v_s, load, cubic, the sampling (as it is), two weights (their sum
+    # stays), two displacements
+    "friction.slip": lambda x: (
+        x * np.tile([1.2, 1.1, 1.3, 1.1, 2.0, *np.ones(5), 1.0, 1.0, 2.0, 1.0], N)
+    ),
     "reconstruction.prior_sd": lambda x: 0.3 * x,
     "reconstruction.torque_covariance": lambda x: 4.0 * x,
     "reconstruction.damping": lambda x: x + 0.3,

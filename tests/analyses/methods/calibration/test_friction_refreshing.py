@@ -147,7 +147,8 @@ def test_seven_weeks_of_drift_of_a_real_arm(ur10e, data):
         data("ur10e_more/ur-19_12_23_free.csv"), "ur10e-dynamic-calibration", ur10e
     )[5:2019]
     found = refresh_model(whole[:372], ur10e, model)
-    assert found.refresh.standard_errors[:2, 1].min() > 3.0  # joints 1 and 2: viscous
+    # Joints 1 and 2, viscous: more than chance alone moves one number in a hundred.
+    assert found.refresh.standard_errors[:2, 1].min() > 2.6
     before, after = (
         predict_torque([whole[372:]], ur10e, one, IdentificationConfig())[0].rmse
         for one in (model, found.model)

@@ -14,7 +14,11 @@ from analyses.methods.learning.identification import (
     identify_logs,
     residual_covariance,
 )
-from analyses.methods.learning.identification_config import LAWS, IdentificationConfig
+from analyses.methods.learning.identification_config import (
+    LAWS,
+    IdentificationConfig,
+    IdentifySettings,
+)
 from analyses.methods.learning.torque_fit import TorqueFit
 from analyses.output.outputs import OutputFolder
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
@@ -496,7 +500,7 @@ def test_the_consistent_fit_is_a_robot_and_hardly_worse(sts, noisy, tmp_path):
     found = identify(noisy[:3], sts, noisy[3:], config)
     assert found.metrics()["inconsistent_links"] == []
     assert (found.validation[0].rmse < 1.05 * plain.validation[0].rmse).all()
-    found.write(OutputFolder(tmp_path), {})
+    found.write(OutputFolder(tmp_path), IdentifySettings())
     model = pin.buildModelFromXML((tmp_path / "robot.urdf").read_text())
     found_inertias = np.array([model.inertias[i + 1].toDynamicParameters() for i in range(6)])
     np.testing.assert_allclose(

@@ -366,10 +366,10 @@ def test_a_log_without_force_warns(
 
 @pytest.mark.parametrize(("prior", "rule"), [("live", "live"), ("30,2", "given")])
 def test_a_prior_that_is_stated(
-    log: Path, robot: Robot, model_file: Path, tmp_path: Path, prior: str, rule: str
+    log: Path, sts: Robot, model_file: Path, tmp_path: Path, prior: str, rule: str
 ) -> None:
     found = _estimate(log, model_file, tmp_path / "out", EstimateConfig(prior=prior))
-    expected = live_prior(robot.payload) if prior == "live" else (30.0, 2.0)
+    expected = live_prior(sts.payload) if prior == "live" else (30.0, 2.0)
     own = found.metrics()["prior"]
     assert (own["force_sd_n"], own["moment_sd_nm"], own["rule"]) == (*expected, rule)
 
