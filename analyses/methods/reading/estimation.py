@@ -183,7 +183,8 @@ def estimate(
             summary.add(chunk, batch, sd, valid, _torque(chunk, robot))
     metrics = summary.metrics(config, rule)
     warnings += summary.warnings()
-    out.write_figure("wrench", summary.figure())
+    reads_moments = config.reconstruction.method != "force_only"
+    out.write_figure("wrench", summary.figure(reads_moments))
     used = replace(settings.estimate, estimator=config)
     out.write_settings("config.yaml", replace(settings, estimate=used))
     out.write_json("metrics.json", metrics)
