@@ -8,7 +8,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
-from diagrams.estimator import add_estimator
+from diagrams.estimator import add_estimator, make_estimator
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.momentum_observer import MomentumObserverConfig
 from models.estimation.wrench import METHODS, WrenchReconstructionConfig
@@ -125,3 +125,17 @@ def test_a_tick_and_a_log_read_the_same(sts, model, log):
         [tick.wrench for tick in ticks], batch.wrench, rtol=0.0, atol=1e-12 * 1e3
     )
     assert [bool(tick.valid) for tick in ticks] == batch.valid.tolist()
+
+
+@pytest.mark.parametrize("fused", [False, True])
+def test_what_an_air_pass_taught_is_read_so_too(sts, model, fused):
+    """Its inputs are those of an estimator without a torque error."""
+    plain = replace(model, torque_error=None)
+    names = []
+    for own in (plain, model):
+        estimator = make_estimator(sts, own, WrenchEstimatorConfig(), taught=True, fused=fused)
+        names.append(
+            [estimator.get_input_port(i).get_name() for i in range(estimator.num_input_ports())]
+            + [estimator.get_output_port(i).get_name() for i in range(estimator.num_output_ports())]
+        )
+    assert names[0] == names[1]
