@@ -46,7 +46,7 @@ class Clearance:
     Left out are links that a joint connects, what the floor carries, neighbours that never come
     nearer than at home, and pairs that overlap at home, whose shapes are too coarse to judge
     (`overlapping`). A pair that is near in the home posture, as the parts of a wrist are, must keep
-    half of its distance there, every other pair `margin`.
+    half of its distance there (`near_at_home`: names, m), every other pair `margin`.
 
     Args:
         robot: its collision shapes count.
@@ -98,6 +98,11 @@ class Clearance:
                     wrist[key] = pair.distance
         self._drop_always_clear(robot, wrist)
         self.overlapping = tuple(overlapping)
+        self.near_at_home = tuple(
+            (" and ".join(self._name(shape) for shape in key), required)
+            for key, required in self._required.items()
+            if np.isfinite(required) and required < margin
+        )
         self.has_shapes = len(self._body) > (0 if floor is None else 1)
         self._speed_radius = _speed_radius(robot)
 

@@ -1,17 +1,27 @@
 """The wrench estimator as a Diagram, to be dropped into any other."""
 
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortDataType
+from pydrake.systems.framework import (
+    Diagram,
+    DiagramBuilder,
+    InputPortIndex,
+    OutputPort,
+    PortDataType,
+)
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Demultiplexer
 
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from models.estimation.observer import NUM_SIGNALS, TAU_F
+from models.estimation.tick import ERROR_SD
+from models.estimation.trusted_reading import TrustedReading
 from models.identification.identified_model import IdentifiedModel
 from models.robot.robot import Robot
-from systems.generalized_momentum_observer import GeneralizedMomentumObserver
+from systems.external_torque_observer import ExternalTorqueObserver
+from systems.friction_law import FrictionLawSystem
 from systems.jacobian_wrench_reconstruction import READING_SIZES, JacobianWrenchReconstruction
 from systems.motor_current_torque_source import MotorCurrentTorqueSource
-from systems.presliding_friction import PreslidingFrictionSystem
 from systems.rigid_body_terms import RigidBodyTermsSystem
-from systems.semi_parametric_friction import SemiParametricFrictionSystem
+from systems.trusted_wrench_reading import TrustedWrenchReading
+from systems.wrench_estimator import WrenchEstimatorSystem
 
 
 def make_estimator(
@@ -20,6 +30,7 @@ def make_estimator(
     config: WrenchEstimatorConfig | None = None,
     name: str = "estimator",
     taught: bool = False,
+    fused: bool = False,
 ) -> Diagram:
     """Builds the estimator: what a controller measures in, the wrench at the tool out.
 
@@ -56,14 +67,20 @@ def make_estimator(
     parameters (torque_per_ampere; coulomb, viscous, offset, v_crit, or the slip elements of a law
     with memory; K_0; the prior's sds, the torque covariance) are changed through their Contexts.
 
+    With `fused` all of them are one block, `block`, with the same parameters
+    (`systems.wrench_estimator.WrenchEstimatorSystem`): the same numbers in a third of the time.
+
     Args:
         taught: whether there are inputs tau_correction, v_planned and counts.
+        fused: whether it is one block instead of its stages.
 
     Raises:
         InputError: the model belongs to another robot.
         ValueError: as `models.estimation.estimator.WrenchEstimator`.
     """
     estimator = WrenchEstimator(robot, model, config)
+    if fused:
+        return _fused(estimator, name, taught)
     builder = DiagramBuilder()
     terms = builder.AddNamedSystem("terms", RigidBodyTermsSystem(estimator.chain))
     motor = builder.AddNamedSystem(
@@ -73,21 +90,23 @@ def make_estimator(
     remembers = model.friction.state_rows > 0 and not taught
     friction = builder.AddNamedSystem(
         "friction",
-        PreslidingFrictionSystem(model.friction, estimator.config.observer.time_step)
-        if remembers
-        else SemiParametricFrictionSystem(
-            model.friction.feedforward if taught else model.friction.velocity_law
+        FrictionLawSystem(
+            model.friction.feedforward if taught else estimator.friction,
+            estimator.observer.time_step,
         ),
     )
     observer = builder.AddNamedSystem(
         "observer",
-        GeneralizedMomentumObserver(estimator.config.observer, estimator.num_joints),
+        ExternalTorqueObserver(estimator.observer, estimator.tables.drives[ERROR_SD]),
     )
+    trusted = estimator.trusted
     reconstruction = builder.AddNamedSystem(
         "reconstruction",
         JacobianWrenchReconstruction(
             estimator.config.reconstruction, estimator.reconstruction.torque_covariance
-        ),
+        )
+        if trusted is None
+        else TrustedWrenchReading(trusted, estimator.observer.time_step),
     )
     # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
     observed = builder.AddNamedSystem("observed", Demultiplexer([estimator.num_joints, 1]))
@@ -119,6 +138,11 @@ def make_estimator(
 
     position = builder.ExportInput(terms.GetInputPort("q"), "q")
     velocity = builder.ExportInput(terms.GetInputPort("v"), "v")
+    if trusted is not None:
+        builder.ConnectInput(position, reconstruction.GetInputPort("q"))
+        builder.ConnectInput(velocity, reconstruction.GetInputPort("v"))
+        builder.Connect(motor.GetOutputPort("tau_J"), reconstruction.GetInputPort("tau_J"))
+        builder.Connect(friction.GetOutputPort("tau_f"), reconstruction.GetInputPort("tau_f"))
     if taught:
         builder.ExportInput(friction.GetInputPort("v"), "v_planned")
     else:
@@ -136,6 +160,64 @@ def make_estimator(
     return diagram
 
 
+def _fused(estimator: WrenchEstimator, name: str, taught: bool) -> Diagram:
+    builder = DiagramBuilder()
+    block = builder.AddNamedSystem("block", WrenchEstimatorSystem(estimator, taught))
+    # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
+    reading = builder.AddNamedSystem("reading", Demultiplexer(block.reading_sizes))
+    builder.Connect(block.GetOutputPort("reading"), reading.get_input_port())
+    inputs = {}
+    for k in range(block.num_input_ports()):
+        port = block.get_input_port(k)
+        inputs[port.get_name()] = builder.ExportInput(port, port.get_name())
+    signals = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
+    ports = [reading.get_output_port(k) for k in range(len(signals))]
+    if estimator.trusted is not None:
+        ports[1:] = _trusted_ports(builder, estimator, estimator.trusted, block, reading, inputs)
+    for signal, source in zip(signals, ports, strict=True):
+        builder.ExportOutput(source, signal)
+    builder.ExportOutput(block.GetOutputPort("terms"), "terms")
+    diagram = builder.Build()
+    diagram.set_name(name)
+    return diagram
+
+
+def _trusted_ports(
+    builder: DiagramBuilder,
+    estimator: WrenchEstimator,
+    trusted: TrustedReading,
+    block: WrenchEstimatorSystem,
+    reading: Demultiplexer,
+    inputs: dict[str, InputPortIndex],
+) -> list[OutputPort]:
+    """Wrench, covariance, condition number and valid of the block's tau_ext, with the torque error
+    of each sample."""
+    n = estimator.num_joints
+    robot = estimator.robot
+    system = TrustedWrenchReading(trusted, estimator.observer.time_step)
+    own = builder.AddNamedSystem("trusted", system)
+    motor = builder.AddNamedSystem(
+        "motor", MotorCurrentTorqueSource(robot.torque_per_ampere, robot.current_sign)
+    )
+    # The block's signals, row by row, and J.
+    rest = builder.AddNamedSystem("signals", Demultiplexer([n] * NUM_SIGNALS + [6 * n]))
+    builder.Connect(reading.get_output_port(5), rest.get_input_port())
+    builder.ConnectInput(inputs["q"], own.GetInputPort("q"))
+    builder.ConnectInput(inputs["v"], own.GetInputPort("v"))
+    builder.ConnectInput(inputs["current"], motor.GetInputPort("current"))
+    for output, port in (
+        (block.GetOutputPort("terms"), "terms"),
+        (reading.get_output_port(0), "tau_ext"),
+        (reading.get_output_port(4), "tau_ext_valid"),
+        (motor.GetOutputPort("tau_J"), "tau_J"),
+        (rest.get_output_port(TAU_F), "tau_f"),
+    ):
+        builder.Connect(output, own.GetInputPort(port))
+    parts = builder.AddNamedSystem("trusted_reading", Demultiplexer(READING_SIZES))
+    builder.Connect(own.GetOutputPort("reading"), parts.get_input_port())
+    return [parts.get_output_port(k) for k in range(len(READING_SIZES))]
+
+
 def add_estimator(
     builder: DiagramBuilder,
     robot: Robot,
@@ -147,12 +229,14 @@ def add_estimator(
     current: OutputPort | None = None,
     name: str = "estimator",
     taught: bool = False,
+    fused: bool = False,
 ) -> Diagram:
     """Adds `make_estimator` to `builder` and wires its inputs to the ports that are given.
 
     Args:
         q, v, current: output ports of systems in `builder`, (n,) each; None is left unconnected.
         taught: as `make_estimator`; these inputs are left unconnected.
+        fused: as `make_estimator`.
 
     Returns:
         the estimator, a subsystem of `builder`.
@@ -173,7 +257,7 @@ def add_estimator(
                 f"{name}: {signal} must have {robot.num_joints} entries, one a joint of "
                 f"{robot.name}, and {label} has {port.size()}"
             )
-    estimator = builder.AddSystem(make_estimator(robot, model, config, name, taught))
+    estimator = builder.AddSystem(make_estimator(robot, model, config, name, taught, fused))
     for signal, port in sources.items():
         if port is not None:
             builder.Connect(port, estimator.GetInputPort(signal))

@@ -20,6 +20,7 @@ from models.motion.inverse_kinematics import follow_path
 from models.motion.posture_measures import ForceSd
 from models.motion.redundancy import RedundancyProblem, best_on_grid, candidates, refine
 from models.motion.surface_path import SurfacePath
+from models.rigid_body.ties import better
 from models.robot.robot import Robot
 from systems.machining_reference import MachiningReference
 
@@ -126,7 +127,7 @@ def postures(robot: Robot, path: SurfacePath, machining: MachiningConfig, source
         if problem.violation(q) > 0.0:
             continue
         cost = problem.cost(q)
-        if best is None or cost < best[0]:
+        if best is None or better(cost, best[0]):
             best = cost, q
     if best is None:
         raise InputError(

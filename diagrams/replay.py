@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
@@ -13,6 +13,8 @@ from models.identification.identified_model import IdentifiedModel
 from models.rigid_body.serial_chain import SerialChain
 from models.robot.robot import Robot
 from systems.recording_player import RecordingPlayer, Samples
+
+Array = NDArray[np.float64]
 
 _LOGGED = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
 
@@ -41,6 +43,7 @@ class Replay:
         sinks: a log per output of the estimator, by its name.
         chain: the model's kinematics.
         time_step: s between rows.
+        torque_sd: (n,) N m, of tau_ext where nothing touches the arm.
     """
 
     diagram: Diagram
@@ -49,6 +52,7 @@ class Replay:
     sinks: dict[str, VectorLogSink]
     chain: SerialChain
     time_step: float
+    torque_sd: Array
 
     def load(self, context: Context, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> None:
         """Puts the next stretch of the log into `context`, the diagram's.
@@ -98,6 +102,7 @@ class Replay:
             condition_number=columns["condition_number"][:, 0],
             valid=columns["valid"][:, 0] == 1.0,
             J=self.chain.jacobian(samples.q),
+            torque_sd=np.tile(self.torque_sd, (N, 1)),
         )
 
 
@@ -128,4 +133,5 @@ def make_replay(
         sink.set_name(f"{name}_log")
     diagram = builder.Build()
     diagram.set_name("replay")
-    return Replay(diagram, player, estimator, sinks, reference.chain, time_step)
+    sd = np.sqrt(np.diag(reference.reconstruction.torque_covariance))
+    return Replay(diagram, player, estimator, sinks, reference.chain, time_step, sd)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 
-def _forget_stale_kernels(folder: Path) -> None:
+def forget_stale_kernels(folder: Path) -> None:
     """Deletes compiled kernels that are older than the newest source of any kernel.
 
     numba keeps compiled kernels beside their source and compiles one anew when its own file
@@ -21,4 +21,4 @@ def _forget_stale_kernels(folder: Path) -> None:
         pass
 
 
-_forget_stale_kernels(Path(__file__).parent)
+forget_stale_kernels(Path(__file__).parent)

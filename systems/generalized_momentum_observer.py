@@ -1,32 +1,10 @@
 """The momentum observer as a block."""
 
-from typing import cast
-
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from pydrake.common.value import AbstractValue, Value
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DiscreteStateIndex,
-    DiscreteValues,
-    LeafSystem,
-    NumericParameterIndex,
-    ValueProducer,
-)
-
-from models.estimation.momentum_observer import (
-    MomentumObserver,
-    MomentumObserverConfig,
-    observer_output,
-    observer_update,
-)
-from models.rigid_body.serial_chain import RigidBodyTerms
-
-Array = NDArray[np.float64]
+from models.estimation.momentum_observer import MomentumObserver, MomentumObserverConfig
+from systems.external_torque_observer import ExternalTorqueObserver
 
 
-class GeneralizedMomentumObserver(LeafSystem):
+class GeneralizedMomentumObserver(ExternalTorqueObserver):
     """Estimates the external joint torque from the generalized momentum.
 
         d/dt momentum_hat = tau_J - tau_f + CTv - G + tau_ext
@@ -78,82 +56,4 @@ class GeneralizedMomentumObserver(LeafSystem):
     """
 
     def __init__(self, config: MomentumObserverConfig, num_joints: int) -> None:
-        LeafSystem.__init__(self)
-        observer = MomentumObserver(config, num_joints)
-        self._n = num_joints
-        self._config = config
-        self._K_0 = NumericParameterIndex(self.DeclareNumericParameter(BasicVector(observer.K_0)))
-        self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
-        self._tau_J = self.DeclareVectorInputPort("tau_J", num_joints)
-        self._tau_f = self.DeclareVectorInputPort("tau_f", num_joints)
-        self._state: DiscreteStateIndex = self.DeclareDiscreteState(
-            observer.initial_state().ravel()
-        )
-        self.DeclarePeriodicDiscreteUpdateEvent(config.time_step, 0.0, self._update)
-
-        # The gains change only with K_0, not at every tick.
-        self._table = self.DeclareCacheEntry(
-            "observer table",
-            ValueProducer(
-                allocate=lambda: AbstractValue.Make(observer.table), calc=self._calc_table
-            ),
-            {self.numeric_parameter_ticket(self._K_0)},
-        )
-        prerequisites = {
-            self._terms.ticket(),
-            self._tau_f.ticket(),
-            self.discrete_state_ticket(self._state),
-            self._table.ticket(),
-        }
-        # With "held" samples the kernel does not read tau_J for its output.
-        self._feeds_through = config.torque_samples != "held"
-        if self._feeds_through:
-            prerequisites.add(self._tau_J.ticket())
-        self._unread = np.zeros(num_joints)
-        self.DeclareVectorOutputPort("tau_ext", num_joints, self._calc_tau_ext, prerequisites)
-        self.DeclareVectorOutputPort("valid", 1, self._calc_valid, prerequisites)
-        self._reading = self.DeclareVectorOutputPort(
-            "reading", num_joints + 1, self._calc_reading, prerequisites
-        )
-
-    def _calc_table(self, context: Context, value: Value) -> None:
-        K_0: ArrayLike = context.get_numeric_parameter(self._K_0).value()
-        config = MomentumObserverConfig(
-            K_0=list(np.asarray(K_0)),
-            time_step=self._config.time_step,
-            torque_samples=self._config.torque_samples,
-        )
-        value.set_value(MomentumObserver(config, self._n).table)
-
-    def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        reading = output.get_mutable_value()
-        reading[-1] = observer_output(
-            self._table.Eval(context),
-            context.get_discrete_state(0).value().reshape(3, self._n),
-            terms.momentum,
-            terms.CTv,
-            terms.G,
-            self._tau_J.Eval(context) if self._feeds_through else self._unread,
-            self._tau_f.Eval(context),
-            reading[:-1],
-        )
-
-    def _calc_tau_ext(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._reading.Eval(context)[:-1])
-
-    def _calc_valid(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, self._reading.Eval(context)[-1])
-
-    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        observer_update(
-            self._table.Eval(context),
-            discrete_state.get_mutable_value().reshape(3, self._n),
-            terms.momentum,
-            terms.CTv,
-            terms.G,
-            self._tau_J.Eval(context),
-            self._tau_f.Eval(context),
-            self._reading.Eval(context)[:-1],
-        )
+        ExternalTorqueObserver.__init__(self, MomentumObserver(config, num_joints))

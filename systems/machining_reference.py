@@ -14,7 +14,8 @@ from pydrake.systems.framework import (
 from models.machining.machining_path import MachiningPath
 from models.machining.machining_phases import PhasesConfig, initial_state
 from models.machining.machining_reference import advance_reference, machining_reference
-from models.rigid_body.serial_chain import SCRATCH_COLUMNS, RigidBodyTerms, SerialChain
+from models.rigid_body.chain_kernels import SCRATCH_COLUMNS
+from models.rigid_body.serial_chain import RigidBodyTerms, SerialChain
 from models.robot.robot import Robot
 from systems.pose_reference import POSE_REFERENCE_SIZE
 

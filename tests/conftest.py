@@ -92,6 +92,21 @@ def sts_reversed(sts: Robot, tmp_path_factory: pytest.TempPathFactory) -> Robot:
     return _written(tmp_path_factory, config)
 
 
+@pytest.fixture(scope="session")
+def ur10e_turned(ur10e: Robot, tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    """The UR10e with a tool that is turned on its flange, and a first joint of unequal ranges."""
+    config = yaml.safe_load(ur10e.source.read_text(encoding="utf-8"))
+    urdf = ur10e.source.with_name(config["urdf"]).read_text(encoding="utf-8")
+    config["tool_frame"] = {"xyz": [0.05, -0.04, 0.12], "rpy": [0.5, -0.4, 0.9]}
+    for drive in config["drives"][::2]:
+        drive["current_sign"] = -1
+    joint = urdf.index('name="shoulder_pan_joint"')
+    limit = 'lower="-6.283185307179586" upper="6.283185307179586"'
+    assert limit in urdf[joint:]
+    urdf = urdf[:joint] + urdf[joint:].replace(limit, 'lower="-0.6" upper="2.8"', 1)
+    return _written(tmp_path_factory, config, urdf)
+
+
 # Robots of other people, and of nobody ------------------------------------------------------------
 
 

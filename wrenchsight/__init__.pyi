@@ -6,10 +6,10 @@ from analyses.methods.learning.identification import identify_logs as identify_l
 from analyses.methods.learning.identification_config import (
     IdentificationConfig as IdentificationConfig,
 )
-from analyses.methods.planning.excitation import ExcitationConfig as ExcitationConfig
 from analyses.methods.planning.excitation import ExcitationResult as ExcitationResult
 from analyses.methods.planning.excitation import excite as excite
 from analyses.methods.planning.excitation import excite_robot as excite_robot
+from analyses.methods.planning.excitation_config import ExcitationConfig as ExcitationConfig
 from analyses.methods.planning.placement import PlacementResult as PlacementResult
 from analyses.methods.planning.placement import place_task as place_task
 from analyses.methods.reading.estimate_config import EstimateConfig as EstimateConfig
@@ -34,7 +34,7 @@ from models.estimation.estimator import WrenchEstimatorConfig as WrenchEstimator
 from models.estimation.momentum_observer import MomentumObserverConfig as MomentumObserverConfig
 from models.estimation.wrench import WrenchReconstructionConfig as WrenchReconstructionConfig
 from models.files.input_error import InputError as InputError
-from models.friction.presliding_friction import FrictionLaw as FrictionLaw
+from models.friction.friction_law import FrictionLaw as FrictionLaw
 from models.friction.presliding_friction import PreslidingFriction as PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous as CoulombViscous
 from models.friction.velocity_friction import SemiParametricFriction as SemiParametricFriction

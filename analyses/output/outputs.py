@@ -5,11 +5,11 @@ import json
 import math
 import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
@@ -154,24 +154,80 @@ class OutputFolder:
         )
         return self.write_text(name, text)
 
+    def write_settings(self, name: str, settings: Any) -> Path:
+        """Writes a dataclass as YAML that `load_configuration` reads back; returns the path.
+
+        Where a field may hold one of several dataclasses, one that is not the first has its tag.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        import yaml
+
+        class Dumper(yaml.SafeDumper):
+            """Knows mappings with a tag."""
+
+        Dumper.add_representer(
+            _Tagged, lambda dumper, value: dumper.represent_mapping(value.tag, dict(value))
+        )
+        text = yaml.dump(
+            _with_tags(settings),
+            Dumper=Dumper,
+            sort_keys=True,
+            allow_unicode=True,
+            default_flow_style=None,
+            width=100,
+        )
+        return self.write_text(name, text)
+
     def write_figure(self, name: str, figure: "Figure") -> Path:
         """Writes `figure` as figures/`name`.png and returns the file's path."""
         return save_figure(figure, self.path / "figures" / f"{name}.png")
 
 
-def replace_folder(new: Path, old: Path) -> None:
+class _Tagged(dict[str, Any]):
+    """A mapping with a tag of YAML."""
+
+    tag = ""
+
+
+def _with_tags(value: Any) -> Any:
+    """As `plain`, with the tags that tell the dataclasses of one field apart."""
+    if isinstance(value, list):
+        return [_with_tags(one) for one in value]
+    if not dataclasses.is_dataclass(value) or isinstance(value, type):
+        return plain(value)
+    found: dict[str, Any] = {}
+    for field in dataclasses.fields(value):
+        own = getattr(value, field.name)
+        kinds = [kind for kind in get_args(field.type) if dataclasses.is_dataclass(kind)]
+        converted = _with_tags(own)
+        if type(own) in kinds[1:]:
+            converted = _Tagged(converted)
+            converted.tag = f"!{type(own).__name__}"
+        found[field.name] = converted
+    return found
+
+
+def _remove(folder: Path) -> None:
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def replace_folder(new: Path, old: Path, discard: Callable[[Path], None] = _remove) -> None:
     """Puts folder `new` in the place of `old`, which may be absent.
 
     Two renames: a crash between them leaves `old` under a hidden name, see `recover_folder`.
+
+    Args:
+        discard: what becomes of the old folder, given the hidden name that it has by then.
 
     Raises:
         OSError: a folder cannot be renamed; `old` is then as it was.
     """
     aside = _aside(old)
-    recover_folder(old)
-    had_old = old.exists()
+    recover_folder(old, discard)
+    had_old = os.path.lexists(old)
     if had_old:
-        shutil.rmtree(aside, ignore_errors=True)
         old.rename(aside)
     try:
         new.rename(old)
@@ -179,13 +235,23 @@ def replace_folder(new: Path, old: Path) -> None:
         if had_old:
             aside.rename(old)
         raise
-    shutil.rmtree(aside, ignore_errors=True)
+    if had_old:
+        discard(aside)
 
 
-def recover_folder(path: Path) -> None:
-    """Gives `path` its content back if a crash stopped `replace_folder` half way."""
-    if _aside(path).exists() and not path.exists():
-        _aside(path).rename(path)
+def recover_folder(path: Path, discard: Callable[[Path], None] = _remove) -> None:
+    """Gives `path` its content back if a crash stopped `replace_folder` half way.
+
+    Args:
+        discard: as in `replace_folder`, for a crash behind its renames.
+    """
+    aside = _aside(path)
+    if not os.path.lexists(aside):
+        return
+    if os.path.lexists(path):
+        discard(aside)
+    else:
+        aside.rename(path)
 
 
 def _aside(path: Path) -> Path:

@@ -57,7 +57,7 @@ class ExperimentRegistry:
     def __init__(self, packages: Sequence[str] = (), group: str = "") -> None:
         self._packages, self._group = tuple(packages), group
         self._registered: dict[str, ExperimentEntry] = {}
-        self._removed: set[str] = set()
+        self._removed: set[str] = set()  # modules of packages
 
     def entries(self) -> dict[str, ExperimentEntry]:
         """The experiments by name, in the order of the report.
@@ -66,7 +66,7 @@ class ExperimentRegistry:
             InputError: an installed package offers a module that holds no experiment.
         """
         found = [*self._of_packages(), *self._of_entry_points(), *self._registered.values()]
-        known = {entry.name: entry for entry in found if entry.name not in self._removed}
+        known = {entry.name: entry for entry in found if entry.module not in self._removed}
         return dict(sorted(known.items(), key=lambda item: item[1].order))
 
     def register(self, module: str) -> ExperimentEntry:
@@ -79,8 +79,10 @@ class ExperimentRegistry:
         if entry.name in self.entries():
             taken = self.entries()[entry.name].module
             raise ValueError(f"{module}: {taken} has an experiment {entry.name} already")
-        self._removed.discard(entry.name)
-        self._registered[entry.name] = entry
+        if module in self._removed:
+            self._removed.remove(module)
+        else:
+            self._registered[entry.name] = entry
         return entry
 
     def unregister(self, name: str) -> None:
@@ -92,7 +94,7 @@ class ExperimentRegistry:
         if name not in self.entries():
             raise ValueError(f"there is no experiment {name}")
         if self._registered.pop(name, None) is None:
-            self._removed.add(name)
+            self._removed.add(self.entries()[name].module)
 
     @contextmanager
     def registered(self, module: str) -> Iterator[ExperimentEntry]:
@@ -101,7 +103,8 @@ class ExperimentRegistry:
         try:
             yield entry
         finally:
-            self._registered.pop(entry.name, None)
+            if entry.name in self.entries():
+                self.unregister(entry.name)
 
     def _of_packages(self) -> Iterator[ExperimentEntry]:
         for package in self._packages:

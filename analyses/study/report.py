@@ -58,9 +58,15 @@ class _Section:
 
 
 def write_report(
-    folder: OutputFolder, outcomes: Sequence[Outcome], settings: StudySettings
+    folder: OutputFolder,
+    outcomes: Sequence[Outcome],
+    settings: StudySettings,
+    study: Path | None = None,
 ) -> Path:
-    """Writes report.html into `folder`, where the experiments' folders are, and returns its path.
+    """Writes report.html into `folder` and returns its path.
+
+    Args:
+        study: where the experiments' folders are; None: in `folder`.
 
     Raises:
         OSError: it cannot be written.
@@ -76,7 +82,7 @@ def write_report(
     )
     environment.filters["prose"] = _prose
     environment.filters["common_source"] = common_source
-    sections = _sections(folder.path, outcomes)
+    sections = _sections(study or folder.path, outcomes)
     known = {outcome.name for outcome in outcomes}
     text = environment.get_template("report.html.j2").render(
         settings=settings,

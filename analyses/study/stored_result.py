@@ -14,6 +14,7 @@ from analyses.output.outputs import OutputFolder, plain, plain_metrics
 from analyses.study.experiment import Experiment, ExperimentResult
 from analyses.study.fingerprint import Fingerprint, file_hash
 from analyses.study.outcome import look_up
+from analyses.study.study_folder import mark_experiment
 
 CHECKSUMS: Final = "checksums.sha256"
 _FORMAT: Final = 2  # of result.json; another one is not read back
@@ -78,6 +79,7 @@ def write_result(
     files = sorted(p.relative_to(path).as_posix() for p in path.rglob("*") if p.is_file())
     lines = [f"{file_hash(path / name)}  {name}\n" for name in files]
     folder.write_text(CHECKSUMS, "".join(lines))
+    mark_experiment(path, experiment.name)
 
 
 def read_result(path: Path) -> StoredResult:

@@ -7,7 +7,6 @@ algebra runs in one thread whatever `jobs` is, so that the same seed gives the s
 
 import ctypes
 import errno
-import fcntl
 import json
 import multiprocessing
 import os
@@ -15,7 +14,6 @@ import resource
 import shutil
 import signal
 import sys
-import threading
 import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -30,8 +28,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from analyses.output.compilation import on_first_compilation
-from analyses.output.outputs import OutputFolder, json_text, plain, recover_folder, replace_folder
+from analyses.output.interruption import ends_are_interrupts, uninterrupted
+from analyses.output.outputs import OutputFolder, json_text, plain
 from analyses.output.progress import Progress, State
+from analyses.output.sole_writer import sole_writer
 from analyses.study.experiment import Experiment, ExperimentContext
 from analyses.study.fingerprint import difference, fingerprint, software_hash
 from analyses.study.outcome import Outcome, StudyResult, StudySettings
@@ -39,20 +39,13 @@ from analyses.study.registry import REGISTRY
 from analyses.study.report import write_report
 from analyses.study.shared_results import sharing_in
 from analyses.study.stored_result import DamagedResultError, read_result, write_result
+from analyses.study.study_folder import FAILURES, SET_ASIDE, StudyFolder
 from models.files.input_error import InputError
 from models.files.whole_file import writing_to
 
-_FAILURES: Final = "failures"
 _SHARED: Final = ".shared.partial"  # folder of what experiments have in common
+_ENDS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _NO_STORAGE: Final = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
-
-
-class TerminatedError(KeyboardInterrupt):
-    """The study was told to end: by `kill`, or because its terminal was closed."""
-
-    def __init__(self, signum: int) -> None:
-        super().__init__(signal.Signals(signum).name)
-        self.signum = signum
 
 
 def run_study(
@@ -106,21 +99,22 @@ def run_study(
     )
     if jobs < 1:
         raise InputError("--jobs", "", f"is {jobs}, at least 1 was expected")
-    folder = OutputFolder(out)
-    with _sole_writer(out), _ends_are_interrupts():
-        _recover(out)
-        for left_over in list(out.glob(".*.partial")):  # of a study that was killed
-            shutil.rmtree(left_over) if left_over.is_dir() else left_over.unlink()
+    OutputFolder(out)
+    _check_apart(out, data)
+    with sole_writer(out, "study"), ends_are_interrupts():
+        folder = StudyFolder(out, settings.asked)
+        _recover(folder)
         runs = {}
         for name in settings.asked:
             earlier, why = (None, "") if fresh else _earlier(out, name, settings)
             if earlier is None:
-                runs[name] = _Run(name, REGISTRY.entries()[name].module, out, settings)
-                if why:
-                    watch(Progress(name, "waiting", what=why))
+                runs[name] = _Run(name, REGISTRY.entries()[name].module, folder, settings)
+                for what in (why, _kept(folder, name)):
+                    if what:
+                        watch(Progress(name, "waiting", what=what))
             else:
                 watch(Progress(name, "earlier", 1.0, "nothing has changed since its run"))
-        timings = _read_timings(folder / "timings.json")
+        timings = _read_timings(out / "timings.json")
         first = sorted(runs.values(), key=lambda run: -_expected_seconds(run.outcome.name, timings))
         try:
             with writing_to(out):
@@ -137,10 +131,10 @@ def run_study(
 
 
 def _summarise(
-    folder: OutputFolder, runs: Mapping[str, "_Run"], settings: StudySettings
+    folder: StudyFolder, runs: Mapping[str, "_Run"], settings: StudySettings
 ) -> StudyResult:
     """Writes what all results in the folder that belong together say."""
-    _recover(folder.path)
+    _recover(folder)
     outcomes = []
     for name in REGISTRY.entries():
         outcome = runs[name].outcome if name in runs else None
@@ -150,10 +144,34 @@ def _summarise(
     return _write_summary(folder, outcomes, settings)
 
 
-def _recover(out: Path) -> None:
+def _recover(folder: StudyFolder) -> None:
     for name in REGISTRY.entries():
-        with writing_to(out / name):
-            recover_folder(out / name)
+        with writing_to(folder.path / name):
+            folder.recover(name)
+            for left_over in _left_overs(folder.path, name):  # of a study that was killed
+                shutil.rmtree(left_over) if left_over.is_dir() else left_over.unlink()
+
+
+def _left_overs(out: Path, name: str) -> list[Path]:
+    mine = (out / f".{name}.partial", out / f".{name}.log.partial", out / _SHARED)
+    return [path for path in mine if os.path.lexists(path)]
+
+
+def _check_apart(out: Path, data: Path) -> None:
+    """Refuses recordings that lie where the results go: they might be moved or replaced."""
+    if data.resolve().is_relative_to(out.resolve()):
+        problem = f"the recordings lie in the folder of the results, {out}"
+        raise InputError(data, "", problem, "choose another folder with --out")
+
+
+def _kept(folder: StudyFolder, name: str) -> str:
+    """Says what of an experiment's folder is not removed when its new result comes."""
+    found = folder.not_ours(name)
+    if not found:
+        return ""
+    files = found[0] or "what lies in its place"
+    more = f" and {len(found) - 1} more" if len(found) > 1 else ""
+    return f"{files}{more} is not of its earlier run: it goes to {SET_ASIDE}/{name}"
 
 
 def _expected_seconds(name: str, timings: Mapping[str, Mapping[str, float]]) -> float:
@@ -181,12 +199,16 @@ def check_names(names: Iterable[str]) -> list[str]:
 class _Run:
     """One experiment's process, its staging folder and what has come of it."""
 
-    def __init__(self, name: str, module: str, out: Path, settings: StudySettings) -> None:
+    def __init__(
+        self, name: str, module: str, folder: StudyFolder, settings: StudySettings
+    ) -> None:
+        out = folder.path
         self.outcome = Outcome(name, "waiting")
-        self._module, self._out, self._settings = module, out, settings
+        self._module, self._settings = module, settings
+        self._folder, self._out = folder, out
         self._staging = out / f".{name}.partial"
         self._log = out / f".{name}.log.partial"
-        self._failure = out / _FAILURES / f"{name}.txt"
+        self._failure = f"{FAILURES}/{name}.txt"
         self._process: Any = None
         self._started = 0.0
         self.connection: Connection | None = None
@@ -194,7 +216,9 @@ class _Run:
     def start(self, threads: int) -> None:
         with writing_to(self._staging):
             self._staging.mkdir()
-            self._failure.unlink(missing_ok=True)
+        if (self._out / self._failure).exists():
+            with self._folder.staged(outdated=[self._failure]):
+                pass
         spawn = multiprocessing.get_context("spawn")  # a forked numba or Drake may hang
         self.connection, theirs = spawn.Pipe()
         task = _Task(
@@ -204,7 +228,8 @@ class _Run:
             self._process = spawn.Process(
                 target=_work, args=(task, theirs, self._log), name=self.outcome.name
             )
-            self._process.start()
+            with _for_this_process_alone():
+                self._process.start()
         theirs.close()
         self._started = time.monotonic()
         self.outcome.state = "running"
@@ -237,15 +262,16 @@ class _Run:
         outcome.seconds = time.monotonic() - self._started
         with writing_to(self._out):
             if state == "done":
-                replace_folder(self._staging, self._out / outcome.name)
+                with uninterrupted():
+                    self._folder.replace(self._staging, outcome.name)
                 result = read_result(self._out / outcome.name)
                 outcome.metrics, outcome.stored = result.metrics, result.stored
             elif state == "failed":
-                self._failure.parent.mkdir(exist_ok=True)
+                text = reason + "\n"
                 if self._log.exists():
-                    self._log.replace(self._failure)
-                else:
-                    self._failure.write_text(reason + "\n", encoding="utf-8")
+                    text = self._log.read_text(encoding="utf-8", errors="replace") or text
+                with self._folder.staged() as staged:
+                    staged.write_text(self._failure, text)
         outcome.state, outcome.reason = state, reason
         self._clean()
         seconds = outcome.seconds if state == "done" else None
@@ -305,12 +331,25 @@ class _Task:
     settings: StudySettings
 
 
+@contextmanager
+def _for_this_process_alone() -> Iterator[None]:
+    """Holds signals back from a process that starts within the block, for all of its life: the
+    terminal and `kill` tell the whole group, and an interpreter that is just starting would end in
+    a traceback. They reach this process at the block's end.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _work(task: _Task, connection: Connection, log: Path) -> None:
     """Runs in the experiment's own process: its output goes to `log`, its steps to `connection`."""
     import faulthandler
 
     # The terminal and `kill` tell the whole group; it is the parent that ends this process.
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in _ENDS:
         signal.signal(number, signal.SIG_IGN)
     _die_with_parent()
     descriptor = -1
@@ -430,11 +469,10 @@ def _earlier(out: Path, name: str, settings: StudySettings) -> tuple[Outcome | N
 
 
 def _write_summary(
-    folder: OutputFolder, outcomes: list[Outcome], settings: StudySettings
+    folder: StudyFolder, outcomes: list[Outcome], settings: StudySettings
 ) -> StudyResult:
     metrics = {outcome.name: outcome.metrics for outcome in outcomes if outcome.has_result}
-    folder.write_text("metrics.json", json_text(metrics))
-    timings = _read_timings(folder / "timings.json")
+    timings = _read_timings(folder.path / "timings.json")
     for outcome in outcomes:
         if outcome.state == "done" and outcome.seconds is not None:
             timings[outcome.name] = {
@@ -444,9 +482,11 @@ def _write_summary(
         elif outcome.state == "earlier":
             outcome.seconds = timings.get(outcome.name, {}).get("seconds")
     with_result = {name: timings[name] for name in metrics if name in timings}
-    folder.write_text("timings.json", json_text(plain(with_result)))
-    report = write_report(folder, outcomes, settings)
-    return StudyResult(folder.path, tuple(outcomes), metrics, report)
+    with folder.staged() as staged:
+        staged.write_text("metrics.json", json_text(metrics))
+        staged.write_text("timings.json", json_text(plain(with_result)))
+        report = write_report(staged, outcomes, settings, folder.path)
+    return StudyResult(folder.path, tuple(outcomes), metrics, folder.path / report.name)
 
 
 def _read_timings(path: Path) -> dict[str, dict[str, float]]:
@@ -479,41 +519,6 @@ def _thread_limits(threads: int) -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
-
-
-@contextmanager
-def _sole_writer(out: Path) -> Iterator[None]:
-    """Holds a lock on `out`: two studies in one folder would take each other's files away."""
-    with writing_to(out / ".lock"):
-        file = (out / ".lock").open("w")
-    with file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            problem = "another study is writing in this folder"
-            raise InputError(out, "", problem, "wait for it or choose another --out") from None
-        yield
-
-
-@contextmanager
-def _ends_are_interrupts() -> Iterator[None]:
-    """Raises `TerminatedError` in the block where SIGTERM or SIGHUP would end the process."""
-
-    def end(signum: int, frame: object) -> None:
-        raise TerminatedError(signum)
-
-    if threading.current_thread() is not threading.main_thread():  # which alone gets signals
-        yield
-        return
-    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
-    for number, handler in before.items():
-        if handler == signal.SIG_DFL:  # nohup has SIGHUP ignored
-            signal.signal(number, end)
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def available_cores() -> int:

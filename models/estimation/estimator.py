@@ -14,34 +14,39 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
 import numpy as np
-from numba import njit, prange
 from numpy.typing import ArrayLike, NDArray
 
-from models.estimation.momentum_observer import (
-    STATE_ROWS,
-    MomentumObserver,
-    MomentumObserverConfig,
-    observer_step,
+from models.estimation.kernel_choice import kernel_choice
+from models.estimation.momentum_observer import MomentumObserverConfig
+from models.estimation.observer import NUM_SIGNALS, TAU_F, TAU_J, Observer
+from models.estimation.observers import AnyObserverConfig, make_observer
+from models.estimation.tick import (
+    GAIN,
+    KNOWN_CORRECTION,
+    KNOWN_COUNTS,
+    KNOWN_TAU_F,
+    NUM_READING,
+    estimate_tick,
+    scratch_size,
+    serial_log,
+    terms_log,
 )
+from models.estimation.trusted_reading import TrustedReading
 from models.estimation.wrench import (
     WrenchReconstruction,
     WrenchReconstructionConfig,
     live_prior,
-    reconstruct,
     reconstruct_log,
 )
-from models.friction.presliding_friction import add_slip_torque, initial_friction_state, update_slip
-from models.friction.velocity_friction import friction_torque
+from models.friction.friction_law import FrictionLaw
 from models.identification.identified_model import IdentifiedModel
-from models.rigid_body.serial_chain import SCRATCH_COLUMNS, kernels_are_compiled, observer_terms
-from models.robot.motors import motor_gain, motor_torque
+from models.rigid_body.serial_chain import kernels_are_compiled
+from models.robot.motors import motor_gain
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-_OBSERVER_ROWS = STATE_ROWS  # of the state; the friction law's follow
-_BLOCK = 256  # rows a thread takes at a time
 _PASS = 16384  # rows between two turns of the serial part: bounds the memory of a long log
 
 
@@ -49,8 +54,25 @@ _PASS = 16384  # rows between two turns of the serial part: bounds the memory of
 class WrenchEstimatorConfig:
     """How the estimator filters and what it knows of the wrench beforehand."""
 
-    observer: MomentumObserverConfig = field(default_factory=MomentumObserverConfig)
+    observer: AnyObserverConfig = field(default_factory=MomentumObserverConfig)
     reconstruction: WrenchReconstructionConfig = field(default_factory=WrenchReconstructionConfig)
+    force_bandwidth_hz: float = 3.0  # up to which the band holds the observer's lag
+    position_resolution: list[float] | None = None  # rad, per joint; None: what the model says
+
+
+class Taught(NamedTuple):
+    """What an air pass taught, for one sample or for N of them; see `models.machining.air_pass`.
+
+    Attributes:
+        tau_correction: (..., n) N m, added to what the observer reads.
+        v_planned: (..., n) rad/s, at which friction is taken, as on the air pass, whatever sign the
+            speed of a joint has that all but rests.
+        counts: (...) 1 where what is so corrected is to be believed, else 0.
+    """
+
+    tau_correction: ArrayLike
+    v_planned: ArrayLike
+    counts: ArrayLike
 
 
 class TickEstimate(NamedTuple):
@@ -75,6 +97,7 @@ class EstimateBatch(NamedTuple):
         valid: (N,) as `models.estimation.wrench.WrenchEstimate`; also False where the sample or the
             one before it was not finite, so that tau_ext is held.
         J: (N, 6, n) rows [angular; linear] at E in axes of W.
+        torque_sd: (N, n) N m, of tau_ext where nothing touches the arm.
     """
 
     tau_ext: Array
@@ -83,6 +106,7 @@ class EstimateBatch(NamedTuple):
     condition_number: Array
     valid: Flags
     J: Array
+    torque_sd: Array
 
     @property
     def standard_deviation(self) -> Array:
@@ -90,11 +114,42 @@ class EstimateBatch(NamedTuple):
         return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1)))
 
 
+class Observation(NamedTuple):
+    """What the observer and the friction law see of each of N samples.
+
+    Attributes:
+        tau_ext: (N, n) N m.
+        tau_J: (N, n) N m, motor torque on the joint side.
+        tau_f: (N, n) N m, friction.
+        fresh: (N,) see `models.estimation.observer`.
+        J: (N, 6, n) rows [angular; linear] at E in axes of W.
+    """
+
+    tau_ext: Array
+    tau_J: Array
+    tau_f: Array
+    fresh: Flags
+    J: Array
+
+
+class EstimatorTables(NamedTuple):
+    """The constants that the kernels of `models.estimation.tick` read, in their order."""
+
+    chain: Array
+    drives: Array
+    friction: Array
+    slip: Array
+    observer: Array
+    wrench: Array
+
+
 class WrenchEstimator:
     """From q, v and motor current to the wrench at E, with one model of one robot.
 
-    Sigma_tau is the model's residual covariance. A prior that the configuration leaves open is
-    `live_prior` of the robot's payload; `with_prior` puts in another.
+    A model with a torque error is read by `trusted_reading`: sds of each sample, J as the observer
+    saw it, a band that holds lag and scale. Of another one Sigma_tau is the residual covariance,
+    at rest and in motion alike. A prior that the configuration leaves open is `live_prior` of the
+    robot's payload; `with_prior` puts in another.
 
     `step` and `run` change `state` in place and may be mixed freely; one estimator serves any
     number of states, from one thread.
@@ -115,26 +170,50 @@ class WrenchEstimator:
         )
         self.num_joints = n = robot.num_joints
         self.chain = model.chain(robot)
-        self.observer = MomentumObserver(self.config.observer, n)
+        self.observer = make_observer(self.config.observer, n)
         self.reconstruction = WrenchReconstruction(
             self.config.reconstruction, model.residual_covariance
         )
-        self._tables = (
-            np.ascontiguousarray(self.chain.table),
-            motor_gain(robot.torque_per_ampere, robot.current_sign),
-            model.friction.velocity_law.table,
-            model.friction.slip_table,
-            self.observer.table,
-            self.reconstruction.table,
+        resolution = self.config.position_resolution
+        self.friction = model.friction.sampled(self.observer.time_step, resolution)
+        self.choice = kernel_choice(self.observer.kernels, self.friction.kernels)
+        self.tables = self.tables_of(
+            robot.torque_per_ampere, self.friction, self.observer, self.reconstruction
         )
-        self._state_shape = (_OBSERVER_ROWS + model.friction.state_rows, n)
+        self.observer_rows = len(self.observer.initial_state())
+        self.tick_rows = self.observer_rows + self.friction.state_rows
+        self.trusted: TrustedReading | None = None
+        if model.torque_error is not None:
+            self.trusted = TrustedReading(
+                model.torque_error,
+                self.friction,
+                self.config.reconstruction.with_live(*live_prior(robot.payload)),
+                getattr(self.observer, "K_0", None),
+                self.observer.time_step,
+                resolution,
+                self.config.force_bandwidth_hz,
+            )
+        more = 0 if self.trusted is None else self.trusted.state_rows
+        self._state_shape = (self.tick_rows + more, n)
         self._sample = np.empty((3, n))
-        self._scratch = (
-            np.empty((5, n)),
-            np.empty((6, n)),
-            np.empty((4, 3)),
-            np.empty((n, SCRATCH_COLUMNS)),
-            self.reconstruction.scratch(),
+        self._scratch = np.empty(scratch_size(n))
+
+    def tables_of(
+        self,
+        torque_per_ampere: Array,
+        friction: FrictionLaw,
+        observer: Observer,
+        reconstruction: WrenchReconstruction,
+    ) -> EstimatorTables:
+        """Returns the constants of this estimator with other parts, (n,) N m/A among them."""
+        sd = np.sqrt(np.diag(reconstruction.torque_covariance))
+        return EstimatorTables(
+            np.ascontiguousarray(self.chain.table),
+            np.stack([motor_gain(torque_per_ampere, self.robot.current_sign), sd]),
+            friction.velocity_law.table,
+            friction.slip_table,
+            observer.table,
+            reconstruction.table,
         )
 
     def with_prior(self, force_sd: float, moment_sd: float) -> Self:
@@ -146,20 +225,31 @@ class WrenchEstimator:
         return type(self)(self.robot, self.model, config)
 
     def initial_state(self) -> Array:
-        """Returns the (3 + friction.state_rows, n) state before the first sample: the observer's
-        three rows, then the friction law's.
+        """Returns the state before the first sample: the observer's rows, the friction law's,
+        (tick_rows, n) together, then those of the reading that knows the torque error, if any.
         """
-        return np.vstack(
-            [self.observer.initial_state(), initial_friction_state(self.model.friction)]
-        )
+        parts = [self.observer.initial_state(), self.friction.initial_state()]
+        if self.trusted is not None:
+            parts.append(self.trusted.initial_state())
+        return np.vstack(parts)
 
-    def step(self, state: Array, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> TickEstimate:
+    def step(
+        self,
+        state: Array,
+        q: ArrayLike,
+        v: ArrayLike,
+        current: ArrayLike,
+        *,
+        taught: Taught | None = None,
+        tau_f: ArrayLike | None = None,
+    ) -> TickEstimate:
         """Takes one sample.
 
         Args:
             state: of `initial_state`, changed in place.
             q, v: (n,) rad and rad/s (m and m/s).
             current: (n,) A, as the drives report it.
+            taught, tau_f: as `run`, of this sample.
 
         Raises:
             ValueError: shapes that disagree.
@@ -168,28 +258,65 @@ class WrenchEstimator:
         # The kernel reads memory as it was compiled to: shape and layout are settled here.
         sample = self._sample
         sample[0], sample[1], sample[2] = q, v, current
+        if taught is not None or tau_f is not None:
+            known = self._known(taught, tau_f, ())
+            sample = np.vstack([sample, known])
+            if tau_f is not None:
+                sample[2] -= np.asarray(tau_f, float) / self.tables.drives[GAIN]
         if state.shape != self._state_shape:
             raise ValueError(f"state must be {self._state_shape}, not {state.shape}")
-        out = np.empty(n + 44)
-        estimate_tick(*self._tables, state, sample, out, *self._scratch)
+        if self.trusted is not None:
+            one = [np.asarray(x, float).reshape(1, n) for x in (q, v, current)]
+            if taught is not None:
+                taught = Taught(*(np.asarray(part, float)[None] for part in taught))
+            if tau_f is not None:
+                tau_f = np.asarray(tau_f, float)[None]
+            batch = self.run(state, *one, taught=taught, tau_f=tau_f)
+            return TickEstimate(
+                *(batch.tau_ext[0], batch.wrench[0], batch.covariance[0]),
+                *(float(batch.condition_number[0]), bool(batch.valid[0])),
+            )
+        out = np.empty(n + NUM_READING)
+        estimate_tick(
+            self.choice,
+            *self.tables,
+            self.observer_rows,
+            state,
+            sample,
+            out,
+            self._scratch,
+        )
         return TickEstimate(
             out[:n],
             out[n : n + 6],
             out[n + 6 : n + 42].reshape(6, 6),
-            float(out[n + 42]),
-            out[n + 43] == 1.0,
+            out.item(n + 42),
+            out.item(n + 43) == 1.0,
         )
 
-    def run(self, state: Array, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> EstimateBatch:
+    def run(
+        self,
+        state: Array,
+        q: ArrayLike,
+        v: ArrayLike,
+        current: ArrayLike,
+        *,
+        taught: Taught | None = None,
+        tau_f: ArrayLike | None = None,
+    ) -> EstimateBatch:
         """Takes a log, or the next part of one: chunk by chunk gives what one pass gives.
 
         Args:
             state: of `initial_state`, changed in place.
             q, v: (N, n) rad and rad/s (m and m/s), at the observer's time step.
             current: (N, n) A, as the drives report it.
+            taught: by an air pass, sample by sample: friction is then the law's `feedforward` at
+                planned speeds, without memory, and tau_ext is corrected.
+            tau_f: (N, n) N m, friction known from elsewhere, in the place of the law's: it is taken
+                off the motor torque, sample by sample.
 
         Raises:
-            ValueError: shapes that disagree.
+            ValueError: shapes that disagree; taught and tau_f together.
         """
         n = self.num_joints
         q, v, current = (np.require(x, float, ("C", "W")) for x in (q, v, current))
@@ -200,138 +327,110 @@ class WrenchEstimator:
         if state.shape != self._state_shape:
             raise ValueError(f"state must be {self._state_shape}, not {state.shape}")
         N = q.shape[0]
-        chain, gain, friction, slip, observer, wrench = self._tables
+        known = np.empty((N, 0, n))
+        if taught is not None or tau_f is not None:
+            known = self._known(taught, tau_f, (N,))
+            if tau_f is not None:
+                taken = np.asarray(tau_f, float) / self.tables.drives[GAIN]
+                current = np.asarray(current - taken)
+        chain, drives, friction, slip, observer, wrench = self.tables
         tau_ext, J, F = np.empty((N, n)), np.empty((N, 6, n)), np.empty((N, 6))
-        covariance, quality, fresh = np.empty((N, 6, 6)), np.empty((N, 2)), np.empty(N, np.bool_)
-        signals = np.empty((5, min(N, _PASS), n))
+        covariance, quality, counts = np.empty((N, 6, 6)), np.empty((N, 2)), np.empty(N, np.bool_)
+        signals = np.empty((min(N, _PASS), NUM_SIGNALS, n))
+        torque_sd = np.tile(np.sqrt(np.diag(self.reconstruction.torque_covariance)), (N, 1))
         for start in range(0, N, _PASS):
             rows = slice(start, min(N, start + _PASS))
-            part = signals[:, : rows.stop - start]
-            _terms_log(chain, gain, friction, q[rows], v[rows], current[rows], *part, J[rows])
-            _serial_log(slip, observer, state, q[rows], v[rows], *part, tau_ext[rows], fresh[rows])
-            reconstruct_log(
-                wrench, J[rows], tau_ext[rows], F[rows], covariance[rows], quality[rows]
+            part = signals[: rows.stop - start]
+            terms_log(
+                chain,
+                drives,
+                friction,
+                q[rows],
+                v[rows],
+                current[rows],
+                known[rows],
+                part,
+                J[rows],
             )
-        valid = (quality[:, 1] == 1.0) & fresh
-        return EstimateBatch(tau_ext, F, covariance, quality[:, 0], valid, J)
+            serial_log(
+                self.choice,
+                slip,
+                observer,
+                self.observer_rows,
+                state[: self.tick_rows],
+                known[rows],
+                part,
+                J[rows],
+                tau_ext[rows],
+                counts[rows],
+            )
+            if self.trusted is not None:
+                (
+                    F[rows],
+                    covariance[rows],
+                    quality[rows, 0],
+                    quality[rows, 1],
+                    torque_sd[rows],
+                ) = self.trusted.run(
+                    state[self.tick_rows :],
+                    q[rows],
+                    v[rows],
+                    part[:, TAU_J] - part[:, TAU_F],
+                    J[rows],
+                    tau_ext[rows],
+                    counts[rows],
+                )
+                continue
+            ones = np.ones_like(tau_ext[rows])
+            reconstruct_log(
+                *(wrench, J[rows], J[rows], tau_ext[rows], ones, np.zeros_like(ones)),
+                *(F[rows], covariance[rows], quality[rows]),
+            )
+        valid = (quality[:, 1] == 1.0) & counts
+        return EstimateBatch(tau_ext, F, covariance, quality[:, 0], valid, J, torque_sd)
+
+    def observe(self, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> Observation:
+        """The chain of a whole log up to tau_ext, from its start, without a reading of the wrench.
+
+        Args:
+            q, v, current: as `run`.
+        """
+        q, v, current = (np.require(x, float, ("C", "W")) for x in (q, v, current))
+        N, n = q.shape
+        chain, drives, friction, slip, observer, _ = self.tables
+        known, signals = np.empty((N, 0, n)), np.empty((N, NUM_SIGNALS, n))
+        J, tau_ext, fresh = np.empty((N, 6, n)), np.empty((N, n)), np.empty(N, np.bool_)
+        terms_log(chain, drives, friction, q, v, current, known, signals, J)
+        state = np.vstack([self.observer.initial_state(), self.friction.initial_state()])
+        serial_log(
+            *(self.choice, slip, observer, self.observer_rows, state, known, signals, J),
+            *(tau_ext, fresh),
+        )
+        return Observation(tau_ext, signals[:, TAU_J].copy(), signals[:, TAU_F].copy(), fresh, J)
+
+    def _known(
+        self, taught: Taught | None, tau_f: ArrayLike | None, lead: tuple[int, ...]
+    ) -> Array:
+        """(..., 3, n): what `models.estimation.tick` takes in the place of the friction law."""
+        n = self.num_joints
+        if taught is not None and tau_f is not None:
+            raise ValueError("taught says which friction is taken: tau_f has no place beside it")
+        known = np.zeros((*lead, 3, n))
+        known[..., KNOWN_COUNTS, :] = 1.0
+        if taught is None:
+            shape = np.asarray(tau_f, float).shape
+            if shape != (*lead, n):
+                raise ValueError(f"tau_f must be {(*lead, n)}, not {shape}")
+            return known
+        shapes = [np.shape(signal) for signal in taught]
+        if shapes != [(*lead, n), (*lead, n), lead]:
+            raise ValueError(f"what was taught must be {(*lead, n)} twice and {lead}, not {shapes}")
+        known[..., KNOWN_TAU_F, :] = self.model.friction.feedforward.torque(taught.v_planned)
+        known[..., KNOWN_CORRECTION, :] = taught.tau_correction
+        known[..., KNOWN_COUNTS, :] = np.asarray(taught.counts, float)[..., None]
+        return known
 
 
 def estimator_is_compiled() -> bool:
     """Whether the first estimate comes at once; False announces a wait of some seconds."""
-    return kernels_are_compiled(estimate_tick, _terms_log, _serial_log, reconstruct_log)
-
-
-@njit(cache=True, error_model="numpy")
-def _signals(chain, gain, friction, q, v, current, momentum, CTv, G, tau_J, tau_f, J, X, scratch):  # type: ignore[no-untyped-def]
-    """What one sample says without memory, before the observer: (n,) each, and J (6, n)."""
-    observer_terms(chain, q, v, momentum, CTv, G, J, X[:3], X[3], scratch)
-    motor_torque(gain, current, tau_J)
-    friction_torque(friction, v, tau_f)
-
-
-@njit(cache=True, error_model="numpy")
-def _with_memory(  # type: ignore[no-untyped-def]
-    slip, observer, state, q, v, momentum, CTv, G, tau_J, tau_f, tau_ext
-):
-    """The parts with memory for one sample; tau_f holds the velocity law's torque before.
-
-    Returns:
-        Whether tau_ext is fresh, see `observer_output`.
-    """
-    own = state[_OBSERVER_ROWS:]
-    add_slip_torque(slip, own, q, v, tau_f)
-    fresh = observer_step(observer, state[:_OBSERVER_ROWS], momentum, CTv, G, tau_J, tau_f, tau_ext)
-    if own.shape[0] > 0:
-        update_slip(slip, own, q, v, tau_J - tau_f)
-    return fresh
-
-
-@njit(cache=True, error_model="numpy")
-def _serial_log(  # type: ignore[no-untyped-def]
-    slip, observer, state, q, v, momentum, CTv, G, tau_J, tau_f, tau_ext, fresh
-):
-    for k in range(q.shape[0]):
-        fresh[k] = _with_memory(
-            slip,
-            observer,
-            state,
-            q[k],
-            v[k],
-            momentum[k],
-            CTv[k],
-            G[k],
-            tau_J[k],
-            tau_f[k],
-            tau_ext[k],
-        )
-
-
-@njit(cache=True, error_model="numpy")
-def estimate_tick(  # type: ignore[no-untyped-def]
-    chain,
-    gain,
-    friction,
-    slip,
-    observer,
-    wrench,
-    state,
-    sample,
-    out,
-    signals,
-    J,
-    X,
-    scratch,
-    work,
-):
-    """The chain for one sample.
-
-    Args:
-        chain: SerialChain.table.
-        gain: (n,) N m/A, signed.
-        friction: table of the friction law's velocity_law.
-        slip: FrictionLaw.slip_table.
-        observer: MomentumObserver.table.
-        wrench: WrenchReconstruction.table.
-        state: (3, n), changed.
-        sample: (3, n) q, v, current.
-        out: (n + 44,), written: tau_ext, wrench, covariance, condition number, valid.
-        signals: (5, n), scratch.
-        J: (6, n), written.
-        X: (4, 3), written: R_WE, p_WE.
-        scratch, work: scratch of the chain and of the reconstruction.
-    """
-    n = sample.shape[1]
-    q, v, current = sample[0], sample[1], sample[2]
-    momentum, CTv, G, tau_J, tau_f = signals[0], signals[1], signals[2], signals[3], signals[4]
-    _signals(chain, gain, friction, q, v, current, momentum, CTv, G, tau_J, tau_f, J, X, scratch)
-    tau_ext, F = out[:n], out[n : n + 6]
-    covariance, quality = out[n + 6 : n + 42].reshape(6, 6), out[n + 42 :]
-    fresh = _with_memory(slip, observer, state, q, v, momentum, CTv, G, tau_J, tau_f, tau_ext)
-    reconstruct(wrench, J, tau_ext, F, covariance, quality, work)
-    if not fresh:
-        quality[1] = 0.0
-
-
-@njit(cache=True, error_model="numpy", parallel=True)
-def _terms_log(chain, gain, friction, q, v, current, momentum, CTv, G, tau_J, tau_f, J):  # type: ignore[no-untyped-def]
-    N, n = q.shape
-    for block in prange((N + _BLOCK - 1) // _BLOCK):
-        X = np.empty((4, 3))
-        scratch = np.empty((n, SCRATCH_COLUMNS))
-        for k in range(block * _BLOCK, min(N, (block + 1) * _BLOCK)):
-            _signals(
-                chain,
-                gain,
-                friction,
-                q[k],
-                v[k],
-                current[k],
-                momentum[k],
-                CTv[k],
-                G[k],
-                tau_J[k],
-                tau_f[k],
-                J[k],
-                X,
-                scratch,
-            )
+    return kernels_are_compiled(estimate_tick, terms_log, serial_log, reconstruct_log)

@@ -18,9 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize
 
-from models.estimation.wrench import FORCE_SD_RANGE, MOMENT_SD_RANGE
+from models.estimation.evidence_prior import FORCE_SD_RANGE, MOMENT_SD_RANGE
+from models.rigid_body.bounded_minimum import bounded_minimum
 
 Array = NDArray[np.float64]
 
@@ -91,22 +91,45 @@ def find_point_of_action(
     if not (np.isfinite(J).all() and np.isfinite(R).all() and np.isfinite(tau).all()):
         raise ValueError("point of action: a sample is not finite")
 
-    def cost(x: Array) -> float:
+    # How J at P moves with P: the linear rows by w x R e_c, for each axis c of E.
+    turned = np.stack([np.cross(J[:, :3], R[:, :, c, None], axis=1) for c in range(3)])
+
+    def cost(x: Array) -> tuple[float, Array]:
+        """Minus the mean log likelihood, up to a constant, and its gradient.
+
+        With C the covariance, r what the mean leaves of tau and a = C^-1 r, each sample's share
+        changes by tr((C^-1 - a a^T) dC) / 2 + a^T dr.
+        """
         force_sd, moment_sd, scale = np.exp(x[3:6])
         J_P = jacobian_at(J, R, x[:3])
-        spread = np.repeat([moment_sd, force_sd], 3)[:, None] * J_P
-        covariance = spread.transpose(0, 2, 1) @ spread + scale**2 * Sigma
-        missing = tau - (J_P[:, 3:].transpose(0, 2, 1) @ (_UNIT_FORCE * x[6:]))
+        angular, linear = moment_sd * J_P[:, :3], force_sd * J_P[:, 3:]
+        of_moment = angular.transpose(0, 2, 1) @ angular
+        of_force = linear.transpose(0, 2, 1) @ linear
+        covariance = of_moment + of_force + scale**2 * Sigma
+        force = _UNIT_FORCE * x[6:]
+        missing = tau - (J_P[:, 3:].transpose(0, 2, 1) @ force)
         L = np.linalg.cholesky(covariance)
-        white = np.linalg.solve(L, missing[..., None])[..., 0]
+        inverse = np.linalg.inv(covariance)
+        a = (inverse @ missing[..., None])[..., 0]
         log_det = np.log(np.diagonal(L, axis1=1, axis2=2)).sum(axis=1)
-        return float(np.mean(0.5 * (white**2).sum(axis=1) + log_det))
+        value = float(np.mean(0.5 * (missing * a).sum(axis=1) + log_det))
+        by_C = inverse - a[:, :, None] * a[:, None, :]
+        gradient = np.empty(9)
+        for c in range(3):
+            half = (turned[c].transpose(0, 2, 1) @ J_P[:, 3:]) * force_sd**2
+            gradient[c] = np.mean(
+                (by_C * half).sum(axis=(1, 2)) - (a * (force @ turned[c])).sum(axis=1)
+            )
+        for i, part in enumerate((of_force, of_moment, scale**2 * Sigma)):
+            gradient[3 + i] = np.mean((by_C * part).sum(axis=(1, 2)))
+        gradient[6:] = -_UNIT_FORCE * np.mean((J_P[:, 3:] @ a[..., None])[..., 0], axis=0)
+        return value, gradient
 
     noise = NOISE_RANGE if free_noise else (1.0, 1.0)
     bounds = [
         *[(-LARGEST_OFFSET, LARGEST_OFFSET)] * 3,
         *np.log([FORCE_SD_RANGE, MOMENT_SD_RANGE, noise]).tolist(),
-        *[(None, None) if with_mean else (0.0, 0.0)] * 3,
+        *[(-np.inf, np.inf) if with_mean else (0.0, 0.0)] * 3,
     ]
     # A force that is all deviation, and one that is all mean: the two basins that there are.
     mean = _mean_force(J, tau, Sigma) / _UNIT_FORCE * with_mean
@@ -114,10 +137,7 @@ def find_point_of_action(
         np.r_[0.0, 0.0, 0.0, np.log([10.0, 1.0, 1.0]), mean],
         np.r_[0.0, 0.0, 0.0, np.log([30.0, 1.0, 1.0]), 0.0, 0.0, 0.0],
     ]
-    found = min(
-        (minimize(cost, x, method="L-BFGS-B", bounds=bounds) for x in starts),
-        key=lambda climb: float(climb.fun),
-    ).x
+    found, _ = bounded_minimum(cost, starts, bounds)
     force_sd, moment_sd, scale = (float(s) for s in np.exp(found[3:6]))
     return PointOfAction(found[:3], _UNIT_FORCE * found[6:], force_sd, moment_sd, scale)
 

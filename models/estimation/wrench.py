@@ -16,6 +16,16 @@ One estimator, several readings of it:
     damped      what other projects use: V diag(s/(s^2 + damping^2)) U^T, J^T = U diag(s) V^T
     truncated   the same with 1/s where s > truncation max(s) and 0 elsewhere (numpy's pinv)
 
+Sigma_tau may change from sample to sample: with sds s_j that a torque error model states
+(`models.identification.torque_error_model`) and a constant correlation R it is diag(s) R diag(s).
+
+**Valid** is a statement about the arm, not about the log: with what is known of a force before any
+log is read (`live_prior`), the reading's largest principal force sd is at most TRUSTED_SHARE of
+that prior's, and what stiction alone may feign, even within its band, stays below PHANTOM_SHARE of
+it: sqrt 3 times the largest principal sd that stiction's part of the torque error gives through the
+same gain. A joint at rest carries any torque within its stiction; a force that only such joints see
+cannot be told from it.
+
 The stated covariance of `inverse`, `damped` and `truncated` is that of the noise passed through
 their matrix. For the last two it leaves out what they lose of the true wrench: they read it
 shrunk towards zero, by an amount that no covariance of the noise shows.
@@ -30,9 +40,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize
 
 from models.rigid_body.conditioning import condition_number_of, condition_numbers_of
+from models.rigid_body.small_matrices import factorise, largest_eigenvalue_3x3, orthogonalise_rows
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -43,14 +53,19 @@ _INVERSE, _FORCE_ONLY, _BAYESIAN, _DAMPED, _TRUNCATED = range(5)
 STANDARD_GRAVITY = 9.80665
 PRIOR_LEVER = 0.05  # m; what a tool's contact is off E, for the live rule
 UNKNOWN_SD = 1e6  # N or N m; stands for infinity: no arm's wrench gets near it
+TRUSTED_SHARE = 1.0 / 3.0  # of the live prior's force sd: largest sd of a valid reading
+PHANTOM_SHARE = 0.16  # of the same: 8 % of the rated payload's weight, 9.8 N on an arm for 12.5 kg
 
 # Last row of `WrenchReconstruction.table`.
-_METHOD, _FORCE_SD, _MOMENT_SD, _DAMPING, _TRUNCATION, _MAX_FORCE_SD, _NUM_SETTINGS = range(7)
+_METHOD, _FORCE_SD, _MOMENT_SD, _DAMPING, _TRUNCATION, _MAX_FORCE_SD = range(6)
+_VALID_FORCE_SD, _VALID_MOMENT_SD, _MAX_PHANTOM, _NUM_SETTINGS = range(6, 10)
 
-# Rows of the scratch array, (_NUM_ROWS, max(n, 6)).
+# Rows of the scratch array of `reconstruct`, (WORK_ROWS, max(n, 6)).
 _WHITE, _FACTOR, _INVERSE_FACTOR, _TURNED, _TURN, _MATRIX, _PLAIN = range(0, 42, 6)
-_SCRATCH, _VECTOR = 42, 48
-_NUM_ROWS = _VECTOR + 3
+_SCRATCH, _FEIGNED, _VECTOR = 42, 48, 51
+_SD, _STICTION = _VECTOR + 3, _VECTOR + 4
+WORK_ROWS = _VECTOR + 5
+_GRAM = _MATRIX  # of the posterior; the other methods keep their matrix there
 _BLOCK = 256  # samples a thread takes at a time
 
 
@@ -63,7 +78,10 @@ class WrenchReconstructionConfig:
     method: str = "bayesian"  # one of METHODS
     prior_force_sd: float | None = None  # N, in every direction
     prior_moment_sd: float | None = None  # N m about E, in every direction
-    max_force_sd: float | None = None  # N; worst principal force sd of a valid reading; None: below
+    max_force_sd: float | None = None  # N; worst principal force sd of a valid reading; None: above
+    max_phantom: float | None = None  # N that stiction alone may feign in a valid one; None: above
+    live_force_sd: float | None = None  # N, known before any log: what `valid` rests on
+    live_moment_sd: float | None = None  # N m; None: `valid` rests on the prior of the reading
     damping: float = 0.2  # of `damped`, on the singular values of J in m and rad
     truncation: float = 0.05  # of `truncated`, as a share of the largest singular value
 
@@ -75,17 +93,26 @@ class WrenchReconstructionConfig:
             prior_moment_sd=moment_sd if self.prior_moment_sd is None else self.prior_moment_sd,
         )
 
+    def with_live(self, force_sd: float, moment_sd: float) -> "WrenchReconstructionConfig":
+        """Returns a copy in which what `valid` rests on, where it was None, is this (N, N m)."""
+        return replace(
+            self,
+            live_force_sd=force_sd if self.live_force_sd is None else self.live_force_sd,
+            live_moment_sd=moment_sd if self.live_moment_sd is None else self.live_moment_sd,
+        )
+
 
 class WrenchEstimate(NamedTuple):
     """One reading, or one per sample.
 
-    `valid` is False where the reading says less about the force, in its worst direction, than
-    was known before measuring. For `inverse` (and `damped`, `truncated`, which only hide it) and
-    `force_only` that is where the largest principal force sd of the plain weighted reading
-    exceeds prior_force_sd, or J is singular; for `bayesian`, where prior and measurement are
+    `valid`: see the module. `force_only` knows that there is no moment, `inverse` (and `damped`,
+    `truncated`, which only hide it) knows nothing beforehand and needs a J of full rank. Without a
+    live prior in the configuration `valid` is False where the reading says less about the force,
+    in its worst direction, than its own prior: where the largest principal force sd of the plain
+    weighted reading exceeds prior_force_sd; for `bayesian`, where prior and measurement are
     combined, the same point is passed when it exceeds prior_force_sd / sqrt(2). With max_force_sd
-    that bound takes the place of both. Input that is not finite gives a wrench of zero, the
-    prior's covariance and False.
+    that bound takes the place of all. Input that is not finite gives a wrench of zero, the prior's
+    covariance and False.
 
     Attributes:
         wrench: (..., 6) F_E_W, N m and N, rotation first.
@@ -119,6 +146,8 @@ def live_prior(payload: float) -> tuple[float, float]:
 class WrenchReconstruction:
     """The mathematics of this module for one torque covariance and one configuration.
 
+    With sds of each sample, the torque covariance is that of the errors in units of these sds.
+
     Attributes:
         table: (2 n + 1, max(n, 6)) constants that `reconstruct` reads.
 
@@ -136,16 +165,31 @@ class WrenchReconstruction:
         self.config = config
         self.torque_covariance = Sigma
         self.table = np.zeros((2 * n + 1, max(n, _NUM_SETTINGS)))
-        self.table[:n, :n] = _whitening(Sigma)
+        self.table[:n, :n] = whitening_matrix(Sigma)
         self.table[n : 2 * n, :n] = Sigma
         self.table[2 * n, :_NUM_SETTINGS] = _settings(config)
 
     def scratch(self) -> Array:
         """Returns a new work array for `reconstruct`; one per thread."""
-        return np.zeros((_NUM_ROWS, max(self.num_joints, 6)))
+        return np.zeros((WORK_ROWS, max(self.num_joints, 6)))
 
-    def reconstruct(self, J: ArrayLike, tau_ext: ArrayLike) -> WrenchEstimate:
-        """Returns the reading for J ((6, n) or (N, 6, n)) and tau_ext ((n,) or (N, n), N m)."""
+    def reconstruct(
+        self,
+        J: ArrayLike,
+        tau_ext: ArrayLike,
+        sd: ArrayLike | None = None,
+        stiction: ArrayLike | None = None,
+        J_now: ArrayLike | None = None,
+    ) -> WrenchEstimate:
+        """Returns the reading for J ((6, n) or (N, 6, n)) and tau_ext ((n,) or (N, n), N m).
+
+        Args:
+            J: as tau_ext saw it, see `models.estimation.lag`.
+            tau_ext: external joint torque.
+            sd: as tau_ext; N m, of its errors; None: 1, so that the torque covariance is theirs.
+            stiction: as tau_ext; the part of sd that is stiction; None: 0.
+            J_now: as J, of the very sample, whose condition number is stated; None: J.
+        """
         n = self.num_joints
         J = np.asarray(J, float)
         tau_ext = np.asarray(tau_ext, float)
@@ -157,10 +201,19 @@ class WrenchReconstruction:
         rows = int(np.prod(lead))
         wrench, covariance = np.empty((rows, 6)), np.empty((rows, 6, 6))
         quality = np.empty((rows, 2))
+        own = np.require(J.reshape(rows, 6, n), float, ("C", "W"))
+        now = J if J_now is None else np.asarray(J_now, float)
+        sd = np.ones_like(tau_ext) if sd is None else np.asarray(sd, float)
+        held = np.zeros_like(tau_ext) if stiction is None else np.asarray(stiction, float)
+        if not (now.shape == J.shape and sd.shape == held.shape == tau_ext.shape):
+            raise ValueError("J_now must be as J, sd and stiction as tau_ext")
         reconstruct_log(
             self.table,
-            np.require(J.reshape(rows, 6, n), float, ("C", "W")),
+            np.require(now.reshape(rows, 6, n), float, ("C", "W")),
+            own,
             np.require(tau_ext.reshape(rows, n), float, ("C", "W")),
+            np.require(sd.reshape(rows, n), float, ("C", "W")),
+            np.require(held.reshape(rows, n), float, ("C", "W")),
             wrench,
             covariance,
             quality,
@@ -193,7 +246,7 @@ def reconstruct_wrench(
     return WrenchReconstruction(config, torque_covariance).reconstruct(J, tau_ext)
 
 
-def _whitening(Sigma: Array) -> Array:
+def whitening_matrix(Sigma: Array) -> Array:
     """Returns W (n, n), lower triangular, with W Sigma W^T = 1."""
     if not np.all(np.isfinite(Sigma)) or not np.allclose(Sigma, Sigma.T, rtol=1e-9, atol=0.0):
         raise ValueError("torque covariance must be finite and symmetric")
@@ -208,7 +261,8 @@ def _whitening(Sigma: Array) -> Array:
 def _settings(config: WrenchReconstructionConfig) -> list[float]:
     if config.method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, not {config.method!r}")
-    for name in ("prior_force_sd", "prior_moment_sd", "max_force_sd"):
+    names = ("prior_force_sd", "prior_moment_sd", "max_force_sd", "max_phantom")
+    for name in (*names, "live_force_sd", "live_moment_sd"):
         value = getattr(config, name)
         if value is not None and not value >= 0.0:
             raise ValueError(f"{name} must be zero or more, not {value}")
@@ -224,9 +278,21 @@ def _settings(config: WrenchReconstructionConfig) -> list[float]:
     bound = config.max_force_sd
     if bound is None:
         bound = known_force / np.sqrt(2.0) if method == _BAYESIAN else known_force
+    phantom = UNKNOWN_SD if config.max_phantom is None else config.max_phantom
     if method == _FORCE_ONLY:
         known_force, known_moment = UNKNOWN_SD, 0.0
-    return [method, known_force, known_moment, config.damping, config.truncation, bound]
+    valid_force, valid_moment = known_force, known_moment
+    if config.live_force_sd is not None and config.live_moment_sd is not None:
+        valid_force = min(config.live_force_sd, UNKNOWN_SD)
+        valid_moment = 0.0 if method == _FORCE_ONLY else min(config.live_moment_sd, UNKNOWN_SD)
+        if config.max_force_sd is None:
+            bound = TRUSTED_SHARE * valid_force
+        if config.max_phantom is None:
+            phantom = PHANTOM_SHARE * valid_force
+    return [
+        *(method, known_force, known_moment, config.damping, config.truncation, bound),
+        *(valid_force, valid_moment, phantom),
+    ]
 
 
 # ----------------------------------------------------------------------------------------------
@@ -236,7 +302,7 @@ def _settings(config: WrenchReconstructionConfig) -> list[float]:
 
 @njit(cache=True, error_model="numpy")
 def reconstruct(table, J, tau_ext, wrench, covariance, quality, work):  # type: ignore[no-untyped-def]
-    """Single-sample kernel of `WrenchReconstruction`.
+    """Single-sample kernel of `WrenchReconstruction`, of errors whose covariance is constant.
 
     Args:
         table: `WrenchReconstruction.table`.
@@ -247,20 +313,39 @@ def reconstruct(table, J, tau_ext, wrench, covariance, quality, work):  # type: 
         quality: (2,), written: condition number, and 1 for valid or 0.
         work: `WrenchReconstruction.scratch()`.
     """
-    valid = _reading(table, J, tau_ext, wrench, covariance, work)
-    condition = condition_number_of(J, work[_SCRATCH : _SCRATCH + 6])
+    n = J.shape[1]
+    sd, stiction = work[_SD, :n], work[_STICTION, :n]
+    for j in range(n):
+        sd[j], stiction[j] = 1.0, 0.0
+    reconstruct_with(table, J, J, tau_ext, sd, stiction, wrench, covariance, quality, work)
+
+
+@njit(cache=True, error_model="numpy")
+def reconstruct_with(  # type: ignore[no-untyped-def]
+    table, J_now, J, tau_ext, sd, stiction, wrench, covariance, quality, work
+):
+    """As `reconstruct`, of errors with sds of this sample.
+
+    Args:
+        J_now: (6, n) of the sample, for the condition number.
+        J: (6, n) as tau_ext saw it.
+        sd: (n,) N m, positive.
+        stiction: (n,) N m, the part of it that is stiction.
+    """
+    valid = _reading(table, J, tau_ext, sd, stiction, wrench, covariance, work)
+    condition = condition_number_of(J_now, work[_SCRATCH : _SCRATCH + 6])
     quality[0] = np.inf if np.isnan(condition) else condition
     quality[1] = 1.0 if valid else 0.0
 
 
 @njit(cache=True, error_model="numpy")
-def _reading(table, J, tau_ext, wrench, covariance, work):  # type: ignore[no-untyped-def]
+def _reading(table, J, tau_ext, sd, stiction, wrench, covariance, work):  # type: ignore[no-untyped-def]
     """Writes wrench and covariance and returns whether they are valid."""
     n = J.shape[1]
     settings = table[2 * n]
     total = 0.0
     for j in range(n):
-        total += tau_ext[j]
+        total += tau_ext[j] + sd[j]
         for i in range(6):
             total += J[i, j]
     if not np.isfinite(total):
@@ -268,118 +353,141 @@ def _reading(table, J, tau_ext, wrench, covariance, work):  # type: ignore[no-un
             wrench[i] = 0.0
             for j in range(6):
                 covariance[i, j] = 0.0
-            sd = settings[_MOMENT_SD] if i < 3 else settings[_FORCE_SD]
-            covariance[i, i] = sd * sd
+            known = settings[_MOMENT_SD] if i < 3 else settings[_FORCE_SD]
+            covariance[i, i] = known * known
         return False
     method = int(settings[_METHOD])
     if method in (_FORCE_ONLY, _BAYESIAN):
-        _posterior(table, J, tau_ext, wrench, covariance, work)
+        _posterior(table, J, tau_ext, sd, stiction, wrench, covariance, work)
         seen = True
     else:
-        seen = _pseudo_inverse(table, J, tau_ext, wrench, covariance, work)
+        seen = _pseudo_inverse(table, J, tau_ext, sd, stiction, wrench, covariance, work)
     worst = largest_eigenvalue_3x3(work[_PLAIN + 3 : _PLAIN + 6, 3:])
-    return seen and worst <= settings[_MAX_FORCE_SD] ** 2
+    feigned = 3.0 * largest_eigenvalue_3x3(work[_FEIGNED : _FEIGNED + 3])
+    return seen and worst <= settings[_MAX_FORCE_SD] ** 2 and feigned <= settings[_MAX_PHANTOM] ** 2
 
 
 @njit(cache=True, error_model="numpy")
-def whiten(table, J, tau_ext, scale_moment, scale_force, work):  # type: ignore[no-untyped-def]
-    """Writes B = S J W^T into the first six rows of `work` and B W tau_ext into its last row.
-
-    W whitens the torque noise and S = diag(scale_moment, scale_force) scales the wrench.
+def whiten(table, J, tau_ext, sd, work):  # type: ignore[no-untyped-def]
+    """Writes A = J W^T into the first six rows of `work`, A A^T into those of the gram (lower
+    triangle), and A W tau_ext into its last row; W whitens the torque noise.
     """
     n = J.shape[1]
-    white_tau = work[_VECTOR]
+    white_tau, gram = work[_VECTOR], work[_GRAM : _GRAM + 6]
     for j in range(n):
         total = 0.0
         for k in range(j + 1):
-            total += table[j, k] * tau_ext[k]
+            total += table[j, k] * (tau_ext[k] / sd[k])
         white_tau[j] = total
     for i in range(6):
-        scale = scale_moment if i < 3 else scale_force
+        scaled = work[_VECTOR + 1]
+        for k in range(n):
+            scaled[k] = J[i, k] / sd[k]
         dot = 0.0
         for j in range(n):
             total = 0.0
             for k in range(j + 1):
-                total += table[j, k] * J[i, k]
-            work[_WHITE + i, j] = scale * total
-            dot += work[_WHITE + i, j] * white_tau[j]
+                total += table[j, k] * scaled[k]
+            work[_WHITE + i, j] = total
+            dot += total * white_tau[j]
         work[_VECTOR + 2, i] = dot
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(n):
+                total += work[_WHITE + i, k] * work[_WHITE + j, k]
+            gram[i, j] = total
 
 
 @njit(cache=True, error_model="numpy")
-def _posterior(table, J, tau_ext, wrench, covariance, work):  # type: ignore[no-untyped-def]
-    """The Gaussian posterior, with the wrench in units of its prior sd: x = S^-1 F.
+def _posterior_covariance(moment_sd, force_sd, first, covariance, work):  # type: ignore[no-untyped-def]
+    """Rows `first`.. of (gram + P^-1)^-1 into `covariance`, both triangles; P of these sds.
 
-    cov(x) = (1 + B B^T)^-1. Every pivot of that matrix's factorisation is at least 1, however
-    large or small the prior and however singular J; rounding cannot push one below.
+    With the wrench in units of its prior sds, x = S^-1 F, cov(x) = (1 + S gram S)^-1. Every pivot
+    of that matrix's factorisation is at least 1, however large or small the prior and however
+    singular J; rounding cannot push one below.
     """
-    n = J.shape[1]
-    settings = table[2 * n]
-    whiten(table, J, tau_ext, settings[_MOMENT_SD], settings[_FORCE_SD], work)
+    gram = work[_GRAM : _GRAM + 6]
     L = work[_FACTOR : _FACTOR + 6]
     R = work[_INVERSE_FACTOR : _INVERSE_FACTOR + 6]
-    y = work[_VECTOR + 1]
     for i in range(6):
+        scale_i = moment_sd if i < 3 else force_sd
         for j in range(i + 1):
-            total = 1.0 if i == j else 0.0
-            for k in range(n):
-                total += work[_WHITE + i, k] * work[_WHITE + j, k]
-            L[i, j] = total
+            scale_j = moment_sd if j < 3 else force_sd
+            L[i, j] = scale_i * scale_j * gram[i, j] + (1.0 if i == j else 0.0)
     factorise(L, R)
-    for i in range(6):
-        total = 0.0
+    for i in range(first, 6):
+        scale_i = moment_sd if i < 3 else force_sd
         for j in range(i + 1):
-            total += R[i, j] * work[_VECTOR + 2, j]
-        y[i] = total
-    for i in range(6):
-        scale_i = settings[_MOMENT_SD] if i < 3 else settings[_FORCE_SD]
-        total = 0.0
-        for k in range(i, 6):
-            total += R[k, i] * y[k]
-        wrench[i] = scale_i * total
-        for j in range(i + 1):
-            scale_j = settings[_MOMENT_SD] if j < 3 else settings[_FORCE_SD]
+            scale_j = moment_sd if j < 3 else force_sd
             total = 0.0
             for k in range(i, 6):
                 total += R[k, i] * R[k, j]
             covariance[i, j] = scale_i * scale_j * total
             covariance[j, i] = covariance[i, j]
-            work[_PLAIN + i, j] = covariance[i, j]
-            work[_PLAIN + j, i] = covariance[i, j]
 
 
 @njit(cache=True, error_model="numpy")
-def factorise(L, R):  # type: ignore[no-untyped-def]
-    """Cholesky of a 6x6 matrix that is at least the identity, and the factor's inverse.
-
-    Args:
-        L: (6, 6+) lower triangle of the matrix; replaced by its factor.
-        R: (6, 6+), written: inverse of the factor, lower triangle.
-    """
-    for j in range(6):
-        pivot = L[j, j]
-        for k in range(j):
-            pivot -= L[j, k] * L[j, k]
-        L[j, j] = np.sqrt(max(pivot, 1.0))
-        R[j, j] = 1.0 / L[j, j]
-        for i in range(j + 1, 6):
-            total = L[i, j]
-            for k in range(j):
-                total -= L[i, k] * L[j, k]
-            L[i, j] = total * R[j, j]
-    for j in range(6):
-        for i in range(j + 1, 6):
+def _posterior(table, J, tau_ext, sd, stiction, wrench, covariance, work):  # type: ignore[no-untyped-def]
+    """The Gaussian posterior; leaves in `work` what `valid` rests on."""
+    n = J.shape[1]
+    settings = table[2 * n]
+    whiten(table, J, tau_ext, sd, work)
+    moment_sd, force_sd = settings[_MOMENT_SD], settings[_FORCE_SD]
+    _posterior_covariance(moment_sd, force_sd, 0, covariance, work)
+    # F = S R^T R S A W tau, by the factor: the covariance would lose what cancels in it.
+    R = work[_INVERSE_FACTOR : _INVERSE_FACTOR + 6]
+    y = work[_VECTOR + 1]
+    for i in range(6):
+        total = 0.0
+        for j in range(i + 1):
+            total += R[i, j] * work[_VECTOR + 2, j] * (moment_sd if j < 3 else force_sd)
+        y[i] = total
+    for i in range(6):
+        total = 0.0
+        for k in range(i, 6):
+            total += R[k, i] * y[k]
+        wrench[i] = total * (moment_sd if i < 3 else force_sd)
+    plain = work[_PLAIN : _PLAIN + 6]
+    moment_sd, force_sd = settings[_VALID_MOMENT_SD], settings[_VALID_FORCE_SD]
+    if moment_sd == settings[_MOMENT_SD] and force_sd == settings[_FORCE_SD]:
+        for i in range(6):
+            for j in range(6):
+                plain[i, j] = covariance[i, j]
+    else:
+        _posterior_covariance(moment_sd, force_sd, 3, plain, work)
+    gain = work[_SCRATCH : _SCRATCH + 3]  # of the force from white torque, then from torque
+    for i in range(3):
+        white = work[_VECTOR + 1]
+        for k in range(n):
             total = 0.0
-            for k in range(j, i):
-                total += L[i, k] * R[k, j]
-            R[i, j] = -total * R[i, i]
+            for j in range(6):
+                total += plain[3 + i, j] * work[_WHITE + j, k]
+            white[k] = total
+        for k in range(n):
+            total = 0.0
+            for j in range(k, n):
+                total += white[j] * table[j, k]
+            gain[i, k] = total / sd[k]
+    _feign(gain, stiction, work)
 
 
 @njit(cache=True, error_model="numpy")
-def _pseudo_inverse(table, J, tau_ext, wrench, covariance, work):  # type: ignore[no-untyped-def]
+def _feign(gain, stiction, work):  # type: ignore[no-untyped-def]
+    """Covariance (3, 3) of the force that stiction alone gives through a gain (3, n)."""
+    for i in range(3):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(stiction.shape[0]):
+                total += gain[i, k] * gain[j, k] * stiction[k] * stiction[k]
+            work[_FEIGNED + i, j] = total
+            work[_FEIGNED + j, i] = total
+
+
+@njit(cache=True, error_model="numpy")
+def _pseudo_inverse(table, J, tau_ext, sd, stiction, wrench, covariance, work):  # type: ignore[no-untyped-def]
     """The readings by singular values: inverse, damped, truncated.
 
-    Leaves the plain inverse's covariance in `work`, and returns whether J has full rank.
+    Leaves in `work` what `valid` rests on, of the plain inverse; returns whether J has full rank.
     """
     n = J.shape[1]
     settings = table[2 * n]
@@ -400,7 +508,7 @@ def _pseudo_inverse(table, J, tau_ext, wrench, covariance, work):  # type: ignor
         largest = max(largest, s[i])
         smallest = min(smallest, s[i])
     for j in range(n):
-        noise = max(noise, table[n + j, j])
+        noise = max(noise, table[n + j, j] * sd[j] * sd[j])
     # Below this a singular value is rounding: the direction is not seen at all.
     floor = max(max(6, n) * 2.2e-16 * largest, 1e-15)
     for turn in range(2):  # the plain inverse first, then the method's own
@@ -421,8 +529,8 @@ def _pseudo_inverse(table, J, tau_ext, wrench, covariance, work):  # type: ignor
             for j in range(n):
                 total = 0.0
                 for k in range(n):
-                    total += H[i, k] * table[n + k, j]
-                product[i, j] = total
+                    total += H[i, k] * sd[k] * table[n + k, j]
+                product[i, j] = total * sd[j]
             for j in range(i + 1):
                 total = 0.0
                 for k in range(n):
@@ -435,6 +543,8 @@ def _pseudo_inverse(table, J, tau_ext, wrench, covariance, work):  # type: ignor
                 if turn == 0:
                     plain[i, j] = total
                     plain[j, i] = total
+        if turn == 0:
+            _feign(H[3:], stiction, work)
     for i in range(6):
         total = 0.0
         for j in range(n):
@@ -443,187 +553,21 @@ def _pseudo_inverse(table, J, tau_ext, wrench, covariance, work):  # type: ignor
     return smallest > floor
 
 
-@njit(cache=True, error_model="numpy")
-def orthogonalise_rows(J, B, Q):  # type: ignore[no-untyped-def]
-    """One-sided Jacobi: writes Q (6, 6), orthogonal, and B = Q J whose rows are orthogonal.
-
-    Their lengths are the singular values, each with a small relative error.
-    """
-    n = J.shape[1]
-    for i in range(6):
-        for j in range(n):
-            B[i, j] = J[i, j]
-        for j in range(6):
-            Q[i, j] = 1.0 if i == j else 0.0
-    for _ in range(30):
-        turned = False
-        for p in range(5):
-            for q in range(p + 1, 6):
-                pp, qq, pq = 0.0, 0.0, 0.0
-                for k in range(n):
-                    pp += B[p, k] * B[p, k]
-                    qq += B[q, k] * B[q, k]
-                    pq += B[p, k] * B[q, k]
-                if abs(pq) <= 1e-15 * np.sqrt(pp * qq):
-                    continue
-                turned = True
-                zeta = (qq - pp) / (2.0 * pq)
-                t = 1.0 / (abs(zeta) + np.sqrt(1.0 + zeta * zeta))
-                if zeta < 0.0:
-                    t = -t
-                c = 1.0 / np.sqrt(1.0 + t * t)
-                d = c * t
-                for k in range(n):
-                    x, y = B[p, k], B[q, k]
-                    B[p, k], B[q, k] = c * x - d * y, d * x + c * y
-                for k in range(6):
-                    x, y = Q[p, k], Q[q, k]
-                    Q[p, k], Q[q, k] = c * x - d * y, d * x + c * y
-        if not turned:
-            break
-
-
-@njit(cache=True, error_model="numpy")
-def largest_eigenvalue_3x3(A):  # type: ignore[no-untyped-def]
-    """Largest eigenvalue of a symmetric 3x3 matrix, in closed form (Smith, 1961)."""
-    mean = (A[0, 0] + A[1, 1] + A[2, 2]) / 3.0
-    off = A[0, 1] ** 2 + A[0, 2] ** 2 + A[1, 2] ** 2
-    a, b, c = A[0, 0] - mean, A[1, 1] - mean, A[2, 2] - mean
-    size = np.sqrt((a * a + b * b + c * c + 2.0 * off) / 6.0)
-    if not size > 0.0:
-        return mean
-    a, b, c = a / size, b / size, c / size
-    d, e, f = A[0, 1] / size, A[0, 2] / size, A[1, 2] / size
-    half_det = 0.5 * (a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e))
-    return mean + 2.0 * size * np.cos(np.arccos(min(max(half_det, -1.0), 1.0)) / 3.0)
-
-
 @njit(cache=True, error_model="numpy", parallel=True)
-def reconstruct_log(table, J, tau_ext, wrench, covariance, quality):  # type: ignore[no-untyped-def]
-    """`reconstruct` for N samples, in parallel."""
+def reconstruct_log(  # type: ignore[no-untyped-def]
+    table, J_now, J, tau_ext, sd, stiction, wrench, covariance, quality
+):
+    """`reconstruct_with` for N samples, in parallel."""
     N = J.shape[0]
     for block in prange((N + _BLOCK - 1) // _BLOCK):
         start, stop = block * _BLOCK, min(N, (block + 1) * _BLOCK)
-        work = np.zeros((_NUM_ROWS, max(J.shape[2], 6)))
+        work = np.zeros((WORK_ROWS, max(J.shape[2], 6)))
         conditions = np.empty(stop - start)
-        condition_numbers_of(J[start:stop], conditions)
+        condition_numbers_of(J_now[start:stop], conditions)
         for k in range(start, stop):
-            valid = _reading(table, J[k], tau_ext[k], wrench[k], covariance[k], work)
+            valid = _reading(
+                table, J[k], tau_ext[k], sd[k], stiction[k], wrench[k], covariance[k], work
+            )
             condition = conditions[k - start]
             quality[k, 0] = np.inf if np.isnan(condition) else condition
             quality[k, 1] = 1.0 if valid else 0.0
-
-
-# ----------------------------------------------------------------------------------------------
-# A prior from the log itself
-# ----------------------------------------------------------------------------------------------
-
-FORCE_SD_RANGE = (1.0, 1e4)  # N
-MOMENT_SD_RANGE = (0.01, 1e3)  # N m
-NOISE_SCALE_RANGE = (1e-3, 1e3)
-EVIDENCE_SAMPLES = 2000
-
-
-def evidence_prior(
-    J: ArrayLike, tau_ext: ArrayLike, torque_covariance: ArrayLike
-) -> tuple[float, float]:
-    """The rule for a log's prior: the force sd (N) and moment sd (N m) that explain it best.
-
-    They maximise the marginal likelihood sum_k log N(tau_k; 0, J_k^T P J_k + Sigma_tau) over at
-    most EVIDENCE_SAMPLES samples, evenly spread over the log, within FORCE_SD_RANGE and
-    MOMENT_SD_RANGE: a log without contact gives the lower bounds. Nothing is drawn at random. No
-    sensor is needed: this is the size of the task as the torques show it.
-
-    Args:
-        J: (N, 6, n) at E in axes of W, rows [angular; linear].
-        tau_ext: (N, n) N m.
-        torque_covariance: (n, n) N^2 m^2.
-
-    Raises:
-        ValueError: no sample is finite, or shapes disagree.
-    """
-    force_sd, moment_sd, _ = _most_evident(J, tau_ext, torque_covariance, (1.0, 1.0))
-    return force_sd, moment_sd
-
-
-def evidence_prior_and_noise(
-    J: ArrayLike, tau_ext: ArrayLike, torque_covariance: ArrayLike
-) -> tuple[float, float, float]:
-    """As `evidence_prior`, where only the shape of Sigma_tau is known.
-
-    Torque that no wrench explains (with more joints than 6, or over many configurations) tells the
-    noise from the wrench.
-
-    Returns:
-        Force sd (N), moment sd (N m), and the factor, within NOISE_SCALE_RANGE, by which the
-        torque sds of `torque_covariance` are to be multiplied.
-    """
-    return _most_evident(J, tau_ext, torque_covariance, NOISE_SCALE_RANGE)
-
-
-def _most_evident(
-    J: ArrayLike, tau_ext: ArrayLike, torque_covariance: ArrayLike, scales: tuple[float, float]
-) -> tuple[float, float, float]:
-    J, tau_ext = np.asarray(J, float), np.asarray(tau_ext, float)
-    Sigma = np.asarray(torque_covariance, float)
-    if J.ndim != 3 or J.shape[1] != 6 or tau_ext.shape != (J.shape[0], J.shape[2]):
-        raise ValueError(
-            f"J must be (N, 6, n) and tau_ext (N, n), not {J.shape} and {tau_ext.shape}"
-        )
-    finite = np.flatnonzero(np.isfinite(tau_ext).all(axis=1) & np.isfinite(J).all(axis=(1, 2)))
-    if finite.size == 0:
-        raise ValueError("evidence_prior: no sample is finite")
-    count = min(finite.size, EVIDENCE_SAMPLES)
-    chosen = finite[np.linspace(0, finite.size - 1, count).round().astype(int)]
-    W = _whitening(Sigma)
-    B = J[chosen] @ W.T
-    white_tau = tau_ext[chosen] @ W.T
-    gram = np.ascontiguousarray(B @ B.transpose(0, 2, 1))
-    seen = np.ascontiguousarray((B @ white_tau[..., None])[..., 0])
-    power = float(np.mean(np.sum(white_tau**2, axis=1)))
-    n = tau_ext.shape[1]
-
-    def cost(log_sds: Array) -> float:
-        """Minus the mean log likelihood, up to a constant; noise scale c: J / c, tau_ext / c."""
-        force_sd, moment_sd, c = np.exp(log_sds)
-        fit = float(_log_evidence(gram, seen, moment_sd / c, force_sd / c, 1.0 / c))
-        return float(0.5 * power / c**2 + n * np.log(c) - fit)
-
-    bounds = np.log(np.array([FORCE_SD_RANGE, MOMENT_SD_RANGE, scales]))
-    # The surface can have several tops (a wrench explained as force or as moment) and flat plains
-    # where a sd does not matter: climb from the best points of a coarse grid.
-    axes = [np.linspace(low, high, 9 if low < high else 1) for low, high in bounds]
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    starts = grid[np.argsort([cost(point) for point in grid], kind="stable")[:4]]
-    climbs = [
-        minimize(cost, start, method="L-BFGS-B", bounds=bounds, options={"eps": 1e-6})
-        for start in starts
-    ]
-    found = min(climbs, key=lambda climb: float(climb.fun)).x
-    force_sd, moment_sd, scale = np.exp(found)
-    return float(force_sd), float(moment_sd), float(scale)
-
-
-@njit(cache=True, error_model="numpy")
-def _log_evidence(gram, seen, moment_sd, force_sd, weight):  # type: ignore[no-untyped-def]
-    """What depends on the sds in the mean log likelihood of a sample; `weight` scales `seen`.
-
-    By the matrix determinant and inversion lemmas only the 6x6 matrix A = 1 + S gram S appears:
-    2 log N = -log det A + |A^-1/2 S seen|^2 + constant.
-    """
-    L, R = np.zeros((6, 6)), np.zeros((6, 6))
-    total = 0.0
-    for k in range(gram.shape[0]):
-        for i in range(6):
-            scale_i = moment_sd if i < 3 else force_sd
-            for j in range(i + 1):
-                scale_j = moment_sd if j < 3 else force_sd
-                L[i, j] = scale_i * scale_j * gram[k, i, j] + (1.0 if i == j else 0.0)
-        factorise(L, R)
-        for i in range(6):
-            y = 0.0
-            for j in range(i + 1):
-                y += R[i, j] * seen[k, j] * (moment_sd if j < 3 else force_sd)
-            y *= weight
-            total += 0.5 * y * y - np.log(L[i, i])
-    return total / gram.shape[0]

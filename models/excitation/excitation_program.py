@@ -13,7 +13,7 @@ and slack are held at samples; `analyses.methods.planning.excitation` checks the
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoD
 from pydrake.solvers import MathematicalProgram, SnoptSolver, SolverOptions
 
 from models.excitation.excitation_information import ExcitationInformation, Measure
+from models.excitation.excitation_limits import ExcitationLimits
 from models.excitation.fourier_trajectory import FourierTrajectory, between_samples, fourier_basis
 from models.files.input_error import InputError
 from models.rigid_body.serial_chain import SerialChain
@@ -33,18 +34,6 @@ SlackFunction = Callable[[Array], tuple[float, Array]]
 """From q (n,) to a slack in m, at least zero where all is clear, and its gradient (n,)."""
 
 _STEP = 1e-4  # rad, of the differences of q in the torque
-
-
-@dataclass
-class ExcitationLimits:
-    """What an excitation must keep; of the lists one number for all joints, or one each."""
-
-    position_margin: float = 0.05  # rad (m), kept from the joint limits
-    velocity_share: float = 0.5  # of the velocity limits
-    acceleration: list[float] = field(default_factory=lambda: [8.0])  # rad/s^2 (m/s^2)
-    torque_share: float = 0.7  # of the effort limits, for the rigid body; the rest is friction's
-    clearance: float = 0.02  # m, between links, tool and floor
-    floor: float | None = 0.0  # m, height of the floor in W; None for none
 
 
 @dataclass(frozen=True, eq=False)

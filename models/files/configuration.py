@@ -21,6 +21,7 @@ import yaml
 from pydrake.common import pretty_class_name
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 
+from models.files.files_read import about_to_read
 from models.files.input_error import InputError
 from models.files.whole_file import whole_file
 
@@ -29,6 +30,10 @@ T = TypeVar("T")
 REQUIRED: dict[str, bool] = {"required": True}
 """Metadata of a field that the file must give: `field(default=..., metadata=REQUIRED)`."""
 
+# What PyYAML's constructors raise over a tag or a value that makes no sense.
+_ODD_YAML = (yaml.YAMLError, ArithmeticError, AttributeError, LookupError, RecursionError,
+             TypeError, ValueError)  # fmt: skip
+LARGEST_FILE = 1 << 23  # bytes; a model with a network for each joint takes some 100 kB
 _NULL_TAG = "tag:yaml.org,2002:null"
 _BOOL_TAG = "tag:yaml.org,2002:bool"
 _KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
@@ -48,22 +53,27 @@ def load_configuration(path: str | Path, schema: type[T], child_name: str | None
     """
     path = Path(path)
     text = _read_text(path)
-    loader = yaml.SafeLoader(text)
     try:
+        loader = yaml.SafeLoader(text)
         node = loader.get_single_node()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = f"line {mark.line + 1}" if mark else ""
         raise InputError(path, place, f"no valid YAML: {error.problem or error.context}") from error
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise InputError(path, "", f"no valid YAML: {error}") from error
     if node is None:
         raise InputError(path, "", "the file is empty", "expected keys and values in YAML")
     check = _Check(path, loader)
-    if child_name is not None:
-        check.child(node, child_name, schema)
-    else:
-        check.value(node, schema, "", is_root=True)
+    try:
+        if child_name is not None:
+            check.child(node, child_name, schema)
+        else:
+            check.value(node, schema, "", is_root=True)
+    except InputError:
+        raise
+    except _ODD_YAML as error:
+        raise InputError(path, "", f"cannot be read as {_name(schema)}: {error}") from error
     try:
         if child_name is None and typing.get_origin(schema) is dict:
             # yaml_load_typed takes a table of configurations only as a field.
@@ -98,8 +108,14 @@ def nearest(word: str, known: typing.Iterable[str]) -> str:
 def _read_text(path: Path) -> str:
     if path.is_dir():
         raise InputError(path, "", "is a directory", "expected a YAML file")
+    about_to_read(path)
     try:
-        return path.read_text(encoding="utf-8")
+        with path.open("rb") as file:
+            content = file.read(LARGEST_FILE + 1)  # a device may have no end
+        if len(content) > LARGEST_FILE:
+            problem = f"is larger than {LARGEST_FILE >> 20} MB"
+            raise InputError(path, "", problem, "expected a YAML file")
+        return content.decode("utf-8")
     except FileNotFoundError as error:
         raise InputError(path, "", "no such file") from error
     except UnicodeDecodeError as error:

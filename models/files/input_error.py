@@ -19,4 +19,15 @@ class InputError(ValueError):
     def __init__(self, source: str | Path, place: str, problem: str, remedy: str = "") -> None:
         where = f"{source}: {place}" if place else str(source)
         line = f"{where}: {problem}" + (f"; {remedy}" if remedy else "")
-        super().__init__(" ".join(line.split()))
+        super().__init__(printable(" ".join(line.split())))
+
+
+def printable(text: str) -> str:
+    """`text` with whatever a terminal would obey, or could not show, written as `\\x1b` and so on.
+
+    A cell of a log or the name of a file may hold escape sequences, or bytes that are no UTF-8.
+    """
+    return "".join(
+        c if c.isprintable() else c.encode("unicode_escape", "surrogatepass").decode("ascii")
+        for c in text
+    )

@@ -12,8 +12,11 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from models.friction.extended_friction import ExtendedFriction
+from models.friction.friction_law import FrictionLaw
 from models.friction.friction_network import FrictionNetworks
-from models.friction.presliding_friction import FrictionLaw, PreslidingFriction, slip_path
+from models.friction.friction_terms import TERMS, FrictionTerm, term_of
+from models.friction.presliding_friction import PreslidingFriction, slip_path
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 
 Array = NDArray[np.float64]
@@ -33,12 +36,20 @@ DEFAULT_STRIBECK_VELOCITY = 0.1  # rad/s (m/s)
 LARGEST_LOAD = 0.5  # N m per N m; a gear that loses more is none
 
 
+def structures() -> dict[str, tuple[str, ...]]:
+    """Terms of each law: those of STRUCTURES, then "<law>+<term>" with each of `TERMS`."""
+    further = {
+        f"{law}+{term.name}": (*STRUCTURES[law], term.name) for term in TERMS for law in term.laws
+    }
+    return STRUCTURES | further
+
+
 @dataclass(frozen=True, eq=False)
 class FrictionStructure:
     """A friction law without its coefficients.
 
     Attributes:
-        terms: per joint, of those in `STRUCTURES`.
+        terms: per joint, of those in `structures()`.
         displacement: (n,) rad (m) of the joint's slip element; 0 is rigid, z = sgn v.
         stribeck_velocity: (n,) rad/s (m/s).
     """
@@ -49,10 +60,12 @@ class FrictionStructure:
 
     @classmethod
     def of(cls, law: str, num_joints: int) -> Self:
-        """Returns the structure of a law of `STRUCTURES`, its shape not chosen yet."""
-        displacement = DEFAULT_DISPLACEMENT if law == "presliding" else 0.0
+        """Returns the structure of a law of `structures()`, its shape not chosen yet."""
+        displacement = (
+            DEFAULT_DISPLACEMENT if law.split("+", maxsplit=1)[0] == "presliding" else 0.0
+        )
         return cls(
-            (STRUCTURES[law],) * num_joints,
+            (structures()[law],) * num_joints,
             np.full(num_joints, displacement),
             np.full(num_joints, DEFAULT_STRIBECK_VELOCITY),
         )
@@ -85,20 +98,24 @@ class FrictionStructure:
         """
         z = slip_path(self.displacement, q, v)
         return [
-            np.stack([self.column(term, j, z, v, load) for term in own], axis=1)
+            np.stack([self.column(term, j, z, q, v, load) for term in own], axis=1)
             for j, own in enumerate(self.terms)
         ]
 
-    def column(self, term: str, joint: int, z: Array, v: Array, load: Array) -> Array:
+    def column(self, term: str, joint: int, z: Array, q: Array, v: Array, load: Array) -> Array:
         """Returns one term's column (N,) of one joint.
 
         Args:
-            term: of `STRUCTURES`.
+            term: of `structures()`.
             joint: its index.
             z: (N, n) slip, of `slip_path`.
+            q: (N, n) rad.
             v: (N, n) rad/s.
             load: (N, n) transmitted torque, N m.
         """
+        further = term_of(term)
+        if further is not None:
+            return further.column(q[:, joint], v[:, joint])
         v = v[:, joint]
         if term == "coulomb":
             return z[:, joint]
@@ -135,11 +152,28 @@ class FrictionStructure:
             ValueError: as the laws' constructors (load outside [0, 1) above all).
         """
         n = self.num_joints
-        value = {term: np.zeros(n) for term in STRUCTURES["presliding"]}
+        further = self._further_terms()
+        names = (*STRUCTURES["presliding"], *(term.name for term in further))
+        value = {term: np.zeros(n) for term in names}
         for j, (own, x) in enumerate(zip(self.terms, coefficients, strict=True)):
             for term, number in zip(own, x, strict=True):
                 value[term][j] = number
         band = np.zeros(n) if v_crit is None else v_crit
+        law = self._law_below(value, networks, band)
+        if not further:
+            return law
+        return ExtendedFriction(
+            law, further, np.stack([value[term.name] for term in further], axis=1)
+        )
+
+    def _further_terms(self) -> tuple[FrictionTerm, ...]:
+        names = {term for own in self.terms for term in own}
+        return tuple(term for term in TERMS if term.name in names)
+
+    def _law_below(
+        self, value: dict[str, Array], networks: FrictionNetworks | None, band: Array
+    ) -> FrictionLaw:
+        n = self.num_joints
         if not self.displacement.any() and not any(map(self.has, ("stribeck", "load", "cubic"))):
             sliding = CoulombViscous(value["coulomb"], value["viscous"], value["offset"])
             return SemiParametricFriction(sliding, networks, band)

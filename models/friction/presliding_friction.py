@@ -15,55 +15,57 @@ motor torque and the friction of the tick before: it holds the load of whatever 
 which the model's own rigid-body torque does not (on the UR10e with a payload, the force error at
 the flange is 3.6 4.4 5.6 N with the former, 6.6 7.5 6.9 N with the latter), and at a tick tau_f
 does not depend on the motor torque commanded at that tick. |load| < 1 keeps this recursion stable.
+
+**Beyond the speed that was fitted** the part that depends on velocity alone, viscous v + cubic v^3,
+goes on along its tangent, whose slope is not let fall below zero: a cubic term runs away (the
+UR10e's third joint at 1.6 rad/s, fitted up to 1.1: error 1.8 N m with the cubic, 1.0 so).
+
+**Displacement, tick by tick,** is not the difference of two rounded positions: an encoder that
+steps by .1 mrad would throw an element that slides after .1 mrad from end to end. Position follows
+velocity and is kept within the interval that the rounded one allows,
+
+    p <- clip(p + v dt, q - resolution / 2, q + resolution / 2),    dq = change of p
+
+a continuous function of q and v; with resolution 0 it is q. Slip relaxes with RELAXATION meanwhile:
+what a joint kept when it stopped, vibration and the controller release. At rest on the UR10e the
+true slip (motor torque minus gravity over the band) has an rms of .45 whatever the law remembers;
+memory helps for less than about a second.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Self
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.friction.slip_elements import (
+    COULOMB,
+    CUBIC,
+    ELEMENTS,
+    HALF_STEP,
+    INVERSE_SPEED,
+    LOAD,
+    PERIOD,
+    POSITION,
+    SLIP_KERNELS,
+    SLIPS,
+    SPEED_LIMIT,
+    STRIBECK,
+    TRANSMITTED,
+    FrictionKernels,
+    add_slip_torque,
+    update_slip,
+)
+from models.friction.velocity_friction import (
+    CoulombViscous,
+    SemiParametricFriction,
+)
 
 Array = NDArray[np.float64]
 
-# Columns of the slip table; then K weights and K displacements.
-_COULOMB, _STRIBECK, _INVERSE_SPEED, _LOAD, _CUBIC, _ELEMENTS = range(6)
-# Rows of the state; then K slips z_k.
-_POSITION, _TRANSMITTED, _SLIPS = range(3)
-
-
-class FrictionLaw(Protocol):
-    """What the estimator, the identification and a controller ask of a friction law."""
-
-    @property
-    def num_joints(self) -> int:
-        """How many joints, n."""
-
-    @property
-    def coulomb_viscous(self) -> CoulombViscous:
-        """The law's Coulomb, viscous and offset coefficients."""
-
-    @property
-    def feedforward(self) -> SemiParametricFriction:
-        """A function of velocity alone near the law: for feed-forward on a desired velocity."""
-
-    @property
-    def velocity_law(self) -> SemiParametricFriction:
-        """The part of the law that is a function of velocity alone."""
-
-    @property
-    def slip_table(self) -> Array:
-        """(n, 5 + 2 K): the other part, as `add_slip_torque` reads it."""
-
-    @property
-    def state_rows(self) -> int:
-        """Rows of the state, 2 + K; 0 for a law without memory and load dependence."""
-
-    def torque_along(self, q: Array, v: Array, load: Array) -> Array:
-        """tau_f (N, n) in N m along a log that starts at rest, for the transmitted torque L."""
+RELAXATION = 1.0  # s in which the slip of a joint at rest fades to 1/e
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +81,9 @@ class PreslidingFriction:
         cubic: (n,) N m s^3/rad^3; negative where viscous friction grows less than linearly.
         weight: (n, K) shares of the elements, zero or more, with sum 1.
         displacement: (n, K) rad (m) from rest to sliding; 0 is rigid.
+        speed_limit: (n,) rad/s, up to which the law was fitted; None: everywhere.
+        resolution: (n,) rad, the step of the encoders; None: 0.
+        time_step: s between ticks; 0: positions are low-passed, nothing relaxes.
 
     Raises:
         ValueError: shapes that disagree, a value that is not finite or out of its range.
@@ -92,11 +97,22 @@ class PreslidingFriction:
     cubic: Array
     weight: Array
     displacement: Array
+    speed_limit: Array = None  # type: ignore[assignment]  # None: no limit
+    resolution: Array = None  # type: ignore[assignment]  # None: zero
+    time_step: float = 0.0
 
     def __post_init__(self) -> None:
         n = self.velocity_law.num_joints
         for key in ("coulomb", "stribeck", "stribeck_velocity", "load", "cubic"):
             self._keep(key, (n,))
+        for key, default in (("speed_limit", np.inf), ("resolution", 0.0)):
+            given = getattr(self, key)
+            value = np.full(n, default) if given is None else np.array(given, float)
+            if value.shape != (n,):
+                raise ValueError(f"friction: {key} must have shape {(n,)}, not {value.shape}")
+            object.__setattr__(self, key, value)
+        if not (self.speed_limit > 0.0).all() or not (self.resolution >= 0.0).all():
+            raise ValueError("friction: speed_limit must be positive, resolution zero or more")
         for key in ("weight", "displacement"):
             self._keep(key, (n, np.shape(self.weight)[-1] if np.ndim(self.weight) == 2 else 1))
         if not (self.stribeck_velocity > 0.0).all():
@@ -136,16 +152,73 @@ class PreslidingFriction:
 
     @cached_property
     def slip_table(self) -> Array:
-        """(n, 5 + 2 K) contiguous, one row a joint."""
-        own = (self.coulomb, self.stribeck, 1.0 / self.stribeck_velocity, self.load, self.cubic)
+        """(n, 10 + 2 K) contiguous, one row a joint."""
+        n = self.num_joints
+        finite = np.where(np.isfinite(self.speed_limit), self.speed_limit, 0.0)
+        viscous = self.velocity_law.coulomb_viscous.viscous
+        own = (
+            *(self.coulomb, self.stribeck, 1.0 / self.stribeck_velocity, self.load, self.cubic),
+            self.speed_limit,
+            np.maximum(3.0 * self.cubic * finite**2, -viscous),  # no total slope below zero
+            0.5 * self.resolution,
+            np.full(n, self.time_step),
+            np.full(n, np.exp(-self.time_step / RELAXATION)),
+        )
         return np.ascontiguousarray(
             np.hstack([np.stack(own, axis=1), self.weight, self.displacement])
         )
 
+    def sampled(self, time_step: float, resolution: ArrayLike | None = None) -> Self:
+        """Returns the law for positions as encoders report them, every `time_step` s.
+
+        Args:
+            time_step: s.
+            resolution: (n,) or () rad, the encoders' step; None: the law's own.
+        """
+        step = self.resolution if resolution is None else np.asarray(resolution, float)
+        step = np.broadcast_to(step, (self.num_joints,))
+        return replace(self, time_step=time_step, resolution=step)
+
     @property
     def state_rows(self) -> int:
         """Rows of the state: last position, transmitted torque, K slips."""
-        return _SLIPS + int(self.weight.shape[1])
+        return SLIPS + int(self.weight.shape[1])
+
+    @property
+    def kernels(self) -> FrictionKernels:
+        """Those of `slip_elements`."""
+        return SLIP_KERNELS
+
+    @property
+    def parameters(self) -> dict[str, Array]:
+        """The slip table, see `slip_elements`; the velocity law is fixed."""
+        return {"slip": self.slip_table}
+
+    def with_parameters(self, values: dict[str, Array]) -> Self:
+        """Returns the law with another slip table."""
+        table = values["slip"].reshape(self.num_joints, -1)
+        K = (table.shape[1] - ELEMENTS) // 2
+        law = replace(
+            self,
+            coulomb=table[:, COULOMB],
+            stribeck=table[:, STRIBECK],
+            stribeck_velocity=1.0 / table[:, INVERSE_SPEED],
+            load=table[:, LOAD],
+            cubic=table[:, CUBIC],
+            speed_limit=table[:, SPEED_LIMIT],
+            resolution=2.0 * table[:, HALF_STEP],
+            time_step=float(table[0, PERIOD]),
+            weight=table[:, ELEMENTS : ELEMENTS + K],
+            displacement=table[:, ELEMENTS + K :],
+        )
+        law.__dict__["slip_table"] = np.array(table)  # as it stands, without rounding of 1 / v_s
+        return law
+
+    def initial_state(self) -> Array:
+        """Returns the state before the first sample: relaxed, no position yet."""
+        state = np.zeros((self.state_rows, self.num_joints))
+        state[: POSITION + 1] = np.nan
+        return state
 
     def torque_along(self, q: ArrayLike, v: ArrayLike, load: ArrayLike) -> Array:
         """tau_f (N, n) in N m along a log that starts at rest with relaxed elements.
@@ -160,15 +233,8 @@ class PreslidingFriction:
             shapes = f"{q.shape}, {v.shape} and {load.shape}"
             raise ValueError(f"friction: expected (N, {self.num_joints}) three times, not {shapes}")
         tau_f = self.velocity_law.torque(v)
-        _slip_log(self.slip_table, initial_friction_state(self), q, v, load, tau_f)
+        _slip_log(self.slip_table, self.initial_state(), q, v, load, tau_f)
         return tau_f
-
-
-def initial_friction_state(law: FrictionLaw) -> Array:
-    """Returns the (state_rows, n) state before the first sample: relaxed, no position yet."""
-    state = np.zeros((law.state_rows, law.num_joints))
-    state[: _POSITION + 1] = np.nan
-    return state
 
 
 def slip_path(displacement: Array, q: Array, v: Array) -> Array:
@@ -187,76 +253,9 @@ def slip_path(displacement: Array, q: Array, v: Array) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
-def _slip(table, state, i, k, q, v):  # type: ignore[no-untyped-def]
-    """z_k of joint i at this sample; NaN for a position that is."""
-    reach = table[i, _ELEMENTS + (table.shape[1] - _ELEMENTS) // 2 + k]
-    if reach == 0.0:
-        return np.sign(v)
-    before = state[_POSITION, i]
-    z = state[_SLIPS + k, i]
-    if not np.isfinite(before):  # the first sample: no displacement yet
-        before = q
-    z += (q - before) / reach
-    if z > 1.0:
-        return 1.0
-    if z < -1.0:
-        return -1.0
-    return z
-
-
-@njit(cache=True, error_model="numpy")
-def add_slip_torque(table, state, q, v, tau_f):  # type: ignore[no-untyped-def]
-    """Single-sample kernel: adds the slip part of tau_f (n,); `state` stays as it is.
-
-    Args:
-        table: `FrictionLaw.slip_table`.
-        state: (state_rows, n); without rows there is nothing to add.
-        q, v: (n,) of this sample.
-        tau_f: (n,), holds the velocity law's torque before.
-    """
-    if state.shape[0] == 0:
-        return
-    elements = (table.shape[1] - _ELEMENTS) // 2
-    for i in range(table.shape[0]):
-        z = 0.0
-        for k in range(elements):
-            z += table[i, _ELEMENTS + k] * _slip(table, state, i, k, q[i], v[i])
-        x = v[i] * table[i, _INVERSE_SPEED]
-        level = table[i, _COULOMB] + table[i, _STRIBECK] * np.exp(-x * x)
-        level += table[i, _LOAD] * abs(state[_TRANSMITTED, i])
-        tau_f[i] += level * z + table[i, _CUBIC] * v[i] ** 3
-
-
-@njit(cache=True, error_model="numpy")
-def update_slip(table, state, q, v, transmitted):  # type: ignore[no-untyped-def]
-    """Single-sample kernel: takes a sample into `state`, in place.
-
-    What is not finite leaves its part of the state as it was: the displacement over a gap counts
-    when the next position comes.
-
-    Args:
-        table: `FrictionLaw.slip_table`.
-        state: (state_rows, n), changed.
-        q, v: (n,) of this sample.
-        transmitted: (n,) L for the next sample, N m.
-    """
-    if state.shape[0] == 0:
-        return
-    for i in range(table.shape[0]):
-        if np.isfinite(q[i]):
-            for k in range(state.shape[0] - _SLIPS):
-                z = _slip(table, state, i, k, q[i], v[i])
-                if np.isfinite(z):
-                    state[_SLIPS + k, i] = z
-            state[_POSITION, i] = q[i]
-        if np.isfinite(transmitted[i]):
-            state[_TRANSMITTED, i] = transmitted[i]
-
-
-@njit(cache=True, error_model="numpy")
-def _slip_log(table, state, q, v, load, tau_f):  # type: ignore[no-untyped-def]
+def _slip_log(table: Array, state: Array, q: Array, v: Array, load: Array, tau_f: Array) -> None:
     for k in range(q.shape[0]):
         for i in range(q.shape[1]):
-            state[_TRANSMITTED, i] = load[k, i]
+            state[TRANSMITTED, i] = load[k, i]
         add_slip_torque(table, state, q[k], v[k], tau_f[k])
         update_slip(table, state, q[k], v[k], load[k])

@@ -4,15 +4,16 @@ tau_f opposes motion: it is positive for positive velocity and stands on the lef
 M vdot + C v + G + tau_f = tau_J + tau_ext.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, cast, get_args
+from typing import Literal, Self, cast, get_args
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from models.friction.friction_network import FrictionNetworks
+from models.friction.slip_elements import SLIP_KERNELS, FrictionKernels
 
 Array = NDArray[np.float64]
 
@@ -150,13 +151,42 @@ class SemiParametricFriction:
 
     @property
     def slip_table(self) -> Array:
-        """(n, 5): no slip elements."""
-        return np.zeros((self.num_joints, 5))
+        """(n, 10): no slip elements."""
+        return np.zeros((self.num_joints, 10))
+
+    def sampled(self, time_step: float, resolution: ArrayLike | None = None) -> Self:
+        """The law itself: nothing in it but velocity."""
+        return self
+
+    @property
+    def kernels(self) -> FrictionKernels:
+        """Those of `slip_elements`, which have nothing to do without rows of state."""
+        return SLIP_KERNELS
 
     @property
     def state_rows(self) -> int:
         """0: no memory."""
         return 0
+
+    @property
+    def parameters(self) -> dict[str, Array]:
+        """coulomb, viscous, offset and v_crit, (n,) each; the networks are fixed."""
+        law = self.coulomb_viscous
+        return {
+            "coulomb": law.coulomb,
+            "viscous": law.viscous,
+            "offset": law.offset,
+            "v_crit": self.v_crit,
+        }
+
+    def with_parameters(self, values: dict[str, Array]) -> Self:
+        """Returns the law with other coefficients."""
+        law = CoulombViscous(values["coulomb"], values["viscous"], values["offset"])
+        return replace(self, coulomb_viscous=law, v_crit=values["v_crit"])
+
+    def initial_state(self) -> Array:
+        """(0, n): no memory."""
+        return np.zeros((0, self.num_joints))
 
     def torque_along(self, q: Array, v: Array, load: Array) -> Array:
         """tau_f (N, n) in N m along a log; position and load play no part."""
@@ -174,7 +204,7 @@ class SemiParametricFriction:
 
 
 @njit(cache=True, error_model="numpy")
-def friction_torque(table, v, tau_f):  # type: ignore[no-untyped-def]
+def friction_torque(table: Array, v: Array, tau_f: Array) -> None:
     """Single-sample kernel: writes tau_f (n,) for v (n,) from `SemiParametricFriction.table`."""
     h = (table.shape[1] - _WEIGHTS) // 3
     for i in range(table.shape[0]):
@@ -191,6 +221,6 @@ def friction_torque(table, v, tau_f):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _friction_log(table, v, tau_f):  # type: ignore[no-untyped-def]
+def _friction_log(table: Array, v: Array, tau_f: Array) -> None:
     for k in range(v.shape[0]):
         friction_torque(table, v[k], tau_f[k])

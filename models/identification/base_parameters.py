@@ -91,7 +91,7 @@ def find_base_parameters(
     combination = np.zeros((b, len(names)))
     combination[np.arange(b), kept] = 1.0
     combination[:, dropped] = K * length[dropped] / length[kept][:, None]
-    ascending = np.argsort(kept)
+    ascending = np.argsort(kept, kind="stable")
     combination = combination[ascending]
     singular_values = np.linalg.svd(R[:b, :b], compute_uv=False)
     return BaseParameters(

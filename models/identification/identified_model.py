@@ -5,7 +5,7 @@ reflected rotor inertia, friction, and the covariance of what the model leaves u
 (`model.yaml`) is YAML with every number written so that it reads back bit for bit.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, cast, get_args
 
@@ -14,9 +14,21 @@ from numpy.typing import NDArray
 
 from models.files.configuration import REQUIRED, load_configuration, save_configuration
 from models.files.input_error import InputError
+from models.friction.extended_friction import ExtendedFriction
+from models.friction.friction_law import FrictionLaw
 from models.friction.friction_network import FrictionNetworks
-from models.friction.presliding_friction import FrictionLaw, PreslidingFriction
+from models.friction.friction_terms import TERMS, term_of
+from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, Handover, SemiParametricFriction
+from models.identification.torque_error_model import (
+    BEYOND_LOAD,
+    BEYOND_SPEED,
+    DRIFT,
+    REACH,
+    REST_TIME,
+    SCALE,
+    TorqueErrorModel,
+)
 from models.rigid_body.serial_chain import SerialChain
 from models.robot.robot import Robot
 
@@ -42,6 +54,19 @@ class LogSource:
 
 
 @dataclass
+class FrictionSource:
+    """A recording from which friction was found anew; changes and their sds, one a joint."""
+
+    log: LogSource = field(default_factory=LogSource)
+    coulomb: list[float] = field(default_factory=list)  # N m
+    viscous: list[float] = field(default_factory=list)  # N m s/rad
+    offset: list[float] = field(default_factory=list)  # N m
+    coulomb_sd: list[float] = field(default_factory=list)  # N m
+    viscous_sd: list[float] = field(default_factory=list)  # N m s/rad
+    offset_sd: list[float] = field(default_factory=list)  # N m
+
+
+@dataclass
 class Provenance:
     """Where a model comes from. It states no date: the same logs give the same file."""
 
@@ -52,6 +77,7 @@ class Provenance:
     filter_order: int = 0
     filter_regressor: bool = True  # whether the regressor went through the same filter
     residual: str = ""  # how residual_covariance was found
+    refreshes: list[FrictionSource] = field(default_factory=list)  # oldest first
 
 
 @dataclass
@@ -94,6 +120,31 @@ class _PreslidingBlock:
     cubic: list[float] = field(default_factory=list, metadata=REQUIRED)
     weight: list[list[float]] = field(default_factory=list, metadata=REQUIRED)
     displacement: list[list[float]] = field(default_factory=list, metadata=REQUIRED)
+    speed_limit: list[float] | None = None  # rad/s; beyond, the law goes on along its tangent
+
+
+@dataclass
+class _TorqueErrorBlock:
+    """What `models.identification.torque_error_model` says, attribute by attribute."""
+
+    constant: list[float] = field(default_factory=list, metadata=REQUIRED)
+    speed: list[float] = field(default_factory=list, metadata=REQUIRED)
+    load: list[float] = field(default_factory=list, metadata=REQUIRED)
+    acceleration: list[float] = field(default_factory=list, metadata=REQUIRED)
+    reversal: list[float] = field(default_factory=list, metadata=REQUIRED)
+    correlation: list[list[float]] = field(default_factory=list, metadata=REQUIRED)
+    correlation_time: list[float] = field(default_factory=list, metadata=REQUIRED)
+    lasting: list[float] = field(default_factory=list, metadata=REQUIRED)
+    fitted_speed: list[float] = field(default_factory=list, metadata=REQUIRED)
+    fitted_load: list[float] = field(default_factory=list, metadata=REQUIRED)
+    K_0: list[float] = field(default_factory=list, metadata=REQUIRED)
+    resolution: list[float] = field(default_factory=list, metadata=REQUIRED)
+    rest_time: float = REST_TIME
+    reach: float = REACH
+    drift: float = DRIFT
+    beyond_speed: float = BEYOND_SPEED
+    beyond_load: float = BEYOND_LOAD
+    scale: float = SCALE
 
 
 @dataclass
@@ -105,6 +156,7 @@ class _FrictionBlock:
     handover: str = field(default="continuous", metadata=REQUIRED)
     networks: _NetworksBlock | None = None
     presliding: _PreslidingBlock | None = None
+    terms: dict[str, list[float]] | None = None  # coefficients of further terms, by name
 
 
 @dataclass
@@ -126,6 +178,7 @@ class _ModelFile:
     condition_number: float = field(default=1.0, metadata=REQUIRED)
     validity: Validity = field(default_factory=Validity, metadata=REQUIRED)
     provenance: Provenance = field(default_factory=Provenance, metadata=REQUIRED)
+    torque_error: _TorqueErrorBlock | None = None
     complete: bool = field(default=True, metadata=REQUIRED)  # last: absent in a truncated file
 
 
@@ -148,6 +201,8 @@ class IdentifiedModel:
         condition_number: of the column-scaled regressor of the base parameters.
         validity: ranges of the motion that the model was fitted on.
         provenance: logs, filter and method.
+        torque_error: how far what an observer reads may be off, state by state; None for a model of
+            which only residual_covariance is known, the same at rest and in motion.
     """
 
     robot: str
@@ -161,6 +216,7 @@ class IdentifiedModel:
     condition_number: float = 1.0
     validity: Validity = field(default_factory=Validity)
     provenance: Provenance = field(default_factory=Provenance)
+    torque_error: TorqueErrorModel | None = None
 
     @classmethod
     def nominal(cls, robot: Robot) -> "IdentifiedModel":
@@ -260,12 +316,13 @@ class IdentifiedModel:
                 path, "inertial_parameters", block.inertial_parameters, (n, 10)
             ),
             reflected_inertia=_numbers(path, "reflected_inertia", block.reflected_inertia, (n,)),
-            friction=_read_friction(path, block.friction, n),
+            friction=_with_terms(path, block.friction, _read_friction(path, block.friction, n)),
             residual_covariance=_read_covariance(path, block.residual_covariance, n),
             base_parameters=_read_base_parameters(path, block.base_parameters),
             condition_number=float(_numbers(path, "condition_number", block.condition_number, ())),
             validity=_read_validity(path, block.validity, n),
             provenance=block.provenance,
+            torque_error=_read_torque_error(path, block.torque_error, n),
         )
         model.check_robot(robot, path)
         return model
@@ -285,6 +342,9 @@ class IdentifiedModel:
             condition_number=float(self.condition_number),
             validity=self.validity,
             provenance=self.provenance,
+            torque_error=None
+            if self.torque_error is None
+            else _TorqueErrorBlock(**self.torque_error.to_dict()),
         )
 
 
@@ -322,6 +382,11 @@ def _numbers(path: Path, key: str, values: object, shape: tuple[int, ...]) -> Ar
 
 
 def _friction_block(law: FrictionLaw) -> _FrictionBlock:
+    if isinstance(law, ExtendedFriction):
+        block = _friction_block(law.law)
+        names = (term.name for term in law.terms)
+        block.terms = dict(zip(names, _plain(law.coefficients.T), strict=True))
+        return block
     near_zero = law.velocity_law
     networks = near_zero.networks
     sliding = law.coulomb_viscous
@@ -335,7 +400,8 @@ def _friction_block(law: FrictionLaw) -> _FrictionBlock:
         if networks is None
         else _NetworksBlock(**{key: _plain(getattr(networks, key)) for key in _NETWORK_FIELDS}),
         presliding=_PreslidingBlock(
-            **{key: _plain(getattr(law, key)) for key in (*_SLIP_FIELDS, *_ELEMENT_FIELDS)}
+            **{key: _plain(getattr(law, key)) for key in (*_SLIP_FIELDS, *_ELEMENT_FIELDS)},
+            speed_limit=_plain(law.speed_limit) if np.isfinite(law.speed_limit).all() else None,
         )
         if isinstance(law, PreslidingFriction)
         else None,
@@ -367,14 +433,17 @@ def _read_friction(path: Path, block: _FrictionBlock, n: int) -> FrictionLaw:
     if block.presliding is None:
         sliding = CoulombViscous(coulomb, viscous, offset)
         return SemiParametricFriction(sliding, networks, v_crit, handover)
-    slip = {
+    slip: dict[str, Any] = {
         key: _numbers(path, f"friction.presliding.{key}", getattr(block.presliding, key), (n,))
         for key in _SLIP_FIELDS
     }
-    elements = {
+    elements: dict[str, Any] = {
         key: _numbers(path, f"friction.presliding.{key}", getattr(block.presliding, key), (n, -1))
         for key in _ELEMENT_FIELDS
     }
+    limit = block.presliding.speed_limit
+    if limit is not None:
+        slip["speed_limit"] = _numbers(path, "friction.presliding.speed_limit", limit, (n,))
     velocity_law = SemiParametricFriction(
         CoulombViscous(np.zeros(n), viscous, offset), networks, v_crit, handover
     )
@@ -384,6 +453,21 @@ def _read_friction(path: Path, block: _FrictionBlock, n: int) -> FrictionLaw:
         raise InputError(
             path, "friction.presliding", str(error).removeprefix("friction: ")
         ) from None
+
+
+def _with_terms(path: Path, block: _FrictionBlock, law: FrictionLaw) -> FrictionLaw:
+    if not block.terms:
+        return law
+    place, terms, columns = "friction.terms", [], []
+    for name, values in block.terms.items():
+        term = term_of(name)
+        if term is None:
+            known = ", ".join(term.name for term in TERMS) or "none"
+            problem = f'no friction term is registered as "{name}" (known: {known})'
+            raise InputError(path, place, problem, "import the module that registers it")
+        terms.append(term)
+        columns.append(_numbers(path, f"{place}.{name}", values, (law.num_joints,)))
+    return ExtendedFriction(law, tuple(terms), np.stack(columns, axis=1))
 
 
 def _read_covariance(path: Path, values: list[list[float]], n: int) -> Array:
@@ -405,6 +489,23 @@ def _read_base_parameters(path: Path, table: BaseParameterTable) -> BaseParamete
     _numbers(path, "base_parameters.values", table.values, (count,))
     _numbers(path, "base_parameters.standard_deviations", table.standard_deviations, (count,))
     return table
+
+
+def _read_torque_error(
+    path: Path, block: _TorqueErrorBlock | None, n: int
+) -> TorqueErrorModel | None:
+    if block is None:
+        return None
+    values: dict[str, Any] = {}
+    for own in fields(block):
+        value = getattr(block, own.name)
+        shape = (n, n) if own.name == "correlation" else (n,) if isinstance(value, list) else ()
+        values[own.name] = _numbers(path, f"torque_error.{own.name}", value, shape)
+    try:
+        return TorqueErrorModel(**values)
+    except ValueError as error:
+        key, _, problem = str(error).partition(": ")
+        raise InputError(path, f"torque_error.{key}", problem, "identify the model again") from None
 
 
 def _read_validity(path: Path, validity: Validity, n: int) -> Validity:

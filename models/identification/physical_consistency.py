@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 from models.friction.friction_structure import LARGEST_LOAD, FrictionStructure
+from models.friction.friction_terms import term_of
 from models.identification.base_parameters import triangular_factor
 
 Array = NDArray[np.float64]
@@ -140,6 +141,8 @@ def _friction_rows(
             bounds.append((row(load=1.0), 0.0, LARGEST_LOAD))
         if "cubic" in own:
             bounds.append((row(viscous=1.0, cubic=float(v_max[j]) ** 2), 0.0, np.inf))
+        further = [found for found in map(term_of, own) if found is not None]
+        bounds += [(row(**{found.name: 1.0}), found.least, found.most) for found in further]
         start += 1 + len(own)
     return bounds
 

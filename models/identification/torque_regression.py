@@ -50,6 +50,16 @@ class TorqueFactors:
         return np.vstack([R[:, :-1] for R in self.R])
 
 
+def joined_factors(parts: Sequence[TorqueFactors]) -> TorqueFactors:
+    """One regression of several logs' rows together."""
+    if len(parts) == 1:
+        return parts[0]
+    stacked = (np.vstack(own) for own in zip(*(part.R for part in parts), strict=True))
+    return TorqueFactors(
+        tuple(triangular_factor(R) for R in stacked), sum(part.num_rows for part in parts)
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class TorqueEstimate:
     """Solution of the regression.

@@ -20,7 +20,7 @@ from models.machining.machining_phases import (
     work_time,
 )
 from models.motion.paths import quintic_at
-from models.rigid_body.serial_chain import pose_and_jacobian
+from models.rigid_body.chain_kernels import pose_and_jacobian
 
 Array = NDArray[np.float64]
 

@@ -15,12 +15,14 @@ from numba import njit, prange
 from numpy.typing import ArrayLike, NDArray
 
 from models.motion.inverse_kinematics import closed_form
-from models.rigid_body.serial_chain import SCRATCH_COLUMNS, pose_and_jacobian
+from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
+from models.rigid_body.ties import whole_turns
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
 _TOLERANCE = 1e-9  # m and rad, of the pose that a solution reaches
+_AT_LIMIT = 1e-10  # rad or m; what a solution exceeds a limit by in rounding
 _POLISH_STEPS = 6
 _SEARCH_STEPS = 100
 _NUM_SEEDS = 12
@@ -46,13 +48,15 @@ def all_branches(
         R_WE: (N, 3, 3) rotations of E in W.
         p_WE: (N, 3) positions of E in W, m.
         turns_of: (n,) joints of which an angle that fits within the limits a full turn further on
-            is another solution; of the others it is the one nearest to the middle of the limits.
+            is another solution; of the others it is the one nearest to the middle of the limits,
+            half a turn above it where another lies half a turn below.
         seeds: (S, n) or (N, S, n) starting points for an arm that is not solved in closed form;
             without it a fixed set.
 
     Returns:
         (N, B, n) with B the largest number found; NaN in the rows that a pose has too few for.
-        Each reaches its pose within 1e-9 (m, rad).
+        Each reaches its pose within 1e-9 (m, rad). Their order is the solver's, the same for poses
+        that differ by rounding.
     """
     R = np.ascontiguousarray(R_WE, dtype=np.float64).reshape(-1, 3, 3)
     p = np.ascontiguousarray(p_WE, dtype=np.float64).reshape(-1, 3)
@@ -72,8 +76,8 @@ def all_branches(
         reached = _refine(robot, R[row], p[row], q, _SEARCH_STEPS, limited=True)
     if turns_of is not None:
         q, row, reached = _with_turns(robot, q, row, reached, turns_of)
-    kept = reached & np.all((q >= lower) & (q <= upper), axis=1)
-    return _by_pose(q[kept], row[kept], len(p))
+    kept = reached & np.all((q >= lower - _AT_LIMIT) & (q <= upper + _AT_LIMIT), axis=1)
+    return _by_pose(np.clip(q[kept], lower, upper), row[kept], len(p))
 
 
 def _from_closed_form(
@@ -105,7 +109,7 @@ def _nearest_to_middle(robot: Robot, q: Array) -> Array:
     middle = 0.5 * (robot.position_lower + robot.position_upper)
     middle = np.where(np.isfinite(middle), middle, 0.0)
     turn = np.where(robot.chain.prismatic, 0.0, 2.0 * math.pi)
-    return np.ascontiguousarray(q + turn * np.round((middle - q) / (2.0 * math.pi)))
+    return np.ascontiguousarray(q - turn * whole_turns(q - middle))
 
 
 def _with_turns(
@@ -124,7 +128,8 @@ def _with_turns(
     ]
     shifts = np.array(list(itertools.product(*turns)))
     every = (q[:, np.newaxis] + shifts).reshape(-1, q.shape[1])
-    inside = np.all((every >= robot.position_lower) & (every <= robot.position_upper), axis=1)
+    lower, upper = robot.position_lower - _AT_LIMIT, robot.position_upper + _AT_LIMIT
+    inside = np.all((every >= lower) & (every <= upper), axis=1)
     return (
         every[inside],
         np.repeat(row, len(shifts))[inside],

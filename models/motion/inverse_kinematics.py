@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from models.files.input_error import InputError
+from models.rigid_body.ties import in_order, whole_turns
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -130,8 +131,9 @@ def _nearest(robot: Robot, R_WE: Array, p_WE: Array, reference: Array) -> Array 
 def _solutions(robot: Robot, R_WE: Array, p_WE: Array, reference: Array) -> Iterator[Array]:
     """Confirmed solutions within the limits.
 
-    In closed form these are all branches, the one nearest to `reference` first. Otherwise they are
-    what the search finds from `reference` and then from its other starting points.
+    In closed form these are all branches, the one nearest to `reference` first; of equally near
+    ones the solver's first. Otherwise they are what the search finds from `reference` and then from
+    its other starting points.
     """
     solver = closed_form(robot)
     if solver is None:
@@ -144,10 +146,9 @@ def _solutions(robot: Robot, R_WE: Array, p_WE: Array, reference: Array) -> Iter
     pose[:3, :3], pose[:3, 3] = R_WE, p_WE
     raw = np.asarray(solver.calculate_IK(pose).Q, dtype=np.float64).reshape(-1, robot.num_joints)
     wrapped = [_within_limits(robot, q, reference) for q in raw[np.all(np.isfinite(raw), axis=1)]]
-    near_first = sorted(
-        (q for q in wrapped if q is not None), key=lambda q: float(np.linalg.norm(q - reference))
-    )
-    for q in near_first:
+    within_limits = [q for q in wrapped if q is not None]
+    distances = [float(np.linalg.norm(q - reference)) for q in within_limits]
+    for q in (within_limits[i] for i in in_order(distances)):
         polished = _polish(robot, q, R_WE, p_WE, num_steps=4, limited=False)
         within = _within_limits(robot, polished, reference)
         if within is not None and _reaches(robot, within, R_WE, p_WE):
@@ -232,7 +233,7 @@ def _within_limits(robot: Robot, q: Array, reference: Array) -> Array | None:
     """The angles modulo a turn, within the limits and nearest to `reference`; None if none are."""
     lower, upper = robot.position_lower, robot.position_upper
     turn = np.where(robot.chain.prismatic, 0.0, 2.0 * math.pi)
-    q = q + turn * np.round((reference - q) / (2.0 * math.pi))
+    q = q - turn * whole_turns(q - reference)
     # The nearest turn may lie just outside the limits, the one before it within.
     q = np.where(q > upper + _SAME, q - turn, q)
     q = np.where(q < lower - _SAME, q + turn, q)

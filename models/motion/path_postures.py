@@ -12,7 +12,9 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import ArrayLike, NDArray
 
-from models.rigid_body.serial_chain import SCRATCH_COLUMNS, SerialChain, pose_and_jacobian
+from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
+from models.rigid_body.serial_chain import SerialChain
+from models.rigid_body.ties import whole_turns
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -86,7 +88,7 @@ def wrap_within(q: Array, lower: ArrayLike, upper: ArrayLike, prismatic: Flags) 
     lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
     middle = 0.5 * (lower + upper)
     middle = np.where(np.isfinite(middle), middle, 0.0)
-    turns = np.round((q - middle) / (2.0 * math.pi))
+    turns = whole_turns(q - middle)
     return np.asarray(q - np.where(prismatic, 0.0, 2.0 * math.pi * turns))
 
 

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from models.motion.branches import all_branches
 from models.motion.posture_measures import PostureMeasure
 from models.motion.surface_path import frame_about, rotation_about
+from models.rigid_body.ties import SAME, first_of_least
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -99,10 +100,10 @@ def best_postures(
             found = found.reshape(len(some), -1, n)
             if values.shape[1] == 0:
                 continue
-            choice = np.argmin(values, axis=1)
+            choice = first_of_least(values)
             here = np.arange(len(some))
             lowest = values[here, choice]
-            with_better = lowest < np.where(np.isnan(best[some]), np.inf, best[some])
+            with_better = lowest < np.where(np.isnan(best[some]), np.inf, best[some] * (1.0 - SAME))
             target, source = some[with_better], here[with_better]
             pose = choice[with_better] // (values.shape[1] // each)
             best[target] = lowest[with_better]

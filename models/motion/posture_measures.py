@@ -17,14 +17,11 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import ArrayLike, NDArray
 
-from models.estimation.wrench import (
-    WrenchReconstruction,
-    WrenchReconstructionConfig,
-    orthogonalise_rows,
-    reconstruct,
-)
+from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig, reconstruct
 from models.files.input_error import InputError
-from models.rigid_body.serial_chain import SCRATCH_COLUMNS, SerialChain, pose_and_jacobian
+from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
+from models.rigid_body.serial_chain import SerialChain
+from models.rigid_body.small_matrices import orthogonalise_rows
 
 Array = NDArray[np.float64]
 
@@ -199,7 +196,7 @@ def _rows(chain: SerialChain, q: ArrayLike) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
-def _contract(J, G, gradient):  # type: ignore[no-untyped-def]
+def contract(J, G, gradient):  # type: ignore[no-untyped-def]
     """gradient_j = sum_i G_i . dJ_i/dq_j; J and G (6, n)."""
     n = J.shape[1]
     for j in range(n):
@@ -247,7 +244,7 @@ def _condition_number_gradient(J, B, Q, G, gradient):  # type: ignore[no-untyped
             G[i, k] = value * (
                 Q[first, i] * B[first, k] / largest - Q[last, i] * B[last, k] / smallest
             )
-    _contract(J, G, gradient)
+    contract(J, G, gradient)
     return value
 
 
@@ -360,7 +357,7 @@ def _force_sd_rows(  # type: ignore[no-untyped-def]
             trace = _inverse_trace(covariance_tau, J, G, B, Q)
         else:
             trace = _posterior_trace(settings, precision, J, G, unused, work)
-        _contract(J, G, gradients[k])
+        contract(J, G, gradients[k])
         value = math.sqrt(trace)
         values[k] = min(value, _UNREADABLE)
         for j in range(n):

@@ -32,12 +32,14 @@ from models.files.input_error import InputError
 from models.motion.branches import all_branches, is_closed_form
 from models.motion.posture_measures import PostureMeasure
 from models.motion.surface_path import SurfacePath
+from models.rigid_body.ties import first_of_least, whole_turns
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
 _ON_TASK = 1e-10  # m and rad; a posture this close to the task needs no further step
 _KEPT = 1e-9  # m and rad; a posture farther from the task is none
+_TIED = 1e-12  # relative; two ways to a posture that differ by rounding cost the same
 _PENALTY = 100.0  # of a violated bound in the merit of a refinement, per rad
 _FIRST_RADIUS, _LAST_RADIUS = 0.1, 1e-6  # rad, trust region
 _SLACK = 1e-7  # rad; what a refined trajectory may exceed a bound by
@@ -450,7 +452,7 @@ def _through(
                 "sample the path more finely, move the workpiece, or raise max_joint_step",
             )
         value = after
-    node = int(np.argmin(value))
+    node = int(first_of_least(value.ravel()))
     q, psi = np.empty((N, n)), np.empty(N)
     for i in range(N - 1, -1, -1):
         k, b = divmod(node, B)
@@ -467,7 +469,7 @@ def _within_turns(problem: RedundancyProblem, q: Array, free: NDArray[np.bool_])
         middle = 0.5 * (np.max(q[:, j]) + np.min(q[:, j]))
         centre = 0.5 * (problem.lower[j] + problem.upper[j])
         if math.isfinite(centre):
-            q[:, j] += 2.0 * math.pi * round((centre - middle) / (2.0 * math.pi))
+            q[:, j] -= 2.0 * math.pi * float(whole_turns(middle - centre))
         if np.any(q[:, j] > problem.upper[j]) or np.any(q[:, j] < problem.lower[j]):
             raise InputError(
                 problem.path.source,
@@ -513,7 +515,7 @@ def _advance(  # type: ignore[no-untyped-def]
                             break
                         squares += step * step
                     total = so_far + weight * squares
-                    if total < best:
+                    if total < best * (1.0 - _TIED):
                         best = total
                         parent[k, b] = other * B + c
             after[k, b] = best + cost[k, b]

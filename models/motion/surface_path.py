@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from models.files.files_read import about_to_read
 from models.files.input_error import InputError
 from models.motion.workpieces import Surface
 
@@ -220,6 +221,7 @@ def _check(source: str, p: Array, n: Array, places: list[str]) -> None:
 
 
 def _read_rows(path: Path) -> tuple[list[list[float]], list[int]]:
+    about_to_read(path)
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file)

@@ -58,7 +58,7 @@ class PlacementBatch:
 
 
 @dataclass(frozen=True)
-class _Point:
+class DescentPoint:
     """Placements with their costs (measure and penalty), and gradients (N, D)."""
 
     batch: PlacementBatch
@@ -69,6 +69,10 @@ class _Point:
 
 class PlacementDescent:
     """Descents for one arm, measure and set of bounds.
+
+    Attributes:
+        path_length: m.
+        penalty_weight: of what exceeds the bounds, in the cost; `run` sets its own.
 
     Args:
         penalties: more penalties with gradient, (N,), by_q (N, k+1, n) and by_path (N, 9) in the
@@ -84,7 +88,8 @@ class PlacementDescent:
         penalties: Callable[[PlacementBatch], tuple[Array, Array, Array]] | None = None,
     ) -> None:
         self._chain, self._measure, self._bounds = chain, measure, bounds
-        self._path_length = path_length
+        self.path_length = path_length
+        self.penalty_weight = 1.0
         self._penalties = penalties
 
     def of_length(self, path_length: float) -> "PlacementDescent":
@@ -110,10 +115,10 @@ class PlacementDescent:
         Returns:
             Where the descents ended, and the measure (N,) there.
         """
-        at = self._evaluate(starts)
+        at = self.evaluate(starts)
         weight = 100.0 * float(np.median(at.measure)) if len(starts) else 1.0
-        self._weight = weight
-        at = self._evaluate(starts)
+        self.penalty_weight = weight
+        at = self.evaluate(starts)
         N, D = at.gradient.shape
         steps, changes = np.zeros((_MEMORY, N, D)), np.zeros((_MEMORY, N, D))
         products = np.zeros((_MEMORY, N))
@@ -157,25 +162,24 @@ class PlacementDescent:
                 break
         return at.batch, at.measure
 
-    _weight = 1.0
-
-    def _evaluate(self, batch: PlacementBatch) -> _Point:
+    def evaluate(self, batch: PlacementBatch) -> DescentPoint:
+        """Costs of placements whose paths are reached, and the gradients that `run` follows."""
         values, by_q = self._measure.values_and_gradients(batch.q)
         count = batch.q.shape[1]
         measure = np.mean(values, axis=1)
         by_q = by_q / count
         penalty, by_q_penalty, by_path_penalty = self._penalty(batch)
-        cost = measure + self._weight * penalty
+        cost = measure + self.penalty_weight * penalty
         by_path, left = pull_back(
-            self._chain, batch.q, by_q + self._weight * by_q_penalty, self._path_length
+            self._chain, batch.q, by_q + self.penalty_weight * by_q_penalty, self.path_length
         )
-        by_path += self._weight * by_path_penalty
+        by_path += self.penalty_weight * by_path_penalty
         along = np.einsum("nc,nc->n", by_path[:, 6:], batch.n_W)
         by_path[:, 6:] -= along[:, np.newaxis] * batch.n_W
         gradient = by_path
         if self._chain.num_joints > 6:
             gradient = np.hstack([by_path, left.reshape(len(batch), -1)])
-        return _Point(batch, cost, measure, gradient)
+        return DescentPoint(batch, cost, measure, gradient)
 
     def _penalty(self, batch: PlacementBatch) -> tuple[Array, Array, Array]:
         bounds = self._bounds
@@ -219,7 +223,7 @@ class PlacementDescent:
             penalty, by_q, by_path = penalty + more, by_q + more_by_q, by_path + more_by_path
         return penalty, by_q, by_path
 
-    def _step(self, at: _Point, step: Array, active: Flags) -> _Point:
+    def _step(self, at: DescentPoint, step: Array, active: Flags) -> DescentPoint:
         """The placements after a step; where a path is not reached the cost is infinite."""
         rows = np.flatnonzero(active)
         old = at.batch[rows]
@@ -231,11 +235,11 @@ class PlacementDescent:
         if step.shape[1] > 9:
             q += step[:, 9:].reshape(q.shape)
         new = PlacementBatch(q, n_W, old.p_WM + step[:, 3:6], turn @ old.R_WE)
-        reached = correct_paths(self._chain, new.q, new.n_W, new.p_WM, new.R_WE, self._path_length)
+        reached = correct_paths(self._chain, new.q, new.n_W, new.p_WM, new.R_WE, self.path_length)
         # A posture that moved far has left its branch.
         reached &= np.max(np.abs(new.q - old.q), axis=(1, 2)) < 1.0
         new.q[~reached] = old.q[~reached]
-        point = self._evaluate(new)
+        point = self.evaluate(new)
         cost = np.full(len(at.cost), np.inf)
         cost[rows] = np.where(reached, point.cost, np.inf)
         measure, gradient = at.measure.copy(), at.gradient.copy()
@@ -245,10 +249,10 @@ class PlacementDescent:
         )
         whole.q[rows], whole.n_W[rows] = new.q, new.n_W
         whole.p_WM[rows], whole.R_WE[rows] = new.p_WM, new.R_WE
-        return _Point(whole, cost, measure, gradient)
+        return DescentPoint(whole, cost, measure, gradient)
 
 
-def _choose(better: Flags, new: _Point, old: _Point) -> _Point:
+def _choose(better: Flags, new: DescentPoint, old: DescentPoint) -> DescentPoint:
     def pick(a: Array, b: Array) -> Array:
         return np.where(better.reshape(-1, *(1,) * (a.ndim - 1)), a, b)
 
@@ -258,7 +262,7 @@ def _choose(better: Flags, new: _Point, old: _Point) -> _Point:
         pick(new.batch.p_WM, old.batch.p_WM),
         pick(new.batch.R_WE, old.batch.R_WE),
     )
-    return _Point(
+    return DescentPoint(
         batch,
         pick(new.cost, old.cost),
         pick(new.measure, old.measure),

@@ -26,7 +26,8 @@ from pydrake.solvers import IpoptSolver, MathematicalProgram, SnoptSolver, Solve
 
 from models.motion.path_postures import quaternion_of
 from models.motion.posture_measures import PathMeasure
-from models.rigid_body.serial_chain import SCRATCH_COLUMNS, SerialChain, pose_and_jacobian
+from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
+from models.rigid_body.serial_chain import SerialChain
 
 Array = NDArray[np.float64]
 
@@ -145,6 +146,10 @@ class Solution:
 class PlacementProgram:
     """The program for one arm, one measure and one set of bounds; solved from any start.
 
+    Attributes:
+        program: the MathematicalProgram.
+        variables: its decision variables in the order of `pack`.
+
     Args:
         chain: the arm.
         measure: the cost.
@@ -167,8 +172,19 @@ class PlacementProgram:
         self.path_length, self.num_segments = path_length, num_segments
         self._clearance = clearance
         self._evaluations = 0
-        self.program, self._x = self._build()
-        self._order = self.program.FindDecisionVariableIndices(self._x)
+        self.program, self.variables = self._build()
+        self._order = self.program.FindDecisionVariableIndices(self.variables)
+
+    def with_measure(self, measure: PathMeasure) -> "PlacementProgram":
+        """The same program with another cost."""
+        return PlacementProgram(
+            self.chain,
+            measure,
+            self.bounds,
+            self.path_length,
+            self.num_segments,
+            self._clearance,
+        )
 
     def _build(self) -> tuple[Any, NDArray[np.object_]]:
         k, n, bounds = self.num_segments, self.chain.num_joints, self.bounds
@@ -278,6 +294,10 @@ class PlacementProgram:
                 "Major iterations limit": 250,
                 "Iterations limit": 20000,
             }
+            if self._clearance is not None:
+                # Distances between curved shapes are found iteratively. Taken as exact, the last
+                # digits of their differences stop the solver short of a place that keeps them.
+                chosen["Function precision"] = 1e-9
         else:
             engine = IpoptSolver()
             chosen = {
@@ -285,11 +305,19 @@ class PlacementProgram:
                 "constr_viol_tol": 1e-9,
                 "max_iter": 300,
                 "hessian_approximation": "limited-memory",
+                # Where turns of the base and of the tool change nothing, its quasi-Newton matrix
+                # has nothing to learn, the gradient never vanishes, and it wanders about the
+                # optimum until its iterations end, wherever that is. So it ends where the
+                # constraints hold and the cost no longer changes.
+                "acceptable_tol": 0.1,
+                "acceptable_constr_viol_tol": 1e-8,
+                "acceptable_obj_change_tol": 1e-5,
+                "acceptable_iter": 2,
                 "print_level": 0,
             }
         for name, value in {**chosen, **(options or {})}.items():
             settings.SetOption(engine.solver_id(), name, value)
-        guess = np.empty(len(self._x))
+        guess = np.empty(len(self.variables))
         guess[self._order] = self.pack(start)  # Drake numbers matrices column by column
         try:
             result = engine.Solve(self.program, guess, settings)
@@ -297,7 +325,7 @@ class PlacementProgram:
             if "KeyboardInterrupt" in str(error):  # raised in a callback, wrapped by the solver
                 raise KeyboardInterrupt from error
             raise
-        x = np.asarray(result.GetSolution(self._x), dtype=np.float64)
+        x = np.asarray(result.GetSolution(self.variables), dtype=np.float64)
         if not np.all(np.isfinite(x)):
             x = self.pack(start)
         placement = self.unpack(x)

@@ -12,7 +12,10 @@ The cost has many local optima, and the best one's basin can be narrow. So
    steps, again on every branch, and what is reached descends: a basin that a random start rarely
    meets is often the neighbour, in this sense, of one that is easily met;
 5. the ends are sorted by what the measure looks like point by point; the best of each kind descends
-   some more, and the best of these are brought to an optimum of the `MathematicalProgram`.
+   some more, and the best of these are brought to an optimum of the `MathematicalProgram`;
+6. what differs of these is taken to the optimum's exact place, and to the one member of its family
+   that stands for all (`models.placement.placement_refinement`): the same from any start and on any
+   machine.
 
 Two optima count as one if they have the same measure at every point of the path (or of the path
 backwards): where a measure does not see a rotation of the base or of the tool, optima come in
@@ -32,14 +35,17 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from models.motion.branches import all_branches, is_closed_form
-from models.motion.path_postures import correct_paths, solve_poses, track_paths, wrap_within
+from models.motion.path_postures import solve_poses, track_paths, wrap_within
 from models.placement.placement_descent import PlacementBatch, PlacementDescent
+from models.placement.placement_points import between_points, on_path
 from models.placement.placement_program import (
     Placement,
     PlacementProgram,
     Solution,
     quaternion_from,
 )
+from models.placement.placement_refinement import finished
+from models.rigid_body.ties import in_order
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -133,9 +139,12 @@ class SearchResult:
 class PlacementSearch:
     """A search for one robot and one program.
 
+    Attributes:
+        program: measure, bounds and path.
+
     Args:
         robot: the arm.
-        program: measure, bounds and path.
+        program: as the attribute.
         descent: of the same.
         initial: the task's own guess as (n_W, p_WM, R_WE), tried on all branches; None for none.
     """
@@ -147,7 +156,7 @@ class PlacementSearch:
         descent: PlacementDescent,
         initial: tuple[Array, Array, Array] | None = None,
     ) -> None:
-        self._robot, self._program, self._descent = robot, program, descent
+        self._robot, self.program, self._descent = robot, program, descent
         self._initial = initial
         self._posture = program.measure.posture
 
@@ -194,6 +203,8 @@ class PlacementSearch:
                 solution = self._solve(batch, int(index), solver, result, clock)
                 if solution is not None:
                     found.append(solution)
+            progress(0.97, "the last steps")
+            found = [self._finished(solution, result, clock) for solution in self._kinds(found)]
         except KeyboardInterrupt:
             result.interrupted = True
         result.num_starts = sum(len(batch) for batch, _ in ends)
@@ -208,18 +219,18 @@ class PlacementSearch:
     def starts(self, seed: int, effort: SearchEffort, result: SearchResult) -> PlacementBatch:
         """The starts of the descents: reached paths, best first, each on its own branch."""
         rng = np.random.default_rng(seed)
-        own = self._initial_guess()
-        drawn = self._draw(rng, effort.num_samples, self._program.path_length, result)
+        own = self.initial_guess()
+        drawn = self.draw(rng, effort.num_samples, self.program.path_length, result)
         if np.sum(np.isfinite(self._costs(drawn))) < _FEW:
-            drawn = PlacementBatch.joined([drawn, self._grown(rng, effort, result)])
+            drawn = PlacementBatch.joined([drawn, self.grown(rng, effort, result)])
         costs = self._costs(drawn)
-        order = np.argsort(costs, kind="stable")
+        order = in_order(costs)
         poses = drawn[order[: effort.num_poses]]
         others = self._on_all_branches(poses.n_W, poses.p_WM, poses.R_WE, result)
         pool = PlacementBatch.joined([drawn[order], others])
         costs = self._costs(pool)
         result.evaluations += len(drawn) + len(pool)
-        chosen = _from_each(self._cells(pool), costs, effort.num_starts)
+        chosen = best_of_each(self._cells(pool), costs, effort.num_starts)
         return PlacementBatch.joined([own, pool[chosen]])
 
     def _cells(self, batch: PlacementBatch) -> NDArray[np.intp]:
@@ -227,20 +238,21 @@ class PlacementSearch:
 
         Branches of one pose lie in different halves, and so does what they descend to.
         """
-        bounds = self._program.bounds
+        bounds = self.program.bounds
         middle = 0.5 * (bounds.q_lower + bounds.q_upper)
         middle = np.where(np.isfinite(middle), middle, 0.0)
         halves = batch.q[:, batch.q.shape[1] // 2] > middle
         return np.asarray(halves @ (1 << np.arange(halves.shape[1])), dtype=np.intp)
 
-    def _initial_guess(self) -> PlacementBatch:
+    def initial_guess(self) -> PlacementBatch:
+        """The task's own guess on each branch on which it can be followed; empty without one."""
         if self._initial is None:
             return self._empty()
         n_W, p_WM, R_WE = self._initial
         return self._on_all_branches(n_W[None], p_WM[None], R_WE[None], SearchResult())
 
     def _empty(self) -> PlacementBatch:
-        k, n = self._program.num_segments, self._robot.num_joints
+        k, n = self.program.num_segments, self._robot.num_joints
         return PlacementBatch(
             np.empty((0, k + 1, n)), np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3, 3))
         )
@@ -265,7 +277,7 @@ class PlacementSearch:
         result: SearchResult,
         path_length: float | None = None,
     ) -> PlacementBatch:
-        program = self._program
+        program = self.program
         q, reached = track_paths(
             self._robot.chain,
             q_mid,
@@ -279,16 +291,16 @@ class PlacementSearch:
             result.num_reached += int(np.sum(reached))
         return PlacementBatch(q, n_W, p_WM, R_WE)[reached]
 
-    def _grown(
+    def grown(
         self, rng: np.random.Generator, effort: SearchEffort, result: SearchResult
     ) -> PlacementBatch:
         """Placements of a path that few postures can follow: of a shorter one, made longer.
 
         A descent leads away from where the arm is stretched out, and so makes room.
         """
-        length = self._program.path_length
-        batch = self._draw(rng, effort.num_samples, _GROWTH[0] * length, result)
-        batch = batch[_from_each(self._cells(batch), self._costs(batch), 2 * effort.num_starts)]
+        length = self.program.path_length
+        batch = self.draw(rng, effort.num_samples, _GROWTH[0] * length, result)
+        batch = batch[best_of_each(self._cells(batch), self._costs(batch), 2 * effort.num_starts)]
         for share, longer in pairwise(_GROWTH):
             if len(batch) == 0:
                 break
@@ -302,11 +314,11 @@ class PlacementSearch:
             )
         return batch
 
-    def _draw(
+    def draw(
         self, rng: np.random.Generator, count: int, path_length: float, result: SearchResult
     ) -> PlacementBatch:
         """Random placements that are reached, their midpoints in the box."""
-        bounds, chain = self._program.bounds, self._robot.chain
+        bounds, chain = self.program.bounds, self._robot.chain
         lower = np.where(np.isfinite(bounds.q_lower), bounds.q_lower, -math.pi)
         upper = np.where(np.isfinite(bounds.q_upper), bounds.q_upper, math.pi)
         q = rng.uniform(lower, upper, (count, len(lower)))
@@ -337,7 +349,7 @@ class PlacementSearch:
 
     def _lean(self, rng: np.random.Generator, R_WE: Array) -> Flags:
         """Turns tools that point out of their cone into it, in place; which ones."""
-        bounds = self._program.bounds
+        bounds = self.program.bounds
         if bounds.tool_direction is None:
             return np.zeros(len(R_WE), dtype=bool)
         z, direction = R_WE[:, :, 2], bounds.tool_direction
@@ -355,7 +367,7 @@ class PlacementSearch:
         """The mean measure, infinite where a limit is passed by far: descents bring it back."""
         if len(batch) == 0:
             return np.empty(0)
-        bounds = self._program.bounds
+        bounds = self.program.bounds
         mean = np.mean(self._posture.values(batch.q), axis=1)
         over = np.maximum(bounds.q_lower - batch.q, batch.q - bounds.q_upper)
         over = np.maximum(np.max(over, axis=(1, 2)), 0.0)
@@ -379,11 +391,11 @@ class PlacementSearch:
         profiles = self._posture.values(varied.q)
         result.evaluations += len(varied)
         kept: list[int] = []
-        for index in np.argsort(costs, kind="stable"):
+        for index in in_order(costs):
             if len(kept) == effort.num_starts or not math.isfinite(costs[index]):
                 break
             # Turned wrists are the same to the measure.
-            if not kept or _gaps(profiles[index], profiles[kept]).min() > SAME:
+            if not kept or profile_gaps(profiles[index], profiles[kept]).min() > SAME:
                 kept.append(int(index))
         return varied[np.array(kept, dtype=np.intp)]
 
@@ -392,7 +404,7 @@ class PlacementSearch:
     ) -> tuple[PlacementBatch, Array]:
         def watch(step: int, values: Array, batch: PlacementBatch) -> None:
             result.evaluations += len(batch)
-            clock.look(batch, values, self._program.violation)
+            clock.look(batch, values, self.program.violation)
 
         return self._descent.run(starts, num_steps, watch=watch)
 
@@ -402,10 +414,10 @@ class PlacementSearch:
         """Indices of the best descents, of each kind one, kinds told apart by their profiles."""
         profiles = self._posture.values(batch.q)
         kept: list[int] = []
-        for index in np.argsort(values, kind="stable"):
+        for index in in_order(values):
             if len(kept) == count:
                 break
-            if not kept or _gaps(profiles[index], profiles[kept]).min() > gap:
+            if not kept or profile_gaps(profiles[index], profiles[kept]).min() > gap:
                 kept.append(int(index))
         return np.array(kept, dtype=np.intp)
 
@@ -420,21 +432,27 @@ class PlacementSearch:
         start = Placement(
             batch.q[index], batch.n_W[index], batch.p_WM[index], quaternion_from(batch.R_WE[index])
         )
-        solution = self._program.solve(start, solver)
+        solution = self.program.solve(start, solver)
         result.evaluations += solution.evaluations
         placement = self.corrected(solution.placement)
         if placement is None:
             return None
-        cost = self._program.measure.value(placement.q)
+        cost = self.program.measure.value(placement.q)
         clock.better(cost, placement)
         return Solution(placement, cost, solution.converged, solution.status, solution.evaluations)
+
+    def _finished(self, solution: Solution, result: SearchResult, clock: "_Clock") -> Solution:
+        done = finished(self._robot, self.program, solution, self.corrected)
+        result.evaluations += done.evaluations - solution.evaluations
+        clock.better(done.cost, done.placement)
+        return done
 
     def corrected(self, placement: Placement) -> Placement | None:
         """The placement with postures on their path to rounding; None if it breaks a constraint.
 
         Joint limits, continuity and clearance are looked at between the points too.
         """
-        program = self._program
+        program = self.program
         exact = on_path(self._robot, placement, program.path_length)
         if exact is None or np.max(np.abs(exact.q - placement.q)) > 1e-3:
             return None
@@ -445,6 +463,15 @@ class PlacementSearch:
             return None
         return exact
 
+    def _kinds(self, found: list[Solution]) -> list[Solution]:
+        """Solutions that differ in their profiles, best first."""
+        kinds: list[tuple[Solution, Array]] = []
+        for index in in_order([solution.cost for solution in found]):
+            values = self._posture.values(found[index].placement.q)
+            if all(float(profile_gaps(values, other)) > SAME for _, other in kinds):
+                kinds.append((found[index], values))
+        return [solution for solution, _ in kinds]
+
     def _sort(
         self,
         found: list[Solution],
@@ -452,15 +479,11 @@ class PlacementSearch:
         result: SearchResult,
     ) -> None:
         """Distinct optima, best first, and the starts that came to each."""
-        kinds: list[tuple[Solution, Array]] = []
-        for solution in sorted(found, key=lambda s: s.cost):
-            values = self._posture.values(solution.placement.q)
-            if all(float(_gaps(values, other)) > SAME for _, other in kinds):
-                kinds.append((solution, values))
+        kinds = [(one, self._posture.values(one.placement.q)) for one in self._kinds(found)]
         counts = np.zeros(len(kinds), dtype=int)
         for batch, _ in ends:
             for profile in self._posture.values(batch.q):
-                gaps = [float(_gaps(profile, values)) for _, values in kinds]
+                gaps = [float(profile_gaps(profile, values)) for _, values in kinds]
                 if gaps and min(gaps) < 2.0 * _ALIKE:
                     counts[int(np.argmin(gaps))] += 1
                 else:
@@ -504,49 +527,6 @@ class _Clock:
             self._result.history.append((time.perf_counter() - self._began, cost))
 
 
-def on_path(robot: Robot, placement: Placement, path_length: float) -> Placement | None:
-    """The same placement with each posture moved onto its point exactly; None if one cannot be."""
-    q = placement.q[np.newaxis].copy()
-    reached = correct_paths(
-        robot.chain,
-        q,
-        placement.n_W[np.newaxis],
-        placement.p_WM[np.newaxis],
-        placement.R_WE[np.newaxis],
-        path_length,
-    )
-    if not reached[0]:
-        return None
-    return Placement(q[0], placement.n_W, placement.p_WM, placement.quaternion)
-
-
-def between_points(
-    robot: Robot, placement: Placement, path_length: float, parts: int = 10
-) -> Placement | None:
-    """The placement with `parts` times as many points; None where the postures do not continue.
-
-    Each new posture is the one nearest to the straight line in the joints between two points. If
-    from one to the next no joint takes more than three times its share of the step between the
-    points (and a rounding), all of them lie on one branch.
-    """
-    k = len(placement.q) - 1
-    at = np.linspace(0.0, k, parts * k + 1)
-    left = np.minimum(at.astype(int), k - 1)
-    share = (at - left)[:, np.newaxis]
-    q = (1.0 - share) * placement.q[left] + share * placement.q[left + 1]
-    fine = on_path(
-        robot,
-        Placement(q, placement.n_W, placement.p_WM, placement.quaternion),
-        path_length,
-    )
-    if fine is None:
-        return None
-    steps = np.max(np.abs(np.diff(placement.q, axis=0)))
-    if np.max(np.abs(np.diff(fine.q, axis=0))) > 3.0 * steps / parts + 1e-6:
-        return None
-    return fine
-
-
 @contextmanager
 def one_thread() -> Iterator[None]:
     """Keeps numba's loops in this thread.
@@ -567,9 +547,9 @@ def _joined(ends: list[tuple[PlacementBatch, Array]]) -> tuple[PlacementBatch, A
     return batches, np.concatenate([values for _, values in ends])
 
 
-def _from_each(cells: NDArray[np.intp], costs: Array, count: int) -> NDArray[np.intp]:
+def best_of_each(cells: NDArray[np.intp], costs: Array, count: int) -> NDArray[np.intp]:
     """Indices of up to `count` finite costs: the best of each cell, then each one's second..."""
-    order = np.argsort(costs, kind="stable")
+    order = in_order(costs)
     order = order[np.isfinite(costs[order])]
     rank = np.empty(len(order), dtype=int)
     seen: dict[int, int] = {}
@@ -580,7 +560,7 @@ def _from_each(cells: NDArray[np.intp], costs: Array, count: int) -> NDArray[np.
     return np.asarray(order[np.argsort(rank, kind="stable")][:count])
 
 
-def _gaps(profile: Array, others: Array) -> Array:
+def profile_gaps(profile: Array, others: Array) -> Array:
     """How unlike profiles (..., k + 1) are: their largest relative difference point by point.
 
     The path may run in either direction. Ten times the relative difference of their means counts

@@ -34,7 +34,6 @@ _SLOW = 0.25  # of the velocity limit, all joints: gravity prevails over dynamic
 _GRAVITY_SHARE = 0.03  # of the effort limit: below, friction hides gravity
 _LEAST_GRAVITY = 1.0  # N m
 _OPPOSED = -0.5  # cosine between motor and gravity torque; on real logs at least +0.5
-_AGREEING = 0.7
 _GRAVITY_SAMPLES = 500  # of a chunk
 _LEAST_GRAVITY_SAMPLES = 50
 _SCALES = (
@@ -249,7 +248,7 @@ class RecordingChecks:
         limit = self._robot.effort_limit
         least = np.where(np.isfinite(limit), _GRAVITY_SHARE * limit, 0.0)
         loaded = np.sqrt(sums.xx / sums.count) > np.maximum(least, _LEAST_GRAVITY)
-        cosine, ratio = sums.cosine(), sums.ratio()
+        cosine = sums.cosine()
         wrong = np.flatnonzero(loaded & (cosine < _OPPOSED))
         if len(wrong):
             names = ", ".join(self._robot.joint_names[j] for j in wrong)
@@ -275,16 +274,18 @@ class RecordingChecks:
                 f"the current is zero, but gravity alone takes {gravity:.3g} N m",
                 "log the motor current, or give its column",
             )
-        odd = np.flatnonzero(loaded & (cosine > _AGREEING) & ((ratio < 0.02) | (ratio > 50)))
+        # Whatever friction does to the shape, gravity must be held up, and with no multiple of it.
+        size = np.sqrt(sums.yy / np.where(sums.xx > 0.0, sums.xx, np.inf))
+        odd = np.flatnonzero(loaded & ((size < 0.02) | (size > 50)))
         if len(odd):
             j = int(odd[0])
-            unit = "the currents are amperes, not mA" if ratio[j] < 1 else "they are mA"
+            unit = "the currents are amperes, not mA" if size[j] < 1 else "they are mA"
             raise self._error(
                 chunk,
                 None,
                 "current",
                 j,
-                f"the motor torque is {ratio[j]:.3g} times the gravity torque, expected about 1",
+                f"the motor torque is {size[j]:.3g} times the gravity torque, expected about 1",
                 f"if {unit}, set current: {{unit: ...}}; else check torque_per_ampere",
             )
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from models.files.files_read import about_to_read
 from models.files.input_error import InputError
 from models.recordings.log_container import LogTable
 from models.recordings.log_containers import TEXT, container_of, usual_suffixes
@@ -194,7 +195,7 @@ class RecordingReader:
         if current is None and tau_J is not None and self._robot is not None:
             current = tau_J / (self._robot.current_sign * self._robot.torque_per_ampere)
         dropout = found.pop("dropout", None)
-        flags = np.isnan(values).any(axis=1)
+        flags = np.asarray(np.isnan(values).any(axis=1))
         if dropout is not None:
             flags |= dropout[:, 0] != 0
         return Recording(
@@ -224,6 +225,7 @@ class RecordingReader:
         path = self.path
         container = container_of(path)
         _check_there(path)
+        about_to_read(path)
         if description is not None:
             form, form_path = load_format(description)
             return form, str(form_path), (container or TEXT).open(path, form)

@@ -144,6 +144,15 @@ class Robot:
             digest.update((np.round(np.asarray(array, dtype=np.float64), 9) + 0.0).tobytes())
         return digest.hexdigest()[:16]
 
+    def with_torque_per_ampere(self, values: Sequence[float]) -> "Robot":
+        """Returns the same robot with other torques per ampere (n,), N m/A on the joint side."""
+        by_joint = dict(zip(self.joint_names, values, strict=True))
+        drives = [
+            replace(drive, torque_per_ampere=float(by_joint[drive.joint]), torque_constant=None)
+            for drive in self.config.drives
+        ]
+        return Robot(replace(self.config, drives=drives), self.source, self._urdf)
+
     def add_to_plant(self, plant: Any, name: str | None = None) -> RobotInPlant:
         """Adds the arm to a plant that is not finalized yet, and welds its base to the world.
 

@@ -1,8 +1,7 @@
 """Reads a URDF, checks it, and turns it into the effective URDF of a serial arm.
 
-Drake's own messages about a broken URDF name neither line nor remedy, and some faults pass
-silently (an effort limit that is not there, a mesh that cannot be drawn). So the file is checked
-here first, with its line numbers.
+Drake's own messages about a broken URDF name neither line nor remedy, and some faults pass in
+silence (no effort limit, a mesh that cannot be drawn). So the file is checked here first.
 """
 
 import math
@@ -19,15 +18,16 @@ from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from models.files.configuration import nearest
+from models.files.files_read import about_to_read
 from models.files.input_error import InputError
+from models.robot.gltf import gltf_fault
 from models.robot.robot_config import RobotConfig, ShapeConfig, ToolConfig
 
 Array = NDArray[np.float64]
 
 _MOVING = ("revolute", "continuous", "prismatic")
 _KNOWN_TYPES = (*_MOVING, "fixed", "floating", "planar")
-_VISUAL_MESHES = (".obj", ".gltf", ".vtk")
-_COLLISION_MESHES = (".obj", ".gltf", ".vtk")
+_MESHES = (".obj", ".gltf", ".vtk")
 _SHAPES = ("box", "cylinder", "sphere", "capsule", "ellipsoid", "drake:capsule", "drake:ellipsoid")
 _KEPT = ("link", "joint", "material", "drake:collision_filter_group")
 
@@ -105,6 +105,7 @@ class _Reader:
     # Reading ----------------------------------------------------------------------------------
 
     def _parse(self) -> ET.Element:
+        about_to_read(self.path)
         try:
             data = self.path.read_bytes()
         except OSError as error:
@@ -285,7 +286,7 @@ class _Reader:
     def _drop_pictures(self) -> None:
         dropped: dict[tuple[str, str], int] = {}
         for link in self.links.values():
-            for kind, meshes in (("visual", _VISUAL_MESHES), ("collision", _COLLISION_MESHES)):
+            for kind, meshes in (("visual", _MESHES), ("collision", _MESHES)):
                 for element in link.findall(kind):
                     reason = self._undrawable(element, meshes)
                     if reason:
@@ -313,6 +314,9 @@ class _Reader:
         found = self._resolve(name)
         if found is None:
             return f"{suffix}, file not found"
+        about_to_read(found)
+        if suffix == ".gltf" and (fault := gltf_fault(found)):
+            return fault
         shape.set("filename", found.as_uri())
         return ""
 

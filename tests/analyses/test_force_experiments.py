@@ -13,7 +13,7 @@ from analyses.experiments.free_motion import (
     repeat_cycle,
     repeat_cycle_push,
 )
-from analyses.methods.learning.arm_models import LAWS, ArmModels
+from analyses.methods.arms.arm_models import LAWS, ArmModels
 from analyses.methods.runs import repeated_cycles
 from analyses.methods.runs.simulation import known_model
 from analyses.methods.runs.task_runs import run_task, task_path, task_scenario

@@ -23,7 +23,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from typer.testing import CliRunner
 
 from analyses.__main__ import app
-from analyses.methods.planning.excitation import ExcitationConfig, excite
+from analyses.methods.planning.excitation import excite
+from analyses.methods.planning.excitation_config import ExcitationConfig
 from analyses.methods.runs.simulation import simulate
 from analyses.output.outputs import OutputFolder
 from diagrams.scenario import HoldMotion, Scenario, make_trajectory
@@ -31,7 +32,7 @@ from models.control.wrench_script import WrenchStep
 from models.estimation.estimator import WrenchEstimatorConfig
 from models.estimation.momentum_observer import MomentumObserverConfig
 from models.estimation.wrench import WrenchReconstructionConfig
-from models.excitation.excitation_program import ExcitationLimits
+from models.excitation.excitation_limits import ExcitationLimits
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
 from models.robot.robot import Robot

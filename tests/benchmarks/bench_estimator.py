@@ -15,9 +15,12 @@ import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
 
 from diagrams.closed_loop import make_closed_loop
-from diagrams.estimator import make_estimator
+from diagrams.estimator import add_estimator, make_estimator
 from diagrams.scenario import load_scenario
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
@@ -32,6 +35,7 @@ LOG_SAMPLES = 100_000
 TICKS = 20_000
 ROUNDS = 5
 DIAGRAM_TICKS = 5_000
+STRETCH = 100  # ticks between two looks at the clock, which is that of the process
 
 
 class PinocchioEstimator:
@@ -117,6 +121,26 @@ def tick_times(ticks: list[Tick], count: int) -> list[Array]:
     return [np.array(record) * 1e-9 for record in times]
 
 
+def simulation(
+    robot: Robot, model: IdentifiedModel, samples: tuple[Array, ...], T: float, fused: bool | None
+) -> Simulator:
+    """Of the estimator with Drake's own sources and a log of the wrench; None: without it."""
+    builder = DiagramBuilder()
+    t = T * np.arange(len(samples[0]))
+    ports = {}
+    for name, signal in zip(("q", "v", "current"), samples, strict=True):
+        held = PiecewisePolynomial.ZeroOrderHold(t, signal.T)
+        ports[name] = builder.AddSystem(TrajectorySource(held)).get_output_port()
+    logged = ports["q"]
+    if fused is not None:
+        estimator = add_estimator(builder, robot, model, **ports, fused=fused)
+        logged = estimator.GetOutputPort("wrench")
+    LogVectorOutput(logged, builder, T)
+    simulator = Simulator(builder.Build())
+    simulator.Initialize()
+    return simulator
+
+
 def row(name: str, times: Array, reference: Array) -> None:
     median, high = 1e6 * np.median(times), 1e6 * np.percentile(times, 99)
     by_median = np.median(reference) / np.median(times)
@@ -192,6 +216,29 @@ def main() -> None:
         DIAGRAM_TICKS,
     )
     row("the Drake diagram: inputs, AdvanceTo, outputs", diagram_times, reference_times)
+
+    print(f"\nThe same in a simulation, {STRETCH} ticks at a time: sources, estimator, log.")
+    samples = tuple(signal[: DIAGRAM_TICKS + STRETCH] for signal in (q, v, current))
+    simulators = {
+        "sources and log alone": simulation(robot, model, samples, T, None),
+        "the Drake diagram of stages": simulation(robot, model, samples, T, False),
+        "the fused block": simulation(robot, model, samples, T, True),
+    }
+    theirs = PinocchioEstimator(ours)
+    times: dict[str, list[float]] = {name: [] for name in ("Python with pinocchio", *simulators)}
+    gc.disable()  # as `simulate` does
+    for start in range(0, DIAGRAM_TICKS, STRETCH):
+        before = time.process_time()
+        for k in range(start, start + STRETCH):
+            theirs.step(q[k], v[k], current[k])
+        times["Python with pinocchio"].append((time.process_time() - before) / STRETCH)
+        for name, one in simulators.items():
+            before = time.process_time()
+            one.AdvanceTo((start + STRETCH) * T)
+            times[name].append((time.process_time() - before) / STRETCH)
+    gc.enable()
+    for name, seconds in times.items():
+        row(name, np.array(seconds), np.array(times["Python with pinocchio"]))
 
     print(f"\nA log of {LOG_SAMPLES:,} samples, {numba.get_num_threads()} threads.")
     our_seconds, their_seconds = [], []

@@ -12,7 +12,8 @@ import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 
-from analyses.methods.planning.jcn_map import SliceConfig, sample, slice_plane
+from analyses.methods.planning.jcn_map import sample, slice_plane
+from analyses.methods.planning.jcn_map_settings import SliceConfig
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]

@@ -14,8 +14,9 @@ import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 
+from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, all_terms, observer_terms
 from models.rigid_body.conditioning import condition_number
-from models.rigid_body.serial_chain import SCRATCH_COLUMNS, SerialChain, all_terms, observer_terms
+from models.rigid_body.serial_chain import SerialChain
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]

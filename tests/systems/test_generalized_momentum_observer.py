@@ -19,7 +19,7 @@ def config(K_0=(20.0,), torque_samples="held"):
 
 
 def terms(momentum, CTv=0.0, G=0.0):
-    """Terms of which the observer reads three."""
+    """Terms of which the observer reads momentum, CTv and G."""
     momentum = np.atleast_1d(np.asarray(momentum, float))
     n, nothing = momentum.shape[0], np.empty(0)
     return RigidBodyTerms(
@@ -27,7 +27,11 @@ def terms(momentum, CTv=0.0, G=0.0):
         np.broadcast_to(np.asarray(CTv, float), n).copy(),
         nothing,
         np.broadcast_to(np.asarray(G, float), n).copy(),
-        *([nothing] * 7),
+        nothing,
+        np.zeros((6, n)),
+        *([nothing] * 3),
+        np.zeros(n),
+        np.zeros(n),
     )
 
 

@@ -10,7 +10,6 @@ from pydrake.trajectories import PiecewisePolynomial
 from models.friction.presliding_friction import (
     PreslidingFriction,
     add_slip_torque,
-    initial_friction_state,
     update_slip,
 )
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
@@ -91,7 +90,7 @@ def test_along_a_motion_it_is_the_kernel_tick_by_tick():
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(0.9)
     found = log.FindLog(simulator.get_context()).data().T
-    own, state = law(), initial_friction_state(law())
+    own, state = law(), law().initial_state()
     for k in range(80):
         # Samples of the log and of the zero-order hold fall together; use what was read.
         qk, vk = (np.asarray(path[:, k]) for path in (q, v))

@@ -381,30 +381,11 @@ def run(context: ExperimentContext) -> ExperimentResult:
         progress=lambda done, what: context.progress(0.6 + 0.35 * done, f"signals: {what}"),
     )
     metrics = _metrics(responses, readings)
-    amplitude, phase = metrics["max_amplitude_error_pct"], metrics["max_phase_error_deg"]
-    slowest, fastest = metrics[_name(GAINS[0])], metrics[_name(GAINS[-1])]
     return ExperimentResult(
         metrics=metrics,
         figures=_figures(context, responses, t, true, readings),
         comparison=_comparison(metrics),
-        notes=[
-            f"The observer is the first-order low-pass of eq. 30: within {amplitude:.4f} % and "
-            f"{phase:.3f}° for K_0 from {GAINS[0]:g} to {GAINS[-1]:g} 1/s, from {lowest:g} Hz to "
-            "five times each corner frequency.",
-            f"From K_0 = {GAINS[0]:g} to {GAINS[-1]:g} 1/s a step's time constant falls from "
-            f"{1e3 * slowest['step']['time_constant_s']:.0f} to "
-            f"{1e3 * fastest['step']['time_constant_s']:.1f} ms and a ramp's lag from "
-            f"{slowest['ramp']['lag_n']:.2f} to {fastest['ramp']['lag_n']:.2f} N, while the noise "
-            f"in fx grows from {slowest['noise_sd_n'][0]:.2f} to {fastest['noise_sd_n'][0]:.2f} N.",
-            "The force is a sine in continuous time, on a plant that is integrated and not "
-            "stepped; drives, encoders and observers sample at 1 kHz. True and estimated torque "
-            "are compared at the same ticks, nothing is shifted. What is left of the phase error "
-            "is the mean over a tick that the sampled observer takes: against its own formula the "
-            f"largest deviation is {metrics['max_deviation_from_sampled_pct']:.4f} %.",
-            "No friction and the true model: the errors here are the observer's alone. Delay, lag "
-            "and attenuation are measured without current noise; the noise is the difference to a "
-            "second run with the noise and resolution of the robot file.",
-        ],
+        notes=findings(metrics, lowest),
         configuration={
             "robot": robot.name,
             "seed": context.seed,
@@ -420,6 +401,30 @@ def run(context: ExperimentContext) -> ExperimentResult:
             "sine_frequency": SINE_FREQUENCY,
         },
     )
+
+
+def findings(metrics: dict[str, Any], lowest: float) -> list[str]:
+    """What the figures say, in sentences."""
+    amplitude, phase = metrics["max_amplitude_error_pct"], metrics["max_phase_error_deg"]
+    slowest, fastest = (metrics[_name(K_0)] for K_0 in (GAINS[0], GAINS[-1]))
+    return [
+        f"The observer follows the first-order low-pass of eq. 30 within {amplitude:.4f} % and "
+        f"{phase:.3f}° for K_0 from {GAINS[0]:g} to {GAINS[-1]:g} 1/s, from {lowest:g} Hz to "
+        "five times each corner frequency.",
+        f"From K_0 = {GAINS[0]:g} to {GAINS[-1]:g} 1/s a step's time constant goes from "
+        f"{1e3 * slowest['step']['time_constant_s']:.0f} to "
+        f"{1e3 * fastest['step']['time_constant_s']:.1f} ms and a ramp's lag from "
+        f"{slowest['ramp']['lag_n']:.2f} to {fastest['ramp']['lag_n']:.2f} N, the noise "
+        f"in fx goes from {slowest['noise_sd_n'][0]:.2f} to {fastest['noise_sd_n'][0]:.2f} N.",
+        "The force is a sine in continuous time, on a plant that is integrated and not "
+        "stepped; drives, encoders and observers sample at 1 kHz. True and estimated torque "
+        "are compared at the same ticks, nothing is shifted. What is left of the phase error "
+        "is the mean over a tick that the sampled observer takes: against its own formula the "
+        f"largest deviation is {metrics['max_deviation_from_sampled_pct']:.4f} %.",
+        "No friction and the true model: the errors here are the observer's alone. Delay, lag "
+        "and attenuation are measured without current noise; the noise is the difference to a "
+        "second run with the noise and resolution of the robot file.",
+    ]
 
 
 def _metrics(

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analyses.methods.learning.arm_models import identify_arm
-from analyses.methods.learning.simulated_logs import ROBOT
+from analyses.methods.arms.arm_models import identify_arm
+from analyses.methods.arms.simulated_logs import ROBOT
 from analyses.methods.planning.article_paths import found_path
 from analyses.methods.reading.force_errors import (
     AXES,
@@ -47,6 +47,7 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from analyses.study.wording import change, compared, listed
 from diagrams.scenario import LineMotion
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.robot.robot import Robot
@@ -116,7 +117,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         figures=_figures(context, readings, metrics),
         recordings=[record_runs(robot, runs, 1, context.out, "Pushed by hand along the path")],
         comparison=_comparison(),
-        notes=_notes(metrics),
+        notes=findings(metrics),
         configuration={
             "scenarios": scenarios,
             "variants": VARIANTS,
@@ -129,35 +130,56 @@ def _three(metrics: dict[str, Any], key: str = "rmse_{}_n") -> str:
     return " ".join(f"{metrics[key.format(axis)]:.2f}" for axis in AXES)
 
 
-def _notes(metrics: dict[str, Any]) -> list[str]:
+def _changes(metrics: dict[str, Any]) -> str:
+    """By how much the RMSE falls, axis by axis."""
+    return ", ".join(change(metrics[f"reduction_rmse_{axis}_pct"]) for axis in AXES)
+
+
+def _axes(metrics: dict[str, Any], variant: str) -> str:
+    """Along which axes a variant errs less, and more, than the row (B) that it changes."""
+    before, after = metrics["bayesian"], metrics[variant]
+    words = {
+        axis: compared(
+            after[f"rmse_{axis}_n"], before[f"rmse_{axis}_n"], "less", "more", "as much", 0.02
+        )
+        for axis in AXES
+    }
+    said = listed(f"{axis.upper()} errs {word}" for axis, word in words.items())
+    return f"{said}, beside (B)"
+
+
+def findings(metrics: dict[str, Any]) -> list[str]:
+    """What the figures say, in sentences."""
     before, after, ours = (metrics[key] for key in (BEFORE, AFTER, OURS))
     shares = ", ".join(
         f"{100 * metrics[v.key]['share_in_95_band']:.0f} % ({v.key})" for v in VARIANTS
     )
     return [
         f"The article's two measures together take the RMSE in X, Y, Z from {_three(before)} to "
-        f"{_three(after)} N ({_three(metrics, 'reduction_rmse_{}_pct')} % less), the correlation "
+        f"{_three(after)} N ({_changes(metrics)}), the correlation "
         f"from {_three(before, 'correlation_{}')} to {_three(after, 'correlation_{}')}.",
         f"Ours on top (K_0 = {FAST:g}, bayesian, path of least force sd) reads {_three(ours)} N: "
-        f"{_three(metrics['ours_against_article'], 'reduction_rmse_{}_pct')} % less than the "
-        f"article's method. On the article's own path: {_three(metrics['bayesian'])} N.",
-        f"Before, the errors are friction: at this speed Coulomb-viscous friction, identified on a "
-        f"fast excitation, is a third too low, to one side. With the true friction known the "
-        f"article's reading on its optimised path would err by {_three(metrics['known_friction'])} "
+        f"{_changes(metrics['ours_against_article'])} than the article's method. On the article's "
+        f"own path: {_three(metrics['bayesian'])} N.",
+        f"Without the two measures the errors are to one side by {_three(before, 'bias_{}_n')} N "
+        "in the mean. On the optimised path Coulomb-viscous friction alone reads "
+        f"{_three(metrics['optimised_coulomb_viscous'])} N; with the true friction known the "
+        f"article's reading there would err by {_three(metrics['known_friction'])} "
         f"N, of which {_three(metrics['lag_alone'])} N are the lag of K_0 = 20 behind a hand of up "
         f"to 3 Hz; with K_0 = {FAST:g} by {_three(metrics['known_friction_fast'])} N and "
         f"{_three(metrics['lag_alone_fast'])} N.",
-        "What is left between that and ours is what no law here contains, ripple over position and "
-        f"load dependence. `presliding` does not help ({_three(metrics['presliding'])} N): dry "
-        "friction of the simulated arm has no elastic creep, unlike the UR10e's.",
-        f"`force_only` ({_three(metrics['force_only'])} N) errs more: it trusts the "
-        "light wrist joints most, and these hardly move on the article's paths (joint 4 rests on "
-        "the optimised one), where a joint keeps back part of a push within its stiction.",
-        f"The path of least mean condition number trades Z for X and Y "
+        "No law here contains ripple over position and load dependence: they are left. With "
+        f"`presliding` {_axes(metrics, 'presliding')} "
+        f"({_three(metrics['presliding'])} N): it knows elastic creep before sliding, which the "
+        "simulated arm's dry friction does not have, unlike the UR10e's.",
+        f"With `force_only` {_axes(metrics, 'force_only')} ({_three(metrics['force_only'])} N): it "
+        "trusts the light wrist joints most, and these hardly move on the article's paths (joint 4 "
+        "rests on the optimised one), where a joint keeps back part of a push within its stiction.",
+        f"On the path of least mean condition number {_axes(metrics, 'least_jcn')} "
         f"({_three(metrics['least_jcn'])} N): the condition number asks about the worst direction "
         "of force and moment together, the force sd about force.",
         f"Inside the stated 95 % band lie {shares}. The band is from contact-free logs at the "
-        "task's speed (`analyses.methods.learning.arm_models`), never from these runs; it leaves "
+        "task's speed (`analyses.methods.arms.arm_models`), never from these runs; it leaves "
         "the lag out.",
         "The hand pushes for 6 s and pauses for 4 s, 15 N standard deviation per axis with nothing "
         "above 3 Hz; readings count where the arm moves evenly, between ramps of 1 % of the time.",

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analyses.methods.learning.arm_models import identify_arm
-from analyses.methods.learning.simulated_logs import ROBOT
+from analyses.methods.arms.arm_models import identify_arm
+from analyses.methods.arms.simulated_logs import ROBOT
 from analyses.methods.reading.force_errors import (
     ForceReading,
     draw_signal,
@@ -43,6 +43,7 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from analyses.study.wording import change
 from diagrams.scenario import LineMotion
 from models.robot.robot import Robot
 
@@ -114,20 +115,21 @@ def run(context: ExperimentContext) -> ExperimentResult:
             )
         ],
         comparison=_comparison(),
-        notes=_notes(metrics),
+        notes=findings(metrics),
         configuration={"scenario": scenario, "variants": VARIANTS, "speed_rad_per_s": speed},
     )
 
 
-def _notes(metrics: dict[str, Any]) -> list[str]:
+def findings(metrics: dict[str, Any]) -> list[str]:
+    """What the figures say, in sentences."""
     before, after, ours = (metrics[key] for key in ("coulomb_viscous", "semi_parametric", "ours"))
     return [
         f"In Z the semi-parametric law takes the RMSE from {before['rmse_z_n']:.2f} to "
-        f"{after['rmse_z_n']:.2f} N ({metrics['reduction_rmse_z_pct']:.1f} % less) and the largest "
+        f"{after['rmse_z_n']:.2f} N ({change(metrics['reduction_rmse_z_pct'])}) and the largest "
         f"error from {before['max_error_z_n']:.1f} to {after['max_error_z_n']:.1f} N "
-        f"({metrics['reduction_max_z_pct']:.1f} % less); within {100 * NEAR:g} % of the time to "
-        f"either side of the reversal {metrics['near_reversal']['reduction_rmse_z_pct']:.1f} % and "
-        f"{metrics['near_reversal']['reduction_max_z_pct']:.1f} % less.",
+        f"({change(metrics['reduction_max_z_pct'])}); within {100 * NEAR:g} % of the time to "
+        f"either side of the reversal {change(metrics['near_reversal']['reduction_rmse_z_pct'])} "
+        f"and {change(metrics['near_reversal']['reduction_max_z_pct'])}.",
         _lag_note(metrics),
         f"Read bayesian and with K_0 = {FAST:g}: "
         f"{ours['rmse_x_n']:.2f} {ours['rmse_y_n']:.2f} {ours['rmse_z_n']:.2f} N, where the "
@@ -136,7 +138,7 @@ def _notes(metrics: dict[str, Any]) -> list[str]:
         "Inside the stated 95 % band lie "
         + ", ".join(f"{100 * metrics[v.key]['share_in_95_band']:.0f} % ({v.key})" for v in VARIANTS)
         + ". The band is from contact-free logs at the task's speed "
-        "(`analyses.methods.learning.arm_models`), never from this run; it leaves the observer's "
+        "(`analyses.methods.arms.arm_models`), never from this run; it leaves the observer's "
         "lag out.",
     ]
 
@@ -145,14 +147,14 @@ def _lag_note(metrics: dict[str, Any]) -> str:
     alone, lag = metrics["without_lag"], metrics["lag_alone"]
     before, after = alone["coulomb_viscous"], alone["semi_parametric"]
     return (
-        "The largest errors are not friction's alone. A hand of up to 3 Hz is as fast as K_0 = 20: "
+        "Not all of the largest errors is friction's. A hand of up to 3 Hz is as fast as K_0 = 20: "
         f"the true force behind that low-pass is {lag['rmse_z_n']:.2f} N RMS, at most "
         f"{lag['max_error_z_n']:.1f} N, off the sensor in Z; a reading with the true friction "
         f"known {metrics['known_friction']['rmse_z_n']:.2f} N. Held against the true force behind "
         f"the same low-pass, the law takes the RMSE in Z from {before['rmse_z_n']:.2f} to "
-        f"{after['rmse_z_n']:.2f} N ({alone['reduction_rmse_z_pct']:.1f} % less) and the largest "
+        f"{after['rmse_z_n']:.2f} N ({change(alone['reduction_rmse_z_pct'])}) and the largest "
         f"error from {before['max_error_z_n']:.1f} to {after['max_error_z_n']:.1f} N "
-        f"({alone['reduction_max_z_pct']:.1f} % less)."
+        f"({change(alone['reduction_max_z_pct'])})."
     )
 
 
@@ -172,7 +174,7 @@ def _comparison() -> list[ComparisonRow]:
             "reduction_max_z_pct",
             "%",
             58.93,
-            "the observer's lag behind the hand makes the largest errors here (see notes)",
+            "the observer's lag behind the hand has its part in it (see notes)",
         ),
         ComparisonRow(
             "Reduction of the largest error in Z within 2 s of the reversal",

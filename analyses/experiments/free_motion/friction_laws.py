@@ -6,7 +6,7 @@ on: torque over held-out runs, and friction near zero velocity.
 simulated   the bundled arm, whose true friction no law here contains; fitted on one excitation;
             held out are a second one, and passes of opposite direction through positions in a
             posture that is not trained on, from whose torques friction is separated
-            (`analyses.methods.learning.friction_reversal`). A law with memory has no value at a
+            (`analyses.methods.arms.friction_reversal`). A law with memory has no value at a
             velocity: each law's torque along the recorded motion is separated exactly as the
             measured one is, and the two are compared pair by pair, up to the networks' v_crit
 real        the UR10e; fitted on its three unloaded runs; held out are 14harm50sec, ptp_10_points
@@ -28,18 +28,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.learning.friction_reversal import (
+from analyses.methods.arms.friction_reversal import (
     SeparatedFriction,
     reversal_recordings,
     separate_recordings,
 )
+from analyses.methods.arms.semi_parametric import POSTURES, semi_parametric_model
+from analyses.methods.arms.simulated_identification import CONFIG, identify_simulated_arm
+from analyses.methods.arms.simulated_logs import ROBOT
+from analyses.methods.arms.ur10e_logs import FOLDER, identify_ur10e, validation_recordings
 from analyses.methods.learning.identification import identify, predict_torque
 from analyses.methods.learning.identification_config import LAWS, IdentificationConfig
-from analyses.methods.learning.semi_parametric import POSTURES, semi_parametric_model
-from analyses.methods.learning.simulated_identification import CONFIG, identify_simulated_arm
-from analyses.methods.learning.simulated_logs import ROBOT
 from analyses.methods.learning.torque_fit import TorqueFit
-from analyses.methods.learning.ur10e_logs import FOLDER, identify_ur10e, validation_recordings
 from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
 from analyses.study.experiment import (
     ComparisonRow,
@@ -48,6 +48,7 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from analyses.study.wording import change
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
@@ -290,7 +291,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics=metrics,
         figures=figures,
         comparison=_comparison(arms),
-        notes=_notes(metrics),
+        notes=findings(metrics),
         configuration={
             "laws": list(LAWS),
             "near_zero_rad_per_s": NEAR_ZERO,
@@ -301,15 +302,16 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
 
 
-def _notes(metrics: dict[str, Any]) -> list[str]:
+def findings(metrics: dict[str, Any]) -> list[str]:
+    """What the figures say, in sentences."""
     simulated = metrics["simulated"]
     article, memory = (
         simulated[law]["near_zero_mean_reduction_pct"] for law in (ARTICLE, "presliding")
     )
     notes = [
-        f"Near zero velocity the article's semi-parametric law errs {article:.0f} % less than "
+        f"Near zero velocity the article's semi-parametric law errs {change(article, 0)} than "
         f"Coulomb-viscous friction on the simulated arm (mean over the joints), the law with "
-        f"memory {memory:.0f} % less."
+        f"memory {change(memory, 0)}."
     ]
     if "real" in metrics:
         real = metrics["real"]
@@ -317,7 +319,7 @@ def _notes(metrics: dict[str, Any]) -> list[str]:
         notes.append(
             "On the UR10e these laws err "
             + ", ".join(
-                f"{real[law]['near_zero_mean_reduction_pct']:.0f} % less (`{law}`)"
+                f"{change(real[law]['near_zero_mean_reduction_pct'], 0)} (`{law}`)"
                 for law in (ARTICLE, "presliding", "presliding+network")
             )
             + " near zero. In a motion with long rests they leave of the torque of joints 5 and 6 "
@@ -354,7 +356,7 @@ def _comparison(arms: Mapping[str, LawsOnOneArm]) -> list[ComparisonRow]:
                 "%",
                 value,
                 "",
-                "prototype",
+                "plain tools",
             )
             for law, values in ((PLAIN, (26.0, 51.0)), ("presliding", (7.7, 19.3)))
             for j, value in zip((4, 5), values, strict=True)

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.learning.identification_figures import torque_figure
-from analyses.methods.learning.simulated_identification import (
+from analyses.methods.arms.simulated_identification import (
     identify_simulated_arm,
     inertial_error,
     with_known_friction,
 )
-from analyses.methods.learning.simulated_logs import PERIODS, ROBOT
+from analyses.methods.arms.simulated_logs import PERIODS, ROBOT
+from analyses.methods.learning.identification_figures import torque_figure
 from analyses.output.figures import save_figure
 from analyses.study.experiment import (
     ComparisonRow,
@@ -79,7 +79,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
             )
         ],
         comparison=_comparison(),
-        notes=_notes(metrics, periods),
+        notes=findings(metrics, periods),
         configuration={
             "robot": ROBOT,
             "excitations": ["excitation_1.yaml", "excitation_2.yaml"],
@@ -89,7 +89,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
 
 
-def _notes(metrics: dict[str, Any], periods: int) -> list[str]:
+def findings(metrics: dict[str, Any], periods: int) -> list[str]:
+    """What the figures say, in sentences."""
     validation, known = metrics["cross_validation"], metrics["known_friction"]
 
     def line(values: Any) -> str:
@@ -99,11 +100,13 @@ def _notes(metrics: dict[str, Any], periods: int) -> list[str]:
         f"A Coulomb-viscous model predicts the torque of a new trajectory within "
         f"{line(validation['rmse_nm'])} N m RMS, joints 1 to 6, with a similarity of at least "
         f"{min(validation['similarity_pct']):.1f} %.",
-        "The true friction of the simulated arm was tuned once so that these errors are the "
-        "article's (`models/robots/sts_sre4_600/robot.yaml` says how); every other experiment on "
+        "The true friction of the simulated arm was tuned once towards the article's errors "
+        "(`models/robots/sts_sre4_600/robot.yaml` says how); here they are "
+        f"{line(validation['ratio_to_article'])} times the article's. Every other experiment on "
         "the simulated arm inherits them.",
-        "What remains is friction: with its true values taken off the torques, the rigid-body part "
-        f"is recovered within {max(known['inertial_error_pct_of_torque']):.2f} % of the torque.",
+        "With the true friction taken off the torques, the rigid-body part is recovered within "
+        f"{max(known['inertial_error_pct_of_torque']):.2f} % of the torque; with friction to be "
+        f"told from it, within {max(metrics['inertial_error_pct_of_torque']):.2f} %.",
         f"Excitation: optimised 5th-order Fourier series at 0.1 Hz, {periods} periods, 1 kHz; "
         "zero-phase 5th-order Butterworth at 7.5 Hz. Similarity is the correlation coefficient; "
         "the article does not define it.",

@@ -4,12 +4,13 @@ As `repeat-cycle`, but in the second cycle a hand pushes at the tool, alike on e
 are held against a force/torque sensor with noise of its own, low-passed at 18 Hz as in the article.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analyses.methods.learning.simulated_logs import ROBOT
+from analyses.methods.arms.simulated_logs import ROBOT
 from analyses.methods.reading.force_errors import draw_signal, force_metrics, variants_figure
 from analyses.methods.runs.repeated_cycles import (
     AFTER,
@@ -30,6 +31,7 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from analyses.study.wording import change, compared
 from models.robot.robot import Robot
 
 if TYPE_CHECKING:
@@ -53,7 +55,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
             )
         ],
         comparison=_comparison(),
-        notes=_notes(metrics),
+        notes=findings(metrics, _from_turn(cycles)),
         configuration={"scenario": cycles.scenario, "paths": list(PATHS), "variants": VARIANTS},
     )
 
@@ -67,25 +69,49 @@ def _sensor(cycles: RepeatedCycles) -> dict[str, Any]:
     return {key: value for key, value in figures.items() if key.startswith(("rmse", "correl"))}
 
 
-def _notes(metrics: dict[str, Any]) -> list[str]:
+def _from_turn(cycles: RepeatedCycles) -> dict[str, float]:
+    """By path, how long before or after a turn of the arm its largest error in Y is, s."""
+    found = {}
+    for key in (BEFORE, AFTER):
+        reading = cycles.readings[key]
+        at = float(reading.t[int(np.argmax(np.abs(reading.error[:, 1])))])
+        half = 0.5 * float(reading.t[-1])
+        found[key] = abs(at - half * round(at / half))
+    return found
+
+
+def findings(metrics: dict[str, Any], from_turn: Mapping[str, float]) -> list[str]:
+    """What the figures say, in sentences.
+
+    Args:
+        from_turn: of `_from_turn`.
+    """
     before, after, ours = (metrics[key] for key in (BEFORE, AFTER, OURS))
     filtered = metrics["optimised_filtered"]
     return [
         f"With a hand pushing, eq. 4 on raw torques errs in Y by {before['rmse_y_n']:.2f} N RMS on "
         f"the initial and by {after['rmse_y_n']:.2f} N on the optimised path "
-        f"({metrics['reduction_rmse_y_pct']:.1f} % less; largest error "
-        f"{metrics['reduction_max_y_pct']:.1f} % less); on the path found here by "
+        f"({change(metrics['reduction_rmse_y_pct'])}; largest error "
+        f"{change(metrics['reduction_max_y_pct'])}); on the path found here by "
         f"{metrics['found']['rmse_y_n']:.2f} N "
-        f"({metrics['found_against_initial']['reduction_rmse_y_pct']:.1f} % less than on the "
+        f"({change(metrics['found_against_initial']['reduction_rmse_y_pct'])} than on the "
         "initial one). The article's figures leave abnormal points out, ours are over all.",
         "The hand pushes for 6 s and pauses for 4 s, a random force of 15 N standard deviation per "
         "axis with nothing above 3 Hz, and 0.3 N m; the same push on every path.",
-        "A hand is faster than K_0 = 20 follows: the low-pass that takes the noise away "
-        f"costs lag, and Y errs by {filtered['rmse_y_n']:.2f} N behind it on the optimised path. "
-        "So eq. 4 without the low-pass is right for pushes, the low-pass for slow forces.",
-        "The largest errors are where the arm turns round (0, 200 and 400 s): its joints creep, "
-        "and a push decides when and which way friction points. They may be what the article "
-        "removed.",
+        "A hand is faster than K_0 = 20 follows: the low-pass takes noise away and costs lag. "
+        f"Behind it Y errs on the optimised path by {filtered['rmse_y_n']:.2f} N, without it by "
+        f"{after['rmse_y_n']:.2f} N: "
+        + compared(
+            filtered["rmse_y_n"],
+            after["rmse_y_n"],
+            "here the noise weighs more than the lag.",
+            "for pushes eq. 4 is better without it.",
+            "here both weigh alike.",
+            0.05,
+        ),
+        f"The largest error is {from_turn[BEFORE]:.1f} s (initial) and {from_turn[AFTER]:.1f} s "
+        "(optimised) from where the arm turns round: there its joints creep, and a push decides "
+        "when and which way friction points. Such points may be what the article removed.",
         "A push also changes friction, which the first cycle's torque does not know: the true "
         "arm's grows with the load, and a joint near rest carries part of a push within its "
         "stiction. The stated band leaves both and the lag out; it holds "
@@ -182,7 +208,7 @@ def _figures(
             "force-y",
             force_figure(cycles, 1, True, 1.1 * metrics[BEFORE]["max_error_y_n"]),
             "Force in Y read in the second cycle and the sensor's (Fig. 17). On the initial path "
-            "the push is drowned where the arm is near the path's ends (0, 200 and 400 s).",
+            "the noise is largest near the path's ends, where the arm turns round.",
         ),
         (
             "force-y-close",

@@ -30,6 +30,7 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from analyses.study.wording import change
 from models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
 from models.motion.inverse_kinematics import follow_path
 from models.motion.paths import StraightPath, there_and_back, thirds, uniform_acceleration
@@ -211,40 +212,11 @@ def run(context: ExperimentContext) -> ExperimentResult:
         key.removesuffix("_n"): _reduction(metrics["initial"][key], metrics["optimised"][key])
         for key in ("max_error_y_n", "mean_jcn", "max_jcn")
     }
-    low, high = metrics["initial"]["max_error_y_range_n"]
-    low_after, high_after = metrics["optimised"]["max_error_y_range_n"]
-    low_found, high_found = metrics["found"]["max_error_y_range_n"]
-    low_other, high_other = metrics["optimised"]["other_elbow"]["max_error_y_range_n"]
-    before, after = (metrics[case]["max_error_y_n"] for case in ("initial", "optimised"))
     return ExperimentResult(
         metrics=metrics,
         figures=_figures(context, result),
         comparison=_comparison(),
-        notes=[
-            f"The optimised path takes the largest error in Y from {before:.1f} to {after:.1f} N "
-            f"({metrics['reduction_pct']['max_error_y']:.1f} % less; the article: 24.86 to 7.30 N, "
-            "70.63 % less).",
-            "Not known: the distribution of the torque error. The article says random, mean 0, an "
-            "amplitude of 15 % of the torque that the wrench needs. Both of its figures follow if "
-            "each joint's error is uniform, and its 15 % of that joint's own torque are from peak "
-            "to peak; 15 % to either side would double them.",
-            f"The errors here are medians of {num_draws} draws; the article reports one. The "
-            f"largest error in Y lay between {low:.2f} and {high:.2f} N on the initial path and "
-            f"between {low_after:.2f} and {high_after:.2f} N on the optimised one.",
-            "Not known: on which side of the optimised path the elbow is. Reported is the branch "
-            "with the article's mean condition number. With the elbow on the other side the "
-            f"largest error in Y lay between {low_other:.2f} and {high_other:.2f} N.",
-            "On the path that `linear-path` finds (mean "
-            f"{metrics['found']['mean_jcn']:.3f}), turned about the first axis so "
-            "that it lies straight ahead, the largest error in Y lay "
-            f"between {low_found:.2f} and {high_found:.2f} N.",
-            "`mean_jcn` is the mean over the k + 1 = 21 points of eq. 24 (eq. 27 divides by k), "
-            "`mean_jcn_along_path` the mean over the path, `mean_jcn_over_time` that over even "
-            "steps of time with a third of it each for acceleration and deceleration. The "
-            "article's 20.2378 of the initial path is the mean over time, its 10.8713 of the "
-            "optimised path the mean along the path: like with like, its reduction of 46.28 % is "
-            "the smaller one that `reduction_pct` states.",
-        ],
+        notes=findings(metrics),
         configuration={
             "robot": robot.name,
             "seed": context.seed,
@@ -256,6 +228,60 @@ def run(context: ExperimentContext) -> ExperimentResult:
             "optimised_path": _path_configuration(OPTIMISED_PATH),
         },
     )
+
+
+def findings(metrics: dict[str, Any]) -> list[str]:
+    """What the figures say, in sentences."""
+    cases = {
+        "initial": metrics["initial"],
+        "optimised": metrics["optimised"],
+        "found": metrics["found"],
+        "other_elbow": metrics["optimised"]["other_elbow"],
+    }
+    before, after = (cases[case]["max_error_y_n"] for case in ("initial", "optimised"))
+    span = {
+        case: "between {:.2f} and {:.2f} N".format(*own["max_error_y_range_n"])
+        for case, own in cases.items()
+    }
+    elbows = {
+        name: abs(cases[name]["mean_jcn_along_path"] - 10.8713)
+        for name in ("optimised", "other_elbow")
+    }
+    nearer = min(elbows, key=lambda name: elbows[name]) == "optimised"
+    means = {
+        "the mean over 21 points": "mean_jcn",
+        "the mean along the path": "mean_jcn_along_path",
+        "the mean over time": "mean_jcn_over_time",
+    }
+
+    def nearest(case: str, article: float) -> str:
+        return min(means, key=lambda name: abs(cases[case][means[name]] - article))
+
+    return [
+        f"On the optimised path the largest error in Y is {after:.1f} N, on the initial one "
+        f"{before:.1f} N ({change(metrics['reduction_pct']['max_error_y'])}; the article: 24.86 "
+        "to 7.30 N, 70.63 % less).",
+        "Not known: the distribution of the torque error. The article says random, mean 0, an "
+        "amplitude of 15 % of the torque that the wrench needs. Taken here: each joint's error is "
+        "uniform, and its 15 % of that joint's own torque are from peak to peak, which gives "
+        f"{before / 24.86:.2f} and {after / 7.30:.2f} times the article's figures; 15 % to either "
+        "side would double them.",
+        f"The errors here are medians of {metrics['initial']['draws']} draws; the article reports "
+        f"one. The largest error in Y lay {span['initial']} on the initial path and "
+        f"{span['optimised']} on the optimised one.",
+        "Not known: on which side of the optimised path the elbow is. Reported is the branch "
+        + ("with the mean condition number nearer to the article's" if nearer else "named first")
+        + f". With the elbow on the other side the largest error in Y lay {span['other_elbow']}.",
+        "On the path that `linear-path` finds (mean "
+        f"{metrics['found']['mean_jcn']:.3f}), turned about the first axis so "
+        f"that it lies straight ahead, the largest error in Y lay {span['found']}.",
+        "`mean_jcn` is the mean over the k + 1 = 21 points of eq. 24 (eq. 27 divides by k), "
+        "`mean_jcn_along_path` the mean over the path, `mean_jcn_over_time` that over even "
+        "steps of time with a third of it each for acceleration and deceleration. The article's "
+        f"20.2378 of the initial path is nearest to {nearest('initial', 20.2378)}, its 10.8713 of "
+        f"the optimised path to {nearest('optimised', 10.8713)}. Like with like, over 21 points, "
+        f"the mean is {change(metrics['reduction_pct']['mean_jcn'])}; the article states 46.28 %.",
+    ]
 
 
 def _path_configuration(path: StraightPath) -> dict[str, Any]:

@@ -1,25 +1,22 @@
-"""Condition number over the workspace (section 4.2, Fig. 7), and where to put a table.
+"""Experiment `jcn-map`: the condition number over the workspace (section 4.2, Fig. 7).
 
-Command `jcn-map`, and experiment `jcn-map`. The article draws half a million configurations at
-random. Here the same; and a slice: at each point of a plane the best condition number over all
-directions of the tool within a cone, over all branches within the joint limits.
+As many random configurations as the article draws; and a slice, which says where a table belongs.
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from analyses.methods.planning.jcn_map import (
-    NUM_SAMPLES,
-    NUM_SAMPLES_QUICK,
-    SliceConfig,
-    _draw_cloud,
-    _draw_distribution,
-    _draw_slice,
+    draw_cloud,
+    draw_distribution,
+    draw_slice,
     record,
     sample,
     slice_plane,
 )
+from analyses.methods.planning.jcn_map_settings import NUM_SAMPLES, SliceConfig
 from analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -28,6 +25,8 @@ from analyses.study.experiment import (
     FigureFile,
 )
 from models.robot.robot import Robot
+
+NUM_SAMPLES_QUICK = 50_000
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
@@ -45,11 +44,10 @@ def run(context: ExperimentContext) -> ExperimentResult:
         "slice": cut.metrics(),
     }
     figures = context.out / "figures"
-    _draw_cloud(full, figures / "workspace.png")
-    _draw_distribution(full, figures / "distribution.png")
-    _draw_slice(cut, figures / "slice.png")
+    draw_cloud(full, figures / "workspace.png")
+    draw_distribution(full, figures / "distribution.png")
+    draw_slice(cut, figures / "slice.png")
     record(robot, full, context.out / "recording.html")
-    place = metrics["slice"]["best_place_m"]
     return ExperimentResult(
         metrics=metrics,
         figures=[
@@ -79,18 +77,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
             ),
             ComparisonRow("Median JCN", "median", "", None, "what the mean ought to tell"),
         ],
-        notes=[
-            f"Of {num_samples} random configurations {metrics['above_11_pct']:.1f} % have a JCN "
-            f"above 11; the smallest is {metrics['min']:.2f}, the median {metrics['median']:.1f}.",
-            f"The mean, {metrics['mean']:.0f} here and 1052.9 in the article, is made by the few "
-            "samples that are nearly singular and differs from draw to draw: its expectation is "
-            "infinite, since near a singular surface the JCN grows as one over the distance.",
-            f"With the tool within {plane.cone_deg:g} deg of straight down, the plane z = "
-            f"{plane.value:g} m is best at ({place[0]:.2f}, {place[1]:.2f}) m, JCN "
-            f"{metrics['slice']['min']:.2f}; {metrics['slice']['below_11_m2']:.2f} m2 of it allow "
-            "a JCN below 11. All branches are tried for 37 directions of the tool a point, and the "
-            "best direction is refined three times.",
-        ],
+        notes=findings(metrics, plane),
         configuration={
             "robot": robot.name,
             "num_samples": num_samples,
@@ -98,6 +85,27 @@ def run(context: ExperimentContext) -> ExperimentResult:
             "slice": plane,
         },
     )
+
+
+def findings(metrics: dict[str, Any], plane: SliceConfig) -> list[str]:
+    """What the figures say, in sentences."""
+    cut = metrics["slice"]
+    place = cut.get("best_place_m")
+    return [
+        f"Of {metrics['samples']} random configurations {metrics['above_11_pct']:.1f} % have a JCN "
+        f"above 11; the smallest is {metrics['min']:.2f}, the median {metrics['median']:.1f}.",
+        f"The mean, {metrics['mean']:.0f} here and 1052.9 in the article, is made by the few "
+        "samples that are nearly singular and differs from draw to draw: its expectation is "
+        "infinite, since near a singular surface the JCN grows as one over the distance.",
+        f"With the tool within {plane.cone_deg:g} deg of straight down, the plane z = "
+        f"{plane.value:g} m is best at ({place[0]:.2f}, {place[1]:.2f}) m, JCN "
+        f"{cut['min']:.2f}; {cut['below_11_m2']:.2f} m2 of it allow a JCN below 11. All branches "
+        "are tried for 37 directions of the tool a point, and the best direction is refined three "
+        "times."
+        if place is not None
+        else f"The tool reaches no point of the plane z = {plane.value:g} m within "
+        f"{plane.cone_deg:g} deg of straight down.",
+    ]
 
 
 EXPERIMENT = Experiment(

@@ -277,8 +277,8 @@ def bootstrap(
     """
     N = len(target)
     draws = {name: np.empty(count) for name in columns}
-    order = {name: np.argsort(column) for name, column in columns.items()}
-    target_order = np.argsort(target)
+    order = {name: np.argsort(column, kind="stable") for name, column in columns.items()}
+    target_order = np.argsort(target, kind="stable")
     for start in range(0, count, _TOGETHER):
         rows = slice(start, min(start + _TOGETHER, count))
         # How often each row is drawn: ranks then follow from one sorting, by running sums.
@@ -332,7 +332,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics[method]["stated_sd_minus_jcn_interval_95"] = np.quantile(gap, [0.025, 0.975])
         # What choosing by a measure gains: the error in the fifth that it ranks best.
         metrics[method]["best_fifth_median_n"] = {
-            name: float(np.median(target[np.argsort(column)[: len(target) // 5]]))
+            name: float(np.median(target[np.argsort(column, kind="stable")[: len(target) // 5]]))
             for name, column in draws.predictors[method].items()
         }
     figures = [
@@ -353,7 +353,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
             for method in METHODS
             for name, label in PREDICTORS.items()
         ],
-        notes=_notes(metrics, robot),
+        notes=findings(metrics, live_prior(robot.payload)),
         configuration={
             "robot": robot.name,
             "seed": context.seed,
@@ -366,13 +366,24 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
 
 
-def _notes(metrics: dict[str, Any], robot: Robot) -> list[str]:
+def findings(metrics: dict[str, Any], prior: tuple[float, float]) -> list[str]:
+    """What the figures say, in sentences.
+
+    Args:
+        prior: force sd N and moment sd N m.
+    """
+
     def stated(method: str, name: str) -> str:
         entry = metrics[method][name]
         low, high = entry["interval_95"]
         return f"{entry['rank_correlation']:.2f} ({low:.2f} to {high:.2f})"
 
-    force_sd, moment_sd = live_prior(robot.payload)
+    force_sd, moment_sd = prior
+    weaker = {
+        name: metrics["bayesian"][name]["rank_correlation"]
+        < metrics["inverse"][name]["rank_correlation"]
+        for name in PREDICTORS
+    }
     best = {
         method: max(PREDICTORS, key=lambda name: metrics[method][name]["rank_correlation"])
         for method in METHODS
@@ -387,7 +398,7 @@ def _notes(metrics: dict[str, Any], robot: Robot) -> list[str]:
         f"than the condition number for both methods: rank correlation "
         f"{stated('inverse', 'stated_sd')} against {stated('inverse', 'jcn')} for `inverse`, "
         f"{stated('bayesian', 'stated_sd')} against {stated('bayesian', 'jcn')} for `bayesian`.",
-        f"The best of the six is {PREDICTORS[best['inverse']]} for `inverse` and "
+        f"The best of the {len(PREDICTORS)} is {PREDICTORS[best['inverse']]} for `inverse` and "
         f"{PREDICTORS[best['bayesian']]} for `bayesian`. Force gain is the stated sd of `inverse` "
         "if all joints had one sd of torque: what it lacks against the stated sd is the knowledge "
         "of the joints.",
@@ -401,12 +412,13 @@ def _notes(metrics: dict[str, Any], robot: Robot) -> list[str]:
         f"Wrenches are Gaussian, {force_sd:.1f} N and {moment_sd:.2f} N m in each direction, which "
         "is also the prior of `bayesian`; the torque covariance is that of each model's own "
         "residuals in free motion, on other postures.",
-        "`bayesian` reads where `inverse` cannot: its median force error is "
+        "The median force error of `bayesian` is "
         f"{metrics['bayesian']['force_error_n']['median']:.1f} N against "
         f"{metrics['inverse']['force_error_n']['median']:.1f} N, its 95th percentile "
         f"{metrics['bayesian']['force_error_n']['p95']:.0f} N against "
-        f"{metrics['inverse']['force_error_n']['p95']:.0f} N; it depends less on the posture, so "
-        "that every measure tells less about it.",
+        f"{metrics['inverse']['force_error_n']['p95']:.0f} N of `inverse`. Of the "
+        f"{len(PREDICTORS)} measures {sum(weaker.values())} tell less about the error of "
+        "`bayesian` than about that of `inverse`.",
     ]
 
 
@@ -449,7 +461,7 @@ def _draw_errors(context: ExperimentContext, draws: Draws) -> FigureFile:
             ax = axes[row, column]
             x, y = draws.predictors[method][name], draws.force_error[method]
             ax.loglog(x, y, ".", color=COLOUR["estimate"], markersize=1.8, alpha=0.5)
-            order = np.argsort(x)
+            order = np.argsort(x, kind="stable")
             groups = np.array_split(order, 20)
             ax.plot(
                 [float(np.median(x[group])) for group in groups],

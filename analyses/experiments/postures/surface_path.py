@@ -1,21 +1,14 @@
-"""Path on a surface: how to use the free angle about the normal (section 4.4, Figs. 11-13).
+"""Experiment `surface-path`: what is the free angle about the normal worth (section 4.4)?
 
-Command `redundancy --task T`, and experiment `surface-path`. Three ways along one path are
-compared: at a constant angle (initial), by the local method that the article uses, and the optimum
-(dynamic programming over a grid of angles and all branches, then refined continuously).
-
-A task names a surface, where the workpiece stands, and how the tool is held (see `RedundancyTask`):
-
-    surface: {blade: {}, start: [0.75, 0.15], end: [0.75, 0.85], num_samples: 121}
-    workpiece: {xyz: [0.45, -0.25, 0.25], rpy: [0, 0, 0]}
-    tool_axis: [0.7071, 0, 0.7071]
-    initial_angle_deg: 60
-
-or, in the place of the surface, `csv: points.csv` with the columns x,y,z,nx,ny,nz.
+The bundled path on a blade, as `redundancy` uses it: at a constant angle, by the local method that
+the article uses, and the optimum (Figs. 11-13).
 """
 
-from analyses.methods.planning.redundancy import RedundancyTask, find_redundancy
+from typing import Any
+
+from analyses.methods.planning.redundancy import find_redundancy
 from analyses.methods.planning.redundancy_results import draw
+from analyses.methods.planning.redundancy_task import RedundancyTask
 from analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -34,8 +27,6 @@ def run(context: ExperimentContext) -> ExperimentResult:
     result = find_redundancy(robot, config, progress=context.progress)
     metrics = result.metrics()
     figures, recordings = draw(result, context.out)
-    before, after = metrics["initial"]["mean_jcn"], metrics["optimised"]["mean_jcn"]
-    constant = metrics["constant_angle"]
     return ExperimentResult(
         metrics=metrics,
         figures=figures,
@@ -48,29 +39,37 @@ def run(context: ExperimentContext) -> ExperimentResult:
             ComparisonRow("Mean JCN on the surface, optimised", "optimised.mean_jcn", "", None),
             ComparisonRow("Mean JCN on the surface, local method", "local.mean_jcn", "", None),
         ],
-        notes=[
-            f"The free angle about the normal takes the mean JCN from {before:.2f} to {after:.2f} "
-            f"and lowers it at {metrics['samples_lower']} of {metrics['samples']} samples; the "
-            f"local method that the article uses ends at {metrics['local']['mean_jcn']:.2f}.",
-            "The initial trajectory keeps the angle 0, at which the tool leans along the path. No "
-            "figure of the article says how good its own was. Of the angles on the grid "
-            f"{constant['angles_kept']} can be kept from end to end: at the best of them, on its "
-            f"best branch, the mean is {constant['best_mean_jcn']:.2f}, at the middle one "
-            f"{constant['median_mean_jcn']:.2f}, at the worst {constant['worst_mean_jcn']:.2f}.",
-            "Joint 3 is kept between -120 and 90 deg, so that the elbow stays above the blade: "
-            "collisions are not checked otherwise.",
-            "The tool is held at 45 deg to the surface's normal, as an inclined spindle is. Held "
-            "along the normal, its axis would be that of joint 6, on which no JCN depends: then "
-            "only the branch can be chosen.",
-            "Position and normal hold to "
-            f"{metrics['optimised']['position_error_m']:.1e} m and "
-            f"{metrics['optimised']['normal_error_rad']:.1e} rad. On the grid of "
-            f"{config.num_angles} angles the optimum's mean is {metrics['grid']['mean_jcn']:.3f}; "
-            f"refined, {after:.3f}.",
-            *result.notices,
-        ],
+        notes=[*findings(metrics, config.num_angles), *result.notices],
         configuration={"robot": robot.name, "task": config},
     )
+
+
+def findings(metrics: dict[str, Any], num_angles: int) -> list[str]:
+    """What the figures say, in sentences."""
+    constant, found = metrics["constant_angle"], metrics["optimised"]
+    before, after = metrics["initial"]["mean_jcn"], found["mean_jcn"]
+    local = (
+        f"the local method that the article uses ends at {metrics['local']['mean_jcn']:.2f}"
+        if "local" in metrics
+        else "the local method that the article uses cannot follow the path"
+    )
+    return [
+        f"The free angle about the normal takes the mean JCN from {before:.2f} to {after:.2f} "
+        f"and lowers it at {metrics['samples_lower']} of {metrics['samples']} samples; {local}.",
+        "The initial trajectory keeps the angle 0, at which the tool leans along the path. No "
+        "figure of the article says how good its own was. Of the angles on the grid "
+        f"{constant['angles_kept']} can be kept from end to end: at the best of them, on its "
+        f"best branch, the mean is {constant['best_mean_jcn']:.2f}, at the middle one "
+        f"{constant['median_mean_jcn']:.2f}, at the worst {constant['worst_mean_jcn']:.2f}.",
+        "Joint 3 is kept between -120 and 90 deg, so that the elbow stays above the blade: "
+        "collisions are not checked otherwise.",
+        "The tool is held at 45 deg to the surface's normal, as an inclined spindle is. Held "
+        "along the normal, its axis would be that of joint 6, on which no JCN depends: then "
+        "only the branch can be chosen.",
+        f"Position and normal hold to {found['position_error_m']:.1e} m and "
+        f"{found['normal_error_rad']:.1e} rad. On the grid of {num_angles} angles the optimum's "
+        f"mean is {metrics['grid']['mean_jcn']:.3f}; refined, {after:.3f}.",
+    ]
 
 
 EXPERIMENT = Experiment(

@@ -6,8 +6,7 @@ Jacobian, so that this tests the step from torque to wrench alone.
 
 What the estimate needs beside them comes from the torques, by a rule: the prior's sds and the
 torque noise (one sd for all joints: nothing published tells them apart) are those of greatest
-evidence over all logs together (`models.estimation.wrench.evidence_prior_and_noise`). The sensor
-only judges.
+evidence over all logs together (`models.estimation.evidence_prior`). The sensor only judges.
 """
 
 from collections.abc import Sequence
@@ -27,13 +26,9 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
-from models.estimation.wrench import (
-    METHODS,
-    WrenchReconstructionConfig,
-    evidence_prior,
-    evidence_prior_and_noise,
-    reconstruct_wrench,
-)
+from analyses.study.wording import compared
+from models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
+from models.estimation.wrench import METHODS, WrenchReconstructionConfig, reconstruct_wrench
 from models.files.input_error import InputError
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
@@ -281,7 +276,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
             _rank_figure(readings, context.out),
         ],
         comparison=_comparison(),
-        notes=_notes(metrics, knowledge, unloaded),
+        notes=findings(metrics, knowledge, unloaded),
         configuration={
             "loaded_above_n": LOADED_FORCE,
             "knowledge": "greatest evidence over all logs, one torque sd for all joints",
@@ -300,10 +295,15 @@ def _knowledge_metrics(knowledge: Knowledge) -> dict[str, Any]:
     }
 
 
-def _notes(metrics: dict[str, Any], knowledge: Knowledge, unloaded: Knowledge) -> list[str]:
+def findings(metrics: dict[str, Any], knowledge: Knowledge, unloaded: Knowledge) -> list[str]:
+    """What the figures say, in sentences."""
     bayesian, inverse = metrics["bayesian"], metrics["inverse"]
     torque_sd = np.sqrt(knowledge.torque_covariance[0, 0])
     resting_sd = np.sqrt(unloaded.torque_covariance.diagonal()).max()
+    ratio = float(np.median(bayesian["error_over_stated_sd"]))
+    fixed = float(np.median(metrics["bayesian_fixed_prior"]["error_over_stated_sd"]))
+    by_sd = inverse["rank_correlation"]["poses"]["stated_sd"]
+    by_condition = inverse["rank_correlation"]["poses"]["condition_number"]
     worst = {
         name: np.mean(metrics[name]["error_in_worst_stated_direction_pct"])
         for name in ("inverse", "bayesian")
@@ -316,21 +316,31 @@ def _notes(metrics: dict[str, Any], knowledge: Knowledge, unloaded: Knowledge) -
         f"ten logs together: force sd {knowledge.force_sd:.2f} N, moment sd "
         f"{knowledge.moment_sd:.3f} N m, torque sd {torque_sd:.3f} N m in every joint. The sensor "
         "has no part in it. `bayesian_fixed_prior` is the reading with 20 N, 0.2 N m and 0.1 N m.",
-        f"The torque's noise before the contact (sd {resting_sd:.3f} N m at most) is not its error "
-        "under load: with it (`bayesian_unloaded_noise`) the mean RMSE is "
+        f"With the torque's noise before the contact (sd {resting_sd:.3f} N m at most, "
+        "`bayesian_unloaded_noise`) for its error under load, the mean RMSE is "
         f"{metrics['bayesian_unloaded_noise']['mean_rmse_n']:.2f} N.",
-        "The stated sd is too small under load: the error is "
-        f"{np.median(bayesian['error_over_stated_sd']):.1f} times as large (median over poses). "
-        "Half of the rows are unloaded, where the torque's error is small, and one sd serves both. "
-        "With the fixed 0.1 N m that ratio is "
-        f"{np.median(metrics['bayesian_fixed_prior']['error_over_stated_sd']):.1f}.",
-        "The stated covariance knows directions, which no condition number does: "
+        f"Under load the error is {ratio:.1f} times the stated sd (median over poses): "
+        + compared(
+            ratio,
+            1.0,
+            "the sd is too large",
+            "the sd is too small",
+            "the sd is honest",
+            0.2,
+        )
+        + ". One sd serves the rows with and without load. With the fixed 0.1 N m that ratio is "
+        f"{fixed:.1f}.",
+        "The stated covariance says directions, which no condition number does: "
         f"{worst['inverse']:.0f} % of eq. 22's squared error lies along the direction stated as "
         f"worst (33 % would be chance), {worst['bayesian']:.0f} % of the Bayesian reading's. As a "
-        "single number per pose it ranks eq. 22's errors hardly better than the condition number "
-        f"({inverse['rank_correlation']['poses']['stated_sd']:.2f} against "
-        f"{inverse['rank_correlation']['poses']['condition_number']:.2f}); ten pairs leave a rank "
-        "correlation uncertain by a third.",
+        "single number per pose its rank correlation with eq. 22's errors is "
+        f"{by_sd:.2f}, the condition number's {by_condition:.2f}; ten pairs leave a rank "
+        "correlation uncertain by a third, so that "
+        + (
+            "the two do not differ."
+            if abs(by_sd - by_condition) < 1.0 / 3.0
+            else f"the {'first' if by_sd > by_condition else 'second'} is the better one."
+        ),
     ]
 
 
@@ -425,7 +435,7 @@ def _rank_figure(readings: dict[str, MethodReading], out: Path) -> FigureFile:
 
 
 def _comparison() -> list[ComparisonRow]:
-    plain = "prototype"
+    plain = "plain tools"
     return [
         ComparisonRow(
             "mean RMSE over ten poses, eq. 22", "inverse.mean_rmse_n", "N", 0.87, source=plain
@@ -442,7 +452,7 @@ def _comparison() -> list[ComparisonRow]:
             "bayesian.mean_rmse_n",
             "N",
             0.66,
-            "prior by evidence; the prototype's was 20 N and 0.2 N m",
+            "prior by evidence; there it was 20 N and 0.2 N m",
             plain,
         ),
         ComparisonRow(
@@ -450,7 +460,7 @@ def _comparison() -> list[ComparisonRow]:
             "bayesian_fixed_prior.mean_rmse_n",
             "N",
             0.66,
-            "the prototype's torque noise is not known",
+            "its torque noise is not known",
             plain,
         ),
         ComparisonRow(

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from analyses.methods.arms.ur10e_logs import FITTED, FOLDER, VALIDATED, identify_ur10e
 from analyses.methods.learning.identification import IdentificationResult, best_law
 from analyses.methods.learning.identification_config import LAWS, IdentificationConfig
 from analyses.methods.learning.identification_figures import torque_figure
 from analyses.methods.learning.torque_fit import TorqueFit
-from analyses.methods.learning.ur10e_logs import FITTED, FOLDER, VALIDATED, identify_ur10e
 from analyses.output.figures import SERIES, new_figure, save_figure
 from analyses.study.experiment import (
     ComparisonRow,
@@ -27,6 +27,7 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from analyses.study.wording import change, change_between, listed
 from models.robot.robot import Robot
 
 
@@ -73,12 +74,14 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics=metrics,
         figures=figures,
         comparison=_comparison(),
-        notes=[*_notes(metrics), *result.warnings],
+        notes=[*findings(metrics), *result.warnings],
         configuration={"fitted": list(FITTED), "validated": VALIDATED, "fit": result.config},
     )
 
 
-def _notes(metrics: dict[str, Any]) -> list[str]:
+def findings(metrics: dict[str, Any]) -> list[str]:
+    """What the figures say, in sentences."""
+
     def line(values: Any) -> str:
         return " ".join(f"{value:.2f}" for value in values)
 
@@ -88,6 +91,14 @@ def _notes(metrics: dict[str, Any]) -> list[str]:
     plain_links = "inconsistent_links_of_plain_fit"
     richer, resting = (best["validation"][name] for name in VALIDATED)
     held_out = metrics["cross_validation"]["rmse_nm"]
+
+    def changes(law: str, run: str, joints: tuple[int, int]) -> str:
+        before, after = (
+            metrics[own]["validation"][run]["relative_pct"]
+            for own in (IdentificationConfig().friction, law)
+        )
+        return listed(change_between(before[j], after[j]) for j in joints)
+
     plain = metrics["unfiltered_regressor"]["cross_validation"]["rmse_nm"]
     return [
         f"With the friction law that cross-validation chose, `{best['law']}`, the model predicts "
@@ -103,14 +114,17 @@ def _notes(metrics: dict[str, Any]) -> list[str]:
         "one of the three fitted runs at a time, never on the validation runs: held-out RMSE "
         f"{line(held_out)} N m with it, {line(plain)} N m without.",
         "A joint at rest carries any torque within its stiction band, which no function of "
-        "velocity can express: that is what the wrist lacks in `ptp_10_points`. Joints 2 and 3 "
-        "lack friction that grows with the load of the gear.",
+        "velocity can express: with the law that can, `presliding`, joints 5 and 6 leave "
+        f"{changes('presliding', 'ptp_10_points', (4, 5))} unexplained in `ptp_10_points` than "
+        "with plain friction. With friction that grows with the load of the gear, "
+        "`load-dependent`, joints 2 and 3 leave "
+        f"{changes('load-dependent', '14harm50sec', (1, 2))} in `14harm50sec`.",
         "The slip displacements and Stribeck velocities are the smoothest within one standard "
         "error of the lowest held-out error over the fitted runs; those of the lowest error "
         f"itself would leave {lowest['relative_pct'][4]:.1f} % and "
         f"{lowest['relative_pct'][5]:.1f} % of joints 5 and 6 over `ptp_10_points`.",
-        "With every link's inertia that of a real body the held-out error is at most "
-        f"{metrics['consistent']['worst_ratio_pct']:.1f} % above plain least squares', whose "
+        "With every link's inertia that of a real body the error on a held-out run is at worst "
+        f"{change(-metrics['consistent']['worst_ratio_pct'])} than plain least squares', whose "
         f"parameters belong to no body in {len(metrics['consistent'][plain_links])} of 6 links.",
     ]
 
@@ -191,7 +205,7 @@ def _laws_figure(
 
 
 def _comparison() -> list[ComparisonRow]:
-    prototype, other = "prototype", "figaroh"
+    plain, other = "plain tools", "figaroh"
     harmonic = "validation.14harm50sec.rmse_nm"
     best = "best.validation"
     return [
@@ -201,7 +215,7 @@ def _comparison() -> list[ComparisonRow]:
             "N m",
             [1.09, 1.15, 0.53, 0.22, 0.24, 0.20],
             "",
-            prototype,
+            plain,
         ),
         ComparisonRow(
             "Share unexplained over ptp_10_points with the best friction law, joint 5",
@@ -209,7 +223,7 @@ def _comparison() -> list[ComparisonRow]:
             "%",
             7.7,
             "",
-            prototype,
+            plain,
         ),
         ComparisonRow(
             "Share unexplained over ptp_10_points with the best friction law, joint 6",
@@ -217,7 +231,7 @@ def _comparison() -> list[ComparisonRow]:
             "%",
             19.3,
             "",
-            prototype,
+            plain,
         ),
         ComparisonRow(
             "Torque RMSE over 14harm50sec, joints 1 to 6",
@@ -225,7 +239,7 @@ def _comparison() -> list[ComparisonRow]:
             "N m",
             [1.97, 3.11, 1.30, 0.44, 0.40, 0.34],
             "the regressor is filtered like the torque",
-            prototype,
+            plain,
         ),
         ComparisonRow(
             "torque RMSE over 14harm50sec, against the package figaroh",
@@ -241,7 +255,7 @@ def _comparison() -> list[ComparisonRow]:
             "%",
             26.0,
             "",
-            prototype,
+            plain,
         ),
         ComparisonRow(
             "Share unexplained over ptp_10_points, joint 6",
@@ -249,7 +263,7 @@ def _comparison() -> list[ComparisonRow]:
             "%",
             51.0,
             "at rest, stiction carries what friction as a function of velocity cannot",
-            prototype,
+            plain,
         ),
     ]
 

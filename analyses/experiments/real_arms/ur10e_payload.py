@@ -12,7 +12,7 @@ the two differ (`unloaded`).
 
 **The prior** of `bayesian` is chosen by a rule that sees the log but not the payload: the force and
 moment standard deviations with the largest marginal likelihood of the observed joint torques
-(`models.estimation.wrench.evidence_prior`). `bayesian_live_prior` uses the rule for when there is
+(`evidence_prior.evidence_prior`). `bayesian_live_prior` uses the rule for when there is
 no log yet, half the weight of the rated payload with a lever of 5 cm
 (`models.estimation.wrench.live_prior`).
 
@@ -35,8 +35,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from analyses.methods.arms.ur10e_logs import FITTED, FOLDER, VALIDATED, identify_ur10e
 from analyses.methods.learning.identification_config import IdentificationConfig
-from analyses.methods.learning.ur10e_logs import FITTED, FOLDER, VALIDATED, identify_ur10e
 from analyses.methods.reading.known_payload import (
     AXES,
     MARGIN,
@@ -62,12 +62,9 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
-from models.estimation.wrench import (
-    WrenchReconstruction,
-    evidence_prior,
-    evidence_prior_and_noise,
-    live_prior,
-)
+from analyses.study.wording import change_between
+from models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
+from models.estimation.wrench import WrenchReconstruction, live_prior
 from models.identification.identified_model import IdentifiedModel
 from models.robot.robot import Robot
 
@@ -177,8 +174,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=figures,
-        comparison=_comparison(),
-        notes=_notes(metrics),
+        comparison=_comparison(metrics),
+        notes=findings(metrics),
         configuration={
             "fitted": list(FITTED),
             "loaded": LOADED,
@@ -223,7 +220,8 @@ def _with_best_law(
     return at_load["mean_and_noise"], flange
 
 
-def _notes(metrics: dict[str, Any]) -> list[str]:
+def findings(metrics: dict[str, Any]) -> list[str]:
+    """What the figures say, in sentences."""
     bayesian, inverse, damped = (metrics[name] for name in ("bayesian", "inverse", "damped"))
     force_only, live = metrics["force_only"], metrics["bayesian_live_prior"]
     prior, unloaded = metrics["prior"], metrics["unloaded"]
@@ -249,9 +247,11 @@ def _notes(metrics: dict[str, Any]) -> list[str]:
         f"10 s, within {errors(at_load['bayesian'])} N, and it weighs "
         f"{at_load['bayesian']['mass_kg']:.3f} kg (`force_only`: {errors(at_load['force_only'])} N "
         f"and {at_load['force_only']['mass_kg']:.3f} kg; true: {MASS} kg).",
-        f"A prior of mean zero reads {at_load['bayesian_zero_mean']['mass_kg']:.2f} kg there: it "
-        "pulls every reading towards zero, and the pulls on a force that always points down add "
-        "up. The prior of `best.at_load.bayesian` has a mean, learnt from the same first 10 s.",
+        f"A prior of mean zero reads {at_load['bayesian_zero_mean']['mass_kg']:.2f} kg there "
+        f"({change_between(MASS, at_load['bayesian_zero_mean']['mass_kg'], 1)} than the true "
+        "mass): it pulls every reading towards zero, and the pulls on a force that always points "
+        "down add up. The prior of `best.at_load.bayesian` has a mean, learnt from the same first "
+        "10 s.",
         "The rule that finds the point of action was settled on this recording, not blindly. Mass "
         "by `force_only` and `bayesian` with each rule: "
         + "; ".join(
@@ -260,10 +260,12 @@ def _notes(metrics: dict[str, Any]) -> list[str]:
         )
         + ".",
         f"With plain friction the Bayesian reading follows the payload's force within "
-        f"{errors(bayesian)} N RMS (x y z); eq. 22 errs by {errors(inverse, 0)} N, because the arm "
-        "passes through singular configurations.",
+        f"{errors(bayesian)} N RMS (x y z), eq. 22 within {errors(inverse, 0)} N: the arm passes "
+        "configurations with a condition number of up to "
+        f"{metrics['condition_number']['max']:.3g}.",
         f"The flag of eq. 22 keeps {inverse['share_valid_pct']:.0f} % of its samples; {kept_text}.",
-        f"A calm reading is not a true one: of {MASS} kg `damped` reads {damped['mass_kg']:.2f} kg "
+        f"A calm reading need not be a true one: of {MASS} kg `damped` reads "
+        f"{damped['mass_kg']:.2f} kg "
         f"and states a band that holds the truth in {damped['inside_95_pct'][2]:.0f} % of the "
         f"samples in z, where it should in 95 %. `bayesian` reads {bayesian['mass_kg']:.2f} kg "
         f"({bayesian['valid']['mass_kg'] or float('nan'):.2f} kg over its valid samples): it falls "
@@ -272,31 +274,33 @@ def _notes(metrics: dict[str, Any]) -> list[str]:
         f"The prior of `bayesian`, {prior['force_sd_n']:.1f} N and "
         f"{prior['moment_sd_nm']:.2f} N m, maximises the marginal likelihood of the observed joint "
         "torques; the payload plays no part in it. It has mean zero, so that a force which always "
-        "points down counts as unusual: hence the band that is too narrow in z. With the rule for "
-        "live use (half the rated payload's weight, "
+        "points down counts as unusual: in z the 95 % band holds "
+        f"{bayesian['inside_95_pct'][2]:.0f} % of the samples. With the rule for live use (half "
+        "the rated payload's weight, "
         f"{prior['live_force_sd_n']:.1f} N, and a lever of 5 cm) the error is "
         f"{errors(live)} N and the mass {live['mass_kg']:.2f} kg.",
         "Sigma_tau is the second moment of each unloaded run's torque residual under a model "
         f"fitted on the other two: sd {stated} N m per joint. Over an unloaded run that was not "
-        f"fitted the causal observer reads {seen} N m RMS. Under load the error is larger: the "
-        "likelihood of the loaded run asks for "
-        f"{metrics['prior_with_free_noise']['noise_factor']:.2f} times these sds.",
+        f"fitted the causal observer reads {seen} N m RMS. Under load the likelihood of the run "
+        f"asks for {metrics['prior_with_free_noise']['noise_factor']:.2f} times these sds.",
         "The payload's centre of mass lies some 18 cm off the flange, so there is a real moment at "
         f"E. `force_only` denies it and reads it as force ({errors(force_only)} N).",
     ]
 
 
-def _comparison() -> list[ComparisonRow]:
-    def row(label: str, key: str, unit: str, value: float, remark: str = "") -> ComparisonRow:
-        return ComparisonRow(label, key, unit, value, remark, "prototype")
+def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
+    lost = f"damping reads {change_between(MASS, metrics['damped']['mass_kg'])} than there is"
 
-    richer = "the prototype's friction had memory, Stribeck and load terms"
+    def row(label: str, key: str, unit: str, value: float, remark: str = "") -> ComparisonRow:
+        return ComparisonRow(label, key, unit, value, remark, "plain tools")
+
+    richer = "the plain tools' friction had memory, Stribeck and load terms"
     rows = [
         row(f"force RMSE {axis}, Bayesian", f"bayesian.rmse_f{axis}_n", "N", value, remark)
         for axis, value, remark in zip(
             AXES,
             (7.3, 7.4, 10.0),
-            ("prior of maximum evidence; the prototype's was set by hand (30 N, 2 N m)", "", ""),
+            ("prior of maximum evidence; there it was set by hand (30 N, 2 N m)", "", ""),
             strict=True,
         )
     ]
@@ -349,7 +353,7 @@ def _comparison() -> list[ComparisonRow]:
     ]
     return [
         *rows,
-        row("mass, damped (true 2.805)", "damped.mass_kg", "kg", 1.88, "damping loses a third"),
+        row("mass, damped (true 2.805)", "damped.mass_kg", "kg", 1.88, lost),
         ComparisonRow("mass, Bayesian (true 2.805)", "bayesian.mass_kg", "kg", None),
         ComparisonRow("mass, force only (true 2.805)", "force_only.mass_kg", "kg", None),
     ]

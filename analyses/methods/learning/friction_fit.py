@@ -20,7 +20,6 @@ vain.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +37,7 @@ from models.identification.torque_regression import (
     RegressionRows,
     TorqueEstimate,
     TorqueFactors,
+    joined_factors,
     parameter_names,
     parameter_prior,
     realisation,
@@ -46,6 +46,7 @@ from models.identification.torque_regression import (
     split_terms,
 )
 from models.rigid_body.serial_chain import SerialChain
+from models.rigid_body.ties import SAME, first_of_least
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -117,7 +118,7 @@ class _LogColumns:
             q, v = self._motion.q, self._motion.v
             load = np.zeros_like(v) if load is None else load
             z = slip_path(structure.displacement, q, v)
-            columns = [structure.column(term, j, z, v, load) for term, j, _ in missing]
+            columns = [structure.column(term, j, z, q, v, load) for term, j, _ in missing]
             (rows,) = self._regression.friction_rows([np.stack(columns, axis=1)])
             self._rows.update(zip(missing, rows.T, strict=True))
         return [np.stack([self._rows[key] for key in own], axis=1) for own in keys]
@@ -139,6 +140,8 @@ class FrictionFit:
         consistent: whether `fit` returns a robot that can exist, see
             `models.identification.physical_consistency`.
         weights: per log (m, n), of the squared residuals; None for one.
+        groups: per log, which motion it shows: logs of one motion are held out together; None:
+            each log has its own.
     """
 
     robot: Robot
@@ -150,15 +153,31 @@ class FrictionFit:
     consistent: bool = False
     selection: str = SELECTIONS[0]
     weights: Sequence[Array] | None = None
+    groups: Sequence[int] | None = None
     _kept: dict[int, _LogColumns] = field(default_factory=dict, repr=False)  # by log
 
     @cached_property
     def folds(self) -> list[list[tuple[int, slice]]]:
         """What is held out together: (log, rows of it)."""
-        if len(self.regressions) > 1:
-            return [[(k, slice(None))] for k in range(len(self.regressions))]
-        edges = np.linspace(0, len(self.regressions[0].rows), STRETCHES + 1).astype(int)
-        return [[(0, slice(int(a), int(b)))] for a, b in pairwise(edges)]
+        count = len(self.regressions)
+        groups = range(count) if self.groups is None else self.groups
+        if len(set(groups)) > 1:
+            return [
+                [(k, slice(None)) for k in range(count) if groups[k] == group]
+                for group in dict.fromkeys(groups)
+            ]
+        edges = [
+            np.linspace(0, len(own.rows), STRETCHES + 1).astype(int) for own in self.regressions
+        ]
+        return [
+            [(k, slice(int(own[i]), int(own[i + 1]))) for k, own in enumerate(edges)]
+            for i in range(STRETCHES)
+        ]
+
+    @property
+    def holds_out_logs(self) -> bool:
+        """Whether a fold is one log or several, not stretches of them."""
+        return all(rows == slice(None) for fold in self.folds for _, rows in fold)
 
     def fit(self, structure: FrictionStructure, chosen: Sequence[int] | None = None) -> Solution:
         """Returns the model fitted on the folds `chosen` (all for None).
@@ -265,12 +284,14 @@ class FrictionFit:
 
     def _smoothest(self, errors: Array) -> NDArray[np.intp]:
         """Per joint the last candidate that the rule allows; errors (candidates, folds, n)."""
-        lowest = errors.mean(axis=1).argmin(axis=0)
+        lowest = first_of_least(errors.mean(axis=1), axis=0)
         if self.selection == "lowest-error":
             return np.asarray(lowest)
         excess = errors - np.take_along_axis(errors, lowest[None, None, :], axis=0)
         standard_error = excess.std(axis=1, ddof=1) / np.sqrt(errors.shape[1])
-        good = excess.mean(axis=1) <= standard_error
+        # The same but for rounding is no worse: of equals the smoothest.
+        rounding = SAME * errors.mean(axis=1)
+        good = excess.mean(axis=1) <= standard_error + rounding
         return np.asarray(len(errors) - 1 - np.argmax(good[::-1], axis=0))
 
     def _solve(
@@ -298,9 +319,15 @@ class FrictionFit:
         self, columns: list[list[Array]], weights: Sequence[Array] | None
     ) -> list[TorqueFactors]:
         return [
-            self.regressions[k].factors(columns[k], rows, None if weights is None else weights[k])
+            joined_factors(
+                [
+                    self.regressions[k].factors(
+                        columns[k], rows, None if weights is None else weights[k]
+                    )
+                    for k, rows in fold
+                ]
+            )
             for fold in self.folds
-            for k, rows in fold
         ]
 
     def reweighed(self, structure: FrictionStructure) -> "FrictionFit":

@@ -100,7 +100,7 @@ def critical_velocity(v: Array, torque: Array, law: CoulombViscous) -> Array:
     against = np.sign(v) * (torque - law.torque(v))
     for j in range(n):
         use = np.isfinite(against[:, j]) & _moves(v[:, j])
-        order = np.argsort(np.abs(v[use, j]))
+        order = np.argsort(np.abs(v[use, j]), kind="stable")
         speed, deviation = np.abs(v[use, j])[order], against[use, j][order]
         if not len(speed):
             out[j] = 0.0  # the caller reports the empty band
@@ -249,7 +249,7 @@ def _one_thread() -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-class _Adam:
+class Adam:
     """Adam (Kingma and Ba, ICLR 2015) with a rate that falls along half a cosine to LEAST_RATE.
 
     `torch.optim` does the same, number for number; to import it takes as long as a training.
@@ -303,7 +303,7 @@ def _descend(
     start[1][:, 0] = 0.0  # one jump is at zero
     parameters = [torch.tensor(a, dtype=torch.float64, requires_grad=True) for a in start]
     X, Z, T, H = (torch.tensor(a, dtype=torch.float64) for a in (x, z, train, held))
-    optimiser = _Adam(parameters, config.learning_rate, config.steps)
+    optimiser = Adam(parameters, config.learning_rate, config.steps)
     best = [p.detach().clone() for p in parameters]
     lowest = torch.full((n,), torch.inf, dtype=torch.float64)
     errors = torch.zeros((2, n), dtype=torch.float64)

@@ -34,10 +34,11 @@ from analyses.methods.learning.identification_checks import contradictions, doub
 from analyses.methods.learning.identification_config import (
     WITH_NETWORK,
     IdentificationConfig,
+    IdentifySettings,
     checked_config,
 )
 from analyses.methods.learning.identification_figures import torque_figure
-from analyses.methods.learning.law_fits import LawFits
+from analyses.methods.learning.law_fits import LawFit, LawFits
 from analyses.methods.learning.low_passed_logs import (
     LowPassedLog,
     check_recording,
@@ -47,12 +48,17 @@ from analyses.methods.learning.low_passed_logs import (
     low_pass_logs,
     median_step,
 )
+from analyses.methods.learning.repeated_motion import motion_groups, repeated_motion_notes
+from analyses.methods.learning.torque_error_learning import learn_torque_error
 from analyses.methods.learning.torque_fit import TorqueFit, pooled_rmse
 from analyses.output.outputs import OutputFolder
+from analyses.output.result_folder import result_folder
 from analyses.study.shared_results import digest, shared
 from models.files.input_error import InputError
-from models.friction.friction_structure import STRUCTURES
-from models.friction.presliding_friction import FrictionLaw, PreslidingFriction
+from models.friction.extended_friction import ExtendedFriction
+from models.friction.friction_law import FrictionLaw
+from models.friction.friction_structure import structures
+from models.friction.presliding_friction import PreslidingFriction
 from models.identification.base_parameters import BaseParameters
 from models.identification.identified_model import (
     BaseParameterTable,
@@ -65,6 +71,7 @@ from models.identification.physical_consistency import unphysical_links
 from models.identification.torque_regression import TorqueEstimate
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
+from models.rigid_body.ties import first_of_least
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -86,6 +93,8 @@ class IdentificationResult:
         config: as used, with the time step filled in.
         law: the friction law; the chosen one for "best".
         held_out: cross-validated RMSE (n,) in N m of each law that was a candidate.
+        extrapolated: RMSE (n,) in N m of each joint's fastest and of its slowest samples, predicted
+            by a fit without them, of each law that was a candidate.
         solution: all parameters, before they became a model.
         robot: whose model it is.
     """
@@ -99,6 +108,7 @@ class IdentificationResult:
     config: IdentificationConfig
     law: str
     held_out: dict[str, Array]
+    extrapolated: dict[str, tuple[Array, ...]]
     solution: Solution
     robot: Robot
 
@@ -131,7 +141,8 @@ class IdentificationResult:
                 **_slip_metrics(model.friction),
             },
             "law_cross_validation": {
-                name: {"rmse_nm": rmse} for name, rmse in self.held_out.items()
+                name: {"rmse_nm": rmse, **_extremes(self.extrapolated.get(name))}
+                for name, rmse in self.held_out.items()
             },
             "parameters": _parameter_metrics(self),
             "inconsistent_links": unphysical_links(model.inertial_parameters, model.joint_names),
@@ -147,13 +158,13 @@ class IdentificationResult:
         model = self.model
         return identified_urdf(self.robot, model.inertial_parameters, model.reflected_inertia)
 
-    def write(self, out: OutputFolder, command: dict[str, Any]) -> None:
+    def write(self, out: OutputFolder, settings: IdentifySettings) -> None:
         """Writes model.yaml, metrics.json, config.yaml and figures/torque_<log>.png; of a
         consistent fit also robot.urdf.
 
         Args:
             out: the folder.
-            command: what config.yaml must hold besides the identification's own settings.
+            settings: what config.yaml is to hold; written with the time step filled in.
         """
         for fit in self.validation or self.fit:
             kind = "validation" if self.validation else "fitted"
@@ -161,7 +172,7 @@ class IdentificationResult:
         out.write_json("metrics.json", self.metrics())
         if self.config.consistent:
             out.write_text("robot.urdf", self.urdf())
-        out.write_yaml("config.yaml", command | {"identification": self.config})
+        out.write_settings("config.yaml", replace(settings, identification=self.config))
         self.model.save(out / "model.yaml")
 
 
@@ -224,19 +235,20 @@ def _identify(
         config.loss,
         config.consistent,
         config.selection,
+        groups=motion_groups(fitted),
     )
     progress(0.9, "solving")
-    laws = tuple(STRUCTURES) if config.friction == "best" else (config.friction,)
+    laws = tuple(structures()) if config.friction == "best" else (config.friction,)
     fits = LawFits(problem, fitted, config, digest((tuple(recordings), robot, filtering)))
     candidates = [fits.candidate(law) for law in laws]
-    chosen = best_law({c.law: c.cross_validated_rmse for c in candidates})
+    chosen = _best_of(candidates)
     if config.friction == "best":
         # A network on top is tried on the law that won, not on those that lost.
         for law, below in WITH_NETWORK.items():
             if below == chosen:
                 with suppress(InputError):  # too few samples near zero velocity for a network
                     candidates.append(fits.candidate(law))
-        chosen = best_law({c.law: c.cross_validated_rmse for c in candidates})
+        chosen = _best_of(candidates)
     choice = next(c for c in candidates if c.law == chosen)
     solution, chain, friction = choice.solution, choice.chain, choice.friction
     base, estimate = solution.base, solution.estimate
@@ -269,6 +281,14 @@ def _identify(
             residual=how,
         ),
     )
+    if config.cross_validate:
+        progress(0.95, "what the observer errs by")
+        model = replace(
+            model,
+            torque_error=learn_torque_error(
+                recordings, fitted, given.regressions, fits.held_out_models(chosen), robot, model
+            ),
+        )
     result = IdentificationResult(
         model=model,
         base=base,
@@ -277,12 +297,16 @@ def _identify(
         validation=tuple(run.predict(chain, friction) for run in kept),
         warnings=(
             *repeated_logs(recordings, validation),
-            *contradictions(replace(problem, weights=choice.weights), solution, fitted, robot),
+            *repeated_motion_notes([run.name for run in fitted], motion_groups(fitted)),
+            *contradictions(
+                replace(problem, weights=choice.weights, groups=None), solution, fitted, robot
+            ),
             *doubts(fit, base, model),
         ),
         config=config,
         law=choice.law,
         held_out={c.law: c.cross_validated_rmse for c in candidates},
+        extrapolated={c.law: c.extrapolated for c in candidates if c.extrapolated},
         solution=solution,
         robot=robot,
     )
@@ -302,22 +326,21 @@ def identify_logs(
     """The command `identify`: reads the logs, fits, and writes the result into `out`.
 
     Raises:
-        InputError: as `Robot.load`, `read_recording`, `OutputFolder` and `identify`.
+        InputError: as `Robot.load`, `read_recording`, `result_folder` and `identify`.
     """
-    robot = Robot.load(robot_name)
-    recordings, validation = (
-        [read_recording(log, log_format, robot) for log in paths] for paths in (logs, validate)
-    )
-    folder = OutputFolder(out)
-    result = identify(recordings, robot, validation, config, progress)
-    command = {
-        "command": "identify",
-        "robot": str(robot_name),
-        "logs": [str(log) for log in logs],
-        "validate": [str(log) for log in validate],
-        "log_format": None if log_format is None else str(log_format),
-    }
-    result.write(folder, command)
+    with result_folder(out, "identify") as folder:
+        robot = Robot.load(robot_name)
+        recordings, validation = (
+            [read_recording(log, log_format, robot) for log in paths] for paths in (logs, validate)
+        )
+        result = identify(recordings, robot, validation, config, progress)
+        settings = IdentifySettings(
+            robot=str(robot_name),
+            logs=[str(log) for log in logs],
+            validate=[str(log) for log in validate],
+            log_format=None if log_format is None else str(log_format),
+        )
+        result.write(folder, settings)
     return result
 
 
@@ -348,18 +371,42 @@ def predict_torque(
     return tuple(run.predict(chain, model.friction) for run in runs)
 
 
-def best_law(held_out: Mapping[str, Array]) -> str:
-    """The law with the lowest held-out RMSE, as the geometric mean over the joints: a joint that
-    carries little counts as much as one that carries the arm.
+def best_law(
+    held_out: Mapping[str, Array], extrapolated: Mapping[str, Sequence[Array]] | None = None
+) -> str:
+    """The law with the lowest RMSE on what it was not fitted on, as the geometric mean over the
+    joints: a joint that carries little counts as much as one that carries the arm.
+
+    Where use differs from the fit counts too: each joint's fastest samples and its slowest ones,
+    predicted from the others, weigh as much as the held-out logs.
 
     Args:
         held_out: (n,) N m per law, from the logs that were fitted alone.
+        extrapolated: (n,) N m each, per law; a law that is missing has its held-out error there.
     """
 
     def score(law: str) -> float:
-        return float(np.mean(np.log(np.maximum(held_out[law], 1e-12))))
+        others = (extrapolated or {}).get(law) or [held_out[law]]
+        errors = [held_out[law], *others]
+        weights = [1.0, *[2.0 / len(others)] * len(others)]
+        logs = [np.mean(np.log(np.maximum(error, 1e-12))) for error in errors]
+        return float(np.average(logs, weights=weights))
 
-    return min(held_out, key=score)
+    scores = np.exp([score(law) for law in held_out])
+    return list(held_out)[int(first_of_least(scores))]
+
+
+def _best_of(candidates: Sequence[LawFit]) -> str:
+    return best_law(
+        {c.law: c.cross_validated_rmse for c in candidates},
+        {c.law: c.extrapolated for c in candidates},
+    )
+
+
+def _extremes(extrapolated: Sequence[Array] | None) -> dict[str, Array]:
+    if not extrapolated:
+        return {}
+    return dict(zip(("fastest_rmse_nm", "slowest_rmse_nm"), extrapolated, strict=True))
 
 
 def residual_covariance(residuals: Sequence[Array]) -> Array:
@@ -372,6 +419,10 @@ def residual_covariance(residuals: Sequence[Array]) -> Array:
 
 
 def _slip_metrics(friction: FrictionLaw) -> dict[str, Any]:
+    if isinstance(friction, ExtendedFriction):
+        names = (term.name for term in friction.terms)
+        further = dict(zip(names, friction.coefficients.T, strict=True))
+        return {**_slip_metrics(friction.law), "terms": further}
     if not isinstance(friction, PreslidingFriction):
         return {}
     return {

@@ -1,18 +1,18 @@
 """How logs become a model: the settings of an identification, and the friction laws it knows."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from models.files.configuration import nearest
 from models.files.input_error import InputError
-from models.friction.friction_structure import STRUCTURES
+from models.friction.friction_structure import STRUCTURES, structures
 
 # Rules by which a law's shape is chosen (`analyses.methods.learning.friction_fit`).
 SELECTIONS = ("one-standard-error", "lowest-error")
 # Laws of `--friction`; those of STRUCTURES, and the ones with a network near zero velocity.
 WITH_NETWORK = {"semi-parametric": "coulomb-viscous-offset", "presliding+network": "presliding"}
-LAWS = (*STRUCTURES, *WITH_NETWORK)  # what "best" chooses from
+LAWS = (*STRUCTURES, *WITH_NETWORK)  # what "best" chooses from, beside laws with further terms
 
 
 @dataclass
@@ -32,6 +32,31 @@ class IdentificationConfig:
     seed: int = 0  # of the networks' training
 
 
+@dataclass
+class RefreshConfig:
+    """How friction is found anew, for `identify --refresh`."""
+
+    part: list[float] = field(default_factory=list)  # begin and end, s of the log; none: all of it
+    coulomb_drift: float = 0.05  # sd of the prior, share of the joint's dry friction
+    viscous_drift: float = 0.3  # share of the viscous coefficient
+    offset_drift: float = 0.02  # share of the dry friction
+
+
+@dataclass
+class IdentifySettings:
+    """All that a run of `identify` depends on, as its config.yaml holds it."""
+
+    command: str = "identify"  # which wrote it
+    robot: str = ""  # a bundled name, or a robot.yaml
+    logs: list[str] = field(default_factory=list)  # of free motion, to be fitted
+    validate: list[str] = field(default_factory=list)  # logs to predict, not fitted
+    load: list[str] = field(default_factory=list)  # LOG=MASS or LOG=MASS,X,Y,Z, kg and m
+    refresh: str | None = None  # model.yaml of which the one log finds the friction anew
+    log_format: str | None = None  # description of the logs' columns
+    identification: IdentificationConfig = field(default_factory=IdentificationConfig)  # how
+    refreshing: RefreshConfig = field(default_factory=RefreshConfig)  # how, with `refresh`
+
+
 def checked_config(config: IdentificationConfig) -> IdentificationConfig:
     """Returns `config`.
 
@@ -47,7 +72,7 @@ def checked_config(config: IdentificationConfig) -> IdentificationConfig:
         value = getattr(config, key)
         if not (np.isfinite(value) and value >= least):
             raise InputError("identify", key, f"expected at least {least:g}, found {value:g}")
-    known = (*LAWS, "best")
+    known = (*structures(), *WITH_NETWORK, "best")
     if config.friction not in known:
         remedy = f"{nearest(config.friction, known)} known are {', '.join(known)}".strip()
         raise InputError("--friction", "", f"no friction law is named {config.friction!r}", remedy)

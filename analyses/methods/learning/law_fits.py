@@ -12,11 +12,14 @@ from analyses.methods.learning.identification_config import WITH_NETWORK, Identi
 from analyses.methods.learning.low_passed_logs import LowPassedLog
 from analyses.methods.learning.torque_fit import TorqueFit, pooled_rmse
 from analyses.study.shared_results import shared
+from models.friction.friction_law import FrictionLaw
 from models.friction.friction_structure import FrictionStructure
-from models.friction.presliding_friction import FrictionLaw
+from models.friction.presliding_friction import PreslidingFriction
 from models.rigid_body.serial_chain import SerialChain
 
 Array = NDArray[np.float64]
+
+EXTREME = 0.8  # share of the samples by speed, beyond which a joint's are fast
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +33,26 @@ class LawFit:
     friction: FrictionLaw
     fit: tuple[TorqueFit, ...]
     cross_validation: tuple[TorqueFit, ...]
+    extrapolated: tuple[Array, ...]  # see `LawFits.candidate`
 
     @property
     def cross_validated_rmse(self) -> Array:
         return pooled_rmse(self.cross_validation or self.fit)
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutModel:
+    """A fit of all but one fold.
+
+    Attributes:
+        fold: what it was not fitted on: (log, rows of its regression).
+        chain: with the inertias found.
+        friction: the law found.
+    """
+
+    fold: Sequence[tuple[int, slice]]
+    chain: SerialChain
+    friction: FrictionLaw
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,20 +88,43 @@ class LawFits:
         self._linear: dict[str, _LinearFit] = {}
 
     def candidate(self, law: str) -> LawFit:
-        """Fits one of LAWS, and cross-validates it where the configuration says so."""
+        """Fits one of LAWS, and cross-validates it where the configuration says so.
+
+        Its `extrapolated` holds the RMSE (n,) in N m of the fastest and of the slowest samples of
+        each joint (beyond EXTREME and 1 - EXTREME of them), predicted by fits without these
+        samples; empty where nothing is cross-validated, or a single law is asked for.
+        """
         runs = self._runs
         fit = self._linear_fit(WITH_NETWORK.get(law, law))
         chain, friction = self._realised(law, fit.solution, range(len(runs)))
         cross_validation: tuple[TorqueFit, ...] = ()
-        if len(runs) > 1 and self._config.cross_validate:
-            cross_validation = tuple(
-                run.predict(*self._realised(law, solution, others))
-                for run, solution, others in zip(
-                    runs, self._held_out(fit), _others(len(runs)), strict=True
-                )
-            )
+        extrapolated: tuple[Array, ...] = ()
+        if self._problem.holds_out_logs and self._config.cross_validate:
+            found = {
+                k: runs[k].predict(own.chain, own.friction)
+                for own in self.held_out_models(law)
+                for k, _ in own.fold
+            }
+            cross_validation = tuple(found[k] for k in range(len(runs)))
+        if self._config.cross_validate and self._config.friction == "best":
+            # A network cannot be trained where it is to be judged: the law below it stands in.
+            extrapolated = self._extrapolated(WITH_NETWORK.get(law, law), fit)
         predicted = tuple(run.predict(chain, friction) for run in runs)
-        return LawFit(law, fit.weights, fit.solution, chain, friction, predicted, cross_validation)
+        return LawFit(
+            *(law, fit.weights, fit.solution, chain, friction),
+            *(predicted, cross_validation, extrapolated),
+        )
+
+    def held_out_models(self, law: str) -> list[HeldOutModel]:
+        """Of each fold in turn, the fit of the others."""
+        folds = self._problem.folds
+        fit = self._linear_fit(WITH_NETWORK.get(law, law))
+        models = []
+        for fold, solution in zip(folds, self._held_out(fit), strict=True):
+            away = {k for k, _ in fold} if self._problem.holds_out_logs else set()
+            others = [k for k in range(len(self._runs)) if k not in away]
+            models.append(HeldOutModel(fold, *self._realised(law, solution, others)))
+        return models
 
     def _linear_fit(self, law: str) -> _LinearFit:
         if law not in self._linear:
@@ -100,13 +142,48 @@ class LawFits:
         return _LinearFit(structure, problem.weights, problem.fit(structure))
 
     def _held_out(self, fit: _LinearFit) -> list[Solution]:
-        """Of each log in turn, the fit of the others."""
+        """Of each fold in turn, the fit of the others."""
         problem = replace(self._problem, weights=fit.weights)
         return shared(
             "friction_fit_held_out",
             (*self._source, fit.structure, fit.weights),
-            lambda: [problem.fit(fit.structure, others) for others in _others(len(self._runs))],
+            lambda: [problem.fit(fit.structure, others) for others in _others(len(problem.folds))],
         )
+
+    def _extrapolated(self, law: str, fit: _LinearFit) -> tuple[Array, ...]:
+        problem, runs = self._problem, self._runs
+        speeds = [
+            np.abs(motion.v[own.rows])
+            for motion, own in zip(problem.motions, problem.regressions, strict=True)
+        ]
+        low, high = (np.quantile(np.vstack(speeds), x, axis=0) for x in (1.0 - EXTREME, EXTREME))
+        weights = fit.weights or [np.ones_like(v) for v in speeds]
+
+        def without(kept: Sequence[NDArray[np.bool_]]) -> tuple[SerialChain, FrictionLaw]:
+            own = [w * inside for w, inside in zip(weights, kept, strict=True)]
+            solution = shared(
+                "friction_fit_extrapolated",
+                (*self._source, fit.structure, own),
+                lambda: replace(problem, weights=own).fit(fit.structure),
+            )
+            return self._realised(law, solution, range(len(runs)))
+
+        errors = []
+        for kept, limit in (
+            ([v <= high for v in speeds], high),
+            ([v >= low for v in speeds], None),
+        ):
+            chain, friction = without(kept)
+            if limit is not None:
+                friction = bounded(friction, limit)
+            squares, count = np.zeros(problem.robot.num_joints), np.zeros(problem.robot.num_joints)
+            for run in runs:
+                residual, v = run.predict(chain, friction).residual, np.abs(run.v[run.used])
+                outside = v > high if limit is not None else v < low
+                squares += (residual**2 * outside).sum(axis=0)
+                count += outside.sum(axis=0)
+            errors.append(np.sqrt(squares / np.maximum(count, 1.0)))
+        return tuple(errors)
 
     def _realised(
         self, law: str, solution: Solution, logs: Sequence[int]
@@ -123,7 +200,15 @@ class LawFits:
                     solution.structure, coefficients, friction, chain, runs, self._config
                 ),
             )
-        return chain, friction
+        fastest = np.max([np.abs(run.v[run.used]).max(axis=0) for run in self._runs], axis=0)
+        return chain, bounded(friction, fastest)
+
+
+def bounded(friction: FrictionLaw, speed: Array) -> FrictionLaw:
+    """The law with a limit (n,) rad/s to what it was fitted on, where it has one."""
+    if isinstance(friction, PreslidingFriction) and (speed > 0.0).all():
+        return replace(friction, speed_limit=speed)
+    return friction
 
 
 def _others(count: int) -> list[list[int]]:

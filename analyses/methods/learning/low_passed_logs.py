@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from analyses.methods.learning.identification_config import IdentificationConfig
 from analyses.methods.learning.torque_fit import TorqueFit
 from models.files.input_error import InputError
-from models.friction.presliding_friction import FrictionLaw
+from models.friction.friction_law import FrictionLaw
 from models.identification.identified_model import (
     LogSource,
 )
@@ -92,8 +92,18 @@ def log_names(recordings: Sequence[Recording]) -> list[str]:
 
 
 def low_pass_log(
-    name: str, recording: Recording, robot: Robot, config: IdentificationConfig
+    name: str,
+    recording: Recording,
+    robot: Robot,
+    config: IdentificationConfig,
+    shortest: float = SHORTEST_LOG,
 ) -> LowPassedLog:
+    """Resamples and low-passes a log.
+
+    Raises:
+        InputError: a rate too low for the cutoff, less than `shortest` periods of it, or drop-outs
+            everywhere.
+    """
     step, cutoff = config.time_step, config.cutoff
     if step * cutoff > 0.25:
         raise InputError(
@@ -103,12 +113,12 @@ def low_pass_log(
             f"{1 / step:.4g}",
             "lower the cutoff",
         )
-    if recording.duration < SHORTEST_LOG / cutoff:
+    if recording.duration < shortest / cutoff:
         raise InputError(
             recording.source,
             "",
             f"the log lasts {recording.duration:.3g} s, at a cutoff of {cutoff:g} Hz it must last "
-            f"{SHORTEST_LOG / cutoff:.3g} s or more",
+            f"{shortest / cutoff:.3g} s or more",
         )
     uniform = resampled(recording, step)
     tau = uniform.tau_J

@@ -7,19 +7,21 @@ fails, the program is solved again with more in reserve.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from analyses.methods.planning.excitation_config import ExcitationConfig, ExciteSettings
 from analyses.output.figures import SERIES, new_figure
 from analyses.output.outputs import OutputFolder
+from analyses.output.result_folder import result_folder
 from diagrams.clearance import Clearance, ClosestPair
 from diagrams.pages.motion_page import record_motion
 from models.excitation.excitation_information import MEASURES, ExcitationInformation
-from models.excitation.excitation_program import ExcitationLimits, ExcitationProgram, MotionBounds
+from models.excitation.excitation_program import ExcitationProgram, MotionBounds
 from models.excitation.fourier_trajectory import FourierTrajectory
 from models.files.configuration import nearest, save_configuration
 from models.files.input_error import InputError
@@ -34,22 +36,9 @@ ProgressCallback = Callable[[float, str], None]
 # What a trajectory must keep in reserve at the samples, tried in this order: m, share of torque.
 # The second goes on where the first ended, the others start from the next best random ones.
 RESERVES = ((0.004, 0.02), (0.008, 0.05), (0.008, 0.05), (0.015, 0.15))
+LARGEST_CLEARANCE = 0.1  # m; Clearance looks no farther than a little beyond
+LONGEST_TABLE = 5e6  # rows for the controller: 83 minutes at 1 kHz
 UNDETERMINED = 1e-4  # pivot, relative to the largest, below which noise hides a parameter
-
-
-@dataclass
-class ExcitationConfig:
-    """What an excitation is to be like."""
-
-    measure: str = "condition_number"  # to be small; or log_det, to be large
-    base_frequency: float = 0.1  # Hz
-    num_harmonics: int = 5  # of the Fourier series
-    limits: ExcitationLimits = field(default_factory=ExcitationLimits)
-    seed: int = 0  # another seed, another trajectory
-    num_starts: int = 12  # random motions drawn; the best is the start
-    iterations: int = 70  # of the solver
-    time_step: float = 1e-3  # s, of the table for the controller
-    num_periods: int = 1  # in that table and in the picture
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +148,7 @@ def excite(
         starts.append(first.random_feasible(rng))
     exact = replace(information, friction_velocity=0.0)
     random = np.array([exact.condition_number(*_period(start)) for start in starts])
-    ranked = [starts[i] for i in np.argsort(random)]
+    ranked = [starts[i] for i in np.argsort(random, kind="stable")]
     start = ranked[0]
     about = 1.6 * config.iterations  # evaluations that so many iterations take
 
@@ -244,11 +233,22 @@ def excite_robot(
         The trajectory, and the validation's where there is one.
 
     Raises:
-        InputError: as `Robot.load`, `OutputFolder` and `excite`.
+        InputError: as `Robot.load`, `result_folder` and `excite`.
     """
     config = ExcitationConfig() if config is None else config
+    with result_folder(out, "excite") as folder:
+        return _excite_into(folder, robot_name, config, validation, recording, progress)
+
+
+def _excite_into(
+    folder: OutputFolder,
+    robot_name: str | Path,
+    config: ExcitationConfig,
+    validation: bool,
+    recording: bool,
+    progress: ProgressCallback,
+) -> tuple[ExcitationResult, ...]:
     robot = Robot.load(robot_name)
-    folder = OutputFolder(out)
     # Any other seed is as good; this one meets nobody's second run.
     seeds = {"trajectory": config.seed, "validation": config.seed + 1_000_003}
     names = list(seeds) if validation else ["trajectory"]
@@ -266,15 +266,10 @@ def excite_robot(
     if validation:
         metrics["validation"] = results[1].metrics()
     folder.write_json("metrics.json", metrics)
-    folder.write_yaml(
-        "config.yaml",
-        {
-            "command": "excite",
-            "robot": str(robot_name),
-            "validation": validation,
-            "excitation": config,
-        },
+    settings = ExciteSettings(
+        robot=str(robot_name), validation=validation, record=recording, excitation=config
     )
+    folder.write_settings("config.yaml", settings)
     progress(1.0, "done")
     return tuple(results)
 
@@ -344,19 +339,26 @@ def _check(config: ExcitationConfig) -> None:
         known = " or ".join(MEASURES)
         raise InputError("excite", "measure", f"{config.measure!r}, expected {known}", remedy)
     limits = config.limits
-    for name, value, least in (
-        ("base_frequency", config.base_frequency, 1e-4),
-        ("time_step", config.time_step, 1e-6),
-        ("num_harmonics", config.num_harmonics, 2),
-        ("num_starts", config.num_starts, 1),
-        ("num_periods", config.num_periods, 1),
-        ("iterations", config.iterations, 1),
-        ("clearance", limits.clearance, 1e-3),
+    for name, value, least, largest in (
+        ("base_frequency", config.base_frequency, 1e-3, 10.0),
+        ("time_step", config.time_step, 1e-5, 1.0),
+        ("num_harmonics", config.num_harmonics, 2, 20),
+        ("num_starts", config.num_starts, 1, 1000),
+        ("num_periods", config.num_periods, 1, 1000),
+        ("iterations", config.iterations, 1, 10_000),
+        ("clearance", limits.clearance, 1e-3, LARGEST_CLEARANCE),
+        ("position_margin", limits.position_margin, 0.0, 2.0 * np.pi),
+        ("velocity_share", limits.velocity_share, 1e-3, 1.0),
+        ("torque_share", limits.torque_share, 1e-3, 1.0),
+        *(("acceleration", value, 1e-3, 1e3) for value in limits.acceleration),
+        *(("floor", value, -100.0, 100.0) for value in (limits.floor,) if value is not None),
     ):
-        if not (np.isfinite(value) and value >= least):
-            raise InputError("excite", name, f"{value:g}, expected {least:g} or more")
-    if config.num_harmonics > 20:
-        raise InputError("excite", "num_harmonics", f"{config.num_harmonics}, expected at most 20")
+        if not least <= value <= largest:
+            raise InputError("excite", name, f"{value:g}, expected {least:g} to {largest:g}")
+    rows = config.num_periods / (config.base_frequency * config.time_step)
+    if rows > LONGEST_TABLE:
+        problem = f"{config.num_periods} periods make {rows:.3g} rows, at most {LONGEST_TABLE:g}"
+        raise InputError("excite", "num_periods", problem, "take fewer, or a coarser time step")
 
 
 def _warnings(robot: Robot, undetermined: tuple[str, ...], clearance: Clearance) -> list[str]:
@@ -370,6 +372,11 @@ def _warnings(robot: Robot, undetermined: tuple[str, ...], clearance: Clearance)
         warnings.append(
             f"{robot.name} has no collision shapes: contact with itself or the floor is not checked"
         )
+    warnings += [
+        f"{pair} are near each other in the home posture: they keep {1e3 * kept:.0f} mm, not "
+        f"{1e3 * clearance.margin:.0f}"
+        for pair, kept in clearance.near_at_home
+    ]
     warnings += [
         f"{pair} overlap in the home posture: contact between them is not checked"
         for pair in clearance.overlapping

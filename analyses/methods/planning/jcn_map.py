@@ -14,18 +14,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from analyses.methods.planning.jcn_map_settings import NUM_SAMPLES, JcnMapSettings, SliceConfig
 from analyses.output.figures import COLOUR, new_figure, save_figure
 from analyses.output.outputs import OutputFolder
+from analyses.output.result_folder import result_folder
 from diagrams.pages.cloud_page import record_cloud
 from models.files.input_error import InputError
 from models.motion.branches import is_closed_form
 from models.motion.posture_map import PostureMap, best_postures
 from models.motion.posture_measures import ConditionNumber, check_joints
+from models.motion.surface_path import frame_about
+from models.rigid_body.ties import first_of_least
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
-NUM_SAMPLES, NUM_SAMPLES_QUICK = 500_000, 50_000
 THRESHOLD = 11.0  # the article's figure of a good configuration
 _CHUNK = 250_000  # samples between two signs of progress
 _SCALE = (9.0, 100.0)  # of the colours
@@ -55,27 +58,6 @@ class Samples:
 
 
 @dataclass(frozen=True)
-class SliceConfig:
-    """A plane, and the cone that the tool may point in.
-
-    Attributes:
-        axis: "x", "y" or "z": the plane's normal in W.
-        value: of that coordinate in the plane, m.
-        cone_axis: (3,) direction of the tool in W in the cone's middle; down.
-        cone_deg: from there to the cone's side.
-        num_points: of the grid along each side of the square.
-        extent: half the square's side, m; None for the arm's reach.
-    """
-
-    axis: str = "z"
-    value: float = 0.3
-    cone_axis: tuple[float, float, float] = (0.0, 0.0, -1.0)
-    cone_deg: float = 30.0
-    num_points: int = 41
-    extent: float | None = None
-
-
-@dataclass(frozen=True)
 class Slice:
     """The best condition number over a plane: u, v (G,) m along its axes, and G^2 postures."""
 
@@ -90,6 +72,11 @@ class Slice:
         """(G, G) rows along v, NaN out of reach."""
         return self.postures.best.reshape(len(self.v), len(self.u))
 
+    def best_point(self) -> int:
+        """Index of the best point that is reached; of two as good, one on each side, the first."""
+        best = self.postures.best
+        return int(first_of_least(np.where(np.isfinite(best), best, np.inf)))
+
     def metrics(self) -> dict[str, Any]:
         """Where the best place is, and how much of the plane is good."""
         best = self.postures.best
@@ -99,7 +86,7 @@ class Slice:
             "reached_pct": 100.0 * float(np.mean(reached)),
         }
         if np.any(reached):
-            i = int(np.nanargmin(best))
+            i = self.best_point()
             metrics |= {
                 "min": float(best[i]),
                 "median": float(np.median(best[reached])),
@@ -163,12 +150,7 @@ def slice_plane(
     Raises:
         InputError: a plane, cone or grid that makes no sense.
     """
-    if config.axis not in _PLANES:
-        raise InputError("--slice", "", f'"{config.axis}", expected x, y or z', "write z=0.3")
-    if not (math.isfinite(config.value) and 2 <= config.num_points <= 401):
-        raise InputError("--slice", "", "expected a place in m, and a grid of 2 to 401 points")
-    if not 0.0 <= config.cone_deg <= 180.0:
-        raise InputError("--cone-deg", "", f"{config.cone_deg:g}, expected 0 to 180")
+    _check_slice(config)
     first, second = (i for i in range(3) if i != _PLANES[config.axis])
     extent = config.extent
     if extent is None:
@@ -186,6 +168,18 @@ def slice_plane(
         progress=lambda fraction: progress(fraction, "slice"),
     )
     return Slice(config, ("xyz"[first], "xyz"[second]), u, u, postures)
+
+
+def _check_slice(config: SliceConfig) -> None:
+    if config.axis not in _PLANES:
+        raise InputError("--slice", "", f'"{config.axis}", expected x, y or z', "write z=0.3")
+    if not (math.isfinite(config.value) and 2 <= config.num_points <= 401):
+        raise InputError("--slice", "", "expected a place in m, and a grid of 2 to 401 points")
+    if not 0.0 <= config.cone_deg <= 180.0:
+        raise InputError("--cone-deg", "", f"{config.cone_deg:g}, expected 0 to 180")
+    if len(config.cone_axis) != 3:
+        raise InputError("--cone-axis", "", f"{len(config.cone_axis)} numbers, expected three")
+    frame_about(np.array(config.cone_axis), "cone_axis")
 
 
 @dataclass(frozen=True)
@@ -214,8 +208,22 @@ def jcn_map(
     Raises:
         InputError: see `sample` and `slice_plane`; or `out` cannot be written to.
     """
-    folder = OutputFolder(out)
+    with result_folder(out, "jcn-map") as folder:
+        return _map_into(folder, robot_name, num_samples, seed, within_limits, plane, progress)
+
+
+def _map_into(
+    folder: OutputFolder,
+    robot_name: str,
+    num_samples: int,
+    seed: int,
+    within_limits: bool,
+    plane: SliceConfig | None,
+    progress: Callable[[float, str], None],
+) -> JcnMapResult:
     robot = Robot.load(robot_name)
+    if plane is not None:
+        _check_slice(plane)
     samples = sample(
         robot,
         num_samples,
@@ -227,8 +235,8 @@ def jcn_map(
     notices = []
     with folder.atomic("samples.npz") as partial, partial.open("wb") as file:
         np.savez(file, q=samples.q, jcn=samples.jcn, p_WE=samples.p_WE)
-    _draw_cloud(samples, folder / "figures" / "workspace.png")
-    _draw_distribution(samples, folder / "figures" / "distribution.png")
+    draw_cloud(samples, folder / "figures" / "workspace.png")
+    draw_distribution(samples, folder / "figures" / "distribution.png")
     record(robot, samples, folder / "recording.html")
     cut = None
     if plane is not None:
@@ -249,18 +257,16 @@ def jcn_map(
             np.savez(
                 file, p_WE=found.p_WE, jcn=found.best, direction_W=found.direction_W, q=found.q
             )
-        _draw_slice(cut, folder / "figures" / "slice.png")
+        draw_slice(cut, folder / "figures" / "slice.png")
     folder.write_json("metrics.json", {**metrics, "notices": notices})
-    folder.write_yaml(
-        "config.yaml",
-        {
-            "robot": robot_name,
-            "num_samples": num_samples,
-            "seed": seed,
-            "within_limits": within_limits,
-            "slice": plane,
-        },
+    settings = JcnMapSettings(
+        robot=str(robot_name),
+        num_samples=num_samples,
+        seed=seed,
+        within_limits=within_limits,
+        slice=plane,
     )
+    folder.write_settings("config.yaml", settings)
     return JcnMapResult(samples, cut, metrics, tuple(notices))
 
 
@@ -279,7 +285,8 @@ def record(robot: Robot, samples: Samples, path: Path) -> None:
     )
 
 
-def _draw_cloud(samples: Samples, path: Path) -> None:
+def draw_cloud(samples: Samples, path: Path) -> None:
+    """Draws where the samples are and what they attain, in space and by distance and height."""
     from matplotlib.colors import LogNorm
 
     figure, _ = new_figure(1, 2, height=4.0)
@@ -289,7 +296,7 @@ def _draw_cloud(samples: Samples, path: Path) -> None:
     shown = slice(0, _SCATTER)
     p = samples.p_WE[shown]
     # Good ones last, so that they are not covered by the many that are not.
-    order = np.argsort(-samples.jcn[shown])
+    order = np.argsort(-samples.jcn[shown], kind="stable")
     ax.scatter(*p[order].T, c=samples.jcn[shown][order], norm=norm, cmap="viridis", s=1.0, lw=0)
     ax.set_xlabel("x [m]")
     ax.set_ylabel("y [m]")
@@ -319,7 +326,8 @@ def _draw_cloud(samples: Samples, path: Path) -> None:
     save_figure(figure, path)
 
 
-def _draw_distribution(samples: Samples, path: Path) -> None:
+def draw_distribution(samples: Samples, path: Path) -> None:
+    """Draws how often each condition number occurs."""
     figure, axes = new_figure(1, 1, height=3.2)
     ax = axes[0, 0]
     finite = samples.jcn[np.isfinite(samples.jcn)]
@@ -338,7 +346,8 @@ def _draw_distribution(samples: Samples, path: Path) -> None:
     save_figure(figure, path)
 
 
-def _draw_slice(cut: Slice, path: Path) -> None:
+def draw_slice(cut: Slice, path: Path) -> None:
+    """Draws the best condition number over a plane."""
     from matplotlib.colors import LogNorm
 
     figure, axes = new_figure(1, 1, height=5.2, width=6.4)
@@ -349,7 +358,7 @@ def _draw_slice(cut: Slice, path: Path) -> None:
     if np.nanmin(cut.jcn, initial=np.inf) < THRESHOLD < np.nanmax(cut.jcn, initial=-np.inf):
         ax.contour(cut.u, cut.v, cut.jcn, levels=[THRESHOLD], colors="white", linewidths=1.2)
     if np.any(np.isfinite(cut.postures.best)):
-        p = cut.postures.p_WE[int(np.nanargmin(cut.postures.best))]
+        p = cut.postures.p_WE[cut.best_point()]
         first, second = ("xyz".index(name) for name in cut.axes)
         ax.plot(p[first], p[second], "o", color="#d55e00", label=f"best: {np.nanmin(cut.jcn):.2f}")
         figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center")

@@ -27,7 +27,7 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
-from analyses.methods.learning.arm_models import SLOW_SPEEDS, ArmModels, identify_arm
+from analyses.methods.arms.arm_models import SLOW_SPEEDS, ArmModels, identify_arm
 from diagrams.clearance import Clearance, workpiece_clearance
 from diagrams.scenario import BladeConfig, PlateConfig, Scenario, load_scenario
 from diagrams.workpiece import pose_of_workpiece, surface_of
@@ -37,6 +37,7 @@ from models.motion.branches import all_branches
 from models.motion.inverse_kinematics import follow_path
 from models.motion.surface_path import SurfacePath
 from models.motion.workpieces import mesh
+from models.rigid_body.ties import better, in_order
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -53,7 +54,7 @@ _MARGIN = 0.09  # rad, from the joints' limits
 _ABOVE_FLOOR = 0.01  # m, of the workpiece
 _ROUNDED = 1e-4  # m: places are written to four digits
 _CLEAR = 0.015  # m, of the links to the workpiece
-_NOWHERE = 1e3  # N, stands for what cannot be done
+NOWHERE = 1e3  # N, stands for what cannot be done
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +124,7 @@ class PlacementProblem:
     def best_branch(self, x: Array) -> tuple[float, Array | None]:
         """Force sd (N) and postures (N, n) at x (5,); without postures where none will do."""
         if np.any(x < LOWER) or np.any(x > UPPER) or self.lowest(x) < _ABOVE_FLOOR - _ROUNDED:
-            return _NOWHERE, None
+            return NOWHERE, None
         return self.best_branch_at(self.pose(x))
 
     def best_branch_at(self, X_WP: RigidTransform) -> tuple[float, Array | None]:
@@ -133,7 +134,7 @@ class PlacementProblem:
             self.path.p_WS @ R.T + X_WP.translation(), self.path.n_W @ R.T, "placement"
         )
         R_WE = path.frames()
-        best: tuple[float, Array | None] = _NOWHERE, None
+        best: tuple[float, Array | None] = NOWHERE, None
         for q_first in all_branches(self.robot, R_WE[:1], path.p_WS[:1])[0]:
             # NaN, in the rows of branches that there are not, is outside as well.
             if not np.all((q_first >= self._lower) & (q_first <= self._upper)):
@@ -145,7 +146,7 @@ class PlacementProblem:
             if np.any(q < self._lower) or np.any(q > self._upper):
                 continue
             cost = self.force_sd(q, path)
-            if cost < best[0]:
+            if better(cost, best[0]):
                 best = cost, q
         return best
 
@@ -156,7 +157,7 @@ class PlacementProblem:
         try:
             G = np.linalg.inv(self.robot.chain.jacobian(q))[:, :, 3:]  # F = G^T tau
         except np.linalg.LinAlgError:
-            return _NOWHERE
+            return NOWHERE
         along = np.gradient(path.p_WS, axis=0)
         along = along / np.linalg.norm(along, axis=1, keepdims=True)
         total = 0.0
@@ -165,7 +166,7 @@ class PlacementProblem:
             for c in (along, path.n_W):
                 share = np.einsum("tij,tj->ti", G, c) * sd
                 total += float(np.mean(np.sum(share**2, axis=1)))
-        return min(_NOWHERE, float(np.sqrt(total / (2 * len(FEEDS)))))
+        return min(NOWHERE, float(np.sqrt(total / (2 * len(FEEDS)))))
 
     def keeps_clear(self, x: Array, q: Array) -> bool:
         """Whether the links keep clear of each other, of the floor and of the workpiece."""
@@ -214,8 +215,8 @@ def search(
     x = qmc.scale(qmc.Sobol(5, seed=seed).random(draws), LOWER, UPPER)
     costs = np.array([problem.best_branch(row)[0] for row in x])
     found: list[MachiningPlace] = []
-    for i in np.argsort(costs, kind="stable"):
-        if len(found) == refined or costs[i] >= _NOWHERE:
+    for i in in_order(costs):
+        if len(found) == refined or costs[i] >= NOWHERE:
             break
         row = x[i]
         result = minimize(

@@ -29,6 +29,7 @@ from models.placement.placement_program import (
     quaternion_from,
 )
 from models.placement.placement_search import Optimum, SearchResult, one_thread
+from models.rigid_body.ties import better, in_order
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -75,7 +76,7 @@ def _swarm(
     config: SwarmConfig,
     progress: Callable[[float, str], None],
 ) -> SearchResult:
-    cost = _Cost(robot, program, clearance)
+    cost = ParticleCost(robot, program, clearance)
     rng = np.random.default_rng(seed)
     lower, upper = cost.lower, cost.upper
     count = config.num_particles
@@ -146,7 +147,7 @@ def _breed(
     best_x[worst[better]], best_cost[worst[better]] = children[better], costs[better]
 
 
-class _Cost:
+class ParticleCost:
     """Cost of particles (N, 10): n, m, theta, r."""
 
     def __init__(
@@ -185,8 +186,8 @@ class _Cost:
             mean = np.mean(program.measure.posture.values(q[reached]), axis=1)
             values[reached] = np.minimum(mean, UNREACHED)
         batch = PlacementBatch(q, n_W[row], x[row, 3:6], R_WE[row])
-        for index in np.argsort(values, kind="stable"):
-            if values[index] >= costs[row[index]]:
+        for index in in_order(values):
+            if not better(values[index], costs[row[index]]):
                 continue
             if self._clearance is not None and self._collides(batch, int(index)):
                 continue

@@ -16,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analyses.methods.planning.particle_swarm import SwarmConfig, place_by_swarm
+from analyses.methods.planning.place_settings import PlaceSettings
 from analyses.output.figures import COLOUR, SERIES, new_figure
 from analyses.output.outputs import OutputFolder
+from analyses.output.result_folder import result_folder
 from diagrams.pages.path_page import PathMotion, TriangleMesh, record_paths
 from diagrams.placement_cell import PlacementCell, obstacle_corners, workpiece_corners
 from models.estimation.wrench import WrenchReconstructionConfig, live_prior
@@ -28,21 +30,23 @@ from models.motion.branches import all_branches, is_closed_form
 from models.motion.path_postures import track_paths
 from models.motion.posture_measures import ConditionNumber, ForceSd, PathMeasure, PostureMeasure
 from models.placement.placement_descent import PlacementDescent
+from models.placement.placement_points import between_points
 from models.placement.placement_program import SOLVERS, Placement, PlacementProgram, quaternion_from
 from models.placement.placement_search import (
     FEASIBLE,
     PlacementSearch,
     SearchEffort,
     SearchResult,
-    between_points,
 )
 from models.placement.placement_task import PlacementTask, check_task, load_task
+from models.rigid_body.ties import first_of_least
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
 OBJECTIVES = ("jcn", "force-sd")
 PLACE_SOLVERS = (*SOLVERS, "pso-ga")
+_HALF_TURN = 1e-9  # of a quaternion's w: a rotation by half a turn
 FINE = 10  # points between two of the path's, where it is looked at closely
 
 EFFORT = SearchEffort()
@@ -80,6 +84,8 @@ class Profile:
         w = min(1.0, abs(float(self.placement.quaternion[0])))
         theta = 2.0 * math.acos(w)
         axis = self.placement.quaternion[1:] * (1.0 if self.placement.quaternion[0] >= 0 else -1.0)
+        if w < _HALF_TURN:  # both ways round are one rotation
+            axis = axis * np.sign(axis[int(first_of_least(-np.abs(axis)))])
         length = float(np.linalg.norm(axis))
         metrics: dict[str, Any] = {
             "mean_jcn": float(np.mean(self.jcn)),
@@ -253,49 +259,53 @@ def place_task(
     model_path: Path | None = None,
     method: str = "bayesian",
     quick: bool = False,
+    content: PlacementTask | None = None,
     progress: Callable[[float, str], None] = lambda fraction, what: None,
 ) -> PlacementResult:
     """The command `place`: reads the task, places its path and writes the results.
 
+    Args:
+        content: what counts before the content of the task that `task_name` names.
+
     Raises:
-        InputError: as `place`; the task, the robot or the model cannot be read.
+        InputError: as `place` and `result_folder`; the task, the robot or the model cannot be
+            read.
     """
-    task, source = load_task(task_name)
-    robot = Robot.load(robot_name)
-    model = None if model_path is None else IdentifiedModel.load(model_path, robot)
-    folder = OutputFolder(out)
-    result = place(
-        task,
-        source,
-        robot,
-        objective=objective,
-        solver=solver,
-        seed=seed,
-        model=model,
-        method=method,
-        effort=EFFORT_QUICK if quick and task.clearance is None else None,
-        progress=progress,
-    )
-    configuration = {
-        "task": str(task_name),
-        "robot": robot.name,
-        "objective": objective,
-        "solver": solver,
-        "seed": seed,
-        "model": None if model_path is None else model_path.name,
-        "method": method,
-        "quick": quick,
-    }
-    write_placement(folder, result, configuration)
+    with result_folder(out, "place") as folder:
+        task, source = load_task(task_name) if content is None else (content, Path(task_name))
+        robot = Robot.load(robot_name)
+        model = None if model_path is None else IdentifiedModel.load(model_path, robot)
+        result = place(
+            task,
+            source,
+            robot,
+            objective=objective,
+            solver=solver,
+            seed=seed,
+            model=model,
+            method=method,
+            effort=EFFORT_QUICK if quick and task.clearance is None else None,
+            progress=progress,
+        )
+        settings = PlaceSettings(
+            task=str(task_name),
+            robot=str(robot_name),
+            objective=objective,
+            solver=solver,
+            model=None if model_path is None else str(model_path),
+            method=method,
+            seed=seed,
+            quick=quick,
+            task_content=task,
+        )
+        write_placement(folder, result, settings)
     return result
 
 
-def write_placement(
-    folder: OutputFolder, result: PlacementResult, configuration: dict[str, Any]
-) -> None:
+def write_placement(folder: OutputFolder, result: PlacementResult, settings: PlaceSettings) -> None:
     """Writes metrics, configuration, times, the postures, figures and the recording."""
     folder.write_json("metrics.json", result.metrics())
-    folder.write_yaml("config.yaml", {**configuration, "task_content": result.task})
+    folder.write_settings("config.yaml", settings)
     folder.write_json(
         "timings.json",
         {
@@ -468,9 +478,9 @@ def _initial_profile(
         return None
     if task.initial.posture is not None:
         off = np.max(np.abs(branches[good] - np.array(task.initial.posture)), axis=1)
-        chosen = good[int(np.argmin(off))]
+        chosen = good[int(first_of_least(off))]
     else:
-        chosen = good[int(np.argmin(np.mean(measure.values(q[good]), axis=1)))]
+        chosen = good[int(first_of_least(np.mean(measure.values(q[good]), axis=1)))]
     placement = Placement(q[chosen], path.n_W, path.p_WM, quaternion_from(path.R_WE))
     return _profile(task, robot, measure, cell, placement)
 

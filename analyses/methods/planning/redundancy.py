@@ -3,20 +3,11 @@
 Three ways along one path are compared: at a constant angle (initial), by the local method that the
 article uses, and the optimum (dynamic programming over a grid of angles and all branches, then
 refined continuously).
-
-A task names a surface, where the workpiece stands, and how the tool is held (see `RedundancyTask`):
-
-    surface: {blade: {}, start: [0.75, 0.15], end: [0.75, 0.85], num_samples: 121}
-    workpiece: {xyz: [0.45, -0.25, 0.25], rpy: [0, 0, 0]}
-    tool_axis: [0.7071, 0, 0.7071]
-    initial_angle_deg: 60
-
-or, in the place of the surface, `csv: points.csv` with the columns x,y,z,nx,ny,nz.
 """
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.math import RollPitchYaw
 
+from analyses.methods.planning.redundancy_task import PatchPathConfig, RedundancyTask
 from diagrams.pages.path_page import TriangleMesh
 from models.estimation.wrench import WrenchReconstructionConfig, live_prior
-from models.files.configuration import REQUIRED
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
 from models.motion.branches import is_closed_form
@@ -44,65 +35,12 @@ from models.motion.redundancy import (
 )
 from models.motion.surface_path import SurfacePath
 from models.motion.workpieces import BladeSection, Plate, Surface, mesh
+from models.rigid_body.ties import better, first_of_least
 from models.robot.robot import Robot
-from models.robot.robot_config import PoseConfig
 
 Array = NDArray[np.float64]
 
 OBJECTIVES = ("jcn", "force-sd")
-
-
-@dataclass
-class PlateConfig:
-    """A flat rectangle; m."""
-
-    length: float = 0.4  # along x and u
-    width: float = 0.3  # along y and v
-
-
-@dataclass
-class BladeConfig:
-    """A section of a wind turbine blade; see `models.motion.workpieces.BladeSection`."""
-
-    span: float = 0.5  # m, along y and v
-    root_chord: float = 0.34  # m, along x
-    tip_chord: float = 0.26  # m
-    root_twist_deg: float = 10.0  # of the chord, at one end
-    tip_twist_deg: float = 2.0  # at the other end
-    thickness: float = 0.24  # of the chord
-    camber: float = 0.05  # of the chord
-
-
-@dataclass
-class PatchPathConfig:
-    """A path on a bundled workpiece, straight in its parameters; one of plate and blade."""
-
-    plate: PlateConfig | None = None
-    blade: BladeConfig | None = None
-    start: list[float] = field(default_factory=list, metadata=REQUIRED)  # (u, v)
-    end: list[float] = field(default_factory=list, metadata=REQUIRED)  # (u, v)
-    num_samples: int = 121  # along the path
-
-
-@dataclass
-class RedundancyTask:
-    """What `redundancy --task` reads."""
-
-    surface: PatchPathConfig | None = None  # this, or
-    csv: Path | None = None  # x,y,z,nx,ny,nz in the workpiece's frame; beside the task's file
-    workpiece: PoseConfig = field(default_factory=PoseConfig)  # its frame in W
-    tool_axis: list[float] = field(default_factory=lambda: [0.0, 0.0, 1.0])
-    # working direction of the tool in axes of E; it points into the surface
-    objective: str = "jcn"  # or force-sd
-    model: Path | None = None  # of force-sd: model.yaml of `identify`; without it the nominal one
-    initial_angle_deg: float = 0.0  # of the trajectory to compare with, about the normal
-    limit_margin_deg: float = 3.0  # kept from every joint limit
-    joint_ranges_deg: dict[str, list[float]] = field(default_factory=dict)
-    # narrower limits of joints by their names, [lower, upper] (m of prismatic ones); so a branch
-    # can be ruled out, such as an elbow that would hang into the workpiece
-    max_joint_step_deg: float = 6.0  # from one sample to the next
-    smoothness: float = 0.002  # weight of the joints' motion, objective per rad^2
-    num_angles: int = 72  # of the grid
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,10 +186,13 @@ def _refined(
         found.append(
             refine(problem, local.q, progress=lambda f: progress(0.9 + 0.1 * f, "refinement"))
         )
-    best = min(found, key=lambda trajectory: problem.cost(trajectory.q))
-    if local is not None and problem.violation(local.q) <= 1e-7 and mean(best) > mean(local):
+    best = found[int(first_of_least([problem.cost(trajectory.q) for trajectory in found]))]
+    if local is None or problem.violation(local.q) > 1e-7:
+        return best
+    if better(mean(local), mean(best)):
         # Smoother than the local one, and for that a little worse: here the measure comes first.
-        best = min(*found, local, key=mean)
+        found.append(local)
+        best = found[int(first_of_least([mean(trajectory) for trajectory in found]))]
     return best
 
 

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from analyses.methods.planning.redundancy import RedundancyResult, RedundancyTask, find_redundancy
+from analyses.methods.planning.redundancy import RedundancyResult, find_redundancy
+from analyses.methods.planning.redundancy_task import RedundancySettings, RedundancyTask
 from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
-from analyses.output.outputs import OutputFolder
+from analyses.output.result_folder import result_folder
 from analyses.study.experiment import (
     FigureFile,
 )
@@ -131,23 +132,30 @@ def redundancy(
     robot_name: str,
     out: Path,
     progress: Callable[[float, str], None] = lambda fraction, what: None,
+    content: RedundancyTask | None = None,
 ) -> RedundancyResult:
     """The command `redundancy`, for a bundled task or a task's file: writes trajectory.csv,
     metrics.json, config.yaml, figures and recording.html into `out`.
 
+    Args:
+        content: what counts before the content of the task that `task_name` names.
+
     Raises:
         InputError: see `find_redundancy`; or `out` cannot be written to.
     """
-    folder = OutputFolder(out)
-    robot = Robot.load(robot_name)
-    source = task_file(task_name, "redundancy")
-    config = load_configuration(source, RedundancyTask)
-    result = find_redundancy(robot, config, source, progress)
-    folder.write_text("trajectory.csv", trajectory_csv(result))
-    draw(result, out)
-    metrics = {**result.metrics(), "notices": list(result.notices)}
-    folder.write_json("metrics.json", metrics)
-    folder.write_yaml("config.yaml", {"robot": robot_name, "task": config})
+    with result_folder(out, "redundancy") as folder:
+        robot = Robot.load(robot_name)
+        source = task_file(task_name, "redundancy")
+        config = load_configuration(source, RedundancyTask) if content is None else content
+        result = find_redundancy(robot, config, source, progress)
+        folder.write_text("trajectory.csv", trajectory_csv(result))
+        draw(result, folder.path)
+        metrics = {**result.metrics(), "notices": list(result.notices)}
+        folder.write_json("metrics.json", metrics)
+        settings = RedundancySettings(
+            task=str(task_name), robot=str(robot_name), task_content=config
+        )
+        folder.write_settings("config.yaml", settings)
     return result
 
 

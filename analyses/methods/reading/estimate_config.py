@@ -1,61 +1,122 @@
 """How a log becomes wrenches: the settings of `estimate`."""
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, get_args
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from models.estimation.wrench import (
-    METHODS,
-)
+from models.estimation.estimator import WrenchEstimatorConfig
+from models.estimation.momentum_observer import LEAST_K_0, MomentumObserverConfig
+from models.estimation.observers import make_observer
+from models.estimation.wrench import METHODS, live_prior
 from models.files.input_error import InputError
 from models.robot.robot import Robot
 
-if TYPE_CHECKING:
-    pass
-
-
 ENGINES = ("batch", "diagram")
+LEAST_SD, LARGEST_SD = 1e-3, 1e9  # N or N m; a prior of less says that nothing acts
+LEAST_STEP, LONGEST = 1e-4, 10.0  # s; finer grids only repeat what a log says
+PRIORS = ("live", "log")
+FLOOR_SHARE = 1.0 / 3.0
+
+
+def _estimator_of_logs() -> WrenchEstimatorConfig:
+    return WrenchEstimatorConfig(observer=MomentumObserverConfig(time_step=0.0))
 
 
 @dataclass
 class EstimateConfig:
-    """How a log becomes wrenches."""
+    """How a log becomes wrenches.
 
+    `estimator` is the estimator's own configuration, but for what may be left to the log: a time
+    step of zero is the log's median step, a position resolution of None the step of its encoders,
+    and a prior of None what `prior` says.
+    """
+
+    prior: str = "log"
+    """Where the estimator states none: "live", half the rated payload; "log", what explains the log
+    best, but no less than FLOOR_SHARE of the live one, so that a short contact in a quiet log is
+    not read as noise; or two numbers, N and N m: "30,2"."""
     engine: str = "batch"  # "batch": the kernels; "diagram": the same chain as a Drake diagram
-    method: str = "bayesian"  # one of models.estimation.wrench.METHODS
-    K_0: list[float] = field(default_factory=lambda: [20.0])  # 1/s; one for all joints, or each
-    prior_force_sd: float | None = None  # N; None: the log's evidence
-    prior_moment_sd: float | None = None  # N m about E; None: the log's evidence
-    max_force_sd: float | None = None  # N, of a valid reading; None: see models.estimation.wrench
-    damping: float = 0.2  # of the method "damped"
-    truncation: float = 0.05  # of the method "truncated"
-    time_step: float = 0.0  # s, of the grid that the log is resampled on; 0: its median step
+    estimator: WrenchEstimatorConfig = field(default_factory=_estimator_of_logs)
     max_gap: float = 0.0  # s, longest gap that is bridged; 0: 0.1 s or three steps
     check: bool = True  # hold the log against the robot's limits and gravity
 
 
+@dataclass
+class EstimateSettings:
+    """All that a run of `estimate` depends on, as its config.yaml holds it."""
+
+    command: str = "estimate"  # which wrote it
+    log: str = ""  # of q, v and motor current
+    robot: str = ""  # a bundled name, or a robot.yaml
+    model: str | None = None  # a model.yaml; None: what the robot's own files state
+    log_format: str | None = None  # description of the log's columns
+    estimate: EstimateConfig = field(default_factory=EstimateConfig)  # how
+
+
+def stated_prior(config: EstimateConfig, robot: Robot) -> tuple[float, float] | None:
+    """Force sd (N) and moment sd (N m) that `prior` says without the log; None: it is the log's."""
+    if config.prior == "log":
+        return None
+    if config.prior == "live":
+        return live_prior(robot.payload)
+    force_sd, moment_sd = (float(x) for x in config.prior.split(","))
+    return force_sd, moment_sd
+
+
 def checked_config(config: EstimateConfig, robot: Robot) -> EstimateConfig:
+    """Returns `config`.
+
+    Raises:
+        InputError: a setting that makes no sense.
+    """
+
     def refuse(option: str, problem: str, remedy: str) -> InputError:
         return InputError("estimate", option, problem, remedy)
 
-    if config.engine not in ENGINES:
-        raise refuse("engine", f'unknown engine "{config.engine}"', f"give {' or '.join(ENGINES)}")
-    methods = METHODS if isinstance(METHODS, tuple) else get_args(METHODS)
-    if config.method not in methods:
-        raise refuse("method", f'unknown method "{config.method}"', f"give {', '.join(methods)}")
-    if len(config.K_0) not in (1, robot.num_joints):
-        raise refuse(
-            "K_0", f"has {len(config.K_0)} values", f"give one, or one a joint ({robot.num_joints})"
-        )
-    if not all(np.isfinite(K_0) and K_0 > 0 for K_0 in config.K_0):
-        raise refuse("K_0", "is not positive", "give the observer's gain in 1/s, such as 20")
+    observer, reconstruction = config.estimator.observer, config.estimator.reconstruction
+    for name, value, known in (
+        ("engine", config.engine, ENGINES),
+        ("method", reconstruction.method, METHODS),
+    ):
+        if value not in known:
+            raise refuse(name, f'unknown {name} "{value}"', f"give {' or '.join(known)}")
+    if config.prior not in PRIORS:
+        try:
+            force_sd, moment_sd = (float(x) for x in config.prior.split(","))
+        except ValueError:
+            force_sd = moment_sd = float("nan")
+        if not all(LEAST_SD <= sd <= LARGEST_SD for sd in (force_sd, moment_sd)):
+            found = f'is "{config.prior}", expected live, log or two numbers from {LEAST_SD:g}'
+            raise refuse("prior", found, "give N and N m, such as 30,2")
     for name in ("prior_force_sd", "prior_moment_sd", "max_force_sd"):
-        value = getattr(config, name)
-        if value is not None and not (np.isfinite(value) and value > 0):
-            raise refuse(name, f"is {value}, expected a positive number", "give N or N m")
-    for name in ("damping", "truncation", "time_step", "max_gap"):
-        value = getattr(config, name)
-        if not (np.isfinite(value) and value >= 0):
-            raise refuse(name, f"is {value}, expected zero or more", "leave it out for the default")
+        number = getattr(reconstruction, name)
+        if number is not None and not LEAST_SD <= number <= LARGEST_SD:
+            found = f"is {number}, expected a positive number, {LEAST_SD:g} to {LARGEST_SD:g}"
+            raise refuse(name, found, "give N or N m")
+    for name, number in (
+        ("damping", reconstruction.damping),
+        ("truncation", reconstruction.truncation),
+        ("time_step", observer.time_step),
+        ("max_gap", config.max_gap),
+    ):
+        if not (np.isfinite(number) and number >= 0):
+            found = f"is {number}, expected zero or more"
+            raise refuse(name, found, "leave it out for the default")
+    for name, number, least, largest in (
+        ("time_step", observer.time_step, LEAST_STEP, LONGEST),
+        ("max_gap", config.max_gap, 0.0, LONGEST),
+    ):
+        if number and not least <= number <= LONGEST:
+            found = f"is {number:g} s, expected {least:g} to {largest:g}"
+            raise refuse(name, found, "leave it out for the default")
+    if isinstance(observer, MomentumObserverConfig) and any(
+        0.0 < K_0 < LEAST_K_0 for K_0 in observer.K_0
+    ):
+        found = f"is {min(observer.K_0):g} /s, expected {LEAST_K_0:g} or more"
+        raise refuse("K_0", found, "20 is the default")
+    step = observer.time_step or 1e-3  # any: that of the log is not known yet
+    try:
+        make_observer(replace(observer, time_step=step), robot.num_joints)
+    except ValueError as error:
+        raise refuse("observer", str(error), "see the command's --help") from None
     return config

@@ -5,10 +5,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.reading.estimate_config import EstimateConfig
 from analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
 from analyses.output.stream_summary import Envelope, EvenSample
-from models.estimation.estimator import EstimateBatch
+from models.estimation.estimator import EstimateBatch, WrenchEstimatorConfig
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
 
@@ -23,9 +22,9 @@ AXES = ("fx", "fy", "fz", "mx", "my", "mz")  # as people read them
 _FORCE_FIRST = [3, 4, 5, 0, 1, 2]
 _MEDIAN_SAMPLES = 1 << 17
 _FIGURE_BINS = 2000  # about one a pixel
+LONG_AGO = 1e6  # s; a clock that shows more is drawn from the first sample on
 _BAND = 1.96  # standard deviations: 95 %
 _SINGULAR = 1e12  # condition number: beyond, rounding alone decides its digits
-_SETTLING = 3.0  # time constants of the observer, which starts at zero: 5 % are missing then
 _OUTSIDE_WARNING = 0.01  # share of samples outside the model's ranges
 _UNSURE_WARNING = 0.5  # share of invalid samples
 
@@ -67,12 +66,13 @@ class _Moments:
 class EstimateSummary:
     """What metrics and figure need, gathered chunk by chunk."""
 
-    def __init__(self, model: IdentifiedModel) -> None:
-        self._model = model
+    def __init__(self, model: IdentifiedModel, settling_time: float) -> None:
+        self._model, self._settling_time = model, settling_time
         self.count = 0
         self.num_valid = 0
         self._num_invalid = {"settling": 0, "dropout": 0, "unsure": 0}
         self._first = 0.0
+        self._origin = 0.0
         self._last = 0.0
         self._num_singular = 0
         self._largest_condition = 0.0
@@ -82,13 +82,14 @@ class EstimateSummary:
         n = len(model.joint_names)
         self._outside = {"q": np.zeros(n), "v": np.zeros(n), "tau": np.zeros(n)}
         self._outside_motion = 0
+        self._extrapolated = 0
         self._envelope = Envelope(_FIGURE_BINS)
         self._valid_range = np.stack([np.full(6, np.inf), np.full(6, -np.inf)])
 
-    def judge(self, chunk: Recording, batch: EstimateBatch, config: EstimateConfig) -> Flags:
+    def judge(self, chunk: Recording, batch: EstimateBatch, config: WrenchEstimatorConfig) -> Flags:
         """(N,) which samples of the next chunk may be trusted; counts why others may not."""
         index = self.count + np.arange(chunk.num_samples)
-        settling = index * config.time_step < _SETTLING / min(config.K_0)  # flagged by the observer
+        settling = index * config.observer.time_step < self._settling_time  # it flags these
         dropout = chunk.dropout & ~settling
         unsure = ~batch.valid & ~dropout & ~settling
         for name, reason in (("settling", settling), ("dropout", dropout), ("unsure", unsure)):
@@ -102,6 +103,8 @@ class EstimateSummary:
             return
         if not self.count:
             self._first = float(chunk.t[0])
+            # The clock of a log that counts from 1970 fits no axis.
+            self._origin = self._first if abs(self._first) >= LONG_AGO else 0.0
         self._last = float(chunk.t[-1])
         self.count += chunk.num_samples
         self.num_valid += int(valid.sum())
@@ -119,7 +122,7 @@ class EstimateSummary:
         self._envelope.add(
             np.concatenate([wrench, lower], axis=1),
             np.concatenate([wrench, upper], axis=1),
-            np.stack([chunk.t - self._first, ~valid], axis=1),
+            np.stack([chunk.t - self._origin, ~valid], axis=1),
         )
         if valid.any():
             self._valid_range[0] = np.minimum(self._valid_range[0], lower[valid].min(axis=0))
@@ -128,6 +131,8 @@ class EstimateSummary:
     def _add_outside(self, chunk: Recording, torque: Array) -> None:
         ranges = self._model.validity
         outside = np.zeros(chunk.num_samples, bool)
+        # Friction is a law of speed and load; positions enter by exact kinematics.
+        extrapolated = outside.copy()
         if ranges.q_min and ranges.q_max:
             q = (chunk.q < np.array(ranges.q_min)) | (chunk.q > np.array(ranges.q_max))
             self._outside["q"] += q.sum(axis=0)
@@ -136,16 +141,20 @@ class EstimateSummary:
             v = np.abs(chunk.v) > np.array(ranges.v_max)
             self._outside["v"] += v.sum(axis=0)
             outside |= v.any(axis=1)
+            extrapolated |= v.any(axis=1)
         if ranges.tau_max:
-            self._outside["tau"] += (np.abs(torque) > np.array(ranges.tau_max)).sum(axis=0)
+            tau = np.abs(torque) > np.array(ranges.tau_max)
+            self._outside["tau"] += tau.sum(axis=0)
+            extrapolated |= tau.any(axis=1)
         self._outside_motion += int(outside.sum())
+        self._extrapolated += int(extrapolated.sum())
 
-    def metrics(self, config: EstimateConfig, rule: str) -> dict[str, Any]:
+    def metrics(self, config: WrenchEstimatorConfig, rule: str) -> dict[str, Any]:
         share = 100.0 / self.count
         return {
             "num_samples": self.count,
             "duration_s": self._last - self._first,
-            "time_step_s": config.time_step,
+            "time_step_s": config.observer.time_step,
             "valid_pct": share * self.num_valid,
             "invalid": {
                 "observer_settling_pct": share * self._num_invalid["settling"],
@@ -153,8 +162,8 @@ class EstimateSummary:
                 "force_too_uncertain_pct": share * self._num_invalid["unsure"],
             },
             "prior": {
-                "force_sd_n": config.prior_force_sd,
-                "moment_sd_nm": config.prior_moment_sd,
+                "force_sd_n": config.reconstruction.prior_force_sd,
+                "moment_sd_nm": config.reconstruction.prior_moment_sd,
                 "rule": rule,
             },
             "condition_number": {
@@ -172,20 +181,18 @@ class EstimateSummary:
 
     def warnings(self) -> list[str]:
         found = []
-        outside = self._outside_motion / self.count
-        if outside > _OUTSIDE_WARNING:
+        extrapolated = self._extrapolated / self.count
+        if extrapolated > _OUTSIDE_WARNING:
             worst = {
-                name: self._model.joint_names[int(np.argmax(self._outside[name]))]
-                for name in ("q", "v")
+                quantity: self._model.joint_names[int(np.argmax(self._outside[name]))]
+                for name, quantity in (("v", "speed"), ("tau", "torque"))
                 if self._outside[name].any()
             }
-            where = " and ".join(
-                f"{'position' if name == 'q' else 'speed'} of {joint}"
-                for name, joint in worst.items()
-            )
+            where = " and ".join(f"{quantity} of {joint}" for quantity, joint in worst.items())
             found.append(
-                f"{100 * outside:.1f} % of the samples lie outside the motion that the model was "
-                f"identified on (mostly {where}): it extrapolates there"
+                f"{100 * extrapolated:.1f} % of the samples are faster or more loaded than the "
+                f"motion that the model was identified on (mostly {where}): friction is "
+                "extrapolated there"
             )
         unsure = self._num_invalid["unsure"] / self.count
         if unsure > _UNSURE_WARNING:
@@ -195,11 +202,17 @@ class EstimateSummary:
             )
         return found
 
-    def figure(self) -> "Figure":
+    def figure(self, reads_moments: bool = True) -> "Figure":
+        """Reading and band over the log's own time, with the range of the valid samples.
+
+        Args:
+            reads_moments: whether the method reads moments; without, only forces are drawn.
+        """
         low, high, mean = self._envelope.values()
         t, is_invalid = mean[:, 0], mean[:, 1] > 0.5
-        figure, axes = new_figure(3, 2, share_x=True)
-        for k, axis in enumerate(AXES):
+        figure, axes = new_figure(3, 2 if reads_moments else 1, share_x=True)
+        origin = f" since {self._origin:.0f} s" if self._origin else ""
+        for k, axis in enumerate(AXES if reads_moments else AXES[:3]):
             panel: Any = axes[k % 3, k // 3]
             unit = "N" if axis.startswith("f") else "N m"
             panel.fill_between(
@@ -220,10 +233,16 @@ class EstimateSummary:
                 label="estimate",
             )
             panel.set_ylabel(f"{axis[0]}$_{axis[1]}$ [{unit}]")
-            panel.set_ylim(*self._limits(k, low, high))
+            bottom, top = self._limits(k, low, high)
+            panel.set_ylim(bottom, top)
             _shade(panel, t, is_invalid, COLOUR["invalid"])
+            beyond = [x for x in (low[:, k].min(), high[:, k].max()) if not bottom <= x <= top]
+            if beyond:
+                reach = " and ".join(f"{x:.3g}" for x in beyond)
+                text = f"not valid, beyond the panel: to {reach} {unit}"
+                panel.text(0.01, 0.97, text, transform=panel.transAxes, va="top", fontsize=7)
             if k % 3 == 2:
-                panel.set_xlabel("time [s]")
+                panel.set_xlabel(f"time{origin} [s]")
         handles, labels = axes[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3)
         figure.suptitle("Wrench of the environment on the robot, at E in axes of W")

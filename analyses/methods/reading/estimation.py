@@ -3,43 +3,47 @@
 The log is streamed: its memory does not grow with its length. Without a given prior there are two
 passes. The first runs the observer over the whole log and keeps some thousand samples, evenly
 spread, of external torque and Jacobian; the prior is what explains those best
-(`models.estimation.wrench.evidence_prior`). The second one writes the wrenches.
+(`models.estimation.evidence_prior.evidence_prior`). The second one writes the wrenches.
 """
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.reading.estimate_config import EstimateConfig, checked_config
+from analyses.methods.reading.estimate_config import (
+    FLOOR_SHARE,
+    PRIORS,
+    EstimateConfig,
+    EstimateSettings,
+    checked_config,
+    stated_prior,
+)
 from analyses.methods.reading.estimate_summary import EstimateSummary
 from analyses.output.outputs import OutputFolder
+from analyses.output.result_folder import result_folder
 from analyses.output.stream_summary import EvenSample
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.momentum_observer import MomentumObserverConfig
-from models.estimation.wrench import (
-    FORCE_SD_RANGE,
-    WrenchReconstructionConfig,
-    evidence_prior,
-)
+from models.estimation.evidence_prior import evidence_prior
+from models.estimation.observers import make_observer
+from models.estimation.wrench import live_prior
 from models.estimation.wrench_table import WrenchTableWriter
 from models.identification.identified_model import IdentifiedModel
+from models.recordings.position_resolution import position_resolution
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import RecordingReader
 from models.recordings.resampling import plausible_step, resample_chunks
 from models.robot.robot import Robot
 
-if TYPE_CHECKING:
-    pass
-
 Array = NDArray[np.float64]
 
 ProgressCallback = Callable[[float, str], None]
 
-_CHUNK = 1 << 16  # samples that are worked on at a time
+CHUNK_SAMPLES = 1 << 16  # samples that are worked on at a time
 _PRIOR_SAMPLES = 1 << 12
 
 
@@ -96,30 +100,31 @@ def estimate_log(
         log_format: description of the log's columns.
 
     Raises:
-        InputError: as `Robot.load`, `IdentifiedModel.load`, `RecordingReader` and `OutputFolder`; a
-            setting that makes no sense.
+        InputError: as `Robot.load`, `IdentifiedModel.load`, `RecordingReader` and `result_folder`;
+            a setting that makes no sense.
     """
-    robot = Robot.load(robot_name)
-    config = checked_config(config or EstimateConfig(), robot)
-    if model_path is None:
-        model = IdentifiedModel.nominal(robot)
-    else:
-        model = IdentifiedModel.load(Path(model_path), robot)
+    with result_folder(out, "estimate") as folder:
+        robot = Robot.load(robot_name)
+        config = checked_config(config or EstimateConfig(), robot)
+        if model_path is None:
+            model = IdentifiedModel.nominal(robot)
+        else:
+            model = IdentifiedModel.load(Path(model_path), robot)
 
-    def read() -> RecordingReader:
-        reader = RecordingReader(log, log_format, robot, config.check)
-        reader.require_joint_signals()
-        return reader
+        def read() -> RecordingReader:
+            reader = RecordingReader(log, log_format, robot, config.check)
+            reader.require_joint_signals()
+            return reader
 
-    read()  # refuses a bad log before the folder is made
-    command = {
-        "command": "estimate",
-        "log": str(log),
-        "robot": str(robot_name),
-        "model": None if model_path is None else str(model_path),
-        "log_format": None if log_format is None else str(log_format),
-    }
-    return estimate(read, robot, model, OutputFolder(out), config, command, progress)
+        settings = EstimateSettings(
+            log=str(log),
+            robot=str(robot_name),
+            model=None if model_path is None else str(model_path),
+            log_format=None if log_format is None else str(log_format),
+            estimate=config,
+        )
+        result = estimate(read, robot, model, folder, settings, progress)
+    return replace(result, table=out / result.table.name)
 
 
 def estimate(
@@ -127,15 +132,14 @@ def estimate(
     robot: Robot,
     model: IdentifiedModel,
     out: OutputFolder,
-    config: EstimateConfig,
-    command: dict[str, Any],
+    settings: EstimateSettings,
     progress: ProgressCallback = lambda fraction, what: None,
 ) -> EstimateResult:
     """As `estimate_log`, of what is loaded.
 
     Args:
         read: opens the log for one pass.
-        command: what config.yaml holds besides the settings.
+        settings: what config.yaml is to hold; written with what the log filled in.
 
     Raises:
         InputError: something is wrong in the log.
@@ -145,28 +149,44 @@ def estimate(
         warnings.append(
             "the model is not identified from logs: its friction and its noise are assumed"
         )
-    num_passes = 1 if _has_prior(config) else 2
+    elif model.torque_error is None:
+        warnings.append(
+            "the model does not say what its torque errs by at rest and in motion: one covariance "
+            "stands for both; identify it again"
+        )
+    config, max_gap = settings.estimate.estimator, settings.estimate.max_gap
+    if config.position_resolution is None:
+        step = position_resolution(next(iter(read().chunks())).q)
+        config = replace(config, position_resolution=step.tolist())
     rule = "given"
+    stated = stated_prior(settings.estimate, robot)
+    if stated is not None and not _has_prior(config):
+        config = replace(config, reconstruction=config.reconstruction.with_prior(*stated))
+        rule = settings.estimate.prior if settings.estimate.prior in PRIORS else "given"
+    num_passes = 1 if _has_prior(config) else 2
     if num_passes == 2:
         part = _Part(progress, 0.0, 0.4, "finding the prior")
-        config, rule = _with_evidence(read(), robot, model, config, part, warnings)
+        config, rule = _with_evidence(read(), robot, model, config, max_gap, part, warnings)
     reader = read()
     part = _Part(progress, 0.4 * (num_passes - 1), 1.0, "estimating")
-    summary = EstimateSummary(model)
-    engine: _Engine | None = None
+    chunks = _uniform(reader, config, max_gap, part)
+    first = next(chunks)
+    config = _timed(config, first)
+    engine: _Engine = _ENGINES[settings.estimate.engine](robot, model, config)
+    observer = make_observer(config.observer, robot.num_joints)
+    summary = EstimateSummary(model, observer.settling_time)
     with WrenchTableWriter(out / "wrench.csv") as table:
-        for chunk in _uniform(reader, config, part):
-            if engine is None:
-                config = replace(config, time_step=config.time_step or plausible_step(chunk))
-                engine = _engine(robot, model, config)
+        for chunk in chain([first], chunks):
             batch = engine.run(chunk.q, chunk.v, chunk.current)
             sd, valid = batch.standard_deviation, summary.judge(chunk, batch, config)
             table.write(chunk.t, batch.wrench, sd, batch.condition_number, valid)
             summary.add(chunk, batch, sd, valid, _torque(chunk, robot))
     metrics = summary.metrics(config, rule)
     warnings += summary.warnings()
-    out.write_figure("wrench", summary.figure())
-    out.write_yaml("config.yaml", command | {"estimate": config})
+    reads_moments = config.reconstruction.method != "force_only"
+    out.write_figure("wrench", summary.figure(reads_moments))
+    used = replace(settings.estimate, estimator=config)
+    out.write_settings("config.yaml", replace(settings, estimate=used))
     out.write_json("metrics.json", metrics)
     progress(1.0, "done")
     return EstimateResult(
@@ -174,35 +194,28 @@ def estimate(
         valid_share=summary.num_valid / summary.count,
         notices=reader.notices,
         warnings=tuple(warnings),
-        config=config,
+        config=used,
         table=out / "wrench.csv",
         _metrics=metrics,
     )
 
 
-def _has_prior(config: EstimateConfig) -> bool:
-    return config.prior_force_sd is not None and config.prior_moment_sd is not None
+def _has_prior(config: WrenchEstimatorConfig) -> bool:
+    prior = config.reconstruction
+    return prior.prior_force_sd is not None and prior.prior_moment_sd is not None
 
 
-def _estimator_config(config: EstimateConfig) -> WrenchEstimatorConfig:
-    return WrenchEstimatorConfig(
-        observer=MomentumObserverConfig(K_0=list(config.K_0), time_step=config.time_step),
-        reconstruction=WrenchReconstructionConfig(
-            method=config.method,
-            prior_force_sd=config.prior_force_sd,
-            prior_moment_sd=config.prior_moment_sd,
-            max_force_sd=config.max_force_sd,
-            damping=config.damping,
-            truncation=config.truncation,
-        ),
-    )
+def _timed(config: WrenchEstimatorConfig, chunk: Recording) -> WrenchEstimatorConfig:
+    """The configuration with the time step that the log suggests, unless it states one."""
+    step = config.observer.time_step or float(plausible_step(chunk))
+    return replace(config, observer=replace(config.observer, time_step=step))
 
 
 class _BatchEngine:
     """The kernels, chunk after chunk."""
 
-    def __init__(self, robot: Robot, model: IdentifiedModel, config: EstimateConfig) -> None:
-        self._estimator = WrenchEstimator(robot, model, _estimator_config(config))
+    def __init__(self, robot: Robot, model: IdentifiedModel, config: WrenchEstimatorConfig) -> None:
+        self._estimator = WrenchEstimator(robot, model, config)
         self._state = self._estimator.initial_state()
 
     def run(self, q: Array, v: Array, current: Array) -> EstimateBatch:
@@ -212,12 +225,12 @@ class _BatchEngine:
 class _DiagramEngine:
     """The same chain as a Drake diagram that replays the log, stretch after stretch."""
 
-    def __init__(self, robot: Robot, model: IdentifiedModel, config: EstimateConfig) -> None:
+    def __init__(self, robot: Robot, model: IdentifiedModel, config: WrenchEstimatorConfig) -> None:
         from pydrake.systems.analysis import Simulator
 
         from diagrams.replay import make_replay
 
-        self._replay = make_replay(robot, model, _estimator_config(config))
+        self._replay = make_replay(robot, model, config)
         self._simulator = Simulator(self._replay.diagram)
 
     def run(self, q: Array, v: Array, current: Array) -> EstimateBatch:
@@ -227,12 +240,10 @@ class _DiagramEngine:
         return self._replay.take(context)
 
 
-def _engine(robot: Robot, model: IdentifiedModel, config: EstimateConfig) -> _Engine:
-    kinds: dict[str, type[_BatchEngine | _DiagramEngine]] = {
-        "batch": _BatchEngine,
-        "diagram": _DiagramEngine,
-    }
-    return kinds[config.engine](robot, model, config)
+_ENGINES: dict[str, type[_BatchEngine | _DiagramEngine]] = {
+    "batch": _BatchEngine,
+    "diagram": _DiagramEngine,
+}
 
 
 def _torque(chunk: Recording, robot: Robot) -> Array:
@@ -240,11 +251,14 @@ def _torque(chunk: Recording, robot: Robot) -> Array:
     return np.asarray(chunk.current * (robot.current_sign * robot.torque_per_ampere))
 
 
-def _uniform(reader: RecordingReader, config: EstimateConfig, part: "_Part") -> Iterator[Recording]:
+def _uniform(
+    reader: RecordingReader, config: WrenchEstimatorConfig, max_gap: float, part: "_Part"
+) -> Iterator[Recording]:
     """The log on its uniform grid, some ten thousand samples at a time."""
-    for chunk in resample_chunks(reader.chunks(), config.time_step or None, config.max_gap or None):
-        for begin in range(0, chunk.num_samples, _CHUNK):
-            yield chunk[begin : begin + _CHUNK]
+    step = config.observer.time_step or None
+    for chunk in resample_chunks(reader.chunks(), step, max_gap or None):
+        for begin in range(0, chunk.num_samples, CHUNK_SAMPLES):
+            yield chunk[begin : begin + CHUNK_SAMPLES]
         part(reader.progress)
 
 
@@ -252,37 +266,42 @@ def _with_evidence(
     reader: RecordingReader,
     robot: Robot,
     model: IdentifiedModel,
-    config: EstimateConfig,
+    config: WrenchEstimatorConfig,
+    max_gap: float,
     part: "_Part",
     warnings: list[str],
-) -> tuple[EstimateConfig, str]:
-    """The settings with the prior that explains the log best, and the rule's name."""
+) -> tuple[WrenchEstimatorConfig, str]:
+    """The configuration with the prior that explains the log best, and the rule's name."""
     J, tau_ext = EvenSample(_PRIOR_SAMPLES), EvenSample(_PRIOR_SAMPLES)
     engine: _BatchEngine | None = None
-    for chunk in _uniform(reader, config, part):
+    for chunk in _uniform(reader, config, max_gap, part):
         if engine is None:
-            timed = replace(config, time_step=config.time_step or plausible_step(chunk))
-            engine = _BatchEngine(robot, model, timed)
+            engine = _BatchEngine(robot, model, _timed(config, chunk))
         batch = engine.run(chunk.q, chunk.v, chunk.current)
         measured = ~chunk.dropout
-        J.add(batch.J[measured])
-        tau_ext.add(batch.tau_ext[measured])
-    force_sd, moment_sd = evidence_prior(J.values(), tau_ext.values(), model.residual_covariance)
-    if force_sd < 1.01 * FORCE_SD_RANGE[0] and config.prior_force_sd is None:
+        sd = np.ones_like(batch.tau_ext) if model.torque_error is None else batch.torque_sd
+        J.add((batch.J / sd[:, None, :])[measured])
+        tau_ext.add((batch.tau_ext / sd)[measured])
+    noise = model.residual_covariance
+    if model.torque_error is not None:
+        noise = model.torque_error.correlation
+    force_sd, moment_sd = evidence_prior(J.values(), tau_ext.values(), noise)
+    prior = config.reconstruction
+    live_force, live_moment = live_prior(robot.payload)
+    if force_sd < FLOOR_SHARE * live_force and prior.prior_force_sd is None:
         warnings.append(
-            "the log shows no force beyond the model's error: the readings are close to zero"
+            "the log as a whole shows little force beyond the model's error: the prior is "
+            f"{FLOOR_SHARE * live_force:.3g} N, so that a short contact still reads"
         )
+    force_sd = max(force_sd, FLOOR_SHARE * live_force)
+    moment_sd = max(moment_sd, FLOOR_SHARE * live_moment)
     given = [
         name
-        for name, value in (("force", config.prior_force_sd), ("moment", config.prior_moment_sd))
+        for name, value in (("force", prior.prior_force_sd), ("moment", prior.prior_moment_sd))
         if value is not None
     ]
     rule = "evidence of the log" + (f", {given[0]} given" if given else "")
-    return replace(
-        config,
-        prior_force_sd=config.prior_force_sd or force_sd,
-        prior_moment_sd=config.prior_moment_sd or moment_sd,
-    ), rule
+    return replace(config, reconstruction=prior.with_prior(float(force_sd), float(moment_sd))), rule
 
 
 class _Part:

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
+from models.estimation.evidence_prior import evidence_prior
 from models.estimation.momentum_observer import MomentumObserverConfig
 from models.estimation.point_of_action import PointOfAction, find_point_of_action, jacobian_at
 from models.estimation.wrench import (
     WrenchEstimate,
     WrenchReconstruction,
     WrenchReconstructionConfig,
-    evidence_prior,
 )
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording

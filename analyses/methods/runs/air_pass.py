@@ -12,17 +12,15 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 
 from analyses.methods.advance import advance, even_stretches
-from analyses.methods.learning.simulated_logs import TRACKING
+from analyses.methods.arms.simulated_logs import TRACKING
 from diagrams.closed_loop import make_closed_loop
 from diagrams.scenario import HoldMotion, Scenario
-from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.estimation.estimator import Taught, WrenchEstimator, WrenchEstimatorConfig
 from models.identification.identified_model import IdentifiedModel
 from models.machining.air_pass import LEAD, TaughtTorque
 from models.machining.machining_path import MachiningPath
 from models.motion.paths import JointTrajectory
 from models.recordings.recording import Recording
-from models.robot.motors import motor_gain
 from models.robot.robot import Robot
 
 ProgressCallback = Callable[[float, str], None]
@@ -95,16 +93,12 @@ def teach(
             same for both.
     """
     observer = replace(config.observer, time_step=recording.time_step)
-    frictionless = SemiParametricFriction(CoulombViscous.zero(robot.num_joints))
-    estimator = WrenchEstimator(
-        robot, replace(model, friction=frictionless), replace(config, observer=observer)
-    )
-    # The observer sees tau_J - tau_f: what friction takes may as well be taken off the current.
+    estimator = WrenchEstimator(robot, model, replace(config, observer=observer))
     _, v, _ = motion.sample(recording.t)
-    tau_f = model.friction.feedforward.torque(v)
-    drive = motor_gain(robot.torque_per_ampere, robot.current_sign)
-    current = recording.current - tau_f / drive
-    tau_ext = estimator.run(estimator.initial_state(), recording.q, recording.v, current).tau_ext
+    untaught = Taught(np.zeros_like(v), v, np.ones(len(v)))
+    tau_ext = estimator.run(
+        estimator.initial_state(), recording.q, recording.v, recording.current, taught=untaught
+    ).tau_ext
     first = round(LEAD / recording.time_step)
     t = recording.t[first:] - recording.t[first]
     steady = np.interp(t, plan.trajectory.t, plan.steady) == 1.0

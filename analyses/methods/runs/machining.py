@@ -25,7 +25,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
 from analyses.methods.advance import advance, even_stretches
-from analyses.methods.learning.arm_models import ArmModels
+from analyses.methods.arms.arm_models import ArmModels
 from analyses.methods.runs.air_pass import record_air_pass, teach
 from diagrams.closed_loop import make_closed_loop
 from diagrams.machining import longest_duration, view_of
@@ -34,7 +34,6 @@ from diagrams.scenario import Scenario
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.momentum_observer import MomentumObserverConfig
 from models.estimation.wrench import WrenchReconstructionConfig
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.machining.air_pass import TaughtTorque, raised_motion
 from models.machining.machining_path import MachiningPath
 from models.machining.machining_phases import Fault, Phase
@@ -227,27 +226,22 @@ def read_all(run: MachiningRun, models: ArmModels) -> dict[str, dict[str, Array]
     inverse = WrenchReconstructionConfig("inverse")
     bayesian = models.estimator(LAW, speed, K_0, WrenchReconstructionConfig("bayesian"))
     config = WrenchEstimatorConfig(MomentumObserverConfig([K_0]), inverse)
-    nothing = SemiParametricFriction(CoulombViscous.zero(robot.num_joints))
-    free = signals["current"] - signals["tau_f_true"] / (
-        robot.torque_per_ampere * robot.current_sign
-    )
 
-    def read(estimator: WrenchEstimator, current: Array) -> Array:
+    def read(estimator: WrenchEstimator, tau_f: Array | None = None) -> Array:
         state = estimator.initial_state()
-        return estimator.run(state, signals["q"], signals["v"], current).wrench[:, 3:]
+        q, v, current = signals["q"], signals["v"], signals["current"]
+        return estimator.run(state, q, v, current, tau_f=tau_f).wrench[:, 3:]
 
     law, plain = models.models[LAW], models.models[PLAIN]
     forces = {
-        "article": read(WrenchEstimator(robot, law, config), signals["current"]),
-        "coulomb_viscous": read(WrenchEstimator(robot, plain, config), signals["current"]),
+        "article": read(WrenchEstimator(robot, law, config)),
+        "coulomb_viscous": read(WrenchEstimator(robot, plain, config)),
         "ours": np.where(
             run.steady[:, np.newaxis],
             signals["wrench"][:, 3:],
-            read(bayesian, signals["current"]),
+            read(bayesian),
         ),
-        "known_friction": read(
-            WrenchEstimator(robot, replace(law, friction=nothing), config), free
-        ),
+        "known_friction": read(WrenchEstimator(robot, law, config), signals["tau_f_true"]),
         "sensor": signals["ft_wrench"][:, 3:],
     }
     return {name: run.components(force) for name, force in forces.items()}

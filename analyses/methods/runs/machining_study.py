@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.learning.arm_models import ArmModels, identify_arm
-from analyses.methods.learning.simulated_logs import ROBOT
+from analyses.methods.arms.arm_models import ArmModels, identify_arm
+from analyses.methods.arms.simulated_logs import ROBOT
 from analyses.methods.runs.machining import (
     COMPONENTS,
     FEEDBACKS,
@@ -111,8 +111,8 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
                 "estimated force blue.",
             )
         ],
-        comparison=_comparison(task),
-        notes=_notes(task, metrics),
+        comparison=comparison_rows(task),
+        notes=findings(task, metrics),
         configuration={"scenarios": scenarios, "feeds_s": FEEDS, "K_0": K_0},
     )
 
@@ -191,7 +191,8 @@ def over_feeds(metrics: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _comparison(task: MachiningTask) -> list[ComparisonRow]:
+def comparison_rows(task: MachiningTask) -> list[ComparisonRow]:
+    """Rows of the table "article / here"."""
     feeds = ", ".join(f"{feed:g}" for feed in FEEDS)
     force = f"{task.component.capitalize()} force, one way in {feeds} s"
     ours = "reads with what a pass through the air has taught"
@@ -230,7 +231,8 @@ def _share(metrics: Mapping[str, Any], feed: float) -> str:
     return f"{100.0 * (1.0 - metrics[feed_key(feed)]['steady_share']):.1f}"
 
 
-def _notes(task: MachiningTask, metrics: Mapping[str, Any]) -> list[str]:
+def findings(task: MachiningTask, metrics: Mapping[str, Any]) -> list[str]:
+    """What the figures say, in sentences."""
     rmse = [metrics[feed_key(feed)]["rmse_n"] for feed in FEEDS]
     slowest, fastest = (
         metrics["sources"][feed_key(FEEDS[-1])],
@@ -266,16 +268,16 @@ def _notes(task: MachiningTask, metrics: Mapping[str, Any]) -> list[str]:
         "rest at the touch, where no current tells the force, so that the press is fed forward.",
         f"In the article slower feeds are harder to read. Here the article's method errs by "
         f"{rmse[-1] / rmse[0]:.2f} times as much in {FEEDS[-1]:g} s as in {FEEDS[0]:g} s. Two "
-        "things work against each other. Starts, stops and turns, where joints rest and hide force "
+        "things decide it. Starts, stops and turns, where joints rest and hide force "
         f"within their stiction, take {_share(metrics, FEEDS[0])} % of the time in {FEEDS[0]:g} s "
         f"and {_share(metrics, FEEDS[-1])} % in {FEEDS[-1]:g} s. Over the steady feed the error "
         "goes from "
         f"{metrics[feed_key(FEEDS[0])]['article']['steady']['rmse_n']:.2f} to "
         f"{metrics[feed_key(FEEDS[-1])]['article']['steady']['rmse_n']:.2f} N: friction at joints "
         f"1 to 6 errs by {worst(fastest)} N m at the fastest feed and {worst(slowest)} N m at the "
-        f"slowest. It grows most at joint {grown}, of "
+        f"slowest. It {'grows most' if growth.max() > 0.0 else 'falls least'} at joint {grown}, of "
         f"{1e3 * slowest['mean_joint_speed_rad_per_s'][grown - 1]:.1f} mrad/s in the mean at the "
-        "slowest: the slower a joint, the longer it stays where it sticks.",
+        "slowest.",
         "The workpiece stands where the article's reading has the least predicted sd "
         "(`analyses.methods.planning.machining_placement`), which takes the identified model, the "
         "planned speeds and contact-free logs.",

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.learning.arm_models import repetition_covariances
-from analyses.methods.learning.simulated_logs import ROBOT
+from analyses.methods.arms.arm_models import repetition_covariances
+from analyses.methods.arms.simulated_logs import ROBOT
 from analyses.methods.reading.force_errors import (
     AXES,
     ForceReading,

@@ -19,8 +19,10 @@ from scipy.optimize import nnls
 
 from analyses.methods.advance import advance
 from analyses.methods.runs.air_pass import record_air_pass, teach
+from analyses.methods.runs.simulate_settings import SimulateSettings
 from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
 from analyses.output.outputs import OutputFolder
+from analyses.output.result_folder import result_folder
 from diagrams.closed_loop import ClosedLoop, make_closed_loop
 from diagrams.graph import write_graph
 from diagrams.machining import longest_duration, make_machining_path, view_of
@@ -241,9 +243,38 @@ def simulate_scenario(
         record: whether to write recording.html.
 
     Raises:
-        InputError: as `load_scenario`, `Robot.load`, `IdentifiedModel.load`, `OutputFolder`; what
+        InputError: as `load_scenario`, `Robot.load`, `IdentifiedModel.load`, `result_folder`; what
             does not fit together.
     """
+    with result_folder(out, "simulate") as folder:
+        result = _simulate_into(
+            folder,
+            scenario_name,
+            robot_name,
+            model_path,
+            seed,
+            duration,
+            quick,
+            record,
+            graph,
+            progress,
+        )
+    files = tuple(out / path.relative_to(folder.path) for path in result.files)
+    return replace(result, files=files)
+
+
+def _simulate_into(
+    folder: OutputFolder,
+    scenario_name: str,
+    robot_name: str | Path | None,
+    model_path: Path | None,
+    seed: int | None,
+    duration: float | None,
+    quick: bool,
+    record: bool,
+    graph: bool,
+    progress: ProgressCallback,
+) -> SimulationResult:
     file_name, _, name_in_file = scenario_name.rpartition(":")
     scenario = load_scenario(file_name or scenario_name, name_in_file if file_name else None)
     name = name_in_file if file_name else Path(scenario_name).stem
@@ -266,7 +297,6 @@ def simulate_scenario(
         scenario = replace(scenario, force_torque_sensor=None)
         notices = (f"{robot.name} has no tool to put the scenario's force/torque sensor under",)
     check_scenario(scenario, scenario_name)
-    folder = OutputFolder(out)
     result = simulate(
         scenario,
         robot,
@@ -283,17 +313,17 @@ def simulate_scenario(
     files.append(folder.write_figure("wrench", result.figure()))
     text = yaml_dump_typed(scenario, child_name=name)
     files.append(folder.write_text("scenario.yaml", text))
-    command = {
-        "command": "simulate",
-        "scenario": scenario_name,
-        "robot": scenario.robot,
-        "model": None if model_path is None else str(model_path),
-        "seed": scenario.seed,
-        "duration_s": scenario.duration,
-        "record": record,
-        "graph": graph,
-    }
-    files.append(folder.write_yaml("config.yaml", command))
+    settings = SimulateSettings(
+        scenario=scenario_name,
+        robot=scenario.robot,
+        model=None if model_path is None else str(model_path),
+        seed=scenario.seed,
+        duration_s=scenario.duration,
+        quick=quick,
+        record=record,
+        graph=graph,
+    )
+    files.append(folder.write_settings("config.yaml", settings))
     files.append(folder.write_json("metrics.json", result.metrics()))
     return replace(result, files=tuple(files), notices=notices + result.notices)
 

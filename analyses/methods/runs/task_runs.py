@@ -232,17 +232,29 @@ def record_runs(
     return FigureFile(Path("recording.html"), caption)
 
 
-def read_run(name: str, run: TaskRun, estimator: WrenchEstimator) -> ForceReading:
-    """What an estimator reads of a run, its start (3 / K_0) left out."""
+def read_run(
+    name: str, run: TaskRun, estimator: WrenchEstimator, tau_f: Array | None = None
+) -> ForceReading:
+    """What an estimator reads of a run, its start (3 / K_0) left out.
+
+    Args:
+        tau_f: (T, n) N m, friction known from elsewhere; None: by the estimator's law.
+    """
     recording = run.recording
     state = estimator.initial_state()
     force, sd = np.empty((2, recording.num_samples, 3))
     for start in range(0, recording.num_samples, _BLOCK):
         rows = slice(start, start + _BLOCK)
-        part = estimator.run(state, recording.q[rows], recording.v[rows], recording.current[rows])
+        part = estimator.run(
+            state,
+            recording.q[rows],
+            recording.v[rows],
+            recording.current[rows],
+            tau_f=None if tau_f is None else tau_f[rows],
+        )
         force[rows] = part.wrench[:, 3:]
         sd[rows] = part.standard_deviation[:, 3:]
-    settled = recording.t - recording.t[0] >= 3.0 / float(estimator.observer.K_0.min())
+    settled = recording.t - recording.t[0] >= estimator.observer.settling_time
     return ForceReading(
         name,
         recording.t[settled],

@@ -6,14 +6,14 @@ true force behind the observer's low-pass. They say what friction and lag have i
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from analyses.methods.learning.arm_models import ArmModels
+from analyses.methods.arms.arm_models import ArmModels
 from analyses.methods.reading.force_errors import (
     AXES,
     ForceReading,
@@ -26,7 +26,6 @@ from analyses.output.figures import COLOUR, new_figure
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.momentum_observer import MomentumObserverConfig
 from models.estimation.wrench import WrenchReconstructionConfig
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -72,19 +71,12 @@ def read_variants(
 
 def known_friction(models: ArmModels, run: TaskRun, gain: float = K_0) -> dict[str, Any]:
     """Errors of the `inverse` reading when the true friction is taken off the torques."""
-    robot, model = models.robot, models.models["coulomb-viscous"]
-    nothing = SemiParametricFriction(CoulombViscous.zero(robot.num_joints))
-    estimator = WrenchEstimator(
-        robot,
-        replace(model, friction=nothing),
-        WrenchEstimatorConfig(
-            MomentumObserverConfig([gain]), WrenchReconstructionConfig("inverse")
-        ),
+    config = WrenchEstimatorConfig(
+        MomentumObserverConfig([gain]), WrenchReconstructionConfig("inverse")
     )
-    drive = robot.torque_per_ampere * robot.current_sign
-    current = run.recording.current - run.tau_f_true / drive
-    free = replace(run, recording=replace(run.recording, current=current))
-    return _without_band(read_run("true friction known", free, estimator).metrics())
+    estimator = WrenchEstimator(models.robot, models.models["coulomb-viscous"], config)
+    reading = read_run("true friction known", run, estimator, run.tau_f_true)
+    return _without_band(reading.metrics())
 
 
 def lag_alone(run: TaskRun, gain: float = K_0) -> dict[str, Any]:

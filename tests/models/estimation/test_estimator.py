@@ -8,8 +8,8 @@ import pinocchio as pin
 import pytest
 from numpy.typing import NDArray
 
-from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.momentum_observer import MomentumObserverConfig
+from models.estimation.estimator import Taught, WrenchEstimator, WrenchEstimatorConfig
+from models.estimation.momentum_observer import MomentumObserver, MomentumObserverConfig
 from models.estimation.wrench import METHODS, WrenchReconstructionConfig, live_prior
 from models.files.input_error import InputError
 from models.friction.friction_network import FrictionNetworks
@@ -21,6 +21,7 @@ from models.robot.robot import Robot
 
 Array = NDArray[np.float64]
 T = 0.002
+CONFIG = WrenchEstimatorConfig(MomentumObserverConfig([20.0], T))
 
 
 @cache
@@ -260,6 +261,7 @@ def test_the_load_is_the_torque_transmitted_at_the_sample_before() -> None:
     law = own.model.friction
     tau_J = current * arm().torque_per_ampere * arm().current_sign
     load = np.zeros_like(q)
+    law = law.sampled(own.observer.time_step)
     for k in range(1, len(q)):
         load[k] = tau_J[k - 1] - law.torque_along(q[:k], v[:k], load[:k])[-1]
     tau_f = law.torque_along(q, v, load)
@@ -269,3 +271,62 @@ def test_the_load_is_the_torque_transmitted_at_the_sample_before() -> None:
     found = own.run(own.initial_state(), q, v, current)
     # The same numbers in another order of additions, 1e-13 of 100 N m, times K' = 20/s over 2 ms.
     np.testing.assert_allclose(found.tau_ext, expected, atol=1e-8)
+
+
+def test_friction_known_from_elsewhere_is_a_model_without_friction() -> None:
+    """What is known is taken off the motor torque, sample by sample, and the law has no say."""
+    q, v, current = log(400)
+    tau_f = 3.0 * np.sign(v) + 2.0 * v
+    law = SemiParametricFriction(CoulombViscous(np.full(6, 9.0), np.full(6, 1.0), np.zeros(6)))
+    knowing = WrenchEstimator(arm(), replace(model(), friction=law), CONFIG)
+    found = knowing.run(knowing.initial_state(), q, v, current, tau_f=tau_f)
+    without = SemiParametricFriction(CoulombViscous.zero(6))
+    plain = WrenchEstimator(arm(), replace(model(), friction=without), CONFIG)
+    less = current - tau_f / (arm().torque_per_ampere * arm().current_sign)
+    expected = plain.run(plain.initial_state(), q, v, less)
+    np.testing.assert_array_equal(found.wrench, expected.wrench)
+    state = knowing.initial_state()
+    steps = [
+        knowing.step(state, *s, tau_f=f).wrench for *s, f in zip(q, v, current, tau_f, strict=True)
+    ]
+    np.testing.assert_array_equal(steps, expected.wrench)
+
+
+def test_what_was_taught_corrects_the_reading_and_friction_slides_at_planned_speeds() -> None:
+    q, v, current = log(400)
+    rng = np.random.default_rng(3)
+    planned, correction = v + 0.1 * rng.normal(size=v.shape), rng.normal(size=v.shape)
+    counts = (np.arange(400) % 3 > 0).astype(float)
+    law = SemiParametricFriction(CoulombViscous(np.full(6, 9.0), np.full(6, 1.0), np.zeros(6)))
+    own = WrenchEstimator(arm(), replace(model(), friction=law), CONFIG)
+    taught = Taught(correction, planned, counts)
+    found = own.run(own.initial_state(), q, v, current, taught=taught)
+    # The oracle: the observer alone, fed with the friction of the planned speeds.
+    momentum, CTv, G = own.chain.momentum_terms(q, v)
+    tau_J = current * arm().torque_per_ampere * arm().current_sign
+    observer = MomentumObserver(CONFIG.observer, 6)
+    tau_ext, fresh = observer.run(
+        observer.initial_state(), momentum, CTv, G, tau_J, law.torque(planned)
+    )
+    np.testing.assert_allclose(found.tau_ext, tau_ext + correction, rtol=0.0, atol=1e-10)
+    assert not found.valid[(counts == 0.0) | ~fresh].any()
+    assert found.valid.any()
+    state = own.initial_state()
+    for k in range(50):
+        one = own.step(
+            state, q[k], v[k], current[k], taught=Taught(correction[k], planned[k], counts[k])
+        )
+        np.testing.assert_array_equal(one.wrench, found.wrench[k])
+        assert one.valid == found.valid[k]
+
+
+def test_what_was_taught_must_fit_the_log() -> None:
+    q, v, current = log(20)
+    own = estimator()
+    state = own.initial_state()
+    with pytest.raises(ValueError, match="what was taught must be"):
+        own.run(state, q, v, current, taught=Taught(v, v[:5], np.ones(20)))
+    with pytest.raises(ValueError, match="tau_f must be"):
+        own.run(state, q, v, current, tau_f=v[:5])
+    with pytest.raises(ValueError, match="tau_f has no place"):
+        own.run(state, q, v, current, tau_f=v, taught=Taught(v, v, np.ones(20)))

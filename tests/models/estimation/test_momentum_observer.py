@@ -219,3 +219,14 @@ def test_shapes_that_disagree_are_refused() -> None:
         observer.step(observer.initial_state(), *(np.zeros(3) for _ in range(5)))
     with pytest.raises(ValueError, match="state must be"):
         observer.run(np.zeros(4), *signals)
+
+
+@pytest.mark.parametrize(("K_0", "fresh"), [(1e-9, False), (0.005, False), (20.0, True)])
+def test_a_gain_that_freezes_the_reading_is_never_fresh(K_0: float, fresh: bool) -> None:
+    """Also where it is set after the observer has settled."""
+    settled = MomentumObserver(MomentumObserverConfig(K_0=[20.0]), 1)
+    state, zero = settled.initial_state(), np.zeros((1000, 1))
+    settled.run(state, zero, zero, zero, zero, zero)
+    later = settled.with_parameters({"K_0": np.array([K_0])})
+    assert later.run(state, zero, zero, zero, zero, zero)[1].all() == fresh
+    assert later.run(state, zero, zero, zero, zero, zero)[1].any() == fresh

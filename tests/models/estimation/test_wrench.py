@@ -1,5 +1,6 @@
 """Wrench reconstruction: closed forms, limits, singularities, calibration, the log's own prior."""
 
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -7,20 +8,22 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.estimation.wrench import (
+from models.estimation.evidence_prior import (
     FORCE_SD_RANGE,
-    METHODS,
     MOMENT_SD_RANGE,
-    WrenchReconstruction,
-    WrenchReconstructionConfig,
     evidence_prior,
     evidence_prior_and_noise,
-    largest_eigenvalue_3x3,
+)
+from models.estimation.wrench import (
+    METHODS,
+    WrenchReconstruction,
+    WrenchReconstructionConfig,
     live_prior,
     reconstruct,
     reconstruct_wrench,
 )
 from models.rigid_body.conditioning import condition_number
+from models.rigid_body.small_matrices import largest_eigenvalue_3x3
 
 Array = NDArray[np.float64]
 
@@ -476,3 +479,91 @@ def test_bad_covariance_is_refused(Sigma: Array, message: str) -> None:
 def test_shapes_that_disagree_are_refused() -> None:
     with pytest.raises(ValueError, match="J must be"):
         reconstruct_wrench(np.ones((3, 6, 6)), np.ones((4, 6)), np.eye(6), config("bayesian"))
+
+
+def test_sds_of_each_sample_are_a_covariance_of_their_own() -> None:
+    rng = np.random.default_rng(12)
+    A = rng.normal(size=(7, 7))
+    R = A @ A.T + 3.0 * np.eye(7)
+    size = np.sqrt(np.diag(R))
+    R /= np.outer(size, size)
+    J, tau, sd = (
+        rng.normal(size=(20, 6, 7)),
+        rng.normal(size=(20, 7)),
+        rng.uniform(0.1, 3.0, (20, 7)),
+    )
+    for method in METHODS:
+        config = WrenchReconstructionConfig(method, prior_force_sd=30.0, prior_moment_sd=2.0)
+        found = WrenchReconstruction(config, R).reconstruct(J, tau, sd)
+        for k in range(20):
+            one = reconstruct_wrench(J[k], tau[k], np.outer(sd[k], sd[k]) * R, config)
+            np.testing.assert_allclose(found.wrench[k], one.wrench, rtol=1e-7, atol=1e-9)
+            np.testing.assert_allclose(
+                found.covariance[k], one.covariance, rtol=1e-7, atol=1e-9 * one.covariance.max()
+            )
+            assert found.valid[k] == one.valid
+
+
+def seen_directions(sds: list[float]) -> tuple[np.ndarray, np.ndarray]:
+    """J = 1 and sds of six joints: each sees one component of the wrench, moments first."""
+    return np.eye(6)[None], np.array([[0.01, 0.01, 0.01, *sds]])
+
+
+LIVE = {"live_force_sd": 60.0, "live_moment_sd": 3.0}
+
+
+def test_valid_is_the_same_whatever_the_prior_of_the_reading() -> None:
+    """The least certain force has an sd of 19.9 N beside a live prior of 60 N, or of 20.1."""
+    for worst, expected in ((19.9, True), (20.1, False)):
+        own = 1.0 / np.sqrt(1.0 / worst**2 - 1.0 / 60.0**2)
+        J, sd = seen_directions([1.0, own, 2.0])
+        for prior in (0.5, 5.0, 60.0, 1e4):
+            config = WrenchReconstructionConfig("bayesian", prior, 0.1, **LIVE)
+            reading = WrenchReconstruction(config, np.eye(6)).reconstruct(J, np.ones((1, 6)), sd)
+            assert bool(reading.valid[0]) is expected
+            assert reading.standard_deviation[0, 4] < prior
+
+
+@pytest.mark.parametrize("method", ["force_only", "bayesian", "inverse", "damped"])
+def test_what_stiction_may_feign_is_bounded(method: str) -> None:
+    """Even over a band of sd s N m, at 1 m: sqrt(3) s N at most, and 9.6 N may be."""
+    for s, expected in ((5.5, True), (5.6, False)):
+        J, sd = seen_directions([1.0, 7.0, 1.0])
+        held = np.zeros((1, 6))
+        held[0, 4] = s
+        config = WrenchReconstructionConfig(method, 1e4, 1e4, live_force_sd=1e4, live_moment_sd=1e4)
+        config = replace(config, max_force_sd=20.0, max_phantom=9.6)
+        reading = WrenchReconstruction(config, np.eye(6)).reconstruct(J, np.ones((1, 6)), sd, held)
+        assert bool(reading.valid[0]) is expected
+        assert WrenchReconstruction(config, np.eye(6)).reconstruct(J, np.ones((1, 6)), sd).valid[0]
+
+
+def test_what_stiction_feigns_goes_through_the_correlated_gain() -> None:
+    rng = np.random.default_rng(13)
+    A = rng.normal(size=(7, 7))
+    R = A @ A.T + 3.0 * np.eye(7)
+    size = np.sqrt(np.diag(R))
+    R /= np.outer(size, size)
+    J, sd = rng.normal(size=(6, 7)), rng.uniform(0.5, 2.0, 7)
+    held = sd * rng.uniform(0.2, 0.9, 7)
+    Sigma = np.outer(sd, sd) * R
+    information = J @ np.linalg.inv(Sigma) @ J.T + np.diag([1 / 9.0] * 3 + [1 / 3600.0] * 3)
+    gain = (np.linalg.inv(information) @ J @ np.linalg.inv(Sigma))[3:]
+    feigned = np.sqrt(3.0 * np.linalg.eigvalsh(gain @ np.diag(held**2) @ gain.T)[-1])
+    for limit, expected in ((1.0001 * feigned, True), (0.9999 * feigned, False)):
+        config = WrenchReconstructionConfig(
+            "bayesian", 5.0, 0.2, max_force_sd=1e3, max_phantom=limit, **LIVE
+        )
+        reading = WrenchReconstruction(config, R).reconstruct(J, np.ones(7), sd, held)
+        assert bool(reading.valid) is expected
+
+
+def test_the_condition_number_is_that_of_the_present() -> None:
+    rng = np.random.default_rng(14)
+    J, now = rng.normal(size=(2, 6, 6))
+    config = WrenchReconstructionConfig("bayesian", 30.0, 2.0)
+    reading = WrenchReconstruction(config, np.eye(6)).reconstruct(J, np.ones(6), J_now=now)
+    assert reading.condition_number == pytest.approx(np.linalg.cond(now), rel=1e-9)
+    np.testing.assert_array_equal(
+        reading.wrench, WrenchReconstruction(config, np.eye(6)).reconstruct(J, np.ones(6)).wrench
+    )

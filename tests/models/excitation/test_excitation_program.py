@@ -10,12 +10,8 @@ from models.excitation.excitation_information import (
     ExcitationInformation,
     regressor_pull_back,
 )
-from models.excitation.excitation_program import (
-    ExcitationLimits,
-    ExcitationProgram,
-    MotionBounds,
-    torque_gradients,
-)
+from models.excitation.excitation_limits import ExcitationLimits
+from models.excitation.excitation_program import ExcitationProgram, MotionBounds, torque_gradients
 from models.files.input_error import InputError
 
 

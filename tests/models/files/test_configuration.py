@@ -145,3 +145,49 @@ def test_files_that_are_no_text(tmp_path: Path) -> None:
 def test_nearest() -> None:
     assert nearest("hme", ["home", "drives"]) == 'did you mean "home"?'
     assert nearest("qqq", ["home"]) == ""
+
+
+@dataclass
+class _Numbers:
+    number: float = 0.0
+    whole: int = 0
+    text: str = ""
+    switch: bool = False
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "whole: !!int abc",
+        "number: !!float abc",
+        "text: !!timestamp 2020-13-45",
+        "switch: !!bool maybe",
+        "number: !custom 1",
+        "number: !!python/object/apply:os.system [ls]",
+        "=",
+        "<<",
+        "{{a: 1}: 2}",
+        "text: a\0b",
+        "[" * 5000,
+        "whole: " + "9" * 5000,
+        "&a [*a]",
+    ],
+)
+def test_odd_yaml_is_one_line(tmp_path, text):
+    path = tmp_path / "a.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        load_configuration(path, _Numbers)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_without_an_end_is_one_line():
+    with pytest.raises(InputError, match="larger than 8 MB"):
+        load_configuration("/dev/zero", _Numbers)
+
+
+def test_what_a_terminal_would_obey_is_written_out():
+    line = str(InputError("a\udcff.csv", "line 3", "found \x1b]0;title\x07"))
+    assert line == "a\\udcff.csv: line 3: found \\x1b]0;title\\x07"
+    line.encode()

@@ -7,9 +7,9 @@ import pytest
 
 from models.friction.friction_network import FrictionNetworks
 from models.friction.presliding_friction import (
+    RELAXATION,
     PreslidingFriction,
     add_slip_torque,
-    initial_friction_state,
     slip_path,
     update_slip,
 )
@@ -132,7 +132,7 @@ def test_a_gap_costs_its_rows_and_the_displacement_over_it_counts() -> None:
 
 def test_tick_by_tick_is_the_log_and_the_output_changes_nothing() -> None:
     own, (q, v, load) = law(), motion(60)
-    state = initial_friction_state(own)
+    state = own.initial_state()
     assert state.shape == (own.state_rows, N) == (4, N)
     state[1] = load[0]
     for k in range(len(q)):
@@ -188,3 +188,92 @@ def test_bad_parameters_are_refused(changes: dict[str, Any], message: str) -> No
 def test_bad_shapes_are_refused() -> None:
     with pytest.raises(ValueError, match="three times"):
         law().torque_along(np.zeros((3, 2)), np.zeros((3, 2)), np.zeros((2, 2)))
+
+
+def test_beyond_the_fitted_speed_it_goes_on_along_its_tangent() -> None:
+    limit = np.array([0.8, 0.8])
+    own, free = law(speed_limit=limit, load=np.zeros(N)), law(load=np.zeros(N))
+    inside = np.linspace(-0.8, 0.8, 41)[:, None] * np.ones(N)
+    q = np.zeros_like(inside)
+    np.testing.assert_array_equal(own.torque_along(q, inside, q), free.torque_along(q, inside, q))
+
+    def sliding(one: PreslidingFriction, v: float) -> np.ndarray:
+        return np.asarray(one.torque_along(np.zeros((1, N)), np.full((1, N), v), np.zeros((1, N))))[
+            0
+        ]
+
+    eps = 1e-6
+    slope = (sliding(free, 0.8) - sliding(free, 0.8 - eps)) / eps
+    for sign in (1.0, -1.0):
+        beyond = sliding(own, sign * 2.3)
+        expected = sliding(own, sign * 0.8) + sign * 1.5 * slope
+        np.testing.assert_allclose(beyond, expected, rtol=1e-5)
+
+
+def test_beyond_the_fitted_speed_friction_never_falls() -> None:
+    """A cubic whose tangent at the limit falls: 3 - 3 * 4 * 0.64 < 0."""
+    own = law(cubic=np.array([-4.0, -4.0]), speed_limit=np.full(N, 0.8), load=np.zeros(N))
+    v = np.linspace(0.8, 3.0, 50)[:, None] * np.ones(N)
+    tau = own.torque_along(np.zeros_like(v), v, np.zeros_like(v))
+    np.testing.assert_allclose(tau, np.tile(tau[0], (50, 1)), rtol=1e-12)
+
+
+def ticks(q: np.ndarray, v: np.ndarray, step: float = 0.01, **changes: Any) -> np.ndarray:
+    own = law(load=np.zeros(N), stribeck=np.zeros(N), **changes)
+    load = np.zeros_like(q)
+    own = own.sampled(step)
+    return np.asarray(own.torque_along(q, v, load) - VISCOUS * v - OFFSET - own.cubic * v**3)
+
+
+def test_an_encoder_that_flickers_does_not_move_a_joint_at_rest() -> None:
+    """Between two steps of .1 mrad, an element that slides after .1 mrad swings from end to end."""
+    flicker = np.where(np.arange(400) % 2 == 0, 0.5, 0.5001)[:, None] * np.ones(N)
+    still = np.zeros_like(flicker)
+    assert np.ptp(ticks(flicker, still)[10:], axis=0).max() > 2.0
+    quiet = ticks(flicker, still, resolution=np.full(N, 1e-4))
+    # The first flicker shows that the joint is where both intervals meet; then only relaxation.
+    fading = np.exp(-0.01 * np.arange(399) / RELAXATION)[:, None]
+    np.testing.assert_allclose(quiet[1:], quiet[1] * fading, rtol=1e-9)
+
+
+def test_rounded_positions_give_the_torque_of_the_true_ones() -> None:
+    """A slow reversal, .3 mrad either way: rounded positions alone would miss the way between."""
+    step = 0.01
+    t = step * np.arange(600)
+    q = 3e-4 * np.sin(2.0 * np.pi * 0.4 * t)[:, None] * np.ones(N)
+    v = np.gradient(q, step, axis=0)
+    rounded = np.round(q, 4)
+    true = ticks(q, v)
+    error = {
+        resolution: np.sqrt(
+            np.mean((ticks(rounded, v, resolution=np.full(N, resolution)) - true) ** 2)
+        )
+        for resolution in (0.0, 1e-4)
+    }
+    assert error[1e-4] < 0.25 * error[0.0]
+
+
+def test_a_change_in_the_last_digit_of_a_position_stays_one() -> None:
+    rng = np.random.default_rng(4)
+    q = np.round(np.cumsum(rng.normal(scale=5e-5, size=(500, N)), axis=0), 4)
+    v = rng.normal(scale=5e-3, size=(500, N))
+    resolution = np.full(N, 1e-4)
+    shifted = q + 1e-12 * rng.choice([-1.0, 1.0], q.shape)
+    # 5 N m over .1 mrad, weight .7: 35 kN m/rad times a few 1e-12 rad.
+    np.testing.assert_allclose(
+        ticks(shifted, v, resolution=resolution), ticks(q, v, resolution=resolution), atol=1e-6
+    )
+
+
+def test_at_rest_the_slip_relaxes_and_moving_brings_it_back() -> None:
+    step = 0.01
+    slide = 0.01 * step * np.arange(300)
+    q = np.concatenate([slide, np.full(300, slide[-1]), slide[-1] + slide])[:, None] * np.ones(N)
+    v = np.concatenate([np.full(300, 0.01), np.zeros(300), np.full(300, 0.01)])[:, None] * np.ones(
+        N
+    )
+    tau = ticks(q, v)
+    level = np.array([5.0, 2.0])
+    np.testing.assert_allclose(tau[299], level)
+    np.testing.assert_allclose(tau[599], level * np.exp(-3.0 / RELAXATION), rtol=1e-9)
+    np.testing.assert_allclose(tau[-1], level)

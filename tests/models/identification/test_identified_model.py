@@ -18,6 +18,7 @@ from models.identification.identified_model import (
     Provenance,
     Validity,
 )
+from models.identification.torque_error_model import TorqueErrorModel
 
 
 @pytest.fixture(scope="module")
@@ -240,3 +241,64 @@ def test_a_broken_law_with_memory_is_one_clear_line(model, sts, tmp_path, key, v
     with pytest.raises(InputError, match=message) as error:
         IdentifiedModel.load(path, sts)
     assert "\n" not in str(error.value)
+
+
+def with_torque_error(model):
+    n = len(model.joint_names)
+    rng = np.random.default_rng(5)
+    own = {
+        key: rng.uniform(0.1, 1.0, n)
+        for key in (
+            *("constant", "speed", "load", "acceleration", "reversal", "correlation_time"),
+            *("lasting", "fitted_speed", "fitted_load", "K_0", "resolution"),
+        )
+    }
+    correlation = np.full((n, n), 0.1) + 0.9 * np.eye(n)
+    error = TorqueErrorModel(**own, correlation=correlation, drift=1.0 / 3.0)
+    return replace(model, torque_error=error)
+
+
+def test_the_torque_error_makes_the_round_trip(model, sts, tmp_path):
+    own = with_torque_error(model)
+    loaded = IdentifiedModel.load(saved(own, tmp_path), sts)
+    assert loaded.torque_error.to_dict() == own.torque_error.to_dict()
+
+
+def test_a_file_without_the_torque_error_loads(model, sts, tmp_path):
+    path = saved(with_torque_error(model), tmp_path)
+    content = yaml.safe_load(path.read_text())
+    del content["torque_error"]
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
+    assert IdentifiedModel.load(path, sts).torque_error is None
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("constant", -1.0, "torque_error.constant: expected zero or more"),
+        ("reversal", float("nan"), "torque_error.reversal"),
+        ("load", None, "torque_error.load"),
+    ],
+)
+def test_a_broken_torque_error_is_one_clear_line(model, sts, tmp_path, key, value, message):
+    path = saved(with_torque_error(model), tmp_path)
+    content = yaml.safe_load(path.read_text())
+    block = content["torque_error"]
+    if value is None:
+        block[key] = block[key][:-1]
+    else:
+        block[key][0] = value
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
+    with pytest.raises(InputError, match=message) as error:
+        IdentifiedModel.load(path, sts)
+    assert "\n" not in str(error.value)
+
+
+def test_the_fitted_speed_of_a_law_makes_the_round_trip(model, sts, tmp_path):
+    own = with_memory(model)
+    limit = np.linspace(0.5, 1.5, len(model.joint_names))
+    bounded = replace(own, friction=replace(own.friction, speed_limit=limit))
+    loaded = IdentifiedModel.load(saved(bounded, tmp_path), sts).friction
+    np.testing.assert_array_equal(loaded.speed_limit, limit)
+    free = IdentifiedModel.load(saved(own, tmp_path), sts).friction
+    assert np.isinf(free.speed_limit).all()

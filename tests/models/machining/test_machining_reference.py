@@ -14,7 +14,7 @@ from models.machining.machining_phases import (
 )
 from models.machining.machining_reference import advance_reference, machining_reference
 from models.motion.paths import JointTrajectory
-from models.rigid_body.serial_chain import SCRATCH_COLUMNS
+from models.rigid_body.chain_kernels import SCRATCH_COLUMNS
 
 PHASES = PhasesConfig()
 T = 1e-3

@@ -48,7 +48,7 @@ def make_problem(robot: Robot, num_samples: int = 31, **changes: object) -> Redu
 
 
 def assert_follows(problem: RedundancyProblem, q: Array, psi: Array | None = None) -> None:
-    """Position and normal, by pinocchio, to what the issue allows."""
+    """Position and normal, by pinocchio, to within rounding of the solver."""
     model = pinocchio.buildModelFromXML(problem.robot.urdf_text)
     data, frame = model.createData(), model.getFrameId("E")
     axis = problem.tool_axis_E / np.linalg.norm(problem.tool_axis_E)

@@ -59,9 +59,9 @@ def strict(robot: Robot) -> PlacementBounds:
 def test_the_gradient_is_that_of_the_cost_with_its_penalties(sts: Robot, which: str) -> None:
     bounds = bounds_of(sts) if which == "free" else strict(sts)
     descent = PlacementDescent(sts.chain, ConditionNumber(sts.chain), bounds, LENGTH)
-    descent._weight = 10.0
+    descent.penalty_weight = 10.0
     batch = starts(sts, 6)
-    at = descent._evaluate(batch)
+    at = descent.evaluate(batch)
 
     def cost(step: Array) -> Array:
         n_W = batch.n_W + step[6:]
@@ -69,7 +69,7 @@ def test_the_gradient_is_that_of_the_cost_with_its_penalties(sts: Robot, which: 
         turn = Rotation.from_rotvec(step[:3]).as_matrix()
         moved = PlacementBatch(batch.q.copy(), n_W, batch.p_WM + step[3:6], turn @ batch.R_WE)
         assert correct_paths(sts.chain, moved.q, n_W, moved.p_WM, moved.R_WE, LENGTH).all()
-        return descent._evaluate(moved).cost
+        return descent.evaluate(moved).cost
 
     h = 1e-6
     expected = np.stack([(cost(h * d) - cost(-h * d)) / (2.0 * h) for d in np.eye(9)], axis=1)
@@ -127,4 +127,4 @@ def test_the_same_for_another_length(sts: Robot) -> None:
     batch = starts(sts, 3)
     _, values = shorter.run(batch, 3)
     assert np.all(np.isfinite(values))
-    assert math.isclose(shorter._path_length, LENGTH)
+    assert math.isclose(shorter.path_length, LENGTH)

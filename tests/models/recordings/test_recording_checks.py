@@ -200,6 +200,15 @@ def test_currents_in_another_unit() -> None:
     _refused(replace(log, current=0.001 * log.current), "0.001", "amperes, not mA")
 
 
+def test_currents_in_another_unit_are_seen_also_where_friction_hides_gravity_s_shape() -> None:
+    """Friction as large as gravity: the cosine is .66, as it was on a real log."""
+    log = _log()
+    friction = np.array([40.0, 8.0]) * np.sign(log.v) / (_GAIN * _SIGN)
+    _check_plausible(replace(log, current=log.current + friction), _robot())
+    small = 0.001 * (log.current + friction)
+    _refused(replace(log, current=small), "times the gravity torque", "amperes, not mA")
+
+
 def test_a_load_does_not_turn_the_sign() -> None:
     """A payload of the arm's own weight upwards or downwards stays within what is accepted."""
     log = _log()

@@ -34,13 +34,8 @@ from pydrake.multibody.tree import (
 )
 
 from models.files.input_error import InputError
-from models.rigid_body.serial_chain import (
-    SCRATCH_COLUMNS,
-    SerialChain,
-    all_terms,
-    kernels_are_compiled,
-    observer_terms,
-)
+from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, all_terms, observer_terms
+from models.rigid_body.serial_chain import SerialChain, kernels_are_compiled
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]

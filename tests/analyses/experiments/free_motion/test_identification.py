@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from analyses.experiments.free_motion.identification import ARTICLE_RMSE, run
-from analyses.methods.learning.simulated_identification import with_known_friction
-from analyses.methods.learning.simulated_logs import SimulatedLog, stored_excitation
+from analyses.methods.arms.simulated_identification import with_known_friction
+from analyses.methods.arms.simulated_logs import SimulatedLog, stored_excitation
 from analyses.study.experiment import ExperimentContext
 from models.excitation.excitation_information import ExcitationInformation
 from models.recordings.recording import Recording

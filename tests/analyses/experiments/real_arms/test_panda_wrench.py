@@ -89,7 +89,7 @@ def test_absent_logs_are_named(tmp_path: Path) -> None:
 
 
 def test_on_the_recordings(tmp_path: Path, data_holding: Callable[..., Path]) -> None:
-    """The figures of the issue; half a unit of their last digit where they must be reproduced."""
+    """Figures found with plain tools; half a unit of their last digit where it must be met."""
     result = run(ExperimentContext(tmp_path, data_holding(*RECORDINGS)))
     metrics = plain_metrics(result.metrics)
     assert metrics["inverse"]["mean_rmse_n"] == pytest.approx(0.87, abs=0.005)

@@ -34,7 +34,7 @@ def outcome(tmp_path_factory, data_holding):
     return out, result
 
 
-def test_predicts_torque_as_well_as_the_prototype(outcome):
+def test_predicts_torque_as_well_as_plain_least_squares(outcome):
     _, result = outcome
     found = result.metrics["validation"]["14harm50sec"]["rmse_nm"]
     assert (found <= np.array([1.97, 3.11, 1.30, 0.44, 0.40, 0.34])).all()
@@ -42,7 +42,7 @@ def test_predicts_torque_as_well_as_the_prototype(outcome):
     assert len(result.metrics["validation"]["ptp_10_points"]["relative_pct"]) == 6
 
 
-def test_the_best_law_reaches_what_the_prototype_reached(outcome):
+def test_the_best_law_reaches_what_plain_scripts_reached(outcome):
     _, result = outcome
     best = result.metrics["best"]
     assert best["law"].startswith("presliding")

@@ -128,7 +128,7 @@ def test_where_the_load_acts_its_force_and_mass_are_read(outcome, method):
 def test_a_prior_without_a_mean_loses_mass(outcome):
     at_load = outcome[1].metrics["best"]["at_load"]
     assert at_load["bayesian_zero_mean"]["mass_kg"] < 0.99 * MASS
-    # A prototype found (27, 174, 53) mm from tool0.
+    # A regression over the first 10 s found (27, 174, 53) mm from tool0.
     np.testing.assert_allclose(at_load["point_m"], [0.027, 0.174, 0.053], atol=0.015)
 
 

@@ -1,14 +1,12 @@
 """Training: the networks learn what the law lacks, alike every time, and say when they cannot."""
 
-import time
-
 import numpy as np
 import pytest
 
 from analyses.methods.learning.friction_training import (
     LEAST_RATE,
+    Adam,
     TrainingConfig,
-    _Adam,
     critical_velocity,
     semi_parametric,
     train_networks,
@@ -91,15 +89,6 @@ def test_training_stops_when_the_held_out_error_does():
     assert (trained.rmse < 1.5).all()
 
 
-def test_six_joints_take_seconds():
-    rng = np.random.default_rng(0)
-    v = rng.uniform(-0.3, 0.3, (3000, 6))
-    law = CoulombViscous(np.ones(6), np.ones(6), np.zeros(6))
-    start = time.process_time()
-    train_networks(v, np.sign(v) * (2.0 - v**2), law, v_crit=np.full(6, 0.3))
-    assert time.process_time() - start < 20.0
-
-
 def test_rows_without_a_sample_do_not_count():
     v, torque = samples()
     gappy = v.copy()
@@ -125,7 +114,7 @@ def test_the_descent_is_that_of_torch():
     start = torch.tensor([[2.0, -1.0, 0.3], [0.1, 4.0, -3.0]], dtype=torch.float64)
     ours, theirs = start.clone(), start.clone().requires_grad_()
     steps = 30
-    descent = _Adam([ours], 0.02, steps)
+    descent = Adam([ours], 0.02, steps)
     optimiser = torch.optim.Adam([theirs], lr=0.02)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps, LEAST_RATE)
     for _ in range(steps):

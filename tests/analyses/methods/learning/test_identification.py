@@ -14,9 +14,15 @@ from analyses.methods.learning.identification import (
     identify_logs,
     residual_covariance,
 )
-from analyses.methods.learning.identification_config import LAWS, IdentificationConfig
+from analyses.methods.learning.identification_config import (
+    LAWS,
+    IdentificationConfig,
+    IdentifySettings,
+)
 from analyses.methods.learning.torque_fit import TorqueFit
 from analyses.output.outputs import OutputFolder
+from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from models.estimation.momentum_observer import MomentumObserverConfig
 from models.files.input_error import InputError
 from models.friction.friction_structure import STRUCTURES
 from models.identification.identified_model import IdentifiedModel
@@ -391,7 +397,10 @@ def test_each_law_predicts_what_coulomb_and_viscous_friction_made(sts, noisy, la
 def test_cross_validation_chooses_a_law_and_states_all(sts, noisy):
     found = identify(noisy[:2], sts, config=IdentificationConfig(friction="best"))
     assert set(STRUCTURES) <= set(found.held_out) <= set(LAWS)
-    assert found.law == best_law(found.held_out)
+    assert found.law == best_law(found.held_out, found.extrapolated)
+    assert set(STRUCTURES) <= set(found.extrapolated)
+    chosen = found.metrics()["law_cross_validation"][found.law]
+    assert all(len(chosen[f"{part}_rmse_nm"]) == 6 for part in ("fastest", "slowest"))
     assert found.metrics()["friction"]["law"] == found.law
     # No fit depends on those made before it: to the last bit what the law gives alone.
     alone = identify(noisy[:2], sts, config=IdentificationConfig(friction="load-dependent"))
@@ -403,6 +412,80 @@ def test_cross_validation_chooses_a_law_and_states_all(sts, noisy):
 def test_the_best_law_counts_joints_alike():
     held_out = {"a": np.array([10.0, 1.0]), "b": np.array([9.0, 1.2]), "c": np.array([20.0, 0.4])}
     assert best_law(held_out) == "c"
+
+
+def test_the_best_law_counts_what_lies_beyond_the_fit():
+    held_out = {"plain": np.array([1.0, 1.0]), "rich": np.array([0.9, 0.9])}
+    beyond = {
+        "plain": (np.full(2, 1.1), np.full(2, 1.0)),
+        "rich": (np.full(2, 5.0), np.full(2, 0.9)),
+    }
+    assert best_law(held_out) == "rich"
+    assert best_law(held_out, beyond) == "plain"
+    assert best_law(held_out, {}) == "rich"
+
+
+def test_the_fastest_samples_are_predicted_without_them(sts, truth):
+    """A joint with friction that turns down beyond 80 % of its samples' speeds."""
+    logs = [recording(sts, truth, seed, noise=1.0) for seed in (1, 2)]
+    fast = np.quantile(np.abs(np.vstack([log.v for log in logs])), 0.8, axis=0)
+    gain = sts.torque_per_ampere * sts.current_sign
+    bent = [
+        replace(log, current=log.current - 8.0 * (np.abs(log.v) > fast) * np.sign(log.v) / gain)
+        for log in logs
+    ]
+    config = IdentificationConfig(friction="best")
+    straight, found = (identify(own, sts, config=config).extrapolated for own in (logs, bent))
+    law = "coulomb-viscous-offset"
+    assert (found[law][0] > 3.0 * straight[law][0]).all()
+    assert (found[law][0] > 5.0).all()  # of the 8 N m that nothing slower shows
+
+
+def test_logs_of_one_motion_are_held_out_together(sts, truth, noisy):
+    again = replace(recording(sts, truth, 1, noise=1.0), source="again.csv")
+    shifted = replace(again, t=again.t + 3.0)
+    found = identify([noisy[0], shifted, noisy[1]], sts)
+    (note,) = [line for line in found.warnings if "repeat one motion" in line]
+    assert note.startswith("run_1, again repeat one motion: they are held out together")
+    # Each is predicted from the third log alone, so that both err alike.
+    first, second, _ = (fit.residual for fit in found.cross_validation)
+    alone = identify([noisy[0], noisy[1]], sts).cross_validation[0].residual
+    np.testing.assert_allclose(
+        np.sqrt(np.mean(first**2, axis=0)), np.sqrt(np.mean(alone**2, axis=0)), rtol=0.05
+    )
+    assert second.shape == first.shape
+
+
+def test_a_single_motion_is_cut_into_thirds(sts, truth, noisy):
+    again = replace(recording(sts, truth, 1, noise=1.0), source="again.csv")
+    found = identify([noisy[0], again], sts)
+    (note,) = [line for line in found.warnings if "repeat one motion" in line]
+    assert "there is no other motion" in note
+    assert found.cross_validation == ()
+    assert found.model.torque_error is not None
+
+
+def test_the_model_knows_what_the_observer_errs_by(sts, result, noisy):
+    """The band of the stated sds holds 95 % of what is read of a log that no fit had seen."""
+    error, log = result.model.torque_error, noisy[3]
+    config = WrenchEstimatorConfig(observer=MomentumObserverConfig(time_step=STEP))
+    seen = WrenchEstimator(sts, result.model, config).observe(log.q, log.v, log.current)
+    sd, stiction = replace(error, drift=0.0).along(
+        result.model.friction, log.q, log.v, seen.tau_J - seen.tau_f, STEP
+    )
+    kept = slice(50, None)
+    inside = np.mean(np.abs(seen.tau_ext[kept]) < 1.96 * sd[kept])
+    # The law has the true form, so that stiction is overstated at each reversal: above 95 %.
+    assert 0.93 < inside < 0.995
+    sliding = (stiction < 0.3 * error.constant)[kept]
+    share = np.mean((np.abs(seen.tau_ext[kept]) < 1.96 * sd[kept])[sliding])
+    assert share == pytest.approx(0.95, abs=0.02)
+    np.testing.assert_array_equal(error.resolution, 0.0)
+
+
+def test_without_cross_validation_nothing_is_known_of_the_error(sts, noisy):
+    config = IdentificationConfig(cross_validate=False)
+    assert identify(noisy[:2], sts, config=config).model.torque_error is None
 
 
 def test_an_unknown_law_is_refused_with_a_suggestion(sts, noisy):
@@ -417,7 +500,7 @@ def test_the_consistent_fit_is_a_robot_and_hardly_worse(sts, noisy, tmp_path):
     found = identify(noisy[:3], sts, noisy[3:], config)
     assert found.metrics()["inconsistent_links"] == []
     assert (found.validation[0].rmse < 1.05 * plain.validation[0].rmse).all()
-    found.write(OutputFolder(tmp_path), {})
+    found.write(OutputFolder(tmp_path), IdentifySettings())
     model = pin.buildModelFromXML((tmp_path / "robot.urdf").read_text())
     found_inertias = np.array([model.inertias[i + 1].toDynamicParameters() for i in range(6)])
     np.testing.assert_allclose(

@@ -1,25 +1,24 @@
 """The command excite: trajectory, files, figures to reach, bad input."""
 
 import json
-import time
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from analyses.__main__ import app
-from analyses.methods.planning.excitation import ExcitationConfig, excite, excite_robot
-from models.excitation.excitation_program import ExcitationLimits
+from analyses.methods.planning.excitation import excite, excite_robot
+from analyses.methods.planning.excitation_config import ExcitationConfig
+from diagrams.clearance import Clearance
+from models.excitation.excitation_limits import ExcitationLimits
 from models.excitation.fourier_trajectory import FourierTrajectory
 from models.files.input_error import InputError
 
 
 @pytest.mark.slow
 def test_the_figures_to_reach(sts):
-    start = time.perf_counter()
     result = excite(sts)
-    assert time.perf_counter() - start < 60.0
-    assert result.condition_number < 10.0  # the goal is 60
+    assert result.condition_number < 10.0  # an excitation is called good below 60 to 100
     assert result.unweighted_condition_number < 30.0
     assert result.ratio_to_random > 5.0
     assert result.num_parameters == 58 and result.undetermined == ()
@@ -75,3 +74,32 @@ def test_the_command_line_ends_in_one_line(tmp_path):
     result = CliRunner().invoke(app, [*arguments, str(tmp_path)])
     assert result.exit_code == 2
     assert not (tmp_path / "metrics.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("--clearance", "1"),
+        ("--clearance", "nan"),
+        ("--position-margin", "-3"),
+        ("--velocity-share", "1e9"),
+        ("--torque-share", "1.5"),
+        ("--floor", "nan"),
+        ("--acceleration", "1e9"),
+        ("--base-frequency", "1e308"),
+        ("--periods", "100000000"),
+    ],
+)
+def test_a_limit_that_cannot_be_kept_is_refused(tmp_path, option, value):
+    arguments = ["excite", "--robot", "sts_sre4_600", option, value, "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 2
+    assert result.stderr.count("\n") == 1
+    assert "expected" in result.stderr or "at most" in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_pairs_that_keep_less_than_asked_are_named(sts):
+    near = dict(Clearance(sts, 0.1).near_at_home)
+    assert all(0.0 < kept < 0.1 for kept in near.values())
+    assert len(near) >= len(Clearance(sts, 0.02).near_at_home)

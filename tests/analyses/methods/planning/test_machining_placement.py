@@ -142,7 +142,7 @@ def test_beyond_the_bounds_or_out_of_reach_there_is_no_posture(problem):
     far = np.array([UPPER[0], UPPER[1], UPPER[2], 0.0, 0.0])
     for x in (UPPER + 0.01, LOWER - 0.01, far):
         cost, q = problem.best_branch(x)
-        assert cost == machining_placement._NOWHERE and q is None
+        assert cost == machining_placement.NOWHERE and q is None
     with pytest.raises(ValueError, match="out of reach"):
         problem.place(UPPER + 0.01)
 

@@ -3,7 +3,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from analyses.methods.planning.particle_swarm import UNREACHED, SwarmConfig, _Cost, place_by_swarm
+from analyses.methods.planning.particle_swarm import (
+    UNREACHED,
+    ParticleCost,
+    SwarmConfig,
+    place_by_swarm,
+)
 from models.motion.path_postures import track_paths
 from models.motion.posture_measures import ConditionNumber, PathMeasure
 from models.placement.placement_program import PlacementProgram
@@ -24,7 +29,7 @@ def program_of(robot: Robot, task: PlacementTask) -> PlacementProgram:
 
 
 def test_a_particle_costs_its_best_branch(sts: Robot, task: PlacementTask) -> None:
-    cost = _Cost(sts, program_of(sts, task), None)
+    cost = ParticleCost(sts, program_of(sts, task), None)
     # The article's initial path: n, m, theta and r, of any length.
     axis = np.array([1.0, 0.0, 1.0])
     initial = np.concatenate([[0.0, 0.5, 0.0], [0.5, 0.0, 0.45], [np.pi], axis])

@@ -16,6 +16,7 @@ from analyses.methods.planning.placement import (
     place,
     place_task,
 )
+from analyses.output.result_marker import MARKER
 from models.estimation.wrench import WrenchReconstructionConfig, live_prior
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
@@ -63,7 +64,8 @@ def test_all_files_are_there_and_say_the_same(written: tuple[PlacementResult, Pa
     result, out = written
     names = {path.name for path in out.iterdir()}
     assert names == {
-        "metrics.json", "config.yaml", "timings.json", "postures.csv", "figures", "recording.html",
+        MARKER, "metrics.json", "config.yaml", "timings.json", "postures.csv", "figures",
+        "recording.html",
     }  # fmt: skip
     for figure in ("path.png", "convergence.png"):
         assert (out / "figures" / figure).stat().st_size > 10_000

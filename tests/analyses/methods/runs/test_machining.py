@@ -7,7 +7,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from analyses.experiments.machining import grinding, polishing
-from analyses.methods.learning.arm_models import ArmModels
+from analyses.methods.arms.arm_models import ArmModels
 from analyses.methods.runs.machining import (
     COMPONENTS,
     FEEDS,
@@ -24,9 +24,9 @@ from analyses.methods.runs.machining import (
 )
 from analyses.methods.runs.machining_figures import feed_figure, force_figure, regulation_figure
 from analyses.methods.runs.machining_study import (
-    _comparison,
-    _notes,
+    comparison_rows,
     feed_metrics,
+    findings,
     over_feeds,
     sources,
 )
@@ -240,7 +240,7 @@ def test_all_that_is_compared_and_said_is_measured(sts_reversed, models, runs):
         metrics = {feed_key(feed): of_a_feed for feed in FEEDS}
         metrics |= over_feeds(metrics)
         metrics["sources"] = sources(models, dict.fromkeys(FEEDS, runs["sensor"]))
-        rows = _comparison(task)
+        rows = comparison_rows(task)
         assert len(rows) == 6
         for row in rows:
             value = metrics
@@ -253,7 +253,7 @@ def test_all_that_is_compared_and_said_is_measured(sts_reversed, models, runs):
         assert of_a_feed["fault"] == {"sensor": "none", "estimate": "none"}
         # (3 - .25 - .65) / 3
         assert of_a_feed["steady_share"] == pytest.approx(0.7, abs=0.01)
-        notes = " ".join(_notes(task, metrics))
+        notes = " ".join(findings(task, metrics))
         assert "nan" not in notes and "broken off" not in notes
     # Readings are not mixed up: the sensor and known friction read best.
     assert of_a_feed["sensor"]["normal"]["rmse_n"] < 1.5

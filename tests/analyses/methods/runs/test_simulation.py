@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from analyses.methods.runs.simulation import known_model, simulate, simulate_scenario
+from analyses.output.result_marker import visible_files
 from diagrams.robot_cell import true_friction
 from diagrams.scenario import HoldMotion, JointSineMotion, Scenario, load_scenario
 from models.control.wrench_script import WrenchStep
@@ -29,7 +30,7 @@ def written(tmp_path_factory):
 
 def test_writes_all_that_it_says(written):
     result, out, steps = written
-    names = {str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()}
+    names = {name for name, _ in visible_files(out)}
     drawing = "diagram.svg" if "diagram.svg" in names else "diagram.dot"
     assert names == {
         "metrics.json",

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from analyses.methods.learning.arm_models import ArmModels
+from analyses.methods.arms.arm_models import ArmModels
 from analyses.methods.reading.force_errors import ForceReading
 from analyses.methods.runs.task_runs import TaskRun
 from analyses.methods.runs.task_variants import against_lagged, known_friction, lag_alone

@@ -10,14 +10,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.learning.identification import IdentificationResult, identify
-from analyses.methods.learning.identification_config import IdentificationConfig
-from analyses.methods.learning.simulated_logs import (
+from analyses.methods.arms.simulated_logs import (
     PERIODS,
     SimulatedLog,
     simulate_excitation,
     stored_excitation,
 )
+from analyses.methods.learning.identification import IdentificationResult, identify
+from analyses.methods.learning.identification_config import IdentificationConfig
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
 from models.robot.motors import current_to_torque

@@ -27,12 +27,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.learning.friction_reversal import reversal_recordings, separate_recordings
+from analyses.methods.arms.friction_reversal import reversal_recordings, separate_recordings
+from analyses.methods.arms.semi_parametric import POSTURES, semi_parametric_model
+from analyses.methods.arms.simulated_identification import CONFIG, identify_simulated_arm
+from analyses.methods.arms.simulated_logs import PERIODS, simulate_excitation, stored_excitation
 from analyses.methods.learning.friction_training import TrainingConfig
 from analyses.methods.learning.identification import identify
-from analyses.methods.learning.semi_parametric import POSTURES, semi_parametric_model
-from analyses.methods.learning.simulated_identification import CONFIG, identify_simulated_arm
-from analyses.methods.learning.simulated_logs import PERIODS, simulate_excitation, stored_excitation
 from analyses.methods.reading.repetition import repetition_torque
 from analyses.study.shared_results import shared
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig

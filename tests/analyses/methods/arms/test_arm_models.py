@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from analyses.methods.learning.arm_models import covariance_at_speed
+from analyses.methods.arms.arm_models import covariance_at_speed
 
 
 def test_only_slow_samples_count_for_a_joints_sd():

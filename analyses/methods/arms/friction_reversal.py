@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from analyses.methods.learning.simulated_logs import simulate_motion
+from analyses.methods.arms.simulated_logs import simulate_motion
 from analyses.output.figures import COLOUR, new_figure
 from models.excitation.friction_reversal import ReversalSamples, reversal_motion, separate
 from models.friction.velocity_friction import CoulombViscous

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.learning.friction_reversal import (
+from analyses.methods.arms.friction_reversal import (
     SeparatedFriction,
 )
 from analyses.methods.learning.friction_training import (

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from analyses.methods.learning.friction_reversal import (
+from analyses.methods.arms.friction_reversal import (
     reversal_figure,
     reversals_of_simulated_arm,
     separate_recordings,

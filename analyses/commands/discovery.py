@@ -1,0 +1,90 @@
+"""Which commands there are, found without importing them."""
+
+import ast
+import pkgutil
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from importlib.metadata import entry_points
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+import typer
+from typer.core import TyperCommand
+
+from models.files.input_error import InputError
+
+PACKAGE: Final = "analyses.commands"
+ENTRY_POINTS: Final = "wrenchsight.commands"
+_FUNCTION: Final = "command"
+
+
+@dataclass(frozen=True)
+class CommandEntry:
+    """What is known of a command before its module is imported."""
+
+    name: str
+    module: str
+    summary: str  # first line of the function's docstring
+    order: float  # its place in the help: the module's ORDER, a literal
+
+
+def find_commands() -> dict[str, CommandEntry]:
+    """The commands by name, in the order of the help.
+
+    Raises:
+        InputError: an installed package offers a module that is no command.
+    """
+    found = []
+    spec = find_spec(PACKAGE)
+    assert spec is not None
+    for info in pkgutil.iter_modules(spec.submodule_search_locations, f"{PACKAGE}."):
+        entry = _read(info.name)
+        found += [entry] if entry is not None else []
+    for point in entry_points(group=ENTRY_POINTS):
+        entry = _read(point.module)
+        if entry is None:
+            package = point.dist.name if point.dist is not None else point.name
+            problem = f"its entry point {point.module} has no function `{_FUNCTION}`"
+            raise InputError(package, "", problem, "repair it or take it out")
+        found.append(entry)
+    return {entry.name: entry for entry in sorted(found, key=lambda one: (one.order, one.name))}
+
+
+def load_command(entry: CommandEntry) -> TyperCommand:
+    """Imports a command's module and makes a command of its function.
+
+    A module's COMMAND_CLASS, if it has one, parses the arguments in its own way.
+    """
+    module: Any = import_module(entry.module)
+    app = typer.Typer(add_completion=False)
+    app.command(entry.name, cls=getattr(module, "COMMAND_CLASS", TyperCommand))(module.command)
+    loaded = typer.main.get_command(app)
+    assert isinstance(loaded, TyperCommand)
+    return loaded
+
+
+def _read(module: str) -> CommandEntry | None:
+    try:
+        spec = find_spec(module)
+    except ModuleNotFoundError:
+        spec = None
+    if spec is None or spec.origin is None:
+        return None
+    path = Path(spec.origin)
+    return _parsed(module, path, path.stat().st_mtime_ns)
+
+
+@cache
+def _parsed(module: str, path: Path, changed: int) -> CommandEntry | None:
+    text = path.read_text(encoding="utf-8")
+    if f"\ndef {_FUNCTION}(" not in text:
+        return None
+    order, summary = 1000.0, ""
+    for node in ast.parse(text).body:
+        if isinstance(node, ast.FunctionDef) and node.name == _FUNCTION:
+            summary = (ast.get_docstring(node) or "").partition("\n")[0]
+        elif isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "ORDER":
+            order = float(ast.literal_eval(node.value))
+    return CommandEntry(module.rpartition(".")[2].replace("_", "-"), module, summary, order)

@@ -1,0 +1,138 @@
+"""The command `estimate`: the wrench at the tool, from a log."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from analyses.commands.options import (
+    LogFormat,
+    Out,
+    RobotName,
+    config_option,
+    joined,
+    settled,
+)
+from analyses.methods.reading.estimate_config import EstimateSettings
+from analyses.output.console import new_console, new_table, say, showing_progress
+
+if TYPE_CHECKING:
+    from analyses.methods.reading.estimation import EstimateResult
+
+ORDER = 30
+DEFAULTS = EstimateSettings().estimate
+OBSERVER, READING = DEFAULTS.estimator.observer, DEFAULTS.estimator.reconstruction
+PLACES = {
+    "log": "log",
+    "robot": "robot",
+    "model": "model",
+    "log_format": "log_format",
+    "prior": "estimate.prior",
+    "engine": "estimate.engine",
+    "method": "estimate.estimator.reconstruction.method",
+    "k0": "estimate.estimator.observer.K_0",
+    "torque_samples": "estimate.estimator.observer.torque_samples",
+    "prior_force_sd": "estimate.estimator.reconstruction.prior_force_sd",
+    "prior_moment_sd": "estimate.estimator.reconstruction.prior_moment_sd",
+    "max_force_sd": "estimate.estimator.reconstruction.max_force_sd",
+    "damping": "estimate.estimator.reconstruction.damping",
+    "truncation": "estimate.estimator.reconstruction.truncation",
+    "step": "estimate.estimator.observer.time_step",
+    "max_gap": "estimate.max_gap",
+    "check": "estimate.check",
+}
+
+
+def command(
+    ctx: typer.Context,
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="Log of q, v and motor current.")],
+    robot: RobotName,
+    model: Annotated[
+        Path | None,
+        typer.Option(help="model.yaml that identify wrote; without it the robot's own files."),
+    ] = None,
+    log_format: LogFormat = None,
+    prior: Annotated[
+        str,
+        typer.Option(help="live (half the rated payload), log (what it tells), or N,N m: 30,2."),
+    ] = DEFAULTS.prior,
+    engine: Annotated[
+        str, typer.Option(help="batch (kernels) or diagram (the Drake diagram): the same result.")
+    ] = DEFAULTS.engine,
+    method: Annotated[
+        str, typer.Option(help="inverse (eq. 22), force_only, bayesian, damped or truncated.")
+    ] = READING.method,
+    k0: Annotated[
+        str, typer.Option(help="Observer's gain, 1/s: one number, or one a joint with commas.")
+    ] = joined(OBSERVER.K_0),
+    torque_samples: Annotated[
+        str,
+        typer.Option(
+            help="What a current is between its samples: held (a drive's own clock) or "
+            "trapezoidal (a continuous signal, sampled)."
+        ),
+    ] = OBSERVER.torque_samples,
+    prior_force_sd: Annotated[
+        float | None, typer.Option(help="Of the bayesian method, N; else what the log tells.")
+    ] = READING.prior_force_sd,
+    prior_moment_sd: Annotated[
+        float | None, typer.Option(help="The same about E, N m; else what the log tells.")
+    ] = READING.prior_moment_sd,
+    max_force_sd: Annotated[
+        float | None,
+        typer.Option(help="Largest force sd of a valid reading, N; else what the prior implies."),
+    ] = READING.max_force_sd,
+    damping: Annotated[
+        float, typer.Option(help="Of the method damped, on J's singular values in m and rad.")
+    ] = READING.damping,
+    truncation: Annotated[
+        float, typer.Option(help="Of the method truncated, a share of J's largest singular value.")
+    ] = READING.truncation,
+    step: Annotated[
+        float, typer.Option(help="Of the grid that the log is resampled on, s; 0: its own.")
+    ] = OBSERVER.time_step,
+    max_gap: Annotated[
+        float, typer.Option(help="Longest gap that is bridged, s; 0: 0.1 s or three steps.")
+    ] = DEFAULTS.max_gap,
+    check: Annotated[
+        bool, typer.Option(help="Hold the log against the robot's limits and gravity.")
+    ] = DEFAULTS.check,
+    config: Annotated[Path | None, config_option(EstimateSettings, PLACES)] = None,
+    out: Out = Path("out/estimate"),
+) -> None:
+    """Tell the wrench at the tool, with its uncertainty: log and model in, wrench.csv out."""
+    from analyses.methods.reading.estimation import estimate_log
+
+    settings = settled(ctx, EstimateSettings, PLACES)
+    with showing_progress("estimate") as progress:
+        result = estimate_log(
+            Path(settings.log),
+            settings.robot,
+            None if settings.model is None else Path(settings.model),
+            out,
+            settings.log_format,
+            settings.estimate,
+            progress,
+        )
+    _print(result, out)
+
+
+def _print(result: "EstimateResult", out: Path) -> None:
+    metrics = result.metrics()
+    table = new_table("valid samples", "mean", "rms", "largest", "mean sd", "")
+    for axis, values in metrics["valid"]["wrench"].items():
+        unit = "n" if axis.startswith("f") else "nm"
+        keys = (f"mean_{unit}", f"rms_{unit}", f"max_abs_{unit}", f"mean_sd_{unit}")
+        figures = ("–" if values[key] is None else f"{values[key]:.2f}" for key in keys)
+        table.add_row(axis, *figures, "N" if unit == "n" else "N m")
+    console = new_console()
+    console.print(table)
+    prior = metrics["prior"]
+    say(
+        console,
+        f"{result.num_samples} samples, {100 * result.valid_share:.1f} % valid; prior: force sd "
+        f"{prior['force_sd_n']:.3g} N, moment sd {prior['moment_sd_nm']:.3g} N m ({prior['rule']})",
+    )
+    for notice in (*result.notices, *result.warnings):
+        say(console, f"note: {notice}")
+    say(console, f"wrench: {result.table}, figure: {out / 'figures' / 'wrench.png'}")

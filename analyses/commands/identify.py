@@ -1,0 +1,213 @@
+"""The command `identify`: a robot's dynamic model and friction from its logs."""
+
+from math import isnan
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from analyses.commands.options import (
+    LogFormat,
+    Out,
+    RobotName,
+    SeveralValues,
+    config_option,
+    settled,
+)
+from analyses.methods.learning.identification_config import IdentifySettings
+from analyses.output.console import new_console, new_table, say, showing_progress
+from models.files.input_error import InputError
+
+if TYPE_CHECKING:
+    from analyses.methods.calibration.load_calibration import CalibrationResult
+    from analyses.methods.learning.identification import IdentificationResult
+
+ORDER = 20
+COMMAND_CLASS = SeveralValues
+DEFAULTS = IdentifySettings().identification
+PLACES = {
+    "logs": "logs",
+    "robot": "robot",
+    "validate": "validate",
+    "load": "load",
+    "refresh": "refresh",
+    "part": "refreshing.part",
+    "log_format": "log_format",
+    "cutoff_hz": "identification.cutoff",
+    "friction": "identification.friction",
+    "consistent": "identification.consistent",
+}
+
+
+def command(
+    ctx: typer.Context,
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG", help="Logs of free motion.")],
+    robot: RobotName,
+    validate: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="LOG", help="Logs to predict, not fitted."),
+    ] = None,
+    load: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="LOG=KG[,X,Y,Z]",
+            help="A log with a weighed load, its centre of mass in the flange's frame (m) if it is "
+            "known: finds torque per ampere, adds robot.yaml.",
+        ),
+    ] = None,
+    refresh: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="MODEL",
+            help="A model.yaml: find only the friction that drifts anew, from seconds of one log.",
+        ),
+    ] = None,
+    part: Annotated[
+        str, typer.Option(metavar="BEGIN,END", help="Of the log to refresh from, s.")
+    ] = "",
+    log_format: LogFormat = None,
+    cutoff_hz: Annotated[
+        float, typer.Option(help="Of the zero-phase low-pass filter.")
+    ] = DEFAULTS.cutoff,
+    friction: Annotated[
+        str,
+        typer.Option(
+            metavar="LAW",
+            help="coulomb-viscous, coulomb-viscous-offset, stribeck, load-dependent, "
+            "semi-parametric, presliding, presliding+network, or best: held-out logs choose.",
+        ),
+    ] = DEFAULTS.friction,
+    consistent: Annotated[
+        bool,
+        typer.Option(
+            "--consistent",
+            help="Only robots that can exist: every link's inertia; adds robot.urdf.",
+        ),
+    ] = DEFAULTS.consistent,
+    config: Annotated[Path | None, config_option(IdentifySettings, PLACES)] = None,
+    out: Out = Path("out/identify"),
+) -> None:
+    """Find a robot's dynamic model and friction: logs in, model.yaml out."""
+    settings = settled(ctx, IdentifySettings, PLACES)
+    logs = [Path(log) for log in settings.logs]
+    if settings.refresh is not None:
+        _refresh(settings, logs, out)
+        return
+    validation = [Path(log) for log in settings.validate]
+    common = (settings.log_format, settings.identification)
+    with showing_progress("identify") as progress:
+        if settings.load:
+            from analyses.methods.calibration.load_calibration import calibrate_logs
+
+            calibrated = calibrate_logs(
+                logs, settings.load, settings.robot, out, validation, *common, progress
+            )
+            result = calibrated.identification
+        else:
+            from analyses.methods.learning.identification import identify_logs
+
+            calibrated = None
+            result = identify_logs(logs, settings.robot, out, validation, *common, progress)
+    _print(result, out)
+    if calibrated is not None:
+        _print_calibration(calibrated, out)
+
+
+def _refresh(settings: IdentifySettings, logs: list[Path], out: Path) -> None:
+    from analyses.methods.calibration.friction_refreshing import refresh_log
+
+    if len(logs) != 1 or settings.load or settings.validate:
+        problem = "takes one log, and neither --load nor --validate"
+        raise InputError("--refresh", "", problem, "give one log of seconds of today")
+    with showing_progress("identify") as progress:
+        result = refresh_log(
+            Path(str(settings.refresh)),
+            logs[0],
+            settings.robot,
+            out,
+            settings.log_format,
+            settings.refreshing,
+            progress,
+        )
+    found, (before, after) = result.refresh, result.rmse
+    table = new_table(
+        "\njoint",
+        "Coulomb\n[N m]",
+        "viscous\n[N m s/rad]",
+        "offset\n[N m]",
+        "moved by\n[standard errors]",
+        "RMSE before\n[N m]",
+        "after\n[N m]",
+    )
+    for j, name in enumerate(result.model.joint_names):
+        changes = (
+            f"{change:+.2f} ± {sd:.2f}"
+            for change, sd in zip(found.change[j], found.standard_deviation[j], strict=True)
+        )
+        errors = " ".join(f"{value:+.1f}" for value in found.standard_errors[j])
+        table.add_row(name, *changes, errors, f"{before[j]:.2f}", f"{after[j]:.2f}")
+    console = new_console()
+    console.print(table)
+    for warning in result.warnings:
+        say(console, f"note: {warning}")
+    say(console, f"model: {out / 'model.yaml'}, figure: {out / 'figures' / 'friction.png'}")
+
+
+def _print_calibration(result: "CalibrationResult", out: Path) -> None:
+    found = result.calibration
+    dependence, dependence_sd = found.load_dependence
+    table = new_table(
+        "\njoint", "torque per ampere\n[N m/A]", "stated\n[N m/A]", "friction per torque\n[N m/N m]"
+    )
+    sd = found.ratio_sd * result.stated
+    for j, name in enumerate(result.robot.joint_names):
+        told = "" if result.changed[j] else " (kept)"
+        value, deviation = float(dependence[j]), float(dependence_sd[j])
+        read = "–" if isnan(value) else f"{value:.3f} ± {deviation:.3f}"
+        table.add_row(
+            name,
+            f"{result.robot.torque_per_ampere[j]:.3f} ± {sd[j]:.3f}{told}",
+            f"{result.stated[j]:.3f}",
+            read,
+        )
+    console = new_console()
+    console.print(table)
+    for (name, load), own, deviation in zip(
+        result.loads.items(), found.loads, found.load_sd, strict=True
+    ):
+        com = ", ".join(
+            f"{1e3 * value / load.mass:.1f} ± {1e3 * s / load.mass:.1f}"
+            for value, s in zip(own[1:4], deviation[1:4], strict=True)
+        )
+        say(console, f"{name}: {load.mass:g} kg at ({com}) mm from the flange")
+    for warning in result.warnings:
+        say(console, f"note: {warning}")
+    say(
+        console, f"robot with these torques per ampere, to use with the model: {out / 'robot.yaml'}"
+    )
+
+
+def _print(result: "IdentificationResult", out: Path) -> None:
+    model, law = result.model, result.model.friction.coulomb_viscous
+    held_out = result.metrics()["cross_validation"]["rmse_nm"]  # None for a single log
+    columns = {
+        "Coulomb\n[N m]": law.coulomb,
+        "viscous\n[N m s/rad]": law.viscous,
+        "held out\nRMSE [N m]" if held_out is not None else "fit\nRMSE [N m]": (
+            held_out if held_out is not None else result.fit[0].rmse
+        ),
+    }
+    columns |= {f"{fit.name}\nRMSE [N m]": fit.rmse for fit in result.validation}
+    table = new_table("\njoint", *columns)
+    for j, name in enumerate(model.joint_names):
+        table.add_row(name, *(f"{values[j]:#.3g}".rstrip(".") for values in columns.values()))
+    console = new_console()
+    console.print(table)
+    say(
+        console,
+        f"friction {result.law}, {len(result.base.names)} base parameters, "
+        f"condition number {result.base.condition_number:.3g}",
+    )
+    for warning in result.warnings:
+        say(console, f"note: {warning}")
+    say(console, f"model: {out / 'model.yaml'}")

@@ -1,0 +1,112 @@
+"""The command `jcn-map`: the condition number over the workspace."""
+
+import logging
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from analyses.commands.options import (
+    Out,
+    RobotName,
+    Seed,
+    config_option,
+    joined,
+    numbers,
+    settled,
+)
+from analyses.methods.planning.jcn_map_settings import JcnMapSettings, SliceConfig
+from analyses.output.console import new_console, new_table, say, showing_progress
+from models.files.input_error import InputError
+
+if TYPE_CHECKING:
+    from analyses.methods.planning.jcn_map import JcnMapResult
+
+ORDER = 60
+DEFAULTS, SLICE = JcnMapSettings(), SliceConfig()
+PLACES = {
+    "robot": "robot",
+    "samples": "num_samples",
+    "within_limits": "within_limits",
+    "cone_axis": "slice.cone_axis",
+    "cone_deg": "slice.cone_deg",
+    "points": "slice.num_points",
+    "seed": "seed",
+}
+
+
+def command(
+    ctx: typer.Context,
+    robot: RobotName = DEFAULTS.robot,
+    samples: Annotated[
+        int, typer.Option(min=1, help="Random configurations.")
+    ] = DEFAULTS.num_samples,
+    within_limits: Annotated[
+        bool, typer.Option("--within-limits", help="Within the joint limits, not over full turns.")
+    ] = DEFAULTS.within_limits,
+    plane: Annotated[
+        str | None,
+        typer.Option("--slice", help="A plane such as z=0.3 (m): what it attains at each point."),
+    ] = None,
+    cone_axis: Annotated[
+        str, typer.Option(help="Where the tool points on the slice, in W: three numbers.")
+    ] = joined(SLICE.cone_axis),
+    cone_deg: Annotated[
+        float, typer.Option(help="How far it may lean from there.")
+    ] = SLICE.cone_deg,
+    points: Annotated[
+        int, typer.Option(help="Of the slice's grid, along each side.")
+    ] = SLICE.num_points,
+    seed: Seed = DEFAULTS.seed,
+    config: Annotated[Path | None, config_option(JcnMapSettings, PLACES)] = None,
+    out: Out = Path("out/jcn-map"),
+) -> None:
+    """Map the condition number over the workspace, and say where a table belongs."""
+    from analyses.methods.planning.jcn_map import jcn_map
+
+    settings = settled(ctx, JcnMapSettings, {})
+    if plane is not None:
+        axis, _, value = plane.partition("=")
+        place = numbers(value, "--slice")
+        if len(place) != 1:
+            raise InputError("--slice", "", f"{plane!r} names no plane", "write z=0.3")
+        settings.slice = settings.slice or SliceConfig()
+        settings.slice.axis, settings.slice.value = axis.strip(), place[0]
+    settings = settled(ctx, JcnMapSettings, PLACES, settings)
+    logging.getLogger("drake").setLevel(logging.WARNING)
+    with showing_progress("jcn-map") as progress:
+        result = jcn_map(
+            settings.robot,
+            out,
+            settings.num_samples,
+            settings.seed,
+            within_limits=settings.within_limits,
+            plane=settings.slice,
+            progress=progress,
+        )
+    _print(result, settings, out)
+
+
+def _print(result: "JcnMapResult", settings: JcnMapSettings, out: Path) -> None:
+    metrics = result.metrics
+    table = new_table("condition number", "smallest", "median", "mean", "above 11 [%]")
+    keys = ("min", "median", "mean", "above_11_pct")
+    table.add_row(
+        f"{settings.num_samples} configurations", *(f"{metrics[key]:.4g}" for key in keys)
+    )
+    console = new_console()
+    console.print(table)
+    config = settings.slice or SLICE
+    plane = f"{config.axis}={config.value:g}"
+    if (cut := metrics.get("slice")) and "min" in cut:
+        place_text = ", ".join(f"{value:.3f}" for value in cut["best_place_m"])
+        say(
+            console,
+            f"slice {plane}: best {cut['min']:.2f} at ({place_text}) m; "
+            f"{cut['below_11_m2']:.2f} m2 below 11",
+        )
+    elif cut:
+        say(console, f"slice {plane}: the tool reaches no point of it within the cone")
+    for notice in result.notices:
+        say(console, f"note: {notice}")
+    say(console, f"samples: {out / 'samples.npz'}, recording: {out / 'recording.html'}")

@@ -1,0 +1,103 @@
+"""The command `place`: where a straight path belongs."""
+
+import logging
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from analyses.commands.options import (
+    Out,
+    Quick,
+    RobotName,
+    Seed,
+    config_option,
+    on_command_line,
+    settled,
+)
+from analyses.methods.planning.place_settings import PlaceSettings
+from analyses.output.console import new_console, new_table, say, showing_progress
+
+if TYPE_CHECKING:
+    from analyses.methods.planning.placement import PlacementResult
+
+ORDER = 70
+DEFAULTS = PlaceSettings()
+PLACES = {
+    "task": "task",
+    "robot": "robot",
+    "objective": "objective",
+    "solver": "solver",
+    "model": "model",
+    "method": "method",
+    "seed": "seed",
+    "quick": "quick",
+}
+
+
+def command(
+    ctx: typer.Context,
+    task: Annotated[str, typer.Option(help="Bundled task (such as linear_path), or a YAML file.")],
+    robot: RobotName = DEFAULTS.robot,
+    objective: Annotated[
+        str, typer.Option(help="What to make small: jcn or force-sd.")
+    ] = DEFAULTS.objective,
+    solver: Annotated[
+        str, typer.Option(help="snopt, ipopt, or the article's pso-ga.")
+    ] = DEFAULTS.solver,
+    model: Annotated[
+        Path | None, typer.Option(help="model.yaml of `identify`, for force-sd.")
+    ] = None,
+    method: Annotated[
+        str, typer.Option(help="For force-sd: bayesian, force_only or inverse.")
+    ] = DEFAULTS.method,
+    seed: Seed = DEFAULTS.seed,
+    quick: Quick = DEFAULTS.quick,
+    config: Annotated[Path | None, config_option(PlaceSettings, PLACES)] = None,
+    out: Out = Path("out/place"),
+) -> None:
+    """Find where a straight path belongs, and how the arm should stand along it."""
+    from analyses.methods.planning.placement import place_task
+
+    settings = settled(ctx, PlaceSettings, PLACES)
+    logging.getLogger("drake").setLevel(logging.WARNING)
+    with showing_progress("place") as progress:
+        result = place_task(
+            settings.task,
+            out,
+            settings.robot,
+            objective=settings.objective,
+            solver=settings.solver,
+            seed=settings.seed,
+            model_path=None if settings.model is None else Path(settings.model),
+            method=settings.method,
+            quick=settings.quick,
+            content=None if on_command_line(ctx, "task") else settings.task_content,
+            progress=progress,
+        )
+    _print(result, out)
+
+
+def _print(result: "PlacementResult", out: Path) -> None:
+    metrics, key = result.metrics(), result.measure.key
+    names = {"mean_jcn": "mean JCN", "max_jcn": "largest JCN"}
+    if key != "jcn":
+        names |= {f"mean_{key}": "mean sd [N]", f"max_{key}": "largest sd [N]"}
+    table = new_table("", *names.values())
+    for way in ("initial", "optimised"):
+        if way in metrics:
+            table.add_row(way, *(f"{metrics[way][name]:.4f}" for name in names))
+    console = new_console()
+    console.print(table)
+    found = metrics["optimised"]
+    for label, name in (("direction", "direction"), ("midpoint [m]", "midpoint_m")):
+        say(console, f"{label}: " + " ".join(f"{value:.4f}" for value in found[name]))
+    turn = " ".join(f"{value:.4f}" for value in found["axis"])
+    say(console, f"tool: {found['angle_deg']:.2f} degrees about {turn}")
+    optima = ", ".join(f"{o[f'mean_{key}']:.4f} ({o['starts']} starts)" for o in metrics["optima"])
+    say(console, f"local optima: {optima}; {result.seconds:.1f} s")
+    for notice in result.notices:
+        say(console, f"note: {notice}")
+    say(console, f"postures: {out / 'postures.csv'}, recording: {out / 'recording.html'}")
+    if result.search.interrupted:
+        raise KeyboardInterrupt

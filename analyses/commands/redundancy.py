@@ -1,0 +1,51 @@
+"""The command `redundancy`: the free angle along a path on a surface."""
+
+import logging
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from analyses.commands.options import Out, RobotName, config_option, on_command_line, settled
+from analyses.methods.planning.redundancy_task import RedundancySettings
+from analyses.output.console import new_console, new_table, say, showing_progress
+
+if TYPE_CHECKING:
+    from analyses.methods.planning.redundancy import RedundancyResult
+
+ORDER = 80
+DEFAULTS = RedundancySettings()
+PLACES = {"task": "task", "robot": "robot"}
+
+
+def command(
+    ctx: typer.Context,
+    task: Annotated[str, typer.Option(help="Bundled task (blade_path), or a YAML file.")],
+    robot: RobotName = DEFAULTS.robot,
+    config: Annotated[Path | None, config_option(RedundancySettings, PLACES)] = None,
+    out: Out = Path("out/redundancy"),
+) -> None:
+    """Choose the free angle about the normal, and the branch, along a path on a surface."""
+    from analyses.methods.planning.redundancy_results import redundancy
+
+    settings = settled(ctx, RedundancySettings, PLACES)
+    logging.getLogger("drake").setLevel(logging.WARNING)
+    content = None if on_command_line(ctx, "task") else settings.task_content
+    with showing_progress("redundancy") as progress:
+        result = redundancy(settings.task, settings.robot, out, progress, content)
+    _print(result, out)
+
+
+def _print(result: "RedundancyResult", out: Path) -> None:
+    metrics, key = result.metrics(), result.problem.measure.key
+    table = new_table(result.problem.measure.label, "mean", "largest")
+    ways = {"initial": "initial", "local method": "local", "optimised": "optimised"}
+    for name, way in ways.items():
+        if way in metrics:
+            figures = (f"{metrics[way][f'{what}_{key}']:.3f}" for what in ("mean", "max"))
+            table.add_row(name, *figures)
+    console = new_console()
+    console.print(table)
+    for notice in result.notices:
+        say(console, f"note: {notice}")
+    say(console, f"joints: {out / 'trajectory.csv'}, recording: {out / 'recording.html'}")

@@ -1,0 +1,116 @@
+"""The command `simulate`: a scenario, simulated and read."""
+
+import logging
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from analyses.commands.options import Out, Quick, config_option, on_command_line, settled
+from analyses.methods.runs.simulate_settings import SimulateSettings
+from analyses.output.console import new_console, new_table, say, showing_progress
+
+if TYPE_CHECKING:
+    from analyses.methods.runs.simulation import SimulationResult
+
+ORDER = 40
+DEFAULTS = SimulateSettings()
+PLACES = {
+    "scenario": "scenario",
+    "robot": "robot",
+    "model": "model",
+    "duration": "duration_s",
+    "seed": "seed",
+    "quick": "quick",
+    "recording": "record",
+    "graphviz": "graph",
+}
+
+
+def command(
+    ctx: typer.Context,
+    scenario: Annotated[
+        str, typer.Option(help="A bundled scenario's name, or a YAML file of scenarios.")
+    ] = DEFAULTS.scenario,
+    name: Annotated[
+        str | None, typer.Option(help="Which scenario of the file, if it holds several.")
+    ] = None,
+    robot: Annotated[
+        str | None, typer.Option(help="In the place of the scenario's: a name or a robot.yaml.")
+    ] = DEFAULTS.robot,
+    model: Annotated[
+        Path | None,
+        typer.Option(help="model.yaml that controller and estimator know."),
+    ] = None,
+    duration: Annotated[
+        float | None, typer.Option(help="In the place of the scenario's, s.")
+    ] = DEFAULTS.duration_s,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="In the place of the scenario's.")
+    ] = DEFAULTS.seed,
+    quick: Quick = DEFAULTS.quick,
+    recording: Annotated[
+        bool, typer.Option(help="Write the moving arm as recording.html.")
+    ] = DEFAULTS.record,
+    graphviz: Annotated[
+        bool, typer.Option("--graphviz", help="Draw the diagram of all blocks.")
+    ] = DEFAULTS.graph,
+    config: Annotated[Path | None, config_option(SimulateSettings, PLACES)] = None,
+    out: Out = Path("out/simulate"),
+) -> None:
+    """Simulate an arm, what acts on it, and what the estimator reads from its currents."""
+    from analyses.methods.runs.simulation import simulate_scenario
+
+    settings = settled(ctx, SimulateSettings, PLACES)
+    if name is not None:
+        file = settings.scenario
+        if not on_command_line(ctx, "scenario"):  # the file's own may name one already
+            file = file.rpartition(":")[0] or file
+        settings.scenario = f"{file}:{name}"
+    # Drake says at which address Meshcat listens; it is gone before anyone could go there.
+    logging.getLogger("drake").setLevel(logging.WARNING)
+    with showing_progress("simulate") as progress:
+        result = simulate_scenario(
+            settings.scenario,
+            out,
+            settings.robot,
+            None if settings.model is None else Path(settings.model),
+            seed=settings.seed,
+            duration=settings.duration_s,
+            quick=settings.quick,
+            record=settings.record,
+            graph=settings.graph,
+            progress=progress,
+        )
+    _print(result)
+
+
+def _print(result: "SimulationResult") -> None:
+    metrics = result.metrics()
+    sources = {"estimate": metrics}
+    for name, title in (("valid", "where valid"), ("sensor", "sensor")):
+        if name in metrics:
+            sources[title] = metrics[name]
+    table = new_table(
+        "error of", *(f"{s}\n{what}" for s in sources for what in ("rmse", "largest"))
+    )
+    for axis, unit in (*((f"f{k}", "N") for k in "xyz"), *((f"m{k}", "N m") for k in "xyz")):
+        suffix = f"{axis}_{unit.replace(' ', '').lower()}"
+        figures = [
+            f"{of[f'{what}_{suffix}']:.3f}"
+            for of in sources.values()
+            for what in ("rmse", "max_error")
+        ]
+        table.add_row(f"{axis}  {unit}", *figures)
+    console = new_console()
+    console.print(table)
+    say(
+        console,
+        f"{metrics['duration_s']:g} s at {result.real_time_factor:.1f} times real time; "
+        f"{100 * metrics['valid_share']:.0f} % of the readings valid, "
+        f"{100 * metrics['coverage_share']:.0f} % of the true force inside the 95 % band",
+    )
+    for notice in (*result.robot.notices, *result.notices):
+        say(console, f"note: {notice}")
+    for file in result.files:
+        say(console, f"wrote {file}")

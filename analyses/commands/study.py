@@ -1,0 +1,86 @@
+"""The command `study`: every experiment, or those that are named."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from analyses.commands.options import Out, Quick, Seed
+from analyses.output.console import new_console, new_table, plain_text, say
+
+if TYPE_CHECKING:
+    from analyses.study.outcome import StudyResult
+
+ORDER = 10
+
+
+def command(
+    experiments: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="EXPERIMENT", help="Names; all if none is given."),
+    ] = None,
+    out: Out = Path("out/study"),
+    data: Annotated[Path, typer.Option(help="Folder of the real recordings.")] = Path(
+        "../shared/data"
+    ),
+    seed: Seed = 0,
+    quick: Quick = False,
+    jobs: Annotated[
+        int | None, typer.Option(min=1, help="Experiments side by side; as many as cores.")
+    ] = None,
+    fresh: Annotated[
+        bool,
+        typer.Option("--fresh", help="Run also what has a result on which nothing has changed."),
+    ] = False,
+    list_names: Annotated[
+        bool, typer.Option("--list", help="List the experiments' names and stop.")
+    ] = False,
+) -> None:
+    """Run the article's experiments, and those on real robots' logs, and report on them.
+
+    What is finished is kept: after an interruption, run the same again to go on. An experiment runs
+    anew when something that its result depends on has changed: options, software, recordings.
+    """
+    from analyses.output.progress import ProgressDisplay
+    from analyses.study.registry import REGISTRY
+    from analyses.study.study import available_cores, check_names, run_study
+
+    if list_names:
+        sys.stdout.write("\n".join(REGISTRY.entries()) + "\n")
+        return
+    names = check_names(experiments or [])
+    with ProgressDisplay(new_console(stderr=True), tuple(names)) as watch:
+        result = run_study(
+            names,
+            out,
+            data,
+            seed=seed,
+            quick=quick,
+            jobs=jobs or available_cores(),
+            fresh=fresh,
+            watch=watch,
+        )
+    _print(result)
+    if result.failed:
+        raise typer.Exit(1)
+
+
+def _print(result: "StudyResult") -> None:
+    from analyses.study.report import comparisons
+
+    table = new_table("", "article", "here")
+    for outcome in result.outcomes:
+        if outcome.has_result:
+            earlier = " (kept)" if outcome.state == "earlier" else ""
+            table.add_row(plain_text(f"{outcome.name}{earlier}", style="bold"))
+        for row in comparisons(outcome.metrics, outcome.stored.get("comparison", [])):
+            label = f"  {row.label} [{row.unit}]" if row.unit else f"  {row.label}"
+            table.add_row(plain_text(label), " ".join(row.stated), " ".join(row.here))
+    console = new_console()
+    if table.row_count:
+        console.print(table)
+    for outcome in result.outcomes:
+        if not outcome.has_result:
+            say(console, f"{outcome.name} {outcome.state}: {outcome.reason}")
+    say(console, f"report: {result.report}")

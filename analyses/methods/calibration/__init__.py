@@ -1,0 +1,1 @@
+"""What is learnt beside a model that is there: loads, torque constants, friction of today."""

@@ -1,0 +1,280 @@
+"""How much friction does this robot have today? A model and seconds of a log in, a model out.
+
+Refitted are the three numbers a joint that drift, Coulomb, viscous and offset; everything else of
+the model stays (`models.identification.friction_refresh`). The log must be free of contact and
+carry what the model's logs carried.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analyses.methods.calibration.model_residual import ModelResidual, with_friction
+from analyses.methods.learning.identification_config import IdentifySettings, RefreshConfig
+from analyses.output.outputs import OutputFolder
+from analyses.output.result_folder import result_folder
+from models.files.input_error import InputError
+from models.friction.sliding_friction import TERMS, with_sliding
+from models.identification.friction_refresh import (
+    FrictionDrift,
+    FrictionRefresh,
+    refresh_friction,
+)
+from models.identification.identified_model import FrictionSource, IdentifiedModel
+from models.identification.residual_noise import V_REST, ResidualRows
+from models.identification.torque_error_model import TorqueErrorModel
+from models.recordings.recording import Recording
+from models.recordings.recording_reader import read_recording
+from models.robot.robot import Robot
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+ProgressCallback = Callable[[float, str], None]
+
+LITTLE = 0.2  # share of the prior's variance; a log that takes less away says little
+LARGEST_DRIFT = 0.3  # share of viscous friction, whatever a joint that stood leaves unknown
+MORE_THAN_FRICTION = 2.0  # of the residual's stated sd
+UNITS = {"coulomb": "N m", "viscous": "N m s/rad", "offset": "N m"}
+
+
+@dataclass(frozen=True, eq=False)
+class RefreshResult:
+    """A model with today's friction.
+
+    Attributes:
+        model: the new one.
+        refresh: coefficients before and after, and their standard errors.
+        before: rows of the old model's residual.
+        after: the same instants, of the new one.
+        warnings: one line each.
+        config: as used.
+    """
+
+    model: IdentifiedModel
+    refresh: FrictionRefresh
+    before: ResidualRows
+    after: ResidualRows
+    warnings: tuple[str, ...]
+    config: RefreshConfig
+
+    @property
+    def rmse(self) -> tuple[Array, Array]:
+        """(n,) N m, of the residual before and after."""
+        before, after = (
+            np.sqrt(np.mean(rows.residual**2, axis=0)) for rows in (self.before, self.after)
+        )
+        return before, after
+
+    def metrics(self) -> dict[str, Any]:
+        """All figures, as written to metrics.json; lists per joint."""
+        found = self.refresh
+        before, after = self.rmse
+        units = {"coulomb": "nm", "viscous": "nms_per_rad", "offset": "nm"}
+        return {
+            "duration_s": float(self.before.t[-1] - self.before.t[0]),
+            "rmse_nm": {"before": before, "after": after, "stated_sd": self.before.sd},
+            **{
+                term: {
+                    f"before_{units[term]}": getattr(found.before, term),
+                    f"after_{units[term]}": getattr(found.after, term),
+                    f"change_{units[term]}": found.change[:, k],
+                    f"change_sd_{units[term]}": found.standard_deviation[:, k],
+                    f"prior_sd_{units[term]}": found.prior_deviation[:, k],
+                    "standard_errors": found.standard_errors[:, k],
+                    "told_pct": 100.0 * found.told[:, k],
+                }
+                for k, term in enumerate(TERMS)
+            },
+        }
+
+    def write(self, out: OutputFolder, settings: IdentifySettings) -> None:
+        """Writes model.yaml, metrics.json, config.yaml and figures/friction.png."""
+        out.write_figure("friction", friction_figure(self))
+        out.write_json("metrics.json", self.metrics())
+        out.write_settings("config.yaml", replace(settings, refreshing=self.config))
+        self.model.save(out / "model.yaml")
+
+
+def refresh_model(
+    recording: Recording,
+    robot: Robot,
+    model: IdentifiedModel,
+    config: RefreshConfig | None = None,
+) -> RefreshResult:
+    """Finds the friction of a log and puts it into the model.
+
+    Args:
+        recording: free motion, without contact.
+        robot: its robot.
+        model: of it.
+        config: see `RefreshConfig`.
+
+    Raises:
+        InputError: a setting that makes no sense; as `ModelResidual.of`; no joint moves.
+    """
+    config = _checked(config or RefreshConfig())
+    whole = ModelResidual.of(_part(recording, config), robot, model)
+    before = whole.rows()
+    still = before.moving_share == 0.0
+    if still.all():
+        raise InputError(
+            recording.source,
+            "",
+            f"no joint moves faster than {V_REST:g} rad/s",
+            "log some seconds of motion of the joints whose friction is wanted",
+        )
+    drift = FrictionDrift(config.coulomb_drift, config.viscous_drift, config.offset_drift)
+    found = refresh_friction(before, model.friction.coulomb_viscous, drift)
+    renewed = with_friction(model, with_sliding(model.friction, found.after))
+    renewed = replace(
+        renewed,
+        torque_error=_with_drift(model.torque_error, found),
+        provenance=replace(
+            model.provenance,
+            refreshes=[*model.provenance.refreshes, _source(whole, found)],
+        ),
+    )
+    after = ModelResidual(whole.log, robot, renewed).rows()
+    result = RefreshResult(renewed, found, before, after, (), config)
+    return replace(result, warnings=tuple(_doubts(result, robot)))
+
+
+def refresh_log(
+    model_path: Path,
+    log: Path,
+    robot_name: str | Path,
+    out: Path,
+    log_format: str | Path | None = None,
+    config: RefreshConfig | None = None,
+    progress: ProgressCallback = lambda fraction, what: None,
+) -> RefreshResult:
+    """The command `identify --refresh`: reads model and log, and writes the result into `out`.
+
+    Raises:
+        InputError: as `Robot.load`, `IdentifiedModel.load`, `read_recording`, `refresh_model` and
+            `result_folder`.
+    """
+    with result_folder(out, "identify") as folder:
+        robot = Robot.load(robot_name)
+        model = IdentifiedModel.load(Path(model_path), robot)
+        progress(0.1, f"reading {log.name}")
+        recording = read_recording(log, log_format, robot)
+        progress(0.4, "finding friction")
+        result = refresh_model(recording, robot, model, config)
+        settings = IdentifySettings(
+            robot=str(robot_name),
+            logs=[str(log)],
+            refresh=str(model_path),
+            log_format=None if log_format is None else str(log_format),
+        )
+        result.write(folder, settings)
+        progress(1.0, "done")
+    return result
+
+
+def friction_figure(result: RefreshResult) -> "Figure":
+    """The residual by speed, before and after: one panel a joint."""
+    from analyses.output.figures import COLOUR, new_figure
+
+    names = result.model.joint_names
+    n = len(names)
+    lines = (n + 1) // 2
+    figure, axes = new_figure(lines, 2, height=2.1 * lines + 0.6)
+    panels: list[Any] = list(axes.flat)
+    errors = result.rmse
+    for j, axis in enumerate(panels[:n]):
+        for rows, colour, label in (
+            (result.before, COLOUR["before"], "the model before"),
+            (result.after, COLOUR["after"], "after"),
+        ):
+            axis.plot(rows.v[:, j], rows.residual[:, j], ".", color=colour, ms=3, label=label)
+        axis.axhline(0.0, color=COLOUR["truth"], lw=0.8)
+        axis.set_title(f"{names[j]}: RMSE {errors[0][j]:.2f} to {errors[1][j]:.2f} N m")
+        axis.set_ylabel("torque missed [N m]")
+        if j >= n - 2:
+            axis.set_xlabel("joint velocity [rad/s]")
+    for axis in panels[n:]:
+        axis.set_visible(False)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2)
+    figure.suptitle("Measured minus predicted torque")
+    return figure
+
+
+def _part(recording: Recording, config: RefreshConfig) -> Recording:
+    t = recording.t - recording.t[0]
+    begin, end = config.part or (0.0, float(t[-1]))
+    chosen = np.flatnonzero((t >= begin) & (t <= end))
+    if len(chosen) < 2:
+        raise InputError(
+            recording.source,
+            "",
+            f"holds no samples from {begin:g} to {end:g} s; it lasts {t[-1]:.3g} s",
+            "choose another part with --part",
+        )
+    return recording[chosen[0] : chosen[-1] + 1]
+
+
+def _checked(config: RefreshConfig) -> RefreshConfig:
+    part = config.part
+    if part and not (len(part) == 2 and np.isfinite(part).all() and 0.0 <= part[0] < part[1]):
+        found = ",".join(f"{value:g}" for value in part)
+        raise InputError("--part", "", f"expected BEGIN,END in s, found {found}", "such as 0,4")
+    for key in ("coulomb_drift", "viscous_drift", "offset_drift"):
+        value = getattr(config, key)
+        if not (np.isfinite(value) and value > 0.0):
+            raise InputError("refresh", key, f"expected a share above 0, found {value:g}")
+    return config
+
+
+def _with_drift(error: TorqueErrorModel | None, found: FrictionRefresh) -> TorqueErrorModel | None:
+    """The torque error with the drift of viscous friction that the refresh leaves unknown."""
+    if error is None:
+        return None
+    viscous = np.abs(found.after.viscous)
+    share = found.standard_deviation[:, 1] / np.maximum(viscous, 1e-12)
+    return error.with_drift(float(np.minimum(np.sqrt(np.mean(share**2)), LARGEST_DRIFT)))
+
+
+def _source(whole: ModelResidual, found: FrictionRefresh) -> FrictionSource:
+    lists = {term: found.change[:, k].tolist() for k, term in enumerate(TERMS)}
+    deviations = {
+        f"{term}_sd": found.standard_deviation[:, k].tolist() for k, term in enumerate(TERMS)
+    }
+    return FrictionSource(log=whole.log.log, **lists, **deviations)
+
+
+def _doubts(result: RefreshResult, robot: Robot) -> list[str]:
+    found, names = result.refresh, robot.joint_names
+    doubts = []
+    kept = [names[j] for j in np.flatnonzero((found.told[:, :2] < LITTLE).all(axis=1))]
+    if kept:
+        doubts.append(
+            f"the log says little about the friction of {', '.join(kept)}: kept as it was, within "
+            "the standard errors stated"
+        )
+    sd = result.before.sd
+    after = result.rmse[1]
+    strange = [
+        f"{names[j]} {after[j]:.2g} (model: {sd[j]:.2g})"
+        for j in np.flatnonzero(after > MORE_THAN_FRICTION * sd)
+    ]
+    if strange:
+        doubts.append(
+            f"friction does not explain what is left of {', '.join(strange)} N m: a load, contact "
+            "or other changes; identify again, or see `payload`"
+        )
+    law = found.after
+    doubts += [
+        f"{names[j]}: {term} friction comes out negative, {value[j]:.3g} {UNITS[term]}; log more "
+        "motion of it"
+        for term, value in (("coulomb", law.coulomb), ("viscous", law.viscous))
+        for j in np.flatnonzero((value < 0.0) & (getattr(found.before, term) >= 0.0))
+    ]
+    return doubts

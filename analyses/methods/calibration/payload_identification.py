@@ -1,0 +1,329 @@
+"""What does this robot carry? A log with an unknown load in, mass, centre of mass and inertia out.
+
+The load is found from the joint torque that the robot's model leaves unexplained
+(`models.identification.load_identification`). Friction that depends on the torque that a gear
+transmits depends on the load, too: the fit is repeated with the load found before.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analyses.methods.calibration.model_residual import ModelResidual
+from analyses.methods.calibration.payload_config import PayloadConfig, PayloadSettings
+from analyses.output.outputs import OutputFolder
+from analyses.output.result_folder import result_folder
+from models.files.input_error import InputError
+from models.identification.friction_refresh import FrictionDrift
+from models.identification.identified_model import IdentifiedModel
+from models.identification.load_identification import LoadEstimate, LoadPrior, estimate_load
+from models.identification.load_parameters import (
+    body_parameters,
+    flange_map,
+    inertia_matrix,
+    realisable_inertia,
+)
+from models.identification.residual_noise import ResidualRows
+from models.recordings.recording import Recording
+from models.recordings.recording_reader import read_recording
+from models.robot.robot import Robot
+from models.robot.robot_config import ToolConfig
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+ProgressCallback = Callable[[float, str], None]
+
+PASSES = 4  # the load's share of friction changes by less than 1 % from the third to the fourth
+AXES = ("x", "y", "z")
+TENSOR = ("xx", "yy", "zz", "xy", "xz", "yz")  # order of ToolConfig.inertia
+COM_TOLD = 0.02  # m, sd; where a centre of mass is less sure, the motion has not told it
+INERTIA_TOLD = 0.5  # share of the prior's variance
+SCATTER = 2.0  # times what the model states; more is no load's doing
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadResult:
+    """A load, in axes of the flange.
+
+    Attributes:
+        load: as found.
+        model: the robot's model with the load on its flange.
+        tool: load and the robot.yaml's own tool, if it has one, as one body.
+        rows: of the log's residual, the load still in it.
+        torque: (m, n) N m of the load at these instants.
+        warnings: one line each.
+        config: as used.
+    """
+
+    load: LoadEstimate
+    model: IdentifiedModel
+    tool: ToolConfig
+    rows: ResidualRows
+    torque: Array
+    warnings: tuple[str, ...]
+    config: PayloadConfig
+
+    @property
+    def com_told(self) -> NDArray[np.bool_]:
+        """(3,) whether the motion tells the centre of mass along each axis."""
+        return np.asarray(self.load.is_there & (self.load.standard_deviation[1:4] < COM_TOLD))
+
+    @property
+    def inertia_told(self) -> NDArray[np.bool_]:
+        """(6,) whether the motion tells Ixx, Iyy, Izz, Ixy, Ixz, Iyz."""
+        return np.asarray(self.load.is_there & (self.load.inertia_told > INERTIA_TOLD))
+
+    def metrics(self) -> dict[str, Any]:
+        """All figures, as written to metrics.json."""
+        load = self.load
+        sd = load.standard_deviation
+        gain = np.sqrt(np.diag(load.gain_covariance))
+        unexplained = self.rows.residual - self.torque
+        return {
+            "load_found": load.is_there,
+            "mass_kg": load.mass,
+            "mass_sd_kg": sd[0],
+            "mass_sd_of_gains_kg": gain[0],
+            "com_m": load.com,
+            "com_sd_m": sd[1:4],
+            "com_told": self.com_told,
+            "inertia_kgm2": [load.inertia[place] for place in _PLACES],
+            "inertia_sd_kgm2": sd[4:],
+            "inertia_told": self.inertia_told,
+            "realisable_inertia_kgm2": [load.realisable[place] for place in _PLACES],
+            "load_torque_rms_nm": np.sqrt(np.mean(self.torque**2, axis=0)),
+            "residual_rms_nm": np.sqrt(np.mean(unexplained**2, axis=0)),
+            "stated_sd_nm": self.rows.sd,
+            "scatter_over_stated": load.scale,
+            "friction_change": {
+                "coulomb_nm": load.friction_change[:, 0],
+                "viscous_nms_per_rad": load.friction_change[:, 1],
+                "offset_nm": load.friction_change[:, 2],
+            },
+        }
+
+    def tool_block(self) -> str:
+        """The block `tool` of a robot.yaml, with what is known of its numbers as comments."""
+        load, tool = self.load, self.tool
+        sd = load.standard_deviation
+        told = [name for name, known in zip(TENSOR, self.inertia_told, strict=True) if known]
+        known = ", ".join(told) if told else "nothing"
+
+        def line(values: Any) -> str:
+            return "[" + ", ".join(f"{value:.6g}" for value in values) + "]"
+
+        return (
+            "# For robot.yaml. Measured: mass "
+            f"{load.mass:.4g} +- {sd[0]:.2g} kg; centre of mass "
+            f"{line(load.com)} +- {line(sd[1:4])} m.\n"
+            f"# Of the inertia the motion tells {known}; the rest is that of a body of this mass.\n"
+            "tool:\n"
+            f"  name: {tool.name}\n"
+            f"  mass: {tool.mass:.6g} # kg\n"
+            f"  com: {line(tool.com)} # m, from the flange\n"
+            f"  inertia: {line(tool.inertia)} # kg m^2 about it: ixx, iyy, izz, ixy, ixz, iyz\n"
+        )
+
+    def write(self, out: OutputFolder, settings: PayloadSettings) -> None:
+        """Writes tool.yaml, model.yaml, metrics.json, config.yaml and figures/load.png.
+
+        Without a load there is neither a tool.yaml nor a model.yaml.
+        """
+        out.write_figure("load", load_figure(self))
+        out.write_json("metrics.json", self.metrics())
+        out.write_settings("config.yaml", replace(settings, payload=self.config))
+        if self.load.is_there:
+            out.write_text("tool.yaml", self.tool_block())
+            self.model.save(out / "model.yaml")
+
+
+_PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+
+def identify_payload(
+    recording: Recording,
+    robot: Robot,
+    model: IdentifiedModel,
+    config: PayloadConfig | None = None,
+    empty: Recording | None = None,
+    progress: ProgressCallback = lambda fraction, what: None,
+) -> PayloadResult:
+    """Finds the load of a log.
+
+    Args:
+        recording: motion with the load, without contact.
+        robot: its robot.
+        model: of it, without the load.
+        config: see `PayloadConfig`.
+        empty: motion without the load, of the same day.
+        progress: told the share done and the current step.
+
+    Raises:
+        InputError: a setting that makes no sense; as `ModelResidual.of`.
+    """
+    config = _checked(config or PayloadConfig())
+    whole = ModelResidual.of(recording, robot, model)
+    bare = None if empty is None else ModelResidual.of(empty, robot, model).load_rows()
+    prior = LoadPrior(
+        mass=robot.payload,
+        gain=config.gain_sd,
+        drift=FrictionDrift(),
+    )
+    law = model.friction.coulomb_viscous
+    parameters = np.zeros(10)
+    for k in range(PASSES):
+        progress((k + 0.5) / PASSES, "finding the load")
+        log = whole.load_rows(parameters)
+        load = estimate_load(log, law, prior, bare)
+        parameters = load.parameters
+    body = body_parameters(load.mass, load.com, load.realisable)
+    laden = model.inertial_parameters.copy()
+    laden[-1] += flange_map(robot) @ body
+    result = PayloadResult(
+        load=load,
+        model=replace(
+            model,
+            inertial_parameters=laden,
+            provenance=replace(
+                model.provenance,
+                method=f"{model.provenance.method}, with a load of {load.mass:.4g} kg found from "
+                f"{whole.log.log.name}",
+            ),
+        ),
+        tool=_tool(body, robot, config.name),
+        rows=log.rows,
+        torque=whole.torque_of(parameters),
+        warnings=(),
+        config=config,
+    )
+    progress(1.0, "done")
+    return replace(result, warnings=tuple(_doubts(result, robot)))
+
+
+def payload_log(
+    log: Path,
+    robot_name: str | Path,
+    model_path: Path,
+    out: Path,
+    empty: Path | None = None,
+    log_format: str | Path | None = None,
+    check: bool = True,
+    config: PayloadConfig | None = None,
+    progress: ProgressCallback = lambda fraction, what: None,
+) -> PayloadResult:
+    """The command `payload`: reads log and model, and writes the result into `out`.
+
+    Raises:
+        InputError: as `Robot.load`, `IdentifiedModel.load`, `read_recording`, `identify_payload`
+            and `result_folder`.
+    """
+    with result_folder(out, "payload") as folder:
+        robot = Robot.load(robot_name)
+        model = IdentifiedModel.load(Path(model_path), robot)
+        recording = read_recording(log, log_format, robot, check)
+        bare = None if empty is None else read_recording(empty, log_format, robot)
+        result = identify_payload(recording, robot, model, config, bare, progress)
+        settings = PayloadSettings(
+            robot=str(robot_name),
+            model=str(model_path),
+            log=str(log),
+            empty=None if empty is None else str(empty),
+            log_format=None if log_format is None else str(log_format),
+            check=check,
+        )
+        result.write(folder, settings)
+    return result
+
+
+def load_figure(result: PayloadResult) -> "Figure":
+    """The torque that the model without the load leaves, and the load's: one panel a joint."""
+    from analyses.output.figures import COLOUR, new_figure
+
+    rows, names = result.rows, result.model.joint_names
+    n = len(names)
+    lines = (n + 1) // 2
+    figure, axes = new_figure(lines, 2, height=2.1 * lines + 0.6, share_x=True)
+    panels: list[Any] = list(axes.flat)
+    t = rows.t - rows.t[0]
+    left = np.sqrt(np.mean((rows.residual - result.torque) ** 2, axis=0))
+    for j, axis in enumerate(panels[:n]):
+        axis.plot(t, rows.residual[:, j], color=COLOUR["truth"], label="left by the model")
+        axis.plot(t, result.torque[:, j], color=COLOUR["estimate"], lw=1.0, label="of the load")
+        axis.set_title(f"{names[j]}: {left[j]:.2f} N m apart (RMS)")
+        axis.set_ylabel("torque [N m]")
+        if j >= n - 2:
+            axis.set_xlabel("time [s]")
+            axis.tick_params(labelbottom=True)
+    for axis in panels[n:]:
+        axis.set_visible(False)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2)
+    sd = result.load.standard_deviation
+    figure.suptitle(f"Load of {result.load.mass:.3f} ± {sd[0]:.3f} kg on the flange")
+    return figure
+
+
+def _tool(body: Array, robot: Robot, name: str) -> ToolConfig:
+    """Load (10,) and the robot's tool as one body; the tool's pictures stay."""
+    own = robot.config.tool
+    if own is not None:
+        inertia = np.zeros((3, 3))
+        for place, value in zip(_PLACES, own.inertia, strict=True):
+            inertia[place] = inertia[place[::-1]] = value
+        body = body + body_parameters(own.mass, np.array(own.com), inertia)
+    mass = max(float(body[0]), 1e-9)
+    com = body[1:4] / mass
+    about = inertia_matrix(body) - mass * (com @ com * np.eye(3) - np.outer(com, com))
+    tensor = realisable_inertia(about, mass)
+    plain = ToolConfig(name=name) if own is None else replace(own, name=f"{own.name}_and_{name}")
+    return replace(
+        plain,
+        mass=mass,
+        com=com.tolist(),
+        inertia=[float(tensor[place]) for place in _PLACES],
+    )
+
+
+def _checked(config: PayloadConfig) -> PayloadConfig:
+    if not (np.isfinite(config.gain_sd) and config.gain_sd >= 0.0):
+        raise InputError("payload", "gain_sd", f"expected 0 or more, found {config.gain_sd:g}")
+    if not config.name.isidentifier():
+        raise InputError("payload", "name", f"expected a link's name, found {config.name!r}")
+    return config
+
+
+def _doubts(result: PayloadResult, robot: Robot) -> list[str]:
+    load, sd = result.load, result.load.standard_deviation
+    if not load.is_there:
+        return [
+            f"the log shows no load: {load.mass:.3f} +- {sd[0]:.3f} kg; nothing is written for "
+            "robot.yaml"
+        ]
+    doubts = []
+    axes = [axis for axis, told in zip(AXES, result.com_told, strict=True) if not told]
+    if axes:
+        doubts.append(
+            f"the motion does not tell the centre of mass along {', '.join(axes)} of the flange: "
+            "turn the last joints with the load in other directions"
+        )
+    tensor = [name for name, told in zip(TENSOR, result.inertia_told, strict=True) if not told]
+    if tensor:
+        doubts.append(
+            f"the motion does not tell the inertia's {', '.join(tensor)}: those of a body of this "
+            "mass are written; swing the load faster to measure them"
+        )
+    strange = [robot.joint_names[j] for j in np.flatnonzero(load.scale > SCATTER)]
+    if strange:
+        doubts.append(
+            f"{', '.join(strange)}: the torque scatters more than {SCATTER:g} times what the model "
+            "states; was the arm touched, or is the model of another state?"
+        )
+    if not result.model.provenance.logs:
+        doubts.append("the model is not identified from logs: its friction is assumed")
+    return doubts

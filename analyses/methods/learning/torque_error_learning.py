@@ -1,0 +1,97 @@
+"""What the momentum observer errs by, learnt from logs that its model was not fitted on.
+
+Each fold of the cross-validation is read causally, sample by sample as a controller would, by the
+model of the others: rounded positions, raw currents, friction with its memory. Nothing touches the
+arm, so that what is read is error (`models.identification.torque_error_fit`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analyses.methods.learning.law_fits import HeldOutModel
+from analyses.methods.learning.low_passed_logs import LowPassedLog
+from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from models.estimation.momentum_observer import MomentumObserverConfig
+from models.identification.identified_model import IdentifiedModel
+from models.identification.torque_error_fit import HeldOutReading, fit_torque_error
+from models.identification.torque_error_model import TorqueErrorModel
+from models.identification.torque_regression import RegressionRows
+from models.recordings.position_resolution import position_resolution
+from models.recordings.recording import Recording
+from models.recordings.resampling import resampled
+from models.robot.motors import torque_to_current
+from models.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+SETTLING = 5.0  # 1 / K_0 after the start of a log: the observer begins at zero
+_LEAST_SHARE = 1e-6  # of the largest torque: a floor for logs without any noise
+
+
+def learn_torque_error(
+    recordings: Sequence[Recording],
+    runs: Sequence[LowPassedLog],
+    regressions: Sequence[RegressionRows],
+    held_out: Sequence[HeldOutModel],
+    robot: Robot,
+    model: IdentifiedModel,
+) -> TorqueErrorModel | None:
+    """The torque error of `model`.
+
+    Args:
+        recordings: as logged.
+        runs, regressions: of the same logs.
+        held_out: a model for each fold.
+        robot: whose logs they are.
+        model: fitted on all; its residual covariance is not looked at.
+
+    Returns:
+        None where all logs are too short.
+    """
+    time_step = model.provenance.time_step
+    readings = []
+    for own in held_out:
+        fold_model = replace(
+            model,
+            inertial_parameters=own.chain.inertial_parameters,
+            reflected_inertia=own.chain.reflected_inertia,
+            friction=own.friction,
+        )
+        for k, rows in own.fold:
+            step = position_resolution(recordings[k].q)
+            log = resampled(recordings[k], time_step)
+            current = log.current
+            if log.tau_J is not None:  # what the identification takes, too
+                current = torque_to_current(log.tau_J, robot.torque_per_ampere, robot.current_sign)
+            config = WrenchEstimatorConfig(
+                observer=MomentumObserverConfig(time_step=time_step),
+                position_resolution=step.tolist(),
+            )
+            seen = WrenchEstimator(robot, fold_model, config).observe(log.q, log.v, current)
+            K_0 = np.full(robot.num_joints, config.observer.K_0[0])
+            t = log.t - log.t[0]
+            kept = runs[k].t[regressions[k].rows[rows]]
+            inside = (log.t >= kept[0]) & (log.t <= kept[-1])
+            if rows == slice(None):  # the ends are the low-pass's business, not the observer's
+                inside[:] = True
+            readings.append(
+                HeldOutReading(
+                    tau_ext=seen.tau_ext,
+                    q=log.q,
+                    v=log.v,
+                    transmitted=seen.tau_J - seen.tau_f,
+                    used=inside & seen.fresh & ~log.dropout & (t > SETTLING / K_0[0]),
+                    friction=own.friction,
+                    time_step=time_step,
+                    K_0=K_0,
+                    resolution=step,
+                )
+            )
+    largest = max(float(np.abs(own.transmitted).max()) for own in readings)
+    try:
+        return fit_torque_error(readings, _LEAST_SHARE * max(largest, 1e-3))
+    except ValueError:  # too few samples
+        return None

@@ -1,0 +1,35 @@
+"""What an excitation is to be like: the settings of `excite`."""
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from models.excitation.excitation_limits import ExcitationLimits
+
+if TYPE_CHECKING:
+    pass
+
+
+@dataclass
+class ExcitationConfig:
+    """What an excitation is to be like."""
+
+    measure: str = "condition_number"  # to be small; or log_det, to be large
+    base_frequency: float = 0.1  # Hz
+    num_harmonics: int = 5  # of the Fourier series
+    limits: ExcitationLimits = field(default_factory=ExcitationLimits)
+    seed: int = 0  # another seed, another trajectory
+    num_starts: int = 12  # random motions drawn; the best is the start
+    iterations: int = 70  # of the solver
+    time_step: float = 1e-3  # s, of the table for the controller
+    num_periods: int = 1  # in that table and in the picture
+
+
+@dataclass
+class ExciteSettings:
+    """All that a run of `excite` depends on, as its config.yaml holds it."""
+
+    command: str = "excite"  # which wrote it
+    robot: str = ""  # a bundled name, or a robot.yaml
+    validation: bool = True  # whether to find a second, independent trajectory
+    record: bool = True  # whether to write the pages on which the robot runs them
+    excitation: ExcitationConfig = field(default_factory=ExcitationConfig)  # what kind

@@ -1,0 +1,18 @@
+"""The settings of `simulate`."""
+
+from dataclasses import dataclass
+
+
+@dataclass
+class SimulateSettings:
+    """All that a run of `simulate` depends on, as its config.yaml holds it."""
+
+    command: str = "simulate"  # which wrote it
+    scenario: str = "Default"  # a bundled one's name, FILE.yaml or FILE.yaml:NAME
+    robot: str | None = None  # instead of the scenario's; a bundled name, or a robot.yaml
+    model: str | None = None  # a model.yaml; None: see analyses.methods.runs.simulation.known_model
+    seed: int | None = None  # instead of the scenario's
+    duration_s: float | None = None  # instead of the scenario's
+    quick: bool = False  # at most a second
+    record: bool = True  # whether to write recording.html
+    graph: bool = False  # whether to draw the diagram of all blocks

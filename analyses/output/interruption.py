@@ -1,0 +1,66 @@
+"""Signals that end a command: turned into an exception, or held back while files change places."""
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+_ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+class TerminatedError(KeyboardInterrupt):
+    """The command was told to end: by `kill`, or because its terminal was closed."""
+
+    def __init__(self, signum: int) -> None:
+        super().__init__(signal.Signals(signum).name)
+        self.signum = signum
+
+
+@contextmanager
+def ends_are_interrupts() -> Iterator[None]:
+    """Raises `TerminatedError` in the block where SIGTERM or SIGHUP would end the process."""
+
+    def end(signum: int, frame: object) -> None:
+        raise TerminatedError(signum)
+
+    if threading.current_thread() is not threading.main_thread():  # which alone gets signals
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
+    for number, handler in before.items():
+        if handler == signal.SIG_DFL:  # nohup has SIGHUP ignored
+            signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Holds SIGINT, SIGTERM and SIGHUP back until the block has ended.
+
+    Not by the thread's signal mask: a signal to the process would then reach another thread, of a
+    numerical library, and Python's handler would still run here.
+    """
+    waiting: list[int] = []
+
+    def hold(signum: int, frame: object) -> None:
+        waiting.append(signum)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in _ENDS}
+    for number, handler in before.items():
+        if handler not in (signal.SIG_IGN, None):  # None: a handler that is not Python's
+            signal.signal(number, hold)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            if handler is not None:
+                signal.signal(number, handler)
+        if waiting:
+            signal.raise_signal(waiting[0])

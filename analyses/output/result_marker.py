@@ -1,0 +1,115 @@
+"""Which files of a folder are ours: the marker that every folder of results carries.
+
+`.wrenchsight.json` names the command and lists the files that it wrote, with their checksums. What
+is not listed there, or not as it was written, is the user's: no command replaces or removes it.
+Hidden files are never results; they stay where they are and do not count.
+"""
+
+import hashlib
+import json
+import os
+import stat
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Final
+
+MARKER: Final = ".wrenchsight.json"
+_FORMAT: Final = 1
+_NOTE: Final = "wrenchsight replaces and removes only the files that are listed here"
+
+
+@dataclass(frozen=True)
+class ResultMarker:
+    """What a command wrote into a folder.
+
+    Attributes:
+        command: that wrote it.
+        files: SHA-256 of each file, by its name relative to the folder (with `/`).
+    """
+
+    command: str
+    files: Mapping[str, str]
+
+    @classmethod
+    def read(cls, folder: Path) -> "ResultMarker | None":
+        """Returns the folder's marker; None where there is none that can be read."""
+        path = folder / MARKER
+        try:
+            if not stat.S_ISREG(path.lstat().st_mode):
+                return None
+            content = json.loads(path.read_text(encoding="utf-8"))
+            if content["format"] != _FORMAT or not isinstance(content["command"], str):
+                return None
+            files = {str(name): str(checksum) for name, checksum in content["files"].items()}
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            return None
+        if not all(map(_is_inside, files)):
+            return None
+        return cls(content["command"], files)
+
+    def text(self) -> str:
+        """Returns what the marker's file holds; the same for the same files."""
+        content = {
+            "command": self.command,
+            "files": dict(sorted(self.files.items())),
+            "format": _FORMAT,
+            "note": _NOTE,
+        }
+        return json.dumps(content, indent=2, sort_keys=True, ensure_ascii=False) + "\n"
+
+
+@dataclass(frozen=True)
+class Stranger:
+    """A file in a folder of results that is not as a command of ours wrote it.
+
+    Attributes:
+        name: relative to the folder, with `/`.
+        changed: whether it was ours once; else nobody of ours wrote it.
+    """
+
+    name: str
+    changed: bool
+
+
+def strangers(folder: Path, marker: ResultMarker | None) -> Iterator[Stranger]:
+    """Yields the visible files below `folder` that are not ours, in order; folders do not count.
+
+    Raises:
+        OSError: a file or folder cannot be read.
+    """
+    listed = {} if marker is None else marker.files
+    for name, entry in visible_files(folder):
+        checksum = listed.get(name)
+        if checksum is None:
+            yield Stranger(name, changed=False)
+        elif not is_as_written(entry, checksum):
+            yield Stranger(name, changed=True)
+
+
+def visible_files(folder: Path) -> Iterator[tuple[str, Path]]:
+    """Yields name and path of all below `folder` that is neither a folder nor hidden, in order."""
+    for entry in sorted(os.scandir(folder), key=lambda entry: entry.name):
+        if entry.name.startswith("."):
+            continue
+        if entry.is_dir(follow_symlinks=False):
+            for name, path in visible_files(folder / entry.name):
+                yield f"{entry.name}/{name}", path
+        else:
+            yield entry.name, folder / entry.name
+
+
+def is_as_written(path: Path, checksum: str) -> bool:
+    """Whether `path` is a plain file (no link) with this SHA-256."""
+    return stat.S_ISREG(path.lstat().st_mode) and file_checksum(path) == checksum
+
+
+def file_checksum(path: Path) -> str:
+    """Returns the SHA-256 of a file's content, in hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _is_inside(name: str) -> bool:
+    path = PurePosixPath(name)
+    return bool(name) and not path.is_absolute() and ".." not in path.parts

@@ -1,0 +1,142 @@
+"""A prior from a log itself: the size of the task as its torques show it."""
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from models.estimation.wrench import whitening_matrix
+from models.rigid_body.bounded_minimum import bounded_minimum
+from models.rigid_body.small_matrices import factorise
+from models.rigid_body.ties import in_order
+
+Array = NDArray[np.float64]
+
+FORCE_SD_RANGE = (1.0, 1e4)  # N
+MOMENT_SD_RANGE = (0.01, 1e3)  # N m
+NOISE_SCALE_RANGE = (1e-3, 1e3)
+EVIDENCE_SAMPLES = 2000
+
+
+def evidence_prior(
+    J: ArrayLike, tau_ext: ArrayLike, torque_covariance: ArrayLike
+) -> tuple[float, float]:
+    """The rule for a log's prior: the force sd (N) and moment sd (N m) that explain it best.
+
+    They maximise the marginal likelihood sum_k log N(tau_k; 0, J_k^T P J_k + Sigma_tau) over at
+    most EVIDENCE_SAMPLES samples, evenly spread over the log, within FORCE_SD_RANGE and
+    MOMENT_SD_RANGE: a log without contact gives the lower bounds. Nothing is drawn at random. No
+    sensor is needed: this is the size of the task as the torques show it.
+
+    Args:
+        J: (N, 6, n) at E in axes of W, rows [angular; linear].
+        tau_ext: (N, n) N m.
+        torque_covariance: (n, n) N^2 m^2.
+
+    Raises:
+        ValueError: no sample is finite, or shapes disagree.
+    """
+    force_sd, moment_sd, _ = _most_evident(J, tau_ext, torque_covariance, (1.0, 1.0))
+    return force_sd, moment_sd
+
+
+def evidence_prior_and_noise(
+    J: ArrayLike, tau_ext: ArrayLike, torque_covariance: ArrayLike
+) -> tuple[float, float, float]:
+    """As `evidence_prior`, where only the shape of Sigma_tau is known.
+
+    Torque that no wrench explains (with more joints than 6, or over many configurations) tells the
+    noise from the wrench.
+
+    Returns:
+        Force sd (N), moment sd (N m), and the factor, within NOISE_SCALE_RANGE, by which the
+        torque sds of `torque_covariance` are to be multiplied.
+    """
+    return _most_evident(J, tau_ext, torque_covariance, NOISE_SCALE_RANGE)
+
+
+def _most_evident(
+    J: ArrayLike, tau_ext: ArrayLike, torque_covariance: ArrayLike, scales: tuple[float, float]
+) -> tuple[float, float, float]:
+    J, tau_ext = np.asarray(J, float), np.asarray(tau_ext, float)
+    Sigma = np.asarray(torque_covariance, float)
+    if J.ndim != 3 or J.shape[1] != 6 or tau_ext.shape != (J.shape[0], J.shape[2]):
+        raise ValueError(
+            f"J must be (N, 6, n) and tau_ext (N, n), not {J.shape} and {tau_ext.shape}"
+        )
+    finite = np.flatnonzero(np.isfinite(tau_ext).all(axis=1) & np.isfinite(J).all(axis=(1, 2)))
+    if finite.size == 0:
+        raise ValueError("evidence_prior: no sample is finite")
+    count = min(finite.size, EVIDENCE_SAMPLES)
+    chosen = finite[np.linspace(0, finite.size - 1, count).round().astype(int)]
+    W = whitening_matrix(Sigma)
+    B = J[chosen] @ W.T
+    white_tau = tau_ext[chosen] @ W.T
+    gram = np.ascontiguousarray(B @ B.transpose(0, 2, 1))
+    seen = np.ascontiguousarray((B @ white_tau[..., None])[..., 0])
+    power = float(np.mean(np.sum(white_tau**2, axis=1)))
+    n = tau_ext.shape[1]
+
+    def cost(log_sds: Array) -> tuple[float, Array]:
+        """Minus the mean log likelihood, up to a constant; noise scale c: J / c, tau_ext / c.
+
+        And its gradient by the logarithms of force_sd, moment_sd and c.
+        """
+        force_sd, moment_sd, c = np.exp(log_sds)
+        fit, by_moment, by_force, by_weight = _log_evidence(
+            gram, seen, moment_sd / c, force_sd / c, 1.0 / c
+        )
+        by_c = n - power / c**2 + by_moment + by_force + by_weight
+        return float(0.5 * power / c**2 + n * np.log(c) - fit), np.array(
+            [-by_force, -by_moment, by_c]
+        )
+
+    bounds = np.log(np.array([FORCE_SD_RANGE, MOMENT_SD_RANGE, scales]))
+    # The surface can have several tops (a wrench explained as force or as moment) and flat plains
+    # where a sd does not matter: climb from the best points of a coarse grid.
+    axes = [np.linspace(low, high, 9 if low < high else 1) for low, high in bounds]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    starts = grid[in_order([cost(point)[0] for point in grid])[:4]]
+    found, _ = bounded_minimum(cost, list(starts), bounds)
+    force_sd, moment_sd, scale = np.exp(found)
+    return float(force_sd), float(moment_sd), float(scale)
+
+
+@njit(cache=True, error_model="numpy")
+def _log_evidence(gram, seen, moment_sd, force_sd, weight):  # type: ignore[no-untyped-def]
+    """What depends on the sds in the mean log likelihood of a sample; `weight` scales `seen`.
+
+    By the matrix determinant and inversion lemmas only the 6x6 matrix A = 1 + S gram S appears:
+    2 log N = -log det A + |A^-1/2 S seen|^2 + constant. With y = A^-1 S seen its derivative by the
+    logarithm of a scale S_i is y_i^2 - 1 + (A^-1)_ii.
+
+    Returns:
+        It, and its derivatives by the logarithms of moment_sd, force_sd and weight.
+    """
+    L, R = np.zeros((6, 6)), np.zeros((6, 6))
+    half, y = np.empty(6), np.empty(6)
+    total, by_moment, by_force, by_weight = 0.0, 0.0, 0.0, 0.0
+    for k in range(gram.shape[0]):
+        for i in range(6):
+            scale_i = moment_sd if i < 3 else force_sd
+            for j in range(i + 1):
+                scale_j = moment_sd if j < 3 else force_sd
+                L[i, j] = scale_i * scale_j * gram[k, i, j] + (1.0 if i == j else 0.0)
+        factorise(L, R)
+        for i in range(6):
+            half[i] = 0.0
+            for j in range(i + 1):
+                half[i] += R[i, j] * seen[k, j] * (moment_sd if j < 3 else force_sd)
+            half[i] *= weight
+            total += 0.5 * half[i] * half[i] - np.log(L[i, i])
+            by_weight += half[i] * half[i]
+        for i in range(6):
+            y[i], inverse = 0.0, 0.0
+            for j in range(i, 6):
+                y[i] += R[j, i] * half[j]
+                inverse += R[j, i] * R[j, i]
+            if i < 3:
+                by_moment += y[i] * y[i] - 1.0 + inverse
+            else:
+                by_force += y[i] * y[i] - 1.0 + inverse
+    count = gram.shape[0]
+    return total / count, by_moment / count, by_force / count, by_weight / count

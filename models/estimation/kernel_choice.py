@@ -1,0 +1,67 @@
+"""Which kernels a compiled function calls, chosen when it is compiled.
+
+A tick is one compiled function, and what it calls depends on the observer and the friction law.
+numba compiles a function anew for every type of its arguments; so the choice is an argument whose
+type names the kernels:
+
+    choice = kernel_choice(observer.kernels, law.kernels)      # of no length: it costs nothing
+
+    def observe(choice, table, state, signals, J): ...         # never runs by itself
+    @overload(observe)
+    def _(choice, table, state, signals, J):
+        output = chosen(choice, 0).output
+        return lambda choice, table, state, signals, J: output(table, state, signals, J)
+
+The compiled function is kept on disk like every other. The name in the type holds where the
+kernels are written and when that folder's files last changed, so that kernels outside this package
+never run in a version that is no more (those inside are looked after by `models.__init__`).
+"""
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+KernelChoice = NDArray[np.void]
+
+_PACKAGE = Path(__file__).parents[1]
+_known: dict[str, tuple[Any, ...]] = {}
+
+
+def kernel_choice(*kernels: tuple[Any, ...]) -> KernelChoice:
+    """Returns the choice of these groups of kernels (`numba.njit` functions each)."""
+    names = [f"{place}_{_name(group)}" for place, group in enumerate(kernels)]
+    _known.update(zip(names, kernels, strict=True))
+    return np.zeros(0, np.dtype([(name, np.uint8) for name in names]))
+
+
+def chosen(choice: Any, place: int) -> Any:
+    """Returns the group at a place of a choice, whose numba type is given; for `overload`."""
+    (name,) = (name for name in choice.dtype.fields if name.startswith(f"{place}_"))
+    return _known[name]
+
+
+def _name(group: tuple[Any, ...]) -> str:
+    told = hashlib.sha1(usedforsecurity=False)
+    for kernel in _single(group):
+        function = kernel.py_func
+        told.update(f"{function.__module__}.{function.__qualname__}".encode())
+        held = (cell.cell_contents for cell in function.__closure__ or ())
+        told.update(repr([value for value in held if isinstance(value, int | float)]).encode())
+        source = Path(function.__code__.co_filename)
+        if _PACKAGE in source.parents:
+            continue
+        told.update(function.__code__.co_code)
+        for file in sorted(source.parent.glob("*.py")) if source.is_file() else ():
+            told.update(f"{file.name} {file.stat().st_mtime_ns}".encode())
+    return told.hexdigest()[:16]
+
+
+def _single(group: tuple[Any, ...]) -> list[Any]:
+    """The kernels of a group, and those that they are composed of."""
+    found = []
+    for kernel in group:
+        found += _single(kernel) if isinstance(kernel, tuple) else [kernel]
+    return found

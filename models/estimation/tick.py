@@ -1,0 +1,406 @@
+"""The kernels of the estimator: the chain for one sample, whole or in halves, and over a log.
+
+    terms    M v, C^T v, G and J of the model, motor torque, friction of the velocity alone
+    memory   what friction remembers, and the observer: `observer` and `friction_law` say how
+    wrench   the reading of tau_ext with its covariance
+
+Which observer and which friction law run is part of the first argument's type, see
+`kernel_choice`. Where friction is known from elsewhere the law has no say: `known` then holds, row
+by row, its torque (n,) N m, what is to be added to tau_ext (n,) N m, and in its first entry 1 where
+the reading counts, else 0. `known` without rows is the plain estimator.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+from numba.extending import overload
+from numpy.typing import NDArray
+
+from models.estimation.kernel_choice import KernelChoice, chosen
+from models.estimation.observer import (
+    CTV,
+    GRAVITY,
+    MOMENTUM,
+    NUM_SIGNALS,
+    TAU_EXT,
+    TAU_F,
+    TAU_J,
+    TORQUE_SD,
+    Q,
+    V,
+)
+from models.estimation.wrench import WORK_ROWS, reconstruct
+from models.friction.velocity_friction import friction_torque
+from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, observer_terms
+from models.robot.motors import motor_torque
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+GAIN, ERROR_SD = range(2)  # rows of `drives`
+KNOWN_TAU_F, KNOWN_CORRECTION, KNOWN_COUNTS = range(3)  # rows of `known`
+NUM_READING = 44  # entries after tau_ext: wrench, covariance, condition number, valid
+
+_BLOCK = 256  # rows a thread takes at a time
+
+
+def output_size(num_joints: int) -> int:
+    """Entries of what `tick_output` writes."""
+    return num_joints + NUM_READING + (NUM_SIGNALS + 6) * num_joints
+
+
+def scratch_size(num_joints: int) -> int:
+    """Entries of the memory that a tick works in: one array, as each one more costs time."""
+    n = num_joints
+    return 12 + n * SCRATCH_COLUMNS + WORK_ROWS * max(n, 6) + (NUM_SIGNALS + 6) * n
+
+
+# ----------------------------------------------------------------------------------------------
+# The chosen kernels
+# ----------------------------------------------------------------------------------------------
+
+
+def _observe(choice: Any, table: Any, state: Any, signals: Any, J: Any) -> Any:
+    """`output` of the chosen observer."""
+    raise NotImplementedError
+
+
+def _take(choice: Any, table: Any, state: Any, signals: Any, J: Any) -> Any:
+    """`update` of the chosen observer."""
+    raise NotImplementedError
+
+
+def _add_torque(choice: Any, table: Any, state: Any, q: Any, v: Any, tau_f: Any) -> Any:
+    """`add_torque` of the chosen friction law."""
+    raise NotImplementedError
+
+
+def _remember(choice: Any, table: Any, state: Any, q: Any, v: Any, load: Any) -> Any:
+    """`update` of the chosen friction law."""
+    raise NotImplementedError
+
+
+@overload(_observe, inline="always")
+def _(choice: Any, table: Any, state: Any, signals: Any, J: Any) -> Any:
+    output = chosen(choice, 0).output
+
+    def call(choice: Any, table: Any, state: Any, signals: Any, J: Any) -> Any:
+        return output(table, state, signals, J)
+
+    return call
+
+
+@overload(_take, inline="always")
+def _(choice: Any, table: Any, state: Any, signals: Any, J: Any) -> Any:
+    update = chosen(choice, 0).update
+
+    def call(choice: Any, table: Any, state: Any, signals: Any, J: Any) -> Any:
+        update(table, state, signals, J)
+
+    return call
+
+
+@overload(_add_torque, inline="always")
+def _(choice: Any, table: Any, state: Any, q: Any, v: Any, tau_f: Any) -> Any:
+    add_torque = chosen(choice, 1).add_torque
+
+    def call(choice: Any, table: Any, state: Any, q: Any, v: Any, tau_f: Any) -> Any:
+        add_torque(table, state, q, v, tau_f)
+
+    return call
+
+
+@overload(_remember, inline="always")
+def _(choice: Any, table: Any, state: Any, q: Any, v: Any, load: Any) -> Any:
+    update = chosen(choice, 1).update
+
+    def call(choice: Any, table: Any, state: Any, q: Any, v: Any, load: Any) -> Any:
+        update(table, state, q, v, load)
+
+    return call
+
+
+# ----------------------------------------------------------------------------------------------
+# One sample
+# ----------------------------------------------------------------------------------------------
+
+
+@njit(cache=True, error_model="numpy")
+def _terms(
+    chain: Array,
+    drives: Array,
+    friction: Array,
+    q: Array,
+    v: Array,
+    current: Array,
+    known: Array,
+    signals: Array,
+    J: Array,
+    X: Array,
+    scratch: Array,
+) -> None:
+    """What one sample says without memory: into `signals`, and J."""
+    observer_terms(
+        chain, q, v, signals[MOMENTUM], signals[CTV], signals[GRAVITY], J, X[:3], X[3], scratch
+    )
+    motor_torque(drives[GAIN], current, signals[TAU_J])
+    if known.shape[0] == 0:
+        friction_torque(friction, v, signals[TAU_F])
+    for i in range(q.shape[0]):
+        signals[Q, i] = q[i]
+        signals[V, i] = v[i]
+        signals[TORQUE_SD, i] = drives[ERROR_SD, i]
+        if known.shape[0] > 0:
+            signals[TAU_F, i] = known[KNOWN_TAU_F, i]
+
+
+@njit(cache=True, error_model="numpy")
+def _output(
+    choice: KernelChoice,
+    slip: Array,
+    observer: Array,
+    rows: int,
+    state: Array,
+    known: Array,
+    signals: Array,
+    J: Array,
+) -> bool:
+    """The parts with memory right after a sample; returns whether tau_ext is fresh.
+
+    signals[TAU_F] holds the velocity law's torque before.
+    """
+    if known.shape[0] == 0 and state.shape[0] > rows:
+        _add_torque(choice, slip, state[rows:], signals[Q], signals[V], signals[TAU_F])
+    fresh: bool = _observe(choice, observer, state[:rows], signals, J)
+    return fresh
+
+
+@njit(cache=True, error_model="numpy")
+def _update(
+    choice: KernelChoice,
+    slip: Array,
+    observer: Array,
+    rows: int,
+    state: Array,
+    known: Array,
+    signals: Array,
+    J: Array,
+) -> None:
+    """Takes the sample into the parts with memory."""
+    _take(choice, observer, state[:rows], signals, J)
+    if known.shape[0] == 0 and state.shape[0] > rows:
+        load = signals[TAU_J] - signals[TAU_F]
+        _remember(choice, slip, state[rows:], signals[Q], signals[V], load)
+
+
+@njit(cache=True, error_model="numpy")
+def _corrected(known: Array, signals: Array, tau_ext: Array, fresh: bool) -> bool:
+    """Writes what is read as tau_ext; returns whether it counts."""
+    for i in range(tau_ext.shape[0]):
+        tau_ext[i] = signals[TAU_EXT, i]
+        if known.shape[0] > 0:
+            tau_ext[i] += known[KNOWN_CORRECTION, i]
+    return fresh and (known.shape[0] == 0 or known[KNOWN_COUNTS, 0] == 1.0)
+
+
+@njit(cache=True, error_model="numpy")
+def _read(wrench: Array, J: Array, counts: bool, out: Array, work: Array) -> None:
+    """Writes the reading of tau_ext, out[:n], after it."""
+    n = J.shape[1]
+    quality = out[n + 42 : n + NUM_READING]
+    covariance = out[n + 6 : n + 42].reshape(6, 6)
+    reconstruct(wrench, J, out[:n], out[n : n + 6], covariance, quality, work)
+    if not counts:
+        quality[1] = 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _split(tail: Array, n: int) -> tuple[Array, Array]:
+    """The signals (NUM_SIGNALS, n) and J (6, n) that one stretch of memory holds."""
+    end = NUM_SIGNALS * n
+    return tail[:end].reshape(NUM_SIGNALS, n), tail[end : end + 6 * n].reshape(6, n)
+
+
+@njit(cache=True, error_model="numpy")
+def _split_scratch(scratch: Array, n: int) -> tuple[Array, Array, Array, Array]:
+    """Memory for a pose (4, 3), the chain, the reconstruction and `_split`."""
+    end_of_bodies = 12 + n * SCRATCH_COLUMNS
+    end_of_work = end_of_bodies + WORK_ROWS * max(n, 6)
+    return (
+        scratch[:12].reshape(4, 3),
+        scratch[12:end_of_bodies].reshape(n, SCRATCH_COLUMNS),
+        scratch[end_of_bodies:end_of_work].reshape(WORK_ROWS, max(n, 6)),
+        scratch[end_of_work:],
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def estimate_tick(
+    choice: KernelChoice,
+    chain: Array,
+    drives: Array,
+    friction: Array,
+    slip: Array,
+    observer: Array,
+    wrench: Array,
+    rows: int,
+    state: Array,
+    sample: Array,
+    out: Array,
+    scratch: Array,
+) -> None:
+    """The chain for one sample.
+
+    Args:
+        choice: of the observer's and the friction law's kernels.
+        chain: SerialChain.table.
+        drives: (2, n) signed gain, N m/A; sd of the torque's error, N m.
+        friction: table of the friction law's velocity_law.
+        slip: FrictionLaw.slip_table.
+        observer: Observer.table.
+        wrench: WrenchReconstruction.table.
+        rows: of the state, that are the observer's; the friction law's follow.
+        state: (rows + law's rows, n), changed.
+        sample: (3, n) q, v, current; (6, n) with `known` below.
+        out: (n + 44,), written: tau_ext, wrench, covariance, condition number, valid.
+        scratch: (`scratch_size`,), overwritten.
+    """
+    n = sample.shape[1]
+    X, bodies, work, tail = _split_scratch(scratch, n)
+    signals, J = _split(tail, n)
+    known = sample[3:]
+    _terms(chain, drives, friction, sample[0], sample[1], sample[2], known, signals, J, X, bodies)
+    fresh = _output(choice, slip, observer, rows, state, known, signals, J)
+    _update(choice, slip, observer, rows, state, known, signals, J)
+    counts = _corrected(known, signals, out[:n], fresh)
+    _read(wrench, J, counts, out, work)
+
+
+@njit(cache=True, error_model="numpy")
+def tick_output(
+    choice: KernelChoice,
+    chain: Array,
+    drives: Array,
+    friction: Array,
+    slip: Array,
+    observer: Array,
+    wrench: Array,
+    rows: int,
+    state: Array,
+    q: Array,
+    v: Array,
+    current: Array,
+    known: Array,
+    out: Array,
+    scratch: Array,
+) -> None:
+    """The first half of a tick: what is read right after a sample; `state` stays as it is.
+
+    An observer that does not read the present torque reads no current either.
+
+    Args:
+        state: flat.
+        q, v, current: (n,).
+        known: (0, n) or (3, n), see above.
+        out: (`output_size`,), written: as `estimate_tick`, then what `tick_update` takes.
+        others: as `estimate_tick`.
+    """
+    n = q.shape[0]
+    X, bodies, work, _ = _split_scratch(scratch, n)
+    signals, J = _split(out[n + NUM_READING :], n)
+    _terms(chain, drives, friction, q, v, current, known, signals, J, X, bodies)
+    parts = state.reshape(state.shape[0] // n, n)
+    fresh = _output(choice, slip, observer, rows, parts, known, signals, J)
+    counts = _corrected(known, signals, out[:n], fresh)
+    _read(wrench, J, counts, out, work)
+
+
+@njit(cache=True, error_model="numpy")
+def tick_update(
+    choice: KernelChoice,
+    drives: Array,
+    slip: Array,
+    observer: Array,
+    rows: int,
+    state: Array,
+    current: Array,
+    known: Array,
+    out: Array,
+) -> None:
+    """The second half of a tick: takes the sample into the state.
+
+    Args:
+        state: flat, changed.
+        out: what `tick_output` left for the same sample.
+        others: as `tick_output`.
+    """
+    n = current.shape[0]
+    signals, J = _split(out[n + NUM_READING :], n)
+    motor_torque(drives[GAIN], current, signals[TAU_J])
+    parts = state.reshape(state.shape[0] // n, n)
+    _update(choice, slip, observer, rows, parts, known, signals, J)
+
+
+# ----------------------------------------------------------------------------------------------
+# A log
+# ----------------------------------------------------------------------------------------------
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def terms_log(
+    chain: Array,
+    drives: Array,
+    friction: Array,
+    q: Array,
+    v: Array,
+    current: Array,
+    known: Array,
+    signals: Array,
+    J: Array,
+) -> None:
+    """What N samples say without memory: signals (N, NUM_SIGNALS, n) and J (N, 6, n).
+
+    Args:
+        q, v, current: (N, n).
+        known: (N, 3, n), or (N, 0, n).
+        others: as `estimate_tick`.
+    """
+    N, n = q.shape
+    for block in prange((N + _BLOCK - 1) // _BLOCK):
+        X = np.empty((4, 3))
+        scratch = np.empty((n, SCRATCH_COLUMNS))
+        for k in range(block * _BLOCK, min(N, (block + 1) * _BLOCK)):
+            _terms(
+                chain,
+                drives,
+                friction,
+                q[k],
+                v[k],
+                current[k],
+                known[k],
+                signals[k],
+                J[k],
+                X,
+                scratch,
+            )
+
+
+@njit(cache=True, error_model="numpy")
+def serial_log(
+    choice: KernelChoice,
+    slip: Array,
+    observer: Array,
+    rows: int,
+    state: Array,
+    known: Array,
+    signals: Array,
+    J: Array,
+    tau_ext: Array,
+    counts: Flags,
+) -> None:
+    """Takes N samples of `terms_log` into `state`; writes tau_ext (N, n), and which count (N,)."""
+    for k in range(signals.shape[0]):
+        fresh = _output(choice, slip, observer, rows, state, known[k], signals[k], J[k])
+        _update(choice, slip, observer, rows, state, known[k], signals[k], J[k])
+        counts[k] = _corrected(known[k], signals[k], tau_ext[k], fresh)

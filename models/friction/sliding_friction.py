@@ -1,0 +1,93 @@
+"""The part of a friction law that drifts from day to day: Coulomb, viscous and offset.
+
+Lubricant and temperature move a joint's viscous friction by tens of per cent and its Coulomb
+friction by a few, while the law's shape stays. Any law of the project is linear in these three
+numbers a joint, also with a network near zero velocity, which is carried along at its edges.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.friction.extended_friction import ExtendedFriction
+from models.friction.friction_law import FrictionLaw
+from models.friction.presliding_friction import PreslidingFriction
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+
+Array = NDArray[np.float64]
+
+TERMS = ("coulomb", "viscous", "offset")
+
+
+def with_sliding(law: FrictionLaw, sliding: CoulombViscous) -> FrictionLaw:
+    """Returns the law with other Coulomb, viscous and offset coefficients.
+
+    Raises:
+        TypeError: a law of another kind.
+        ValueError: as the laws' constructors.
+    """
+    if isinstance(law, PreslidingFriction):
+        velocity_law = replace(
+            law.velocity_law,
+            coulomb_viscous=replace(sliding, coulomb=np.zeros(law.num_joints)),
+        )
+        return replace(law, velocity_law=velocity_law, coulomb=sliding.coulomb)
+    if isinstance(law, SemiParametricFriction):
+        return replace(law, coulomb_viscous=sliding)
+    if isinstance(law, ExtendedFriction):
+        return replace(law, law=with_sliding(law.law, sliding))
+    raise TypeError(f"friction: {type(law).__name__} has no sliding part to exchange")
+
+
+def sliding_columns(law: FrictionLaw, q: Array, v: Array, load: Array) -> Array:
+    """Returns what one unit more of each coefficient adds to tau_f along a log: (N, n, 3).
+
+    Args:
+        law: the friction law.
+        q: (N, n) rad (m), as v and load.
+        v: (N, n) rad/s (m/s).
+        load: (N, n) transmitted torque, N m.
+    """
+    here = law.coulomb_viscous
+    before = law.torque_along(q, v, load)
+    columns = []
+    for term in TERMS:
+        more = replace(here, **{term: getattr(here, term) + 1.0})
+        columns.append(with_sliding(law, more).torque_along(q, v, load) - before)
+    return np.stack(columns, axis=2)
+
+
+def dry_and_viscous(law: FrictionLaw, q: Array, v: Array, load: Array) -> tuple[Array, Array]:
+    """Returns tau_f (N, n) along a log in two parts: without the offset, viscous and cubic
+    coefficients, and what these two add. A network near zero velocity and further terms are dry.
+    """
+    here = law.coulomb_viscous
+    bare = with_sliding(law, replace(here, viscous=0.0 * here.viscous, offset=0.0 * here.offset))
+    dry = _without_cubic(bare).torque_along(q, v, load)
+    return dry, law.torque_along(q, v, load) - dry - here.offset
+
+
+def stiction(law: FrictionLaw, load: Array) -> Array:
+    """Returns the largest torque (N, n) in N m that each joint's friction takes at rest.
+
+    Args:
+        law: the friction law.
+        load: (N, n) transmitted torque, N m.
+    """
+    own = _without_further_terms(law)
+    if isinstance(own, PreslidingFriction):
+        return np.maximum(own.coulomb + own.stribeck + own.load * np.abs(load), 0.0)
+    return np.broadcast_to(np.abs(own.coulomb_viscous.coulomb), load.shape)
+
+
+def _without_further_terms(law: FrictionLaw) -> FrictionLaw:
+    return _without_further_terms(law.law) if isinstance(law, ExtendedFriction) else law
+
+
+def _without_cubic(law: FrictionLaw) -> FrictionLaw:
+    if isinstance(law, ExtendedFriction):
+        return replace(law, law=_without_cubic(law.law))
+    if isinstance(law, PreslidingFriction):
+        return replace(law, cubic=np.zeros(law.num_joints))
+    return law

@@ -1,0 +1,124 @@
+"""The kernels of `presliding_friction`: slip elements with Stribeck, load and cubic terms.
+
+They are the kernels of every law of this room: a law without memory has no rows of state, so that
+they return at once, and one compiled estimator serves all.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+# Columns of the slip table; then K weights and K displacements. The first seven are what slides:
+# level C, S, 1 / v_s, load; cubic, fitted speed, slope of the cubic part beyond it.
+SLIDING_COLUMNS = 7
+COULOMB, STRIBECK, INVERSE_SPEED, LOAD, CUBIC, SPEED_LIMIT, BEYOND = range(SLIDING_COLUMNS)
+HALF_STEP, PERIOD, KEPT, ELEMENTS = range(SLIDING_COLUMNS, SLIDING_COLUMNS + 4)
+# Rows of the state; then K slips z_k.
+POSITION, TRANSMITTED, SLIPS = range(3)
+
+
+class FrictionKernels(NamedTuple):
+    """The two kernels of a kind of friction law, as `friction_law` states them."""
+
+    add_torque: Any
+    update: Any
+    parts: tuple[Any, ...] = ()
+    """The compiled functions that these two are composed of, where they are."""
+
+
+@njit(cache=True, error_model="numpy")
+def within_rounding(before: float, q: float, v: float, half_step: float, period: float) -> float:
+    """The position after `before` that velocity predicts and the rounded q allows.
+
+    q itself for the first sample (`before` not finite); NaN for a q that is.
+    """
+    if half_step == 0.0 or not (np.isfinite(before) and np.isfinite(q)):
+        return q
+    moved = before + v * period if np.isfinite(v) else before
+    return min(max(moved, q - half_step), q + half_step)
+
+
+@njit(cache=True, error_model="numpy")
+def bounded_cubic(v: float, cubic: float, limit: float, slope: float) -> float:
+    """cubic v^3, and beyond the speed `limit` a line of this slope."""
+    if abs(v) <= limit or not np.isfinite(limit):
+        return cubic * v**3
+    return float(np.sign(v)) * (cubic * limit**3 + slope * (abs(v) - limit))
+
+
+@njit(cache=True, error_model="numpy")
+def _slip(table: Array, state: Array, i: int, k: int, q: float, v: float) -> float:
+    """z_k of joint i at this sample; NaN for a position that is."""
+    reach = table[i, ELEMENTS + (table.shape[1] - ELEMENTS) // 2 + k]
+    if reach == 0.0:
+        return float(np.sign(v))
+    before = state[POSITION, i]
+    now = within_rounding(before, q, v, table[i, HALF_STEP], table[i, PERIOD])
+    if not np.isfinite(before):  # the first sample: no displacement yet
+        before = now
+    z = state[SLIPS + k, i] * table[i, KEPT] + (now - before) / reach
+    if z > 1.0:
+        return 1.0
+    if z < -1.0:
+        return -1.0
+    return float(z)
+
+
+@njit(cache=True, error_model="numpy")
+def add_slip_torque(table: Array, state: Array, q: Array, v: Array, tau_f: Array) -> None:
+    """Single-sample kernel: adds the slip part of tau_f (n,); `state` stays as it is.
+
+    Args:
+        table: `FrictionLaw.slip_table`.
+        state: (state_rows, n); without rows there is nothing to add.
+        q, v: (n,) of this sample.
+        tau_f: (n,), holds the velocity law's torque before.
+    """
+    if state.shape[0] == 0:
+        return
+    elements = (table.shape[1] - ELEMENTS) // 2
+    for i in range(table.shape[0]):
+        z = 0.0
+        for k in range(elements):
+            z += table[i, ELEMENTS + k] * _slip(table, state, i, k, q[i], v[i])
+        x = v[i] * table[i, INVERSE_SPEED]
+        level = table[i, COULOMB] + table[i, STRIBECK] * np.exp(-x * x)
+        level += table[i, LOAD] * abs(state[TRANSMITTED, i])
+        tau_f[i] += level * z + bounded_cubic(
+            v[i], table[i, CUBIC], table[i, SPEED_LIMIT], table[i, BEYOND]
+        )
+
+
+@njit(cache=True, error_model="numpy")
+def update_slip(table: Array, state: Array, q: Array, v: Array, transmitted: Array) -> None:
+    """Single-sample kernel: takes a sample into `state`, in place.
+
+    What is not finite leaves its part of the state as it was: the displacement over a gap counts
+    when the next position comes.
+
+    Args:
+        table: `FrictionLaw.slip_table`.
+        state: (state_rows, n), changed.
+        q, v: (n,) of this sample.
+        transmitted: (n,) L for the next sample, N m.
+    """
+    if state.shape[0] == 0:
+        return
+    for i in range(table.shape[0]):
+        if np.isfinite(q[i]):
+            for k in range(state.shape[0] - SLIPS):
+                z = _slip(table, state, i, k, q[i], v[i])
+                if np.isfinite(z):
+                    state[SLIPS + k, i] = z
+            state[POSITION, i] = within_rounding(
+                state[POSITION, i], q[i], v[i], table[i, HALF_STEP], table[i, PERIOD]
+            )
+        if np.isfinite(transmitted[i]):
+            state[TRANSMITTED, i] = transmitted[i]
+
+
+SLIP_KERNELS = FrictionKernels(add_slip_torque, update_slip)

@@ -1,0 +1,228 @@
+"""Fits a torque error model to what an observer read where nothing touched the arm.
+
+The readings must be held out: of motions that the model of dynamics and friction was not fitted on.
+Each joint's constants maximise the likelihood of independent Gaussian samples,
+
+    -1/2 sum_k log s_k + e_k^2 / s_k,    s_k = sum_m c_m f_km + unknown_k^2,    c_m >= 0
+
+with the features f of `models.identification.torque_error_model`. Samples are not independent; that
+costs efficiency, not consistency. What is stated as an assumption plays no part here.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize
+
+from models.friction.friction_law import FrictionLaw
+from models.identification.torque_error_model import (
+    NUM_FEATURES,
+    TorqueErrorModel,
+    averaged_share,
+    initial_torque_error_state,
+    torque_error_features,
+)
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+FEWEST_SAMPLES = 200  # of a joint, over all logs
+WINDOWS = (0.1, 0.3, 1.0, 3.0, 10.0)  # s, over which means are taken to find what lasts
+CORRELATION_TIMES = (0.01, 5.0)  # s, least and largest
+_OUTLIER = 4.0  # sds, beyond which a sample says nothing of correlations
+_LEAST_SHARE = 1e-4  # of a joint's rms error: the smallest constant
+_SPAN = 18.0  # natural logarithm of the range that a coefficient is looked for in
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutReading:
+    """What the observer read along one log that its model was not fitted on.
+
+    Attributes:
+        tau_ext: (N, n) N m; nothing touches the arm, so that all of it is error.
+        q, v: (N, n) rad and rad/s, on a uniform grid.
+        transmitted: (N, n) N m, tau_J - tau_f.
+        used: (N,) samples that count; those before them still move the state.
+        friction: the law of the model that read it.
+        time_step: s.
+        K_0: (n,) 1/s.
+        resolution: (n,) rad, the step of the encoders; 0 where there is none.
+    """
+
+    tau_ext: Array
+    q: Array
+    v: Array
+    transmitted: Array
+    used: Flags
+    friction: FrictionLaw
+    time_step: float
+    K_0: Array
+    resolution: Array
+
+
+def fit_torque_error(
+    readings: Sequence[HeldOutReading], least: ArrayLike = 0.0
+) -> TorqueErrorModel:
+    """Returns the model that explains the readings best.
+
+    Args:
+        readings: of one gain K_0.
+        least: (n,) or () N m, a floor of `constant`: a simulation without noise has no error.
+
+    Raises:
+        ValueError: no reading, readings that disagree, too few samples.
+    """
+    if not readings:
+        raise ValueError("torque error: no held-out reading")
+    first = readings[0]
+    n = first.tau_ext.shape[1]
+    for own in readings:
+        shapes = {own.tau_ext.shape, own.q.shape, own.v.shape, own.transmitted.shape}
+        if shapes != {(len(own.used), n)} or not np.array_equal(own.K_0, first.K_0):
+            raise ValueError("torque error: readings disagree in shape or K_0")
+    used = [own.used & np.isfinite(own.tau_ext).all(axis=1) for own in readings]
+    count = sum(int(rows.sum()) for rows in used)
+    if count < FEWEST_SAMPLES:
+        raise ValueError(f"torque error: {count} samples, expected {FEWEST_SAMPLES} or more")
+    unit = _plain(n, first.K_0)
+    features = [_features(unit, own) for own in readings]
+    F = np.concatenate([f[rows] for f, rows in zip(features, used, strict=True)])
+    e = np.concatenate([own.tau_ext[rows] for own, rows in zip(readings, used, strict=True)])
+    coefficients = np.stack([_most_likely(F[:, j], e[:, j]) for j in range(n)])
+    floor = np.broadcast_to(np.asarray(least, float), (n,))
+    rms = np.sqrt(np.mean(e**2, axis=0))
+    floor = np.maximum(floor, np.maximum(_LEAST_SHARE * rms, 1e-12))
+    constant = np.maximum(np.sqrt(coefficients[:, 0]), floor)
+    coefficients[:, 0] = constant**2
+    sds = [
+        np.sqrt((f[..., :-1] * coefficients).sum(axis=-1) + f[..., -1])[rows]
+        for f, rows in zip(features, used, strict=True)
+    ]
+    scaled = [
+        np.clip(own.tau_ext[rows] / sd, -_OUTLIER, _OUTLIER)
+        for own, rows, sd in zip(readings, used, sds, strict=True)
+    ]
+    lasting, correlation_time = _averaging(scaled, first.time_step)
+    speed = np.max(
+        [np.abs(own.v[rows]).max(axis=0) for own, rows in zip(readings, used, strict=True)], axis=0
+    )
+    load = np.max(
+        [
+            np.abs(own.transmitted[rows]).max(axis=0)
+            for own, rows in zip(readings, used, strict=True)
+        ],
+        axis=0,
+    )
+    roots = np.sqrt(coefficients)
+    return TorqueErrorModel(
+        constant=constant,
+        speed=roots[:, 1],
+        load=roots[:, 2],
+        acceleration=roots[:, 3],
+        reversal=roots[:, 4],
+        correlation=_correlation(np.vstack(scaled)),
+        correlation_time=correlation_time,
+        lasting=lasting,
+        fitted_speed=speed,
+        fitted_load=load,
+        K_0=first.K_0,
+        resolution=np.max([own.resolution for own in readings], axis=0),
+    )
+
+
+def _plain(n: int, K_0: Array) -> TorqueErrorModel:
+    """A model of which only the parts that turn motion into features count."""
+    zero = np.zeros(n)
+    return TorqueErrorModel(
+        constant=np.ones(n),
+        speed=zero,
+        load=zero,
+        acceleration=zero,
+        reversal=zero,
+        correlation=np.eye(n),
+        correlation_time=np.ones(n),
+        lasting=zero,
+        fitted_speed=zero,
+        fitted_load=zero,
+        K_0=K_0,
+        resolution=zero,
+    )
+
+
+def _features(unit: TorqueErrorModel, own: HeldOutReading) -> Array:
+    N, n = own.q.shape
+    features = np.empty((N, n, NUM_FEATURES))
+    q, v, load = (np.require(x, float, ("C", "W")) for x in (own.q, own.v, own.transmitted))
+    table = unit.table(own.friction, own.time_step, own.K_0, own.resolution)
+    torque_error_features(table, initial_torque_error_state(n), q, v, load, features)
+    return features
+
+
+def _most_likely(F: Array, e: Array) -> Array:
+    """c (NUM_FEATURES - 1,) of one joint; F (N, NUM_FEATURES) with the fixed part last, e (N,)."""
+    A, fixed = F[:, :-1], F[:, -1]
+    power = max(float(np.mean(e**2)), 1e-300)
+    sizes = np.maximum(A.mean(axis=0), 1e-300)
+    tiny = 1e-12 * power
+    scale = power / sizes / A.shape[1]
+
+    def cost(x: Array) -> tuple[float, Array]:
+        c = scale * np.exp(x)
+        s = A @ c + fixed + tiny
+        slope = 0.5 * (1.0 / s - e**2 / s**2)
+        return 0.5 * float(np.mean(np.log(s) + e**2 / s)), (slope @ A) / len(e) * c
+
+    bounds = [(-_SPAN, np.log(10.0 * A.shape[1]))] * A.shape[1]
+    # From an even split, and from the constant alone: the surface is not convex.
+    alone = np.full(A.shape[1], -3.0)
+    alone[0] = 1.0
+    climbs = [
+        minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds)
+        for start in (np.zeros(A.shape[1]), alone)
+    ]
+    found = min(climbs, key=lambda climb: float(climb.fun)).x
+    # What the likelihood pushed to its bound is not there, and what no sample showed neither.
+    there = (found > -_SPAN + 1e-6) & (A.max(axis=0) > 0.0)
+    return np.where(there, scale * np.exp(found), 0.0)
+
+
+def _correlation(scaled: Array) -> Array:
+    """(n, n), slightly drawn to none: joints that err as one would leave no inverse."""
+    size = np.sqrt(np.maximum(np.mean(scaled**2, axis=0), 1e-300))
+    R = (scaled / size).T @ (scaled / size) / len(scaled)
+    n = len(R)
+    R = 0.5 * (R + R.T) * 0.98
+    R[np.arange(n), np.arange(n)] = 1.0
+    return np.asarray(R)
+
+
+def _averaging(scaled: Sequence[Array], time_step: float) -> tuple[Array, Array]:
+    """Lasting share and correlation time (n,) each, from the variance of means over WINDOWS.
+
+    V(tau) = b + (1 - b) g(tau / T), with g of `averaged_share`, by least squares of the logarithm
+    on a grid; windows longer than half of the shortest log are left out.
+    """
+    n = scaled[0].shape[1]
+    power = np.mean(np.vstack(scaled) ** 2, axis=0)
+    shortest = min(len(own) for own in scaled)
+    windows = [w for w in WINDOWS if 1 < round(w / time_step) <= shortest // 2]
+    if not windows:
+        return np.zeros(n), np.full(n, 0.1)
+    shares = []
+    for window in windows:
+        size = round(window / time_step)
+        means = np.concatenate(
+            [own[: len(own) // size * size].reshape(-1, size, n).mean(axis=1) for own in scaled]
+        )
+        shares.append(np.mean(means**2, axis=0) / np.maximum(power, 1e-300))
+    seen = np.log(np.maximum(shares, 1e-6))  # (windows, n)
+    times = np.geomspace(*CORRELATION_TIMES, 60)
+    lasting = np.linspace(0.0, 0.5, 51)
+    b, T = (x.ravel() for x in np.meshgrid(lasting, times, indexing="ij"))
+    expected = np.log(
+        b[:, None] + (1.0 - b[:, None]) * averaged_share(np.asarray(windows) / T[:, None])
+    )
+    best = ((expected[:, :, None] - seen) ** 2).sum(axis=1).argmin(axis=0)
+    return b[best], T[best]

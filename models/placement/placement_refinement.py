@@ -1,0 +1,175 @@
+"""The last steps of a placement: an optimum's exact place, and one member of its family.
+
+A solver's end is as near to the optimum as its tolerance, and where a measure has kinks it halts
+where it meets one. Whoever goes on from such an end (a simulation, a reading) gets other digits
+from another start or on another machine. So
+
+1. the program is solved again from there, to a tighter tolerance, with the measure smoothed and the
+   smoothing taken back step by step (`models.motion.smooth_condition_number`);
+2. of a family of placements that measure and constraints do not tell apart, one stands for all: the
+   first joint is turned to the middle of its range at the path's midpoint, the last one too, wrist
+   and elbow are those nearest to the middle of theirs, and the path runs towards the positive side
+   of the axis of W that it is most along.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.motion.branches import all_branches
+from models.motion.path_postures import track_paths
+from models.motion.posture_measures import PathMeasure
+from models.motion.smooth_condition_number import smoothed
+from models.placement.placement_program import (
+    Placement,
+    PlacementProgram,
+    Solution,
+    quaternion_from,
+)
+from models.rigid_body.ties import SAME, first_of_least
+from models.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+SHARPNESS = (1e2, 1e3, 1e4, 1e5)  # of the smoothed measure, one solve each
+_NO_WORSE = 1e-6  # relative; what an exact optimum may lose by the smoothing that is left
+_AS_NEAR = 1e-6  # relative, of two postures' distances from the middle
+_ALLOWED = 1e-7  # m and rad, of every constraint
+_ASTRAY = 1e-6  # m and rad; a solve that ends farther off its constraints has led nowhere
+_TIGHT = {
+    "Major optimality tolerance": 1e-8,
+    "Major feasibility tolerance": 1e-10,
+    "Major iterations limit": 200,
+}
+
+
+def finished(
+    robot: Robot,
+    program: PlacementProgram,
+    solution: Solution,
+    corrected: Callable[[Placement], Placement | None],
+) -> Solution:
+    """The optimum that a solution is near to, as the member of its family that stands for all.
+
+    Args:
+        solution: on its path to rounding, keeping all constraints.
+        corrected: puts a placement on its path to rounding; None if it breaks a constraint.
+
+    Returns:
+        It, its evaluations counted with the solution's. Where no optimum that keeps all constraints
+        and costs no more is found, the member of the solution's own family.
+    """
+    exact, evaluations = refined(program, solution.placement)
+    placement = corrected(exact)
+    if placement is None or program.measure.value(placement.q) > solution.cost * (1.0 + _NO_WORSE):
+        placement = solution.placement
+    placement = corrected(standard_member(robot, program, placement)) or placement
+    return replace(
+        solution,
+        placement=placement,
+        cost=program.measure.value(placement.q),
+        evaluations=solution.evaluations + evaluations,
+    )
+
+
+def refined(program: PlacementProgram, placement: Placement) -> tuple[Placement, int]:
+    """The optimum that a placement is near to; not yet put on its path to rounding.
+
+    Each sharper measure starts where the last one ended. What has no kinks is solved once.
+
+    Returns:
+        The placement, and how often cost and gradient were evaluated.
+    """
+    evaluations = 0
+    posture = program.measure.posture
+    for sharpness in SHARPNESS:
+        measure = smoothed(program.chain, posture, sharpness)
+        smooth = program.with_measure(PathMeasure(measure))
+        solution = smooth.solve(placement, options=_TIGHT)
+        evaluations += solution.evaluations
+        if program.violation(solution.placement) > _ASTRAY:
+            break
+        placement = solution.placement
+        if measure is posture:
+            break
+    return placement, evaluations
+
+
+def standard_member(robot: Robot, program: PlacementProgram, placement: Placement) -> Placement:
+    """The one of a family of equal placements that stands for all; the same one if it is alone.
+
+    Equal are placements with the same measure at every point, to 1e-9 of it, that keep all
+    constraints. A turn or branch that changes the measure or breaks a constraint is not made. Of
+    branches that are as near to the middle the first in the order of the inverse kinematics counts.
+
+    Args:
+        placement: on its path to rounding, keeping all constraints.
+    """
+    branches = _branches(robot, program, placement)
+    equal = [placement, *(one for one in branches if _equal(program, placement, one))]
+    found = [_turned(robot, program, one) for one in equal]
+    middle = 0.5 * (robot.position_lower + robot.position_upper)
+    middle = np.where(np.isfinite(middle), middle, 0.0)
+    distances = [float(np.linalg.norm(_at_midpoint(one.q) - middle)) for one in found]
+    placement = found[int(first_of_least(distances, tolerance=_AS_NEAR))]
+    axis = int(first_of_least(-np.abs(placement.n_W)))
+    back = Placement(placement.q[::-1].copy(), -placement.n_W, placement.p_WM, placement.quaternion)
+    if placement.n_W[axis] < 0.0 and _equal(program, placement, back):
+        return back
+    return placement
+
+
+def _turned(robot: Robot, program: PlacementProgram, placement: Placement) -> Placement:
+    """With the first and the last joint turned to their middle at the midpoint, where they may."""
+    for joint in (0, robot.num_joints - 1):
+        if robot.chain.prismatic[joint]:
+            continue
+        lower, upper = robot.position_lower[joint], robot.position_upper[joint]
+        middle = 0.5 * (lower + upper) if math.isfinite(lower + upper) else 0.0
+        q = placement.q.copy()
+        q[:, joint] += middle - _at_midpoint(q)[joint]
+        R, p = robot.chain.pose(q)
+        along = p[-1] - p[0]
+        turned = Placement(
+            q,
+            along / np.linalg.norm(along),
+            0.5 * (p[0] + p[-1]),
+            quaternion_from(R[len(q) // 2]),
+        )
+        if _equal(program, placement, turned):
+            placement = turned
+    return placement
+
+
+def _at_midpoint(q: Array) -> Array:
+    k = len(q) - 1
+    return np.asarray(0.5 * (q[k // 2] + q[(k + 1) // 2]))
+
+
+def _branches(robot: Robot, program: PlacementProgram, placement: Placement) -> list[Placement]:
+    """The same path on every branch on which it can be followed."""
+    branches = all_branches(robot, placement.R_WE[np.newaxis], placement.p_WM[np.newaxis])[0]
+    branches = branches[np.all(np.isfinite(branches), axis=1)]
+    q, reached = track_paths(
+        robot.chain,
+        branches,
+        np.tile(placement.n_W, (len(branches), 1)),
+        program.path_length,
+        program.num_segments,
+        program.bounds.max_joint_step,
+    )
+    return [
+        Placement(one, placement.n_W, placement.p_WM, placement.quaternion) for one in q[reached]
+    ]
+
+
+def _equal(program: PlacementProgram, placement: Placement, other: Placement) -> bool:
+    """Whether measure and constraints do not tell two placements apart, whichever way they run."""
+    if program.violation(other) > max(_ALLOWED, program.violation(placement)):
+        return False
+    values = program.measure.posture.values(placement.q)
+    others = program.measure.posture.values(other.q)
+    return any(np.allclose(one, values, rtol=SAME, atol=0.0) for one in (others, others[::-1]))

@@ -1,0 +1,152 @@
+"""An observer of external joint torque as a block, whatever its kind."""
+
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiscreteStateIndex,
+    DiscreteValues,
+    LeafSystem,
+    NumericParameterIndex,
+    ValueProducer,
+)
+
+from models.estimation.observer import (
+    CTV,
+    GRAVITY,
+    MOMENTUM,
+    NUM_SIGNALS,
+    TAU_EXT,
+    TAU_F,
+    TAU_J,
+    TORQUE_SD,
+    Observer,
+    Q,
+    V,
+)
+from models.rigid_body.serial_chain import RigidBodyTerms
+
+Array = NDArray[np.float64]
+
+
+class ExternalTorqueObserver(LeafSystem):
+    """Estimates the external joint torque by the observer that it is given.
+
+                    +------------------------+
+      terms    -->  |                        | --> tau_ext
+      tau_J    -->  | ExternalTorqueObserver | --> valid
+      tau_f    -->  |                        | --> reading
+                    +------------------------+
+
+    Inputs:     terms    RigidBodyTerms (abstract): q, v, momentum, CTv, G and J of the model
+                tau_J    (n,) motor torque on the joint side, N m
+                tau_f    (n,) friction torque that opposes motion, N m
+    Outputs:    tau_ext  (n,) N m, positive along the motion it causes; reflects everything up to
+                         the present tick. It feeds through from tau_J only where the observer says
+                         that it reads the present torque
+                valid    (1,) 1, or 0 where tau_ext is the last one, held, and while it is still on
+                         its way from the start
+                reading  (n + 1,) these two, one after the other: who wants both has them from one
+                         port
+    State:      of the observer, row by row
+    Parameters: of the observer, in its order
+
+    Prerequisite: evaluated at its ticks (t = 0, T, 2T...); in between, the value is that of a tick
+    that came early.
+
+    Args:
+        observer: of `models.estimation.observers`.
+        torque_sd: (n,) N m, what tau_ext errs by where nothing touches the arm, for an observer
+            that asks for it.
+
+    Raises:
+        ValueError: when a parameter is changed to what the observer does not accept and an output
+            is then evaluated.
+    """
+
+    def __init__(self, observer: Observer, torque_sd: ArrayLike = 0.0) -> None:
+        LeafSystem.__init__(self)
+        self._observer = observer
+        self._n = n = observer.num_joints
+        self._torque_sd = np.broadcast_to(np.asarray(torque_sd, float), (n,)).copy()
+        self._parameters = {
+            name: NumericParameterIndex(self.DeclareNumericParameter(BasicVector(value.ravel())))
+            for name, value in observer.parameters.items()
+        }
+        self._shapes = {name: value.shape for name, value in observer.parameters.items()}
+        self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
+        self._tau_J = self.DeclareVectorInputPort("tau_J", n)
+        self._tau_f = self.DeclareVectorInputPort("tau_f", n)
+        state = observer.initial_state()
+        self._state_shape = state.shape
+        self._state: DiscreteStateIndex = self.DeclareDiscreteState(state.ravel())
+        self.DeclarePeriodicDiscreteUpdateEvent(observer.time_step, 0.0, self._update)
+
+        # The constants change only with the parameters, not at every tick.
+        self._table = self.DeclareCacheEntry(
+            "observer table",
+            ValueProducer(
+                allocate=lambda: AbstractValue.Make(observer.table), calc=self._calc_table
+            ),
+            {self.numeric_parameter_ticket(index) for index in self._parameters.values()}
+            or {self.nothing_ticket()},
+        )
+        prerequisites = {
+            self._terms.ticket(),
+            self._tau_f.ticket(),
+            self.discrete_state_ticket(self._state),
+            self._table.ticket(),
+        }
+        if observer.reads_present_torque:
+            prerequisites.add(self._tau_J.ticket())
+        self.DeclareVectorOutputPort("tau_ext", n, self._calc_tau_ext, prerequisites)
+        self.DeclareVectorOutputPort("valid", 1, self._calc_valid, prerequisites)
+        self._reading = self.DeclareVectorOutputPort(
+            "reading", n + 1, self._calc_reading, prerequisites
+        )
+
+    def _calc_table(self, context: Context, value: Value) -> None:
+        values = {
+            name: context.get_numeric_parameter(index).value().reshape(self._shapes[name])
+            for name, index in self._parameters.items()
+        }
+        value.set_value(self._observer.with_parameters(values).table)
+
+    def _signals(self, context: Context, with_torque: bool) -> tuple[Array, Array]:
+        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        signals = np.empty((NUM_SIGNALS, self._n))
+        signals[Q], signals[V] = terms.q, terms.v
+        signals[MOMENTUM], signals[CTV], signals[GRAVITY] = terms.momentum, terms.CTv, terms.G
+        signals[TAU_J] = self._tau_J.Eval(context) if with_torque else 0.0
+        signals[TAU_F] = self._tau_f.Eval(context)
+        signals[TORQUE_SD] = self._torque_sd
+        return signals, terms.J
+
+    def _calc_reading(self, context: Context, output: BasicVector) -> None:
+        signals, J = self._signals(context, self._observer.reads_present_torque)
+        state: Any = context.get_discrete_state(self._state).value()
+        reading = output.get_mutable_value()
+        reading[-1] = self._observer.kernels.output(
+            self._table.Eval(context), np.array(state).reshape(self._state_shape), signals, J
+        )
+        reading[:-1] = signals[TAU_EXT]
+
+    def _calc_tau_ext(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._reading.Eval(context)[:-1])
+
+    def _calc_valid(self, context: Context, output: BasicVector) -> None:
+        output.SetAtIndex(0, self._reading.Eval(context)[-1])
+
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        signals, J = self._signals(context, True)
+        signals[TAU_EXT] = self._reading.Eval(context)[:-1]
+        self._observer.kernels.update(
+            self._table.Eval(context),
+            discrete_state.get_mutable_value().reshape(self._state_shape),
+            signals,
+            J,
+        )

@@ -1,0 +1,93 @@
+"""External joint torque to the wrench at the tool, with the torque error of each sample."""
+
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiscreteStateIndex,
+    DiscreteValues,
+    LeafSystem,
+)
+
+from models.estimation.trusted_reading import TrustedReading
+from models.rigid_body.serial_chain import RigidBodyTerms
+from systems.jacobian_wrench_reconstruction import READING_SIZES
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+class TrustedWrenchReading(LeafSystem):
+    """Reads the wrench at E with what a model knows of its own error: `TrustedReading` as a block.
+
+        Σ_F = (J Σ_tau(t)⁻¹ Jᵀ + P⁻¹)⁻¹,   F = Σ_F J Σ_tau(t)⁻¹ tau_ext
+
+    with J seen through the observer's own pole.
+
+                         +----------------------+
+      q, v          -->  |                      |
+      terms         -->  |                      |
+      tau_ext       -->  | TrustedWrenchReading | --> reading
+      tau_ext_valid -->  |                      |
+      tau_J, tau_f  -->  |                      |
+                         +----------------------+
+
+    Inputs:  q, v           (n,) rad and rad/s
+             terms          RigidBodyTerms (abstract): J at E in axes of W
+             tau_ext        (n,) N m, positive along the motion it causes
+             tau_ext_valid  (1,) 0 where tau_ext is held or unknown
+             tau_J, tau_f   (n,) N m; what the gear transmits counts for the sample after
+    Output:  reading        (44,) wrench, covariance, condition number, valid, in the order of
+                            READING_SIZES; no direct feedthrough from tau_J and tau_f
+    State:   `TrustedReading.state_rows` rows of n, flat
+
+    The numbers are those of `models.estimation.estimator.WrenchEstimator.run`.
+
+    Args:
+        trusted: the reading of one estimator.
+        time_step: s.
+    """
+
+    def __init__(self, trusted: TrustedReading, time_step: float) -> None:
+        LeafSystem.__init__(self)
+        self._trusted = trusted
+        n = trusted.num_joints
+        self._shape = (trusted.state_rows, n)
+        self._nothing = np.zeros((1, n))
+        self._q = self.DeclareVectorInputPort("q", n)
+        self._v = self.DeclareVectorInputPort("v", n)
+        self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
+        self._tau_ext = self.DeclareVectorInputPort("tau_ext", n)
+        self._tau_ext_valid = self.DeclareVectorInputPort("tau_ext_valid", 1)
+        self._tau_J = self.DeclareVectorInputPort("tau_J", n)
+        self._tau_f = self.DeclareVectorInputPort("tau_f", n)
+        state: DiscreteStateIndex = self.DeclareDiscreteState(trusted.initial_state().ravel())
+        self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
+        ports = (self._q, self._v, self._terms, self._tau_ext, self._tau_ext_valid)
+        tickets = {port.ticket() for port in ports} | {self.discrete_state_ticket(state)}
+        self.DeclareVectorOutputPort("reading", sum(READING_SIZES), self._calc_reading, tickets)
+
+    def _run(
+        self, context: Context, state: Array, transmitted: Array
+    ) -> tuple[Array, Array, Array, Flags, Array]:
+        q, v = self._q.Eval(context)[np.newaxis], self._v.Eval(context)[np.newaxis]
+        J = cast(RigidBodyTerms, self._terms.Eval(context)).J[np.newaxis]
+        tau_ext = self._tau_ext.Eval(context)[np.newaxis]
+        counts = self._tau_ext_valid.Eval(context) == 1.0
+        return self._trusted.run(state, q, v, transmitted, J, tau_ext, counts)
+
+    def _calc_reading(self, context: Context, output: BasicVector) -> None:
+        state = context.get_discrete_state_vector().value().reshape(self._shape).copy()
+        wrench, covariance, condition, valid, _ = self._run(context, state, self._nothing)
+        parts = (wrench[0], covariance[0].ravel(), condition, valid)
+        output.SetFromVector(np.concatenate(parts))
+
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        state = context.get_discrete_state_vector().value().reshape(self._shape).copy()
+        transmitted = self._tau_J.Eval(context) - self._tau_f.Eval(context)
+        self._run(context, state, transmitted[np.newaxis])
+        discrete_state.set_value(0, state.ravel())

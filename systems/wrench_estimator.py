@@ -1,0 +1,230 @@
+"""The whole estimator in one block."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiscreteStateIndex,
+    DiscreteValues,
+    LeafSystem,
+    NumericParameterIndex,
+    ValueProducer,
+)
+
+from models.estimation.estimator import EstimatorTables, WrenchEstimator
+from models.estimation.tick import (
+    KNOWN_CORRECTION,
+    KNOWN_COUNTS,
+    KNOWN_TAU_F,
+    output_size,
+    scratch_size,
+    tick_output,
+    tick_update,
+)
+from models.estimation.wrench import UNKNOWN_SD, WrenchReconstruction
+from models.friction.velocity_friction import friction_torque
+
+Array = NDArray[np.float64]
+
+
+class WrenchEstimatorSystem(LeafSystem):
+    """What `diagrams.estimator.make_estimator` builds out of blocks, as one: for production.
+
+                        +-----------------------+ --> tau_ext
+      q            -->  |                       | --> wrench
+      v            -->  |                       | --> covariance
+      current      -->  | WrenchEstimatorSystem | --> condition_number
+                        |                       | --> valid
+                        |                       | --> terms
+                        +-----------------------+ --> reading
+
+    Inputs:     as make_estimator's, those of `taught` among them
+    Outputs:    as make_estimator's: tau_ext, wrench, covariance, condition_number, valid, terms;
+                reading  (n + 44 + 15 n,) the first five one after the other, in this order, then
+                         what the update takes: who wants several has them from one port, split up
+                         by Drake's Demultiplexer with `reading_sizes`
+    State:      the observer's rows, then the friction law's, flat
+    Parameters: `parameters` has their indices, by the name that they have in the diagram:
+                motor.torque_per_ampere, friction.* of the law, observer.* of the observer,
+                reconstruction.prior_sd, .torque_covariance, .damping, .truncation
+
+    The numbers are those of the diagram and of `WrenchEstimator.run`: the same kernels compute
+    them. A tick takes two calls into Python, in the place of some fifteen.
+
+    Args:
+        estimator: robot, model and configuration.
+        taught: whether there are inputs tau_correction, v_planned and counts.
+
+    Raises:
+        ValueError: when a parameter is changed to what its part does not accept and an output is
+            then evaluated.
+    """
+
+    def __init__(self, estimator: WrenchEstimator, taught: bool = False) -> None:
+        LeafSystem.__init__(self)
+        self._estimator = estimator
+        self._taught = taught
+        self._n = n = estimator.num_joints
+        self._choice, self._rows = estimator.choice, estimator.observer_rows
+        # At planned speeds friction needs no memory: it slides.
+        self._law = estimator.friction.feedforward if taught else estimator.friction
+        self._shapes: dict[str, tuple[int, ...]] = {}
+        self.parameters: dict[str, NumericParameterIndex] = {}
+        self._declare_parameters()
+        self._q, self._v, self._current = (
+            self.DeclareVectorInputPort(name, n) for name in ("q", "v", "current")
+        )
+        initial = estimator.observer.initial_state()
+        if not taught:
+            initial = estimator.initial_state()[: estimator.tick_rows]
+        state: DiscreteStateIndex = self.DeclareDiscreteState(initial.ravel())
+        self.DeclarePeriodicDiscreteUpdateEvent(estimator.observer.time_step, 0.0, self._update)
+        self._tables = self.DeclareCacheEntry(
+            "estimator tables",
+            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_tables),
+            {self.numeric_parameter_ticket(index) for index in self.parameters.values()},
+        )
+        prerequisites = {
+            self._q.ticket(),
+            self._v.ticket(),
+            self.discrete_state_ticket(state),
+            self._tables.ticket(),
+        }
+        # An observer that does not read the present torque leaves a loop over it open.
+        self._reads_current = estimator.observer.reads_present_torque
+        if self._reads_current:
+            prerequisites.add(self._current.ticket())
+        if taught:
+            self._correction = self.DeclareVectorInputPort("tau_correction", n)
+            self._v_planned = self.DeclareVectorInputPort("v_planned", n)
+            self._counts = self.DeclareVectorInputPort("counts", 1)
+            for port in (self._correction, self._v_planned, self._counts):
+                prerequisites.add(port.ticket())
+        self._reading = self.DeclareVectorOutputPort(
+            "reading", output_size(n), self._calc_reading, prerequisites
+        )
+        start = 0
+        for name, size in zip(
+            ("tau_ext", "wrench", "covariance", "condition_number", "valid"),
+            self.reading_sizes,
+            strict=False,
+        ):
+            part = slice(start, start + size)
+            self.DeclareVectorOutputPort(
+                name,
+                size,
+                lambda context, output, part=part: output.SetFromVector(
+                    self._reading.Eval(context)[part]
+                ),
+                prerequisites,
+            )
+            start += size
+        self.DeclareAbstractOutputPort(
+            "terms",
+            lambda: AbstractValue.Make(object()),
+            self._calc_terms,
+            {self._q.ticket(), self._v.ticket()},
+        )
+        # Memory that is settled once; nothing in it outlives a call.
+        self._known = np.zeros((3 if taught else 0, n))
+        self._unread = np.zeros(n)
+        self._scratch = np.empty(scratch_size(n))
+
+    @property
+    def reading_sizes(self) -> list[int]:
+        """Of tau_ext, wrench, covariance, condition_number, valid and the rest in `reading`."""
+        sizes = [self._n, 6, 36, 1, 1]
+        return [*sizes, output_size(self._n) - sum(sizes)]
+
+    def _declare_parameters(self) -> None:
+        estimator = self._estimator
+        reconstruction = estimator.config.reconstruction
+        prior = (reconstruction.prior_force_sd, reconstruction.prior_moment_sd)
+        values: dict[str, Array] = {
+            "motor.torque_per_ampere": estimator.robot.torque_per_ampere,
+            **{f"friction.{name}": value for name, value in self._law.parameters.items()},
+            **{f"observer.{name}": value for name, value in estimator.observer.parameters.items()},
+            "reconstruction.prior_sd": np.array([np.inf if sd is None else sd for sd in prior]),
+            "reconstruction.torque_covariance": estimator.reconstruction.torque_covariance,
+            "reconstruction.damping": np.array([reconstruction.damping]),
+            "reconstruction.truncation": np.array([reconstruction.truncation]),
+        }
+        for name, value in values.items():
+            self._shapes[name] = value.shape
+            self.parameters[name] = NumericParameterIndex(
+                self.DeclareNumericParameter(BasicVector(value.ravel()))
+            )
+
+    def _calc_tables(self, context: Context, value: Value) -> None:
+        estimator = self._estimator
+        values = {
+            name: np.array(context.get_numeric_parameter(index).value()).reshape(self._shapes[name])
+            for name, index in self.parameters.items()
+        }
+
+        def own(part: str) -> dict[str, Array]:
+            return {
+                name.removeprefix(part): found
+                for name, found in values.items()
+                if name.startswith(part)
+            }
+
+        wrench = own("reconstruction.")
+        config = replace(
+            estimator.config.reconstruction,
+            prior_force_sd=float(wrench["prior_sd"][0]),
+            prior_moment_sd=float(wrench["prior_sd"][1]),
+            damping=float(wrench["damping"][0]),
+            truncation=float(wrench["truncation"][0]),
+        )
+        if estimator.trusted is not None:  # which then says what is valid, see make_estimator
+            config = replace(config, max_force_sd=UNKNOWN_SD)
+        tables = estimator.tables_of(
+            values["motor.torque_per_ampere"],
+            self._law.with_parameters(own("friction.")),
+            estimator.observer.with_parameters(own("observer.")),
+            WrenchReconstruction(config, wrench["torque_covariance"]),
+        )
+        value.set_value(tables)
+
+    def _calc_reading(self, context: Context, output: BasicVector) -> None:
+        tables: EstimatorTables = self._tables.EvalAbstract(context).get_value()
+        if self._taught:
+            friction_torque(
+                tables.friction, self._v_planned.Eval(context), self._known[KNOWN_TAU_F]
+            )
+            self._known[KNOWN_CORRECTION] = self._correction.Eval(context)
+            self._known[KNOWN_COUNTS] = self._counts.Eval(context)[0]
+        tick_output(
+            self._choice,
+            *tables,
+            self._rows,
+            context.get_discrete_state_vector().value(),
+            self._q.Eval(context),
+            self._v.Eval(context),
+            self._current.Eval(context) if self._reads_current else self._unread,
+            self._known,
+            output.get_mutable_value(),
+            self._scratch,
+        )
+
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        tables: EstimatorTables = self._tables.EvalAbstract(context).get_value()
+        tick_update(
+            self._choice,
+            tables.drives,
+            tables.slip,
+            tables.observer,
+            self._rows,
+            discrete_state.get_mutable_value(),
+            self._current.Eval(context),
+            self._known,
+            self._reading.Eval(context),
+        )
+
+    def _calc_terms(self, context: Context, output: Value) -> None:
+        output.set_value(self._estimator.chain.terms(self._q.Eval(context), self._v.Eval(context)))

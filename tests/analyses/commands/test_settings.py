@@ -1,0 +1,213 @@
+"""Settings of the commands: from a file, from options, and back from a result's config.yaml."""
+
+import dataclasses
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from analyses.__main__ import app
+from analyses.commands.discovery import find_commands, load_command
+from analyses.methods.learning import identification
+from analyses.methods.learning.identification_config import IdentifySettings
+from analyses.methods.planning import excitation, jcn_map, placement, redundancy_results
+from analyses.methods.planning.excitation_config import ExciteSettings
+from analyses.methods.planning.jcn_map_settings import JcnMapSettings, SliceConfig
+from analyses.methods.planning.place_settings import PlaceSettings
+from analyses.methods.planning.redundancy_task import RedundancySettings, RedundancyTask
+from analyses.methods.reading import estimation
+from analyses.methods.reading.estimate_config import EstimateConfig, EstimateSettings
+from analyses.methods.runs import simulation
+from analyses.methods.runs.simulate_settings import SimulateSettings
+from analyses.output.outputs import OutputFolder
+from models.files.configuration import load_configuration
+from models.files.task_files import task_file
+from models.placement.placement_task import load_task
+
+# What does the work of a command, by the command's name.
+WORK = {
+    "identify": (identification, "identify_logs"),
+    "estimate": (estimation, "estimate_log"),
+    "simulate": (simulation, "simulate_scenario"),
+    "excite": (excitation, "excite_robot"),
+    "jcn-map": (jcn_map, "jcn_map"),
+    "place": (placement, "place_task"),
+    "redundancy": (redundancy_results, "redundancy"),
+}
+
+
+@pytest.fixture
+def call(monkeypatch, tmp_path):
+    """Returns a function that runs a command up to its work, and gives what that would get."""
+
+    def call(command, *arguments, config=None):
+        seen = {}
+
+        def note(*values, **named):
+            seen.update(values=values, **named)
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(*WORK[command], note)
+        if config is not None:
+            folder = OutputFolder(tmp_path)
+            write = folder.write_yaml if isinstance(config, dict) else folder.write_settings
+            path = write("config.yaml", config)
+            arguments = (*arguments, "--config", path)
+        result = CliRunner().invoke(app, [command, *map(str, arguments)])
+        return seen if result.exit_code == 130 else result
+
+    return call
+
+
+def _estimate_settings():
+    settings = EstimateSettings(log="log.csv", robot="ur10e", model="m.yaml")
+    observer = settings.estimate.estimator.observer
+    observer.K_0, observer.torque_samples = [5.0, 6.0], "trapezoidal"
+    settings.estimate.estimator.reconstruction.max_force_sd = 7.0
+    return settings
+
+
+def test_a_file_says_all_that_a_run_needs(call):
+    seen = call("estimate", config=_estimate_settings())["values"]
+    expected = _estimate_settings()
+    assert seen[:3] == (Path("log.csv"), "ur10e", Path("m.yaml"))
+    assert seen[4:6] == (None, expected.estimate)
+
+
+def test_options_count_before_the_file(call):
+    arguments = ("other.csv", "--robot", "panda", "--k0", "30", "--no-check")
+    seen = call("estimate", *arguments, config=_estimate_settings())["values"]
+    expected = _estimate_settings().estimate
+    expected.estimator.observer.K_0, expected.check = [30.0], False
+    assert seen[:3] == (Path("other.csv"), "panda", Path("m.yaml"))
+    assert seen[5] == expected
+
+
+def test_an_option_that_says_the_default_counts_before_the_file(call):
+    config = EstimateConfig()
+    method = config.estimator.reconstruction.method
+    settings = _estimate_settings()
+    settings.estimate.estimator.reconstruction.method = "damped"
+    seen = call("estimate", "--method", method, config=settings)["values"]
+    assert seen[5].estimator.reconstruction.method == method
+
+
+def test_a_part_of_a_file_leaves_the_rest_at_its_defaults(call, tmp_path):
+    config = {"estimate": {"estimator": {"observer": {"K_0": [15.0]}}}}
+    seen = call("estimate", "log.csv", "--robot", "r", config=config)["values"]
+    expected = EstimateConfig()
+    expected.estimator.observer.K_0 = [15.0]
+    assert seen[5] == expected  # also the time step, whose default is the log's own
+
+
+@pytest.mark.parametrize(
+    ("config", "words"),
+    [
+        ({"estimate": {"estimator": {"observer": {"k_0": [1.0]}}}}, ("line 4", "k_0", '"K_0"?')),
+        ({"robott": "ur10e"}, ("line 1", "robott", '"robot"?')),
+        ({"estimate": {"check": 3}}, ("check", "true or false")),
+    ],
+)
+def test_a_mistyped_key_is_one_line(call, tmp_path, config, words):
+    path = tmp_path / "settings.yaml"
+    path.write_text(yaml.safe_dump(config, default_flow_style=False))
+    result = call("estimate", "log.csv", "--robot", "r", "--config", path)
+    assert result.exit_code == 2
+    assert result.stderr.count("\n") == 1
+    for word in ("settings.yaml", *words):
+        assert word in result.stderr
+
+
+def test_a_file_that_is_not_there_is_one_line(call):
+    result = call("estimate", "log.csv", "--robot", "r", "--config", "nowhere.yaml")
+    assert (result.exit_code, result.stderr) == (2, "nowhere.yaml: no such file\n")
+
+
+def test_what_neither_file_nor_options_give_is_a_usage_error(call):
+    result = call("estimate", "log.csv", config={"estimate": {"engine": "batch"}})
+    assert result.exit_code == 2
+    assert "--robot" in result.stderr
+
+
+def test_every_command_with_settings_reads_them_from_a_file(call):
+    identify = IdentifySettings(robot="r", logs=["a", "b"], validate=["c"])
+    identify.identification.num_passes = 7
+    seen = call("identify", config=identify)["values"]
+    assert seen[:2] == ([Path("a"), Path("b")], "r")
+    assert seen[3] == [Path("c")]
+    assert seen[5] == identify.identification
+
+    excite = ExciteSettings(robot="r", validation=False)
+    excite.excitation.limits.floor, excite.excitation.num_starts = None, 3
+    assert call("excite", config=excite)["values"][2:4] == (excite.excitation, False)
+
+    simulate = SimulateSettings(scenario="a.yaml:One", duration_s=2.0, record=False)
+    seen = call("simulate", config=simulate)
+    assert (seen["values"][0], seen["duration"], seen["record"]) == ("a.yaml:One", 2.0, False)
+    seen = call("simulate", "--name", "Two", config=simulate)
+    assert seen["values"][0] == "a.yaml:Two"
+
+    cut = SliceConfig("x", 0.4, [0.0, 1.0, 0.0], num_points=5)
+    seen = call("jcn-map", "--cone-deg", 12, config=JcnMapSettings(num_samples=9, slice=cut))
+    assert seen["values"][2] == 9
+    assert seen["plane"] == dataclasses.replace(cut, cone_deg=12.0)
+    assert call("jcn-map", "--cone-deg", 12)["plane"] is None
+
+    task, _ = load_task("linear_path")
+    place = PlaceSettings(task="linear_path", solver="ipopt", task_content=task)
+    seen = call("place", config=place)
+    assert (seen["values"][0], seen["solver"], seen["content"]) == ("linear_path", "ipopt", task)
+    assert call("place", "--task", "other", config=place)["content"] is None
+
+    content = load_configuration(task_file("blade_path", "redundancy"), RedundancyTask)
+    content.model = Path("model.yaml")
+    settings = RedundancySettings(task="blade_path", robot="ur10e", task_content=content)
+    seen = call("redundancy", config=settings)["values"]
+    assert (seen[0], seen[1], seen[4]) == ("blade_path", "ur10e", content)
+
+
+def test_without_a_file_the_settings_are_the_defaults(call):
+    assert call("excite", "--robot", "r")["values"][2] == ExciteSettings().excitation
+    assert call("identify", "a", "--robot", "r")["values"][5] == IdentifySettings().identification
+    seen = call("jcn-map", "--slice", "z=0.3")
+    assert seen["plane"] == SliceConfig("z", 0.3)
+
+
+@pytest.mark.parametrize("words", [("z=0.3,0.4",), ("z=up",), ("z",)])
+def test_a_slice_that_is_no_plane_is_one_line(call, words):
+    result = call("jcn-map", "--slice", *words)
+    assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
+    assert "--slice" in result.stderr
+
+
+def test_a_command_that_has_settings_takes_a_file_of_them():
+    for name, entry in find_commands().items():
+        options = {parameter.name for parameter in load_command(entry).params}
+        places = getattr(import_module(entry.module), "PLACES", None)
+        assert ("config" in options) == (places is not None), name
+        assert set(places or ()) <= options, name
+
+
+@dataclasses.dataclass
+class _Plain:
+    K_0: float = 1.0
+
+
+@dataclasses.dataclass
+class _Other:
+    gain: float = 2.0
+
+
+@dataclasses.dataclass
+class _Settings:
+    observer: _Plain | _Other = dataclasses.field(default_factory=_Plain)
+    floor: float | None = 0.0
+
+
+@pytest.mark.parametrize("settings", [_Settings(), _Settings(_Other(3.0), None)])
+def test_what_a_result_writes_is_read_back(tmp_path, settings):
+    """Also one of several kinds, and nothing where the default is something."""
+    path = OutputFolder(tmp_path).write_settings("config.yaml", settings)
+    assert load_configuration(path, _Settings) == settings

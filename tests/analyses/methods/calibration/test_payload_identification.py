@@ -1,0 +1,144 @@
+"""What an arm carries: of a simulated log, of the UR10e's two weighed ones, and bad input."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+from analyses.methods.calibration.payload_config import PayloadConfig
+from analyses.methods.calibration.payload_identification import identify_payload, payload_log
+from analyses.methods.learning.identification import identify
+from analyses.methods.learning.identification_config import IdentificationConfig
+from models.files.input_error import InputError
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.identification.identified_model import IdentifiedModel
+from models.identification.load_parameters import body_parameters, flange_map, load_columns
+from models.recordings.recording import Recording
+from models.recordings.recording_reader import read_recording
+from models.recordings.recording_writer import write_recording
+from models.robot.robot import Robot
+
+COULOMB = np.array([15.0, 14.0, 6.0, 2.8, 3.3, 2.7])
+VISCOUS = np.array([20.0, 18.0, 10.0, 3.6, 2.4, 3.2])
+COM = np.array([0.03, -0.05, 0.11])
+BODY = body_parameters(2.0, COM, np.diag([0.008, 0.01, 0.006]))
+
+
+@pytest.fixture(scope="module")
+def model(ur10e):
+    nominal = IdentifiedModel.nominal(ur10e)
+    sd = np.array([1.0, 1.0, 0.6, 0.2, 0.2, 0.15])
+    law = SemiParametricFriction(CoulombViscous(COULOMB, VISCOUS, np.zeros(6)))
+    return replace(nominal, friction=law, residual_covariance=np.diag(sd**2))
+
+
+def recording(robot, seed, load=BODY, duration=12.0):
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, duration, 0.01)
+    q, v, vdot = np.zeros((3, len(t), 6))
+    for k in (1, 2, 3):
+        w = 1.1 * k
+        angle = w * t[:, None] + rng.uniform(0.0, 2.0 * np.pi, 6)
+        size = 0.5 * rng.uniform(0.6, 1.0, 6) / k
+        q += size * np.sin(angle)
+        v += w * size * np.cos(angle)
+        vdot -= w**2 * size * np.sin(angle)
+    q += robot.home
+    tau = robot.chain.inverse_dynamics(q, v, vdot) + COULOMB * np.sign(v) + VISCOUS * v
+    tau = tau + load_columns(robot, q, v, vdot) @ load
+    current = tau / (robot.torque_per_ampere * robot.current_sign)
+    return Recording(
+        t=t, q=q, v=v, current=current + 0.03 * rng.normal(size=q.shape), source=f"log_{seed}.csv"
+    )
+
+
+def test_a_load_is_found(ur10e, model):
+    found = identify_payload(recording(ur10e, 1), ur10e, model, PayloadConfig(gain_sd=0.0))
+    load = found.load
+    # The log's noise is far below what the model states: well inside its errors.
+    assert load.mass == pytest.approx(2.0, abs=load.standard_deviation[0])
+    np.testing.assert_allclose(load.com, COM, atol=float(load.standard_deviation[1:4].max()))
+    assert found.com_told.all()
+
+
+def test_the_model_with_the_load_explains_the_log(ur10e, model):
+    found = identify_payload(recording(ur10e, 1), ur10e, model)
+    laden = found.model.inertial_parameters - model.inertial_parameters
+    np.testing.assert_allclose(laden[:-1], 0.0)
+    own = body_parameters(found.load.mass, found.load.com, found.load.realisable)
+    np.testing.assert_allclose(laden[-1], flange_map(ur10e) @ own, atol=1e-12)
+    again = identify_payload(recording(ur10e, 2), ur10e, found.model)
+    assert not again.load.is_there
+
+
+def test_command_writes_a_tool_that_a_robot_takes(ur10e, model, tmp_path):
+    log = tmp_path / "laden.csv"
+    write_recording(recording(ur10e, 1), log)
+    model.save(tmp_path / "model.yaml")
+    found = payload_log(log, "ur10e", tmp_path / "model.yaml", tmp_path / "out")
+    config = yaml.safe_load(ur10e.source.read_text(encoding="utf-8"))
+    config |= yaml.safe_load((tmp_path / "out" / "tool.yaml").read_text(encoding="utf-8"))
+    config["urdf"] = str(ur10e.source.with_name(config["urdf"]))
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(config), encoding="utf-8")
+    robot = Robot.load(tmp_path / "robot.yaml")
+    added = robot.chain.inertial_parameters - ur10e.chain.inertial_parameters
+    # Six digits in the block.
+    np.testing.assert_allclose(
+        added[-1], (found.model.inertial_parameters - model.inertial_parameters)[-1], atol=1e-5
+    )
+    metrics = json.loads((tmp_path / "out" / "metrics.json").read_text(encoding="utf-8"))
+    assert metrics["mass_kg"] == pytest.approx(found.load.mass)
+    assert metrics["mass_sd_kg"] >= metrics["mass_sd_of_gains_kg"]
+    assert (tmp_path / "out" / "figures" / "load.png").is_file()
+    IdentifiedModel.load(tmp_path / "out" / "model.yaml", robot)
+
+
+def test_without_a_load_nothing_is_written_for_the_robot(ur10e, model, tmp_path):
+    log = tmp_path / "empty.csv"
+    write_recording(recording(ur10e, 1, load=np.zeros(10)), log)
+    model.save(tmp_path / "model.yaml")
+    found = payload_log(log, "ur10e", tmp_path / "model.yaml", tmp_path / "out")
+    assert "no load" in found.warnings[0]
+    assert not (tmp_path / "out" / "tool.yaml").exists()
+    assert (tmp_path / "out" / "metrics.json").is_file()
+
+
+@pytest.mark.parametrize(
+    ("config", "what"),
+    [(PayloadConfig(gain_sd=-1.0), "gain_sd"), (PayloadConfig(name="my tool"), "link's name")],
+)
+def test_bad_settings_are_one_line(ur10e, model, config, what):
+    with pytest.raises(InputError, match=what):
+        identify_payload(recording(ur10e, 1), ur10e, model, config)
+
+
+def test_another_robots_model_is_refused(ur10e, sts):
+    with pytest.raises(InputError, match="of robot"):
+        identify_payload(recording(ur10e, 1), ur10e, IdentifiedModel.nominal(sts))
+
+
+@pytest.mark.parametrize(
+    ("name", "rows", "mass", "within"),
+    [
+        ("ur10e/ur-20_02_19_14harm50secLoad.csv", slice(307, 5071), 2.805, 0.03),
+        ("ur10e_more/ur-19_12_23_load.csv", slice(2, 2040), 1.069, 0.05),
+    ],
+)
+def test_weighed_loads_of_a_real_arm(ur10e, data, name, rows, mass, within):
+    fitted = [
+        read_recording(data(f"ur10e/{name}"), robot=ur10e)
+        for name in (
+            "ur-20_02_10-30sec_12harm.csv",
+            "ur-20_02_12-40sec_12harm.csv",
+            "ur-20_02_12-50sec_12harm.csv",
+        )
+    ]
+    law = IdentificationConfig(friction="load-dependent", cross_validate=False)
+    model = identify(fitted, ur10e, config=law).model
+    log = read_recording(data(name), "ur10e-dynamic-calibration", ur10e)
+    log = log[rows] if log.num_samples > rows.stop - rows.start else log
+    load = identify_payload(log, ur10e, model).load
+    assert load.mass == pytest.approx(mass, abs=within)
+    assert abs(load.mass - mass) < 2.0 * load.standard_deviation[0]

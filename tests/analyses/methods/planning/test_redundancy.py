@@ -1,0 +1,133 @@
+"""How the free angle about a surface's normal is chosen, and what the command writes."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pinocchio
+import pytest
+from numpy.typing import NDArray
+from typer.testing import CliRunner
+
+from analyses.__main__ import app
+from analyses.methods.planning.redundancy import find_redundancy
+from analyses.methods.planning.redundancy_task import RedundancyTask
+from models.files.configuration import load_configuration, save_configuration
+from models.files.task_files import task_file
+from models.motion.surface_path import SurfacePath
+from models.motion.workpieces import BladeSection
+from models.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+def pinocchio_jcn(robot: Robot, q: Array) -> Array:
+    model = pinocchio.buildModelFromXML(robot.urdf_text)
+    data, frame = model.createData(), model.getFrameId("E")
+    return np.array(
+        [
+            np.linalg.cond(
+                pinocchio.computeFrameJacobian(
+                    model, data, row, frame, pinocchio.LOCAL_WORLD_ALIGNED
+                )
+            )
+            for row in q
+        ]
+    )
+
+
+def test_a_cam_file_gives_what_its_surface_gives(sts: Robot, tmp_path: Path) -> None:
+    """The whole command, from a CSV of the blade's own points; checked with pinocchio."""
+    blade = BladeSection()
+    path = SurfacePath.on_surface(blade, (0.75, 0.15), (0.75, 0.85), 31)
+    with (tmp_path / "cam.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["x", "y", "z", "nx", "ny", "nz"])
+        writer.writerows(np.column_stack([path.p_WS, path.n_W]).tolist())
+    task = (
+        "csv: cam.csv\nworkpiece: {xyz: [0.45, -0.25, 0.25]}\n"
+        "tool_axis: [0.70710678, 0, 0.70710678]\ninitial_angle_deg: 60\n"
+        "max_joint_step_deg: 20\nnum_angles: 36\n"
+    )
+    (tmp_path / "task.yaml").write_text(task)
+    out = tmp_path / "out"
+    result = CliRunner().invoke(
+        app, ["redundancy", "--task", str(tmp_path / "task.yaml"), "--out", str(out)]
+    )
+    assert result.exit_code == 0, result.stderr
+    rows = np.loadtxt(out / "trajectory.csv", delimiter=",", skiprows=1)
+    with (out / "trajectory.csv").open() as file:
+        header = file.readline().strip().split(",")
+    columns = dict(zip(header, rows.T, strict=True))
+    q = np.stack([columns[f"q{j}"] for j in range(1, 7)], axis=1)
+    np.testing.assert_allclose(columns["jcn"], pinocchio_jcn(sts, q), rtol=1e-9)
+    p = path.p_WS + np.array([0.45, -0.25, 0.25])
+    np.testing.assert_allclose(sts.chain.pose(q)[1], p, rtol=0, atol=1e-6)
+    metrics = json.loads((out / "metrics.json").read_text())
+    assert metrics["optimised"]["mean_jcn"] == pytest.approx(np.mean(columns["jcn"]))
+    assert metrics["initial"]["mean_jcn"] == pytest.approx(np.mean(columns["jcn_initial"]))
+    assert "optimised" in result.stdout
+    for name in ("measure", "poses", "joints"):
+        assert (out / "figures" / f"{name}.png").is_file()
+    assert (out / "recording.html").is_file() and (out / "config.yaml").is_file()
+
+
+def test_a_task_without_an_initial_trajectory_is_solved_and_says_so(sts: Robot) -> None:
+    blade = load_configuration(task_file("blade_path", "redundancy"), RedundancyTask)
+    config = RedundancyTask(
+        surface=blade.surface,
+        workpiece=blade.workpiece,
+        tool_axis=[0.0, 0.0, 1.0],
+        num_angles=8,
+    )
+    result = find_redundancy(sts, config)
+    metrics = result.metrics()
+    # The tool's axis is joint 6's: every angle is as good, and the branch alone matters.
+    spread = metrics["constant_angle"]
+    assert spread["best_mean_jcn"] == pytest.approx(spread["worst_mean_jcn"], rel=1e-6)
+    assert metrics["optimised"]["mean_jcn"] == pytest.approx(spread["best_mean_jcn"], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("num_angles: 8\n", ["one of surface and csv"]),
+        ("csv: none.csv\n", ["none.csv", "cannot be read"]),
+        ("csv: a.csv\nobjective: jnc\n", ["objective", '"jnc"']),
+        ("csv: a.csv\ntool_axes: [0, 0, 1]\n", ["line 2", "tool_axis"]),
+        ("csv: a.csv\ntool_axis: [0, 0, 0]\n", ["tool_axis"]),
+        ("csv: a.csv\nlimit_margin_deg: 95\n", ["limit_margin_deg"]),
+        ("csv: a.csv\nsmoothness: -1\n", ["smoothness"]),
+        ("csv: a.csv\njoint_ranges_deg: {joint_9: [0, 1]}\n", ["joint_9", "joint_3"]),
+        ("csv: a.csv\njoint_ranges_deg: {joint_3: [1, 0]}\n", ["joint_3", "[lower, upper]"]),
+        ("csv: a.csv\njoint_ranges_deg: {joint_3: [300, 310]}\n", ["joint_3", "no room"]),
+        ("surface: {start: [0, 0], end: [1, 0]}\n", ["one of plate and blade"]),
+        ("surface: {plate: {}, start: [0], end: [1, 0]}\n", ["surface.start"]),
+        ("surface: {plate: {}, start: [0, 0], end: [2, 0]}\n", ["leaves the surface"]),
+        (
+            "surface: {plate: {}, start: [0, 0], end: [1, 0], num_samples: 1}\n",
+            ["two or more"],
+        ),
+        (
+            "surface: {plate: {}, start: [0, 0], end: [1, 0]}\nworkpiece: {xyz: [3, 0, 0]}\n",
+            ["sample 0", "cannot reach"],
+        ),
+    ],
+)
+def test_bad_tasks_end_in_one_line(tmp_path: Path, text: str, words: list[str]) -> None:
+    (tmp_path / "t.yaml").write_text(text)
+    (tmp_path / "a.csv").write_text("x,y,z,nx,ny,nz\n.4,0,.3,0,0,1\n.4,.1,.3,0,0,1\n")
+    result = CliRunner().invoke(
+        app, ["redundancy", "--task", str(tmp_path / "t.yaml"), "--out", str(tmp_path / "out")]
+    )
+    assert result.exit_code == 2, result.stdout
+    assert result.stderr.count("\n") == 1
+    for word in words:
+        assert word in result.stderr
+
+
+def test_a_task_survives_being_written(tmp_path: Path) -> None:
+    blade = load_configuration(task_file("blade_path", "redundancy"), RedundancyTask)
+    save_configuration(blade, tmp_path / "task.yaml")
+    assert "blade" in (tmp_path / "task.yaml").read_text()

@@ -1,0 +1,46 @@
+"""Signals that end a command."""
+
+import os
+import signal
+
+import pytest
+
+from analyses.output.interruption import TerminatedError, ends_are_interrupts, uninterrupted
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_an_end_is_an_exception_that_names_its_signal(number):
+    with pytest.raises(TerminatedError, match=number.name) as caught, ends_are_interrupts():
+        os.kill(os.getpid(), number)
+    assert caught.value.signum == number
+    assert signal.getsignal(number) == signal.SIG_DFL
+
+
+def test_an_ignored_end_stays_ignored():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
+    try:
+        with ends_are_interrupts(), uninterrupted():
+            os.kill(os.getpid(), signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.parametrize(
+    ("number", "error"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, TerminatedError)]
+)
+def test_an_interrupt_waits_for_the_end_of_the_block(number, error):
+    steps = []
+    with pytest.raises(error), ends_are_interrupts():
+        with uninterrupted():
+            os.kill(os.getpid(), number)
+            os.kill(os.getpid(), number)
+            steps.append("inside")
+        steps.append("behind")
+    assert steps == ["inside"]
+
+
+def test_without_a_signal_nothing_happens():
+    before = signal.getsignal(signal.SIGINT)
+    with uninterrupted():
+        pass
+    assert signal.getsignal(signal.SIGINT) == before

@@ -1,0 +1,200 @@
+"""No command overwrites or removes what it did not write itself, or what it reads."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from analyses.__main__ import app
+from analyses.output.result_marker import MARKER
+from analyses.study import study
+from models.recordings.recording import Recording
+from models.recordings.recording_writer import write_recording
+from models.robot.robot import Robot
+
+ROOT = Path(study.__file__).parents[2]
+_BUNDLED = ROOT / "models" / "robots" / "sts_sre4_600"
+
+
+def _run(*arguments):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def _refused(*arguments) -> str:
+    result = _run(*arguments)
+    assert result.exit_code == 2, result.output
+    assert result.stdout == ""
+    assert result.stderr.count("\n") == 1
+    assert "--out" in result.stderr
+    return result.stderr
+
+
+def _files(folder):
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory) -> Path:
+    """Half a second of the bundled arm, free of contact."""
+    robot = Robot.load("sts_sre4_600")
+    t = 0.001 * np.arange(500)
+    phase = t[:, None] * np.arange(1.0, 7.0)
+    rate = 0.1 * np.arange(1.0, 7.0)
+    q, v, vdot = (
+        robot.home + 0.1 * np.sin(phase),
+        rate * np.cos(phase),
+        -rate * np.arange(1.0, 7.0) * np.sin(phase),
+    )
+    tau = robot.chain.inverse_dynamics(q, v, vdot)
+    current = tau / (robot.torque_per_ampere * robot.current_sign)
+    path = tmp_path_factory.mktemp("log") / "log.csv"
+    write_recording(Recording(t=t, q=q, v=v, current=current, source="synthetic"), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def finished(log, tmp_path_factory) -> Path:
+    """A folder of results of `estimate`."""
+    out = tmp_path_factory.mktemp("finished") / "X"
+    result = _estimate(log, out)
+    assert result.exit_code == 0, result.output
+    return out
+
+
+def _estimate(log, out, *options):
+    prior = ("--prior-force-sd", 20, "--prior-moment-sd", 2)
+    return _run("estimate", log, "--robot", "sts_sre4_600", *prior, "--out", out, *options)
+
+
+@pytest.fixture
+def X(finished, tmp_path) -> Path:
+    shutil.copytree(finished, tmp_path / "X")
+    return tmp_path / "X"
+
+
+# ---- the commands by which data was lost ----
+
+
+def test_study_does_not_delete_a_folder_of_the_name_of_an_experiment(tmp_path):
+    X = tmp_path / "X"
+    (X / "jcn-map").mkdir(parents=True)
+    (X / "jcn-map" / "thesis.txt").write_text("mine")
+    line = _refused("study", "--quick", "jcn-map", "--out", X, "--data", tmp_path / "data")
+    assert "jcn-map/thesis.txt, which wrenchsight did not write there" in line
+    assert _files(X) == {"jcn-map/thesis.txt": b"mine"}
+
+
+def test_identify_does_not_overwrite_the_robot_that_it_loads(tmp_path, log):
+    rr = tmp_path / "rr"
+    shutil.copytree(_BUNDLED, rr)
+    before = _files(rr)
+    line = _refused("identify", log, "--robot", rr, "--consistent", "--out", rr)
+    assert f"{rr}: holds " in line
+    assert _files(rr) == before
+    Robot.load(rr / "robot.yaml")
+
+
+def test_estimate_does_not_overwrite_its_own_log(X):
+    before = _files(X)
+    line = _refused(
+        "estimate", X / "wrench.csv", "--robot", "sts_sre4_600", "--no-check", "--out", X
+    )
+    assert line.startswith(f"{X / 'wrench.csv'}: is read by this command")
+    assert _files(X) == before
+
+
+def test_estimate_does_not_overwrite_the_description_of_its_log(X, log):
+    before = _files(X)
+    result = _estimate(log, X, "--log-format", X / "config.yaml")
+    assert result.exit_code == 2
+    assert result.stderr.startswith(f"{X / 'config.yaml'}: is read by this command")
+    assert _files(X) == before
+
+
+@pytest.mark.parametrize("link", [Path.symlink_to, Path.hardlink_to])
+def test_nor_when_the_log_is_a_link_to_it(X, tmp_path, link):
+    link(tmp_path / "log.csv", X / "wrench.csv")
+    before = _files(X)
+    line = _refused("estimate", tmp_path / "log.csv", "--robot", "sts_sre4_600", "--out", X)
+    assert "log.csv: is read by this command" in line
+    assert _files(X) == before
+
+
+def test_simulate_does_not_overwrite_the_scenario_that_it_runs(tmp_path):
+    out = tmp_path / "out"
+    first = _run("simulate", "--duration", 0.05, "--no-recording", "--out", out)
+    assert first.exit_code == 0, first.output
+    before = _files(out)
+    line = _refused("simulate", "--scenario", out / "scenario.yaml", "--out", out)
+    assert "scenario.yaml: is read by this command" in line
+    assert _files(out) == before
+
+
+# ---- every command ----
+
+_COMMANDS = {
+    "study": ("jcn-map", "--quick", "--data", "nowhere"),
+    "identify": ("nowhere.csv", "--robot", "sts_sre4_600"),
+    "estimate": ("nowhere.csv", "--robot", "sts_sre4_600"),
+    "simulate": (),
+    "excite": ("--robot", "sts_sre4_600"),
+    "jcn-map": ("--samples", "10"),
+    "place": ("--task", "linear_path", "--quick"),
+    "redundancy": ("--task", "blade_path"),
+}
+
+
+@pytest.mark.parametrize("command", _COMMANDS)
+def test_a_folder_that_is_not_ours_is_refused_before_anything_else(command, tmp_path):
+    (tmp_path / "metrics.json").write_text("mine")
+    line = _refused(command, *_COMMANDS[command], "--out", tmp_path)
+    assert "metrics.json, which wrenchsight did not write there" in line
+    assert _files(tmp_path) == {"metrics.json": b"mine"}
+
+
+@pytest.mark.parametrize("command", sorted(set(_COMMANDS) - {"estimate"}))
+def test_the_results_of_another_command_are_refused(command, X):
+    before = _files(X)
+    line = _refused(command, *_COMMANDS[command], "--out", X)
+    assert f"holds the results of estimate, not of {command}" in line
+    assert _files(X) == before
+
+
+# ---- a folder of ours ----
+
+
+def test_results_are_replaced_by_the_same_command(X, log):
+    before = _files(X)
+    assert _estimate(log, X).exit_code == 0
+    assert _files(X) == before  # the same bytes, and nothing else
+    assert MARKER in before
+
+
+def test_a_result_that_the_user_changed_stays(X, log):
+    (X / "config.yaml").write_text("# my remarks\n")
+    before = _files(X)
+    result = _estimate(log, X)
+    assert result.exit_code == 2
+    assert "config.yaml: was changed since wrenchsight wrote it" in result.stderr
+    assert _files(X) == before
+
+
+def test_a_file_that_the_user_added_stays(X, log):
+    (X / "figures" / "mine.png").write_text("mine")
+    before = _files(X)
+    result = _estimate(log, X)
+    assert result.exit_code == 2
+    assert "figures/mine.png, which wrenchsight did not write there" in result.stderr
+    assert _files(X) == before
+
+
+def test_a_command_does_not_overwrite_the_configuration_that_it_runs_again(X, tmp_path):
+    before = _files(X)
+    line = _refused("estimate", "--config", X / "config.yaml", "--out", X)
+    assert "config.yaml: is read by this command" in line
+    assert _files(X) == before
+    again = _run("estimate", "--config", X / "config.yaml", "--out", tmp_path / "Y")
+    assert again.exit_code == 0, again.output
+    assert _files(tmp_path / "Y")["wrench.csv"] == before["wrench.csv"]

@@ -1,0 +1,249 @@
+"""The estimator as one block: the same ports, parameters and numbers as the diagram of stages."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
+
+from diagrams.estimator import add_estimator, make_estimator
+from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from models.estimation.momentum_observer import MomentumObserverConfig
+from models.estimation.wrench import METHODS, WrenchReconstructionConfig
+from models.friction.friction_network import FrictionNetworks
+from models.friction.presliding_friction import PreslidingFriction
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.identification.identified_model import IdentifiedModel
+from systems.recording_player import RecordingPlayer, Samples
+
+T = 1e-3
+N = 6
+ROWS = 400
+OUTPUTS = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
+
+
+def friction(name):
+    rng = np.random.default_rng(7)
+    sliding = CoulombViscous(np.full(N, 5.0), np.full(N, 4.0), np.full(N, 0.1))
+    networks = FrictionNetworks(
+        *(rng.normal(size=(N, 5)) for _ in range(3)), rng.normal(size=N), np.full(N, 0.1)
+    )
+    if name == "coulomb-viscous":
+        return SemiParametricFriction(sliding)
+    if name == "semi-parametric":
+        return SemiParametricFriction(sliding, networks, np.full(N, 0.3))
+    return PreslidingFriction(
+        SemiParametricFriction(replace(sliding, coulomb=np.zeros(N)), networks, np.full(N, 0.3)),
+        coulomb=sliding.coulomb,
+        stribeck=np.full(N, 1.0),
+        stribeck_velocity=np.full(N, 0.1),
+        load=np.full(N, 0.1),
+        cubic=np.full(N, 0.2),
+        weight=np.full((N, 2), 0.5),
+        displacement=np.tile([1e-3, 0.0], (N, 1)),
+    )
+
+
+LAWS = ("coulomb-viscous", "semi-parametric", "presliding")
+
+
+@pytest.fixture(scope="module")
+def model(sts_reversed):
+    spread = np.random.default_rng(2).normal(size=(N, N))
+    nominal = IdentifiedModel.nominal(sts_reversed)
+    return replace(nominal, residual_covariance=spread @ spread.T + np.eye(N))
+
+
+@pytest.fixture(scope="module")
+def log(sts_reversed):
+    """A motion with two holes."""
+    rng = np.random.default_rng(11)
+    t = np.arange(ROWS)[:, None] * T
+    phase, rate = rng.uniform(0.0, 6.0, N), rng.uniform(1.0, 9.0, N)
+    q = sts_reversed.home + 0.4 * np.sin(rate * t + phase)
+    v = 0.4 * rate * np.cos(rate * t + phase)
+    current = 2.0 * np.sin(3.0 * rate * t) + 0.05 * rng.normal(size=(ROWS, N))
+    q[250:252, 2] = np.nan
+    current[300, 1] = np.inf
+    return q, v, current
+
+
+def config(method="bayesian", torque_samples="held"):
+    return WrenchEstimatorConfig(
+        MomentumObserverConfig([20.0, 30.0, 20.0, 40.0, 20.0, 25.0], T, torque_samples),
+        WrenchReconstructionConfig(method),
+    )
+
+
+def play(robot, model, configuration, log, fused, taught=None, change=None):
+    """The outputs at every tick; `taught` are constant inputs, `change` acts on the context."""
+    builder = DiagramBuilder()
+    player = builder.AddSystem(RecordingPlayer(N, T))
+    ports = {name: player.GetOutputPort(name) for name in ("q", "v", "current")}
+    estimator = add_estimator(
+        builder, robot, model, configuration, **ports, taught=taught is not None, fused=fused
+    )
+    for name, value in (taught or {}).items():
+        source = builder.AddSystem(ConstantVectorSource(value))
+        builder.Connect(source.get_output_port(), estimator.GetInputPort(name))
+    sinks = {name: LogVectorOutput(estimator.GetOutputPort(name), builder, T) for name in OUTPUTS}
+    simulator = Simulator(builder.Build())
+    context = simulator.get_mutable_context()
+    player.load(player.GetMyMutableContextFromRoot(context), Samples(*log))
+    if change is not None:
+        simulator.AdvanceTo(0.1)
+        change(estimator, context)
+    simulator.AdvanceTo((ROWS - 0.5) * T)
+    return {name: sink.FindLog(context).data().T for name, sink in sinks.items()}
+
+
+def assert_same(stages, fused):
+    assert np.isfinite(stages["wrench"]).all()
+    for name in OUTPUTS:
+        # The same kernels in the same order; an entry of 1e4 leaves 1e-12 of itself to rounding.
+        scale = max(1.0, float(np.abs(stages[name][np.isfinite(stages[name])]).max()))
+        np.testing.assert_allclose(fused[name], stages[name], rtol=0.0, atol=1e-12 * scale)
+
+
+def test_ports(sts_reversed, model):
+    for taught in (False, True):
+        stages, fused = (
+            make_estimator(sts_reversed, model, taught=taught, fused=kind) for kind in (False, True)
+        )
+        for ports in (
+            lambda d: [d.get_input_port(i) for i in range(d.num_input_ports())],
+            lambda d: [d.get_output_port(i) for i in range(d.num_output_ports())],
+        ):
+            theirs, ours = ({p.get_name(): p.size() for p in ports(d)} for d in (stages, fused))
+            assert ours == theirs
+
+
+@pytest.mark.parametrize("kind", ["held", "trapezoidal"])
+def test_it_feeds_through_where_the_stages_do(sts_reversed, model, kind):
+    stages, fused = (
+        make_estimator(sts_reversed, model, config(torque_samples=kind), fused=f)
+        for f in (False, True)
+    )
+    for name in ("q", "v", "current"):
+        for output in (*OUTPUTS, "terms"):
+            through = [
+                d.HasDirectFeedthrough(
+                    d.GetInputPort(name).get_index(), d.GetOutputPort(output).get_index()
+                )
+                for d in (stages, fused)
+            ]
+            assert through[0] == through[1]
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("law", LAWS)
+def test_the_numbers_of_the_stages_and_of_the_batch(sts_reversed, model, log, law, method):
+    model = replace(model, friction=friction(law))
+    fused = play(sts_reversed, model, config(method), log, fused=True)
+    assert_same(play(sts_reversed, model, config(method), log, fused=False), fused)
+    estimator = WrenchEstimator(sts_reversed, model, config(method))
+    batch = estimator.run(estimator.initial_state(), *log)
+    np.testing.assert_allclose(fused["wrench"], batch.wrench, rtol=0.0, atol=1e-9)
+    np.testing.assert_array_equal(fused["valid"][:, 0] == 1.0, batch.valid)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_torque_of_the_present_tick(sts_reversed, model, log, law):
+    model = replace(model, friction=friction(law))
+    configuration = config(torque_samples="trapezoidal")
+    assert_same(*(play(sts_reversed, model, configuration, log, fused=f) for f in (False, True)))
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_what_an_air_pass_taught(sts_reversed, model, log, law):
+    model = replace(model, friction=friction(law))
+    rng = np.random.default_rng(4)
+    taught = {"tau_correction": rng.normal(size=N), "v_planned": rng.normal(size=N), "counts": [1]}
+    stages, fused = (play(sts_reversed, model, config(), log, f, taught) for f in (False, True))
+    assert_same(stages, fused)
+    assert fused["valid"].any()
+    fused = play(sts_reversed, model, config(), log, True, {**taught, "counts": [0]})
+    assert not fused["valid"].any()
+
+
+PARAMETERS = {
+    "motor.torque_per_ampere": lambda x: 1.1 * x,
+    "observer.K_0": lambda x: x + 15.0,
+    "friction.viscous": lambda x: x + 1.0,
+    "friction.v_crit": lambda x: 0.5 * x,
+    # coulomb, stribeck, 1 / v_s, load, cubic, the sampling (as it is), two weights (their sum
+    # stays), two displacements
+    "friction.slip": lambda x: (
+        x * np.tile([1.2, 1.1, 1.3, 1.1, 2.0, *np.ones(5), 1.0, 1.0, 2.0, 1.0], N)
+    ),
+    "reconstruction.prior_sd": lambda x: 0.3 * x,
+    "reconstruction.torque_covariance": lambda x: 4.0 * x,
+    "reconstruction.damping": lambda x: x + 0.3,
+}
+
+
+@pytest.mark.parametrize("parameter", PARAMETERS)
+def test_a_parameter_changed_through_the_context(sts_reversed, model, log, parameter):
+    law = "presliding" if parameter == "friction.slip" else "semi-parametric"
+    model = replace(model, friction=friction(law))
+    configuration = config("damped" if "damping" in parameter else "bayesian")
+    block_name, own = parameter.split(".")
+    place = {
+        "viscous": 1,
+        "v_crit": 3,
+        "torque_covariance": 1,
+        "damping": 2,
+    }.get(own, 0)
+
+    def of_stages(estimator, context):
+        block = estimator.GetSubsystemByName(block_name)
+        change(block.GetMyMutableContextFromRoot(context).get_mutable_numeric_parameter(place))
+
+    def of_block(estimator, context):
+        block = estimator.GetSubsystemByName("block")
+        index = block.parameters[parameter]
+        change(block.GetMyMutableContextFromRoot(context).get_mutable_numeric_parameter(index))
+
+    def change(value):
+        value.SetFromVector(PARAMETERS[parameter](value.CopyToVector()))
+
+    stages = play(sts_reversed, model, configuration, log, False, change=of_stages)
+    fused = play(sts_reversed, model, configuration, log, True, change=of_block)
+    assert_same(stages, fused)
+    unchanged = play(sts_reversed, model, configuration, log, True)
+    differs = [np.abs(fused[name] - unchanged[name]).max() for name in ("wrench", "covariance")]
+    assert max(differs) > 1e-6
+
+
+def test_a_broken_parameter_is_refused_when_it_is_used(sts_reversed, model):
+    fused = make_estimator(sts_reversed, model, fused=True)
+    block = fused.GetSubsystemByName("block")
+    context = fused.CreateDefaultContext()
+    for name in ("q", "v", "current"):
+        fused.GetInputPort(name).FixValue(context, np.zeros(N))
+    own = block.GetMyMutableContextFromRoot(context)
+    own.get_mutable_numeric_parameter(block.parameters["observer.K_0"]).SetFromVector(-np.ones(N))
+    with pytest.raises(ValueError, match="K_0 must be positive"):
+        fused.GetOutputPort("wrench").Eval(context)
+
+
+def test_two_contexts_of_one_block_do_not_meet(sts_reversed, model, log):
+    """What the block keeps on itself is scratch: ticks of two simulations may alternate."""
+    fused = make_estimator(sts_reversed, model, config(), fused=True)
+    simulators = [Simulator(fused, fused.CreateDefaultContext()) for _ in range(2)]
+    read = [[], []]
+    for k in range(60):
+        for which, simulator in enumerate(simulators):
+            context = simulator.get_mutable_context()
+            row = k + 100 * which
+            for name, signal in zip(("q", "v", "current"), log, strict=True):
+                fused.GetInputPort(name).FixValue(context, signal[row])
+            read[which].append(fused.GetOutputPort("wrench").Eval(context))
+            simulator.AdvanceTo((k + 0.5) * T)
+    estimator = WrenchEstimator(sts_reversed, model, config())
+    for which in range(2):
+        rows = slice(100 * which, 100 * which + 60)
+        batch = estimator.run(estimator.initial_state(), *(signal[rows] for signal in log))
+        np.testing.assert_allclose(read[which], batch.wrench, rtol=0.0, atol=1e-9)

@@ -1,0 +1,143 @@
+"""The fit of the torque error's sds: what was put in comes out."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from models.friction.presliding_friction import PreslidingFriction
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.identification.torque_error_fit import HeldOutReading, fit_torque_error
+from models.identification.torque_error_model import TorqueErrorModel
+
+N = 2
+STEP = 0.01
+K_0 = np.full(N, 20.0)
+
+
+def law() -> PreslidingFriction:
+    sliding = CoulombViscous(np.zeros(N), np.array([20.0, 3.0]), np.zeros(N))
+    return PreslidingFriction(
+        SemiParametricFriction(sliding),
+        coulomb=np.array([20.0, 2.5]),
+        stribeck=np.zeros(N),
+        stribeck_velocity=np.ones(N),
+        load=np.zeros(N),
+        cubic=np.zeros(N),
+        weight=np.ones((N, 1)),
+        displacement=np.full((N, 1), 1e-4),
+    )
+
+
+def truth(**changes: Any) -> TorqueErrorModel:
+    values: dict[str, Any] = {
+        "constant": np.array([0.8, 0.12]),
+        "speed": np.array([1.2, 0.2]),
+        "load": np.array([0.0, 0.06]),
+        "acceleration": np.zeros(N),
+        "reversal": np.array([0.7, 0.4]),
+        "correlation": np.array([[1.0, 0.4], [0.4, 1.0]]),
+        "correlation_time": np.full(N, 0.01),
+        "lasting": np.zeros(N),
+        "fitted_speed": np.zeros(N),
+        "fitted_load": np.zeros(N),
+        "K_0": K_0,
+        "resolution": np.full(N, 1e-4),
+        "drift": 0.0,
+    }
+    return TorqueErrorModel(**(values | changes))
+
+
+def reading(seed: int, own: TorqueErrorModel | None = None, T: float = 0.0) -> HeldOutReading:
+    """Errors drawn with the sds of the model, with correlation time T."""
+    own = own or truth()
+    rng = np.random.default_rng(seed)
+    t = STEP * np.arange(6000)
+    phase = rng.uniform(0.0, 6.0, 2)
+    q = np.stack([0.8 * np.sin(1.1 * t + phase[0]), 0.7 * np.sin(1.7 * t + phase[1])], axis=1)
+    v = np.gradient(q, STEP, axis=0)
+    load = np.stack([30.0 * np.sin(0.7 * t), 5.0 * np.cos(0.5 * t + phase[0])], axis=1)
+    q = np.round(q, 4)
+    sd, _ = own.along(law(), q, v, load, STEP)
+    noise = rng.normal(size=q.shape) @ np.linalg.cholesky(own.correlation).T
+    if T > 0.0:
+        a = np.exp(-STEP / T)
+        for k in range(1, len(noise)):
+            noise[k] = a * noise[k - 1] + np.sqrt(1.0 - a * a) * noise[k]
+    return HeldOutReading(sd * noise, q, v, load, t > 1.0, law(), STEP, K_0, np.full(N, 1e-4))
+
+
+def fitted(readings: list[HeldOutReading], **changes: Any) -> TorqueErrorModel:
+    return fit_torque_error(readings, **changes)
+
+
+def test_known_sds_are_recovered() -> None:
+    own = fitted([reading(seed) for seed in range(3)])
+    expected = truth()
+    # Eighteen thousand samples: an sd is known to half a percent, a part of it to ten.
+    np.testing.assert_allclose(own.constant, expected.constant, rtol=0.1)
+    np.testing.assert_allclose(own.speed, expected.speed, rtol=0.1)
+    assert own.load[0] * 30.0 < 0.4 * own.constant[0]  # none was put in: a tenth of the variance
+    assert own.load[1] == pytest.approx(0.06, rel=0.1)
+    np.testing.assert_allclose(own.reversal, expected.reversal, rtol=0.25)
+    assert own.correlation[0, 1] == pytest.approx(0.4 * 0.98, abs=0.03)
+    new = reading(9)
+    sd, _ = replace(own, drift=0.0).along(law(), new.q, new.v, new.transmitted, STEP)
+    inside = np.mean(np.abs(new.tau_ext) < 1.96 * sd, axis=0)
+    np.testing.assert_allclose(inside, 0.95, atol=0.01)
+    for low, high in ((0.0, 0.05), (0.05, 0.5), (0.5, 5.0)):
+        speed = np.abs(new.v)
+        chosen = (speed >= low) & (speed < high)
+        share = (chosen & (np.abs(new.tau_ext) < 1.96 * sd)).sum() / chosen.sum()
+        assert share == pytest.approx(0.95, abs=0.02)
+
+
+def test_the_ranges_are_those_of_the_samples_that_count() -> None:
+    own, used = reading(0), np.zeros(6000, bool)
+    used[1000:3000] = True
+    found = fitted([replace(own, used=used)])
+    np.testing.assert_array_equal(found.fitted_speed, np.abs(own.v[1000:3000]).max(axis=0))
+    np.testing.assert_array_equal(found.fitted_load, np.abs(own.transmitted[1000:3000]).max(axis=0))
+
+
+def test_correlation_time_and_what_lasts() -> None:
+    drawn = [reading(seed, T=0.3) for seed in range(3)]
+    found = fitted(drawn)
+    # 180 s hold 300 correlation times: some 10 % of one.
+    np.testing.assert_allclose(found.correlation_time, 0.3, rtol=0.3)
+    assert (found.lasting < 0.06).all()
+    sd, _ = truth().along(law(), drawn[0].q, drawn[0].v, drawn[0].transmitted, STEP)
+    shifted = [
+        replace(own, tau_ext=own.tau_ext + sign * 0.7 * sd)
+        for own, sign in zip(drawn, (1.0, -1.0, 1.0), strict=True)
+    ]
+    assert (fitted(shifted).lasting > 0.15).all()
+
+
+def test_rest_is_wider_than_all_that_was_fitted() -> None:
+    """The logs hold no rest; there the band is the law's."""
+    own = fitted([reading(seed) for seed in range(2)])
+    q = np.full((200, N), 0.1)
+    _, stiction = own.along(law(), q, np.zeros_like(q), np.zeros_like(q), STEP)
+    np.testing.assert_allclose(stiction[-1], np.array([20.0, 2.5]) / np.sqrt(3.0))
+
+
+def test_without_any_error_the_floor_is_left() -> None:
+    silent = replace(reading(0), tau_ext=np.zeros((6000, N)))
+    found = fitted([silent], least=np.array([0.01, 0.002]))
+    np.testing.assert_array_equal(found.constant, [0.01, 0.002])
+    for own in (found.speed, found.load, found.acceleration):
+        np.testing.assert_allclose(own, 0.0, atol=1e-4)
+
+
+def test_too_little_and_what_disagrees() -> None:
+    own = reading(0)
+    with pytest.raises(ValueError, match="no held-out"):
+        fitted([])
+    few = np.zeros(6000, bool)
+    few[:50] = True
+    with pytest.raises(ValueError, match="50 samples"):
+        fitted([replace(own, used=few)])
+    with pytest.raises(ValueError, match="disagree"):
+        fitted([own, replace(own, K_0=np.full(N, 10.0))])

@@ -1,0 +1,294 @@
+"""The torque error's sd: its formula, rest and sliding, rounding, averages, other gains."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from models.friction.presliding_friction import PreslidingFriction
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.identification.torque_error_model import (
+    TORQUE_ERROR_ROWS,
+    TorqueErrorModel,
+    averaged_share,
+    torque_sd_tick,
+)
+
+N = 2
+STEP = 0.01
+VISCOUS = np.array([20.0, 3.0])
+
+
+def law(**changes: Any) -> PreslidingFriction:
+    values: dict[str, Any] = {
+        "velocity_law": SemiParametricFriction(CoulombViscous(np.zeros(N), VISCOUS, np.zeros(N))),
+        "coulomb": np.array([20.0, 2.5]),
+        "stribeck": np.array([-4.0, 0.5]),
+        "stribeck_velocity": np.array([0.1, 0.05]),
+        "load": np.array([0.05, 0.0]),
+        "cubic": np.array([-1.0, 0.2]),
+        "weight": np.ones((N, 1)),
+        "displacement": np.full((N, 1), 1e-4),
+        "speed_limit": np.array([1.5, 1.2]),
+    }
+    return PreslidingFriction(**(values | changes))
+
+
+def model(**changes: Any) -> TorqueErrorModel:
+    values: dict[str, Any] = {
+        "constant": np.array([0.8, 0.12]),
+        "speed": np.array([0.5, 0.1]),
+        "load": np.array([0.02, 0.05]),
+        "acceleration": np.array([0.3, 0.02]),
+        "reversal": np.array([0.6, 0.4]),
+        "correlation": np.array([[1.0, 0.2], [0.2, 1.0]]),
+        "correlation_time": np.array([0.4, 0.2]),
+        "lasting": np.array([0.05, 0.0]),
+        "fitted_speed": np.array([1.5, 1.2]),
+        "fitted_load": np.array([40.0, 5.0]),
+        "K_0": np.full(N, 20.0),
+        "resolution": np.full(N, 1e-4),
+    }
+    return TorqueErrorModel(**(values | changes))
+
+
+def motion(samples: int = 600) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Slow and fast, with reversals and a rest, positions rounded to .1 mrad."""
+    t = STEP * np.arange(600)
+    q = np.stack([0.9 * np.sin(2.0 * t), 0.8 * np.cos(2.6 * t)], axis=1)
+    q[400:500] = q[400]
+    v = np.gradient(q, STEP, axis=0)
+    v[400:500] = 0.0
+    load = np.stack([60.0 * np.cos(t), 4.0 * np.sin(t)], axis=1)
+    return np.round(q, 4)[:samples], v[:samples], load[:samples]
+
+
+def test_the_formula_written_out() -> None:
+    own, friction, (q, v, load) = model(), law(), motion()
+    found, stiction = own.along(friction, q, v, load, STEP)
+    pole = np.exp(-20.0 * STEP)
+    p, w, z = q[0].copy(), np.ones(N), np.ones(N)
+    unknown = turning = slow = before = np.zeros(N)
+    for k in range(len(q)):
+        at = np.clip(p + v[k] * STEP, q[k] - 5e-5, q[k] + 5e-5) if k else q[0]
+        moved, p = (at - p) / own.reach, at
+        fading = np.exp(-((v[k] / friction.stribeck_velocity) ** 2))
+        level = friction.coulomb + friction.stribeck * fading + friction.load * np.abs(before)
+        w = (1.0 - (1.0 - w) * np.exp(-2.0 * STEP / own.rest_time)) * np.exp(-np.abs(moved))
+        z = np.clip(z + moved, -1.0, 1.0)
+        a = pole if k else 0.0
+        unknown = a * unknown + (1.0 - a) * level * np.sqrt(w / 3.0)
+        turning = a * turning + (1.0 - a) * level * (1.0 - z**2) * (1.0 - w)
+        slow = a * slow + (1.0 - a) * v[k]
+        held = unknown**2 + (own.reversal * turning) ** 2
+        viscous = VISCOUS * v[k] + friction.cubic * v[k] ** 3
+        fast = np.abs(v[k]) - friction.speed_limit
+        tangent = np.maximum(3.0 * friction.cubic * friction.speed_limit**2, -VISCOUS)
+        viscous = np.where(
+            fast > 0.0,
+            VISCOUS * v[k]
+            + np.sign(v[k]) * (friction.cubic * friction.speed_limit**3 + tangent * fast),
+            viscous,
+        )
+        variance = own.constant**2 + (own.speed * v[k]) ** 2 + (own.load * before) ** 2
+        variance += (own.acceleration * 20.0 * (v[k] - slow)) ** 2 + held
+        variance += (own.drift * viscous) ** 2
+        variance += (
+            own.beyond_speed * VISCOUS * np.maximum(np.abs(v[k]) - own.fitted_speed, 0.0)
+        ) ** 2
+        variance += (own.beyond_load * np.maximum(np.abs(before) - own.fitted_load, 0.0)) ** 2
+        np.testing.assert_allclose(found[k], np.sqrt(variance), rtol=1e-10)
+        np.testing.assert_allclose(stiction[k], np.sqrt(held), rtol=1e-10, atol=1e-14)
+        before = load[k]
+    assert (np.abs(v) > own.fitted_speed).any()
+    assert (np.abs(load) > own.fitted_load).any()
+
+
+def test_tick_by_tick_is_the_log() -> None:
+    own, friction, (q, v, load) = model(), law(), motion(200)
+    sd, stiction = own.along(friction, q, v, load, STEP)
+    table, state = own.table(friction, STEP, 20.0), own.initial_state()
+    assert state.shape == (TORQUE_ERROR_ROWS, N)
+    one, held = np.empty(N), np.empty(N)
+    for k in range(200):
+        torque_sd_tick(table, state, q[k], v[k], load[k], one, held)
+        np.testing.assert_array_equal(one, sd[k])
+        np.testing.assert_array_equal(held, stiction[k])
+
+
+def still(samples: int = 500) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    q = np.full((samples, N), 0.3)
+    return q, np.zeros_like(q), np.zeros_like(q)
+
+
+def test_a_joint_at_rest_has_the_sd_of_its_stiction_band() -> None:
+    """Even between minus and plus 16 and 3 N m, of variance 16^2 / 3 and 3^2 / 3."""
+    sd, stiction = model().along(law(), *still(), STEP)
+    level = np.array([16.0, 3.0])
+    np.testing.assert_allclose(stiction, np.tile(level / np.sqrt(3.0), (500, 1)), rtol=1e-12)
+    np.testing.assert_allclose(sd, np.hypot(stiction, model().constant), rtol=1e-12)
+
+
+def test_the_load_widens_the_band_of_a_joint_at_rest() -> None:
+    q, v, load = still()
+    load[:] = 30.0
+    _, stiction = model().along(law(), q, v, load, STEP)
+    np.testing.assert_allclose(stiction[-1, 0], (16.0 + 0.05 * 30.0) / np.sqrt(3.0), rtol=1e-4)
+
+
+def test_sliding_forgets_stiction_and_rest_brings_it_back() -> None:
+    """At .2 rad/s next to nothing is unknown; five rest times later, all."""
+    slide = 0.2 * STEP * np.arange(200)
+    q = np.concatenate([slide, np.full(250, slide[-1])])[:, None] * np.ones(N)
+    v = np.concatenate([np.full(200, 0.2), np.zeros(250)])[:, None] * np.ones(N)
+    _, stiction = model().along(law(), q, v, np.zeros_like(q), STEP)
+    assert (stiction[199] < 0.12 * model().constant).all()
+    np.testing.assert_allclose(stiction[-1], np.array([16.0, 3.0]) / np.sqrt(3.0), rtol=1e-3)
+
+
+def test_a_reversal_is_remembered_as_long_as_the_observer_remembers_it() -> None:
+    t = STEP * np.arange(400)
+    v = 3.0 * (1.0 - t)[:, None] * np.ones(N)  # turns at 1 s
+    q = 3.0 * (t - 0.5 * t**2)[:, None] * np.ones(N)
+    own = model(resolution=np.zeros(N))
+    _, stiction = own.along(law(), q, v, np.zeros_like(q), STEP)
+    peak = 50 + stiction[50:, 0].argmax()  # before: the start, where nothing is known
+    assert 100 <= peak <= 108
+    assert stiction[90, 0] < 0.1 * stiction[peak, 0]
+    fading = stiction[peak + 15 : peak + 25, 0]
+    np.testing.assert_allclose(fading[1:] / fading[:-1], np.exp(-20.0 * STEP), atol=0.03)
+
+
+def test_an_encoder_that_flickers_does_not_move_a_joint_at_rest() -> None:
+    q, v, load = still()
+    q = q + np.where(np.arange(500) % 3 == 0, 1e-4, 0.0)[:, None]
+    sd, _ = model().along(law(), q, v, load, STEP)
+    quiet, _ = model().along(law(), *still(), STEP)
+    np.testing.assert_allclose(sd[100:], quiet[100:], rtol=2e-2)
+    seen, _ = model().along(law(), q, v, load, STEP, resolution=0.0)
+    assert (seen[100:, 0] < 0.8 * quiet[100:, 0]).all()
+
+
+def test_a_change_in_the_last_digit_of_a_position_stays_one() -> None:
+    own, friction, (q, v, load) = model(), law(), motion()
+    sd, _ = own.along(friction, q, v, load, STEP)
+    shift = 1e-12 * np.random.default_rng(0).choice([-1.0, 1.0], q.shape)
+    shifted, _ = own.along(friction, q + shift, v + shift, load, STEP)
+    # Some 20 N m over .3 mrad, and 1e-12 rad a tick for as long as w lasts.
+    np.testing.assert_allclose(shifted, sd, atol=1e-6)
+
+
+def test_a_sample_that_is_not_finite_costs_its_row_alone() -> None:
+    own, friction, (q, v, load) = model(), law(), motion(300)
+    broken, fast = q.copy(), v.copy()
+    broken[100], fast[150] = np.nan, np.inf
+    sd, stiction = own.along(friction, broken, fast, load, STEP)
+    assert np.isfinite(sd).all()
+    assert np.isfinite(stiction).all()
+    whole, _ = own.along(friction, q, v, load, STEP)
+    np.testing.assert_array_equal(sd[:100], whole[:100])
+    np.testing.assert_allclose(sd[200:], whole[200:], rtol=0.02)
+
+
+def test_another_gain_filters_the_smooth_part_as_the_observer_does() -> None:
+    """A process of correlation time T through K_0 / (s + K_0), simulated."""
+    T, step, K_0 = 0.2, 1e-3, np.array([5.0, 40.0])
+    rng = np.random.default_rng(1)
+    a = np.exp(-step / T)
+    x = np.zeros(400_000)
+    noise = rng.normal(scale=np.sqrt(1.0 - a * a), size=len(x))
+    for k in range(1, len(x)):
+        x[k] = a * x[k - 1] + noise[k]
+    rms = []
+    for gain in (20.0, *K_0):
+        pole, y, total = np.exp(-gain * step), 0.0, 0.0
+        for value in x:
+            y = pole * y + (1.0 - pole) * value
+            total += y * y
+        rms.append(np.sqrt(total / len(x)))
+    own = model(
+        correlation_time=np.full(N, T),
+        speed=np.zeros(N),
+        acceleration=np.zeros(N),
+        load=np.zeros(N),
+    )
+    calm = law(coulomb=np.zeros(N), stribeck=np.zeros(N), load=np.zeros(N))
+    for gain, found in zip(K_0, rms[1:], strict=True):
+        sd, _ = own.along(calm, *still(), STEP, K_0=gain)
+        # 400 s hold some thousand correlation times: 3 % of an sd.
+        np.testing.assert_allclose(sd[-1] / own.constant, found / rms[0], rtol=0.05)
+
+
+def test_an_average_over_a_window() -> None:
+    T, step = 0.3, 0.01
+    rng = np.random.default_rng(2)
+    a = np.exp(-step / T)
+    x = rng.normal(size=2000)  # runs side by side
+    windows = {10: [], 100: [], 300: []}  # type: dict[int, list[float]]
+    total, count = np.zeros(2000), 0
+    for _ in range(300):
+        x = a * x + np.sqrt(1.0 - a * a) * rng.normal(size=2000)
+        total, count = total + x, count + 1
+        if count in windows:
+            windows[count] = [float(np.std(total / count))]
+    own = model(correlation_time=np.full(N, T), lasting=np.zeros(N))
+    for samples, (spread,) in windows.items():
+        found = own.average_sd(np.ones(N), samples * step)
+        np.testing.assert_allclose(found, spread, rtol=0.06)  # 2000 runs: 1.6 % of an sd
+    lasting = replace(own, lasting=np.full(N, 0.25)).average_sd(np.ones(N), 1e6)
+    np.testing.assert_allclose(lasting, 0.5, rtol=1e-3)
+    assert averaged_share(0.0) == pytest.approx(1.0, abs=1e-5)
+
+
+def test_a_law_without_memory_has_its_coulomb_friction_as_band() -> None:
+    plain = SemiParametricFriction(CoulombViscous(np.array([9.0, 3.0]), VISCOUS, np.zeros(N)))
+    _, stiction = model().along(plain, *still(), STEP)
+    np.testing.assert_allclose(stiction[-1], np.array([9.0, 3.0]) / np.sqrt(3.0), rtol=1e-12)
+
+
+def test_the_stated_assumptions_are_numbers_of_the_model() -> None:
+    own, friction, (q, v, load) = model(), law(), motion()
+    plain = replace(own, drift=0.0, beyond_speed=0.0, beyond_load=0.0)
+    assert (
+        own.along(friction, q, v, load, STEP)[0] >= plain.along(friction, q, v, load, STEP)[0]
+    ).all()
+    refreshed = own.with_drift(0.0)
+    assert refreshed.drift == 0.0
+    assert refreshed.beyond_speed == own.beyond_speed
+
+
+def test_plain_numbers_and_back() -> None:
+    own = model(drift=0.1)
+    values = own.to_dict()
+    again = TorqueErrorModel.from_dict(values)
+    assert again.to_dict() == values
+    assert all(isinstance(value, (float, list)) for value in values.values())
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("constant", [0.0, 1.0]),
+        ("speed", [-1.0, 1.0]),
+        ("load", [1.0]),
+        ("acceleration", [np.nan, 1.0]),
+        ("correlation", [[1.0, 1.0], [1.0, 1.0]]),
+        ("correlation", [[2.0, 0.0], [0.0, 1.0]]),
+        ("correlation_time", [0.0, 1.0]),
+        ("reach", 0.0),
+        ("drift", -0.1),
+    ],
+)
+def test_what_cannot_be(key: str, value: object) -> None:
+    with pytest.raises(ValueError, match=key):
+        TorqueErrorModel.from_dict(model().to_dict() | {key: value})
+
+
+def test_keys_that_are_missing_or_unknown() -> None:
+    values = model().to_dict()
+    with pytest.raises(ValueError, match="speeed: unknown"):
+        TorqueErrorModel.from_dict(values | {"speeed": 1.0})
+    del values["load"]
+    with pytest.raises(ValueError, match="load: missing"):
+        TorqueErrorModel.from_dict(values)

@@ -1,0 +1,141 @@
+"""A model that knows its own error reads the same as a log, as stages and as one block."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput
+
+from diagrams.estimator import add_estimator, make_estimator
+from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from models.estimation.momentum_observer import MomentumObserverConfig
+from models.estimation.wrench import METHODS, WrenchReconstructionConfig
+from models.friction.presliding_friction import PreslidingFriction
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.identification.identified_model import IdentifiedModel
+from models.identification.torque_error_model import TorqueErrorModel
+from systems.recording_player import RecordingPlayer, Samples
+from systems.trusted_wrench_reading import TrustedWrenchReading
+
+T, N, ROWS = 1e-3, 6, 300
+OUTPUTS = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
+
+
+@pytest.fixture(scope="module")
+def model(sts):
+    ones = np.ones(N)
+    friction = PreslidingFriction(
+        SemiParametricFriction(CoulombViscous(0.0 * ones, 4.0 * ones, 0.1 * ones)),
+        coulomb=5.0 * ones,
+        stribeck=ones,
+        stribeck_velocity=0.1 * ones,
+        load=0.1 * ones,
+        cubic=0.2 * ones,
+        weight=np.ones((N, 1)),
+        displacement=np.full((N, 1), 1e-3),
+    )
+    error = TorqueErrorModel(
+        constant=0.3 * ones,
+        speed=0.2 * ones,
+        load=0.02 * ones,
+        acceleration=0.01 * ones,
+        reversal=0.3 * ones,
+        correlation=0.1 + 0.9 * np.eye(N),
+        correlation_time=0.3 * ones,
+        lasting=0.1 * ones,
+        fitted_speed=1.5 * ones,
+        fitted_load=30.0 * ones,
+        K_0=20.0 * ones,
+        resolution=1e-4 * ones,
+    )
+    return replace(IdentifiedModel.nominal(sts), friction=friction, torque_error=error)
+
+
+@pytest.fixture(scope="module")
+def log(sts):
+    """A motion that rests, starts and turns round, with two holes."""
+    rng = np.random.default_rng(11)
+    t = np.maximum(np.arange(ROWS)[:, None] * T - 0.05, 0.0)
+    rate = rng.uniform(5.0, 20.0, N)
+    q = sts.home + 0.1 * (1.0 - np.cos(rate * t))
+    v = 0.1 * rate * np.sin(rate * t)
+    current = 2.0 * np.sin(3.0 * rate * t) + 0.05 * rng.normal(size=(ROWS, N))
+    q[150:152, 2] = np.nan
+    current[200, 1] = np.inf
+    return q, v, current
+
+
+def play(robot, model, configuration, log, fused):
+    builder = DiagramBuilder()
+    player = builder.AddSystem(RecordingPlayer(N, T))
+    ports = {name: player.GetOutputPort(name) for name in ("q", "v", "current")}
+    estimator = add_estimator(builder, robot, model, configuration, **ports, fused=fused)
+    sinks = {name: LogVectorOutput(estimator.GetOutputPort(name), builder, T) for name in OUTPUTS}
+    simulator = Simulator(builder.Build())
+    context = simulator.get_mutable_context()
+    player.load(player.GetMyMutableContextFromRoot(context), Samples(*log))
+    simulator.AdvanceTo((ROWS - 0.5) * T)
+    return {name: sink.FindLog(context).data().T for name, sink in sinks.items()}
+
+
+def test_ports(sts, model):
+    estimator = WrenchEstimator(sts, model, WrenchEstimatorConfig())
+    system = TrustedWrenchReading(estimator.trusted, T)
+    names = [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
+    assert names == ["q", "v", "terms", "tau_ext", "tau_ext_valid", "tau_J", "tau_f"]
+    assert system.GetOutputPort("reading").size() == 44
+    for late in ("tau_J", "tau_f"):
+        port = system.GetInputPort(late).get_index()
+        assert not system.HasDirectFeedthrough(int(port), 0)
+
+
+@pytest.mark.parametrize("fused", [False, True])
+@pytest.mark.parametrize("method", METHODS)
+def test_diagram_and_log_read_the_same(sts, model, log, method, fused):
+    configuration = WrenchEstimatorConfig(
+        MomentumObserverConfig([20.0], T), WrenchReconstructionConfig(method)
+    )
+    estimator = WrenchEstimator(sts, model, configuration)
+    batch = estimator.run(estimator.initial_state(), *log)
+    played = play(sts, model, configuration, log, fused)
+    expected = {
+        "tau_ext": batch.tau_ext,
+        "wrench": batch.wrench,
+        "covariance": batch.covariance.reshape(ROWS, 36),
+        "condition_number": batch.condition_number[:, None],
+        "valid": batch.valid[:, None],
+    }
+    for name, values in expected.items():
+        # The same kernels; a covariance of 1e8 leaves 1e-12 of itself to rounding.
+        scale = max(1.0, float(np.abs(values[np.isfinite(values)]).max()))
+        np.testing.assert_allclose(played[name], values, rtol=0.0, atol=1e-12 * scale, err_msg=name)
+    assert np.ptp(batch.torque_sd[:, 0]) > 0.1  # the error does follow the motion
+
+
+def test_a_tick_and_a_log_read_the_same(sts, model, log):
+    estimator = WrenchEstimator(
+        sts, model, WrenchEstimatorConfig(MomentumObserverConfig([20.0], T))
+    )
+    batch = estimator.run(estimator.initial_state(), *log)
+    state = estimator.initial_state()
+    ticks = [estimator.step(state, *row) for row in zip(*log, strict=True)]
+    np.testing.assert_allclose(
+        [tick.wrench for tick in ticks], batch.wrench, rtol=0.0, atol=1e-12 * 1e3
+    )
+    assert [bool(tick.valid) for tick in ticks] == batch.valid.tolist()
+
+
+@pytest.mark.parametrize("fused", [False, True])
+def test_what_an_air_pass_taught_is_read_so_too(sts, model, fused):
+    """Its inputs are those of an estimator without a torque error."""
+    plain = replace(model, torque_error=None)
+    names = []
+    for own in (plain, model):
+        estimator = make_estimator(sts, own, WrenchEstimatorConfig(), taught=True, fused=fused)
+        names.append(
+            [estimator.get_input_port(i).get_name() for i in range(estimator.num_input_ports())]
+            + [estimator.get_output_port(i).get_name() for i in range(estimator.num_output_ports())]
+        )
+    assert names[0] == names[1]

@@ -1,0 +1,367 @@
+"""What a stranger adds by a file of one's own and one line: observer, friction term, log container.
+
+Each is registered as the documentation says, runs wherever the bundled ones do, and is taken out
+again.
+"""
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+from numba import njit
+from numpy.typing import NDArray
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput
+
+from analyses.methods.learning.identification import identify
+from analyses.methods.learning.identification_config import IdentificationConfig
+from diagrams.estimator import add_estimator
+from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
+from models.estimation.momentum_observer import MomentumObserverConfig
+from models.estimation.observer import (
+    CTV,
+    GRAVITY,
+    MOMENTUM,
+    TAU_EXT,
+    TAU_F,
+    TAU_J,
+    TORQUE_SD,
+    ObserverKernels,
+)
+from models.estimation.observers import OBSERVERS
+from models.files.input_error import InputError
+from models.friction.extended_friction import ExtendedFriction
+from models.friction.friction_structure import FrictionStructure
+from models.friction.friction_terms import TERMS, FrictionTerm
+from models.identification.identified_model import IdentifiedModel
+from models.recordings.log_containers import CONTAINERS
+from models.recordings.recording import Recording
+from models.recordings.recording_format import RecordingFormat
+from models.recordings.recording_reader import read_recording
+from models.recordings.recording_writer import write_recording
+from models.robot.robot import Robot
+from systems.recording_player import RecordingPlayer, Samples
+
+Array = NDArray[np.float64]
+
+T = 1e-3
+OUTPUTS = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
+
+
+# An observer --------------------------------------------------------------------------------------
+
+
+@dataclass
+class CautiousConfig:
+    """A first-order observer that reads nothing where a joint's torque may all be error."""
+
+    bandwidth: float = 30.0  # 1/s
+    time_step: float = T
+
+
+@njit(cache=True, error_model="numpy")
+def cautious_output(table: Array, state: Array, signals: Array, J: Array) -> bool:
+    for i in range(signals.shape[1]):
+        model = signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i]
+        arrived = signals[MOMENTUM, i] - 0.5 * table[1] * model
+        raw = state[1, i]
+        if np.isfinite(arrived) and np.isfinite(state[0, i]):
+            share = -np.expm1(-table[0] * table[1])
+            raw += share * ((arrived - state[0, i]) / table[1] - raw)
+        felt = np.abs(J[:, i]).sum() > 0.0
+        shrunk = max(abs(raw) - 0.1 * signals[TORQUE_SD, i], 0.0)
+        signals[TAU_EXT, i] = np.copysign(shrunk, raw) if felt else 0.0
+    return bool(np.isfinite(state[0]).all())
+
+
+@njit(cache=True, error_model="numpy")
+def cautious_update(table: Array, state: Array, signals: Array, J: Array) -> None:
+    for i in range(signals.shape[1]):
+        model = 0.5 * table[1] * (signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i])
+        arrived = signals[MOMENTUM, i] - model
+        if np.isfinite(arrived) and np.isfinite(state[0, i]):
+            share = -np.expm1(-table[0] * table[1])
+            state[1, i] += share * ((arrived - state[0, i]) / table[1] - state[1, i])
+        state[0, i] = signals[MOMENTUM, i] + model + table[1] * signals[TAU_J, i]
+
+
+class CautiousObserver:
+    Config: ClassVar[type] = CautiousConfig
+    kernels: ClassVar[ObserverKernels] = ObserverKernels(cautious_output, cautious_update)
+
+    def __init__(self, config: CautiousConfig, num_joints: int) -> None:
+        self.config, self.num_joints = config, num_joints
+        self.time_step = config.time_step
+        self.table = np.array([config.bandwidth, config.time_step])
+        self.reads_present_torque = False
+        self.pole = None
+        self.settling_time = 3.0 / config.bandwidth
+
+    @property
+    def parameters(self) -> dict[str, Array]:
+        return {"bandwidth": np.array([self.config.bandwidth])}
+
+    def with_parameters(self, values: dict[str, Array]) -> "CautiousObserver":
+        config = replace(self.config, bandwidth=float(values["bandwidth"][0]))
+        return CautiousObserver(config, self.num_joints)
+
+    def initial_state(self) -> Array:
+        return np.vstack([np.full(self.num_joints, np.nan), np.zeros(self.num_joints)])
+
+
+@pytest.fixture
+def observer() -> Iterator[None]:
+    OBSERVERS.append(CautiousObserver)
+    yield
+    OBSERVERS.remove(CautiousObserver)
+
+
+# A friction term ----------------------------------------------------------------------------------
+
+
+@njit(cache=True, error_model="numpy")
+def seal(q: float, v: float) -> float:
+    """A seal that drags more on one side of its turn."""
+    return float(np.tanh(20.0 * v) * (1.0 + np.sin(q)))
+
+
+@pytest.fixture
+def term() -> Iterator[FrictionTerm]:
+    own = FrictionTerm("seal", seal, laws=("coulomb-viscous-offset", "presliding"), least=0.0)
+    TERMS.append(own)
+    yield own
+    TERMS.remove(own)
+
+
+# A log container ----------------------------------------------------------------------------------
+
+
+class NumpyTable:
+    row_word = "row"
+
+    def __init__(self, path: Path) -> None:
+        with np.load(path) as file:
+            self.names: tuple[str, ...] | None = tuple(file.files)
+            self._values = np.stack([file[name].astype(float) for name in file.files], axis=1)
+        self.num_columns = self._values.shape[1]
+        self.notices: list[str] = []
+        self.progress = 0.0
+
+    def blocks(
+        self,
+        columns: list[int],
+        rows: tuple[int, int] | None = None,
+        may_be_empty: Collection[int] = (),
+    ) -> Iterator[tuple[Array, NDArray[np.int64]]]:
+        first, last = rows or (1, len(self._values))
+        for begin in range(first - 1, last, 20):
+            end = min(begin + 20, last)
+            self.progress = end / len(self._values)
+            yield self._values[begin:end][:, columns], np.arange(begin + 1, end + 1)
+
+
+class NumpyContainer:
+    suffixes: tuple[str, ...] = (".npz",)
+
+    def open(self, path: Path, form: RecordingFormat | None) -> NumpyTable:
+        return NumpyTable(path)
+
+    def write(self, path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
+        np.savez(path, **dict(columns))
+
+
+@pytest.fixture
+def container() -> Iterator[None]:
+    own = NumpyContainer()
+    CONTAINERS.append(own)
+    yield
+    CONTAINERS.remove(own)
+
+
+# --------------------------------------------------------------------------------------------------
+
+
+def motion(robot: Robot, rows: int, step: float = T) -> tuple[Array, Array, Array]:
+    """q, v and vdot of all joints in motion."""
+    rng = np.random.default_rng(11)
+    t = np.arange(rows)[:, None] * step
+    phase, rate = rng.uniform(0.0, 6.0, (2, 1, robot.num_joints))
+    rate = 1.0 + rate
+    other = 1.7 * rate
+    q = robot.home + 0.4 * np.sin(rate * t + phase) + 0.2 * np.sin(other * t)
+    v = 0.4 * rate * np.cos(rate * t + phase) + 0.2 * other * np.cos(other * t)
+    vdot = -0.4 * rate**2 * np.sin(rate * t + phase) - 0.2 * other**2 * np.sin(other * t)
+    return q, v, vdot
+
+
+def samples(robot: Robot, rows: int = 300) -> tuple[Array, Array, Array]:
+    q, v, _ = motion(robot, rows)
+    current = np.sin(3.0 * q) + 0.05 * np.random.default_rng(1).normal(size=q.shape)
+    current[120, 1] = np.nan
+    return q, v, current
+
+
+def batch(
+    robot: Robot, model: IdentifiedModel, config: WrenchEstimatorConfig, log: tuple[Array, ...]
+) -> EstimateBatch:
+    estimator = WrenchEstimator(robot, model, config)
+    return estimator.run(estimator.initial_state(), *log)
+
+
+def ticks(
+    robot: Robot, model: IdentifiedModel, config: WrenchEstimatorConfig, log: tuple[Array, ...]
+) -> Array:
+    estimator = WrenchEstimator(robot, model, config)
+    state = estimator.initial_state()
+    return np.array([estimator.step(state, *sample).wrench for sample in zip(*log, strict=True)])
+
+
+def in_diagram(
+    robot: Robot,
+    model: IdentifiedModel,
+    config: WrenchEstimatorConfig,
+    log: tuple[Array, ...],
+    fused: bool,
+) -> dict[str, Array]:
+    builder = DiagramBuilder()
+    player = builder.AddSystem(RecordingPlayer(robot.num_joints, T))
+    ports = {name: player.GetOutputPort(name) for name in ("q", "v", "current")}
+    estimator = add_estimator(builder, robot, model, config, **ports, fused=fused)
+    sinks = {name: LogVectorOutput(estimator.GetOutputPort(name), builder, T) for name in OUTPUTS}
+    simulator = Simulator(builder.Build())
+    context = simulator.get_mutable_context()
+    player.load(player.GetMyMutableContextFromRoot(context), Samples(*log))
+    simulator.AdvanceTo((len(log[0]) - 0.5) * T)
+    return {name: sink.FindLog(context).data().T for name, sink in sinks.items()}
+
+
+def assert_alike_everywhere(
+    robot: Robot, model: IdentifiedModel, config: WrenchEstimatorConfig
+) -> EstimateBatch:
+    """Log, ticks, diagram of stages and fused block read the same."""
+    log = samples(robot)
+    found = batch(robot, model, config, log)
+    assert np.isfinite(found.wrench).all()
+    assert found.valid.any()
+    close = {"rtol": 0.0, "atol": 1e-9}  # what is asked of two engines
+    np.testing.assert_allclose(ticks(robot, model, config, log), found.wrench, **close)
+    for fused in (False, True):
+        seen = in_diagram(robot, model, config, log, fused)
+        np.testing.assert_allclose(seen["tau_ext"], found.tau_ext, **close)
+        np.testing.assert_allclose(seen["wrench"], found.wrench, **close)
+        np.testing.assert_array_equal(seen["valid"][:, 0] == 1.0, found.valid)
+    return found
+
+
+@pytest.mark.usefixtures("observer")
+def test_an_observer_runs_in_every_engine(sts: Robot) -> None:
+    model = IdentifiedModel.nominal(sts)
+    found = assert_alike_everywhere(sts, model, WrenchEstimatorConfig(CautiousConfig()))
+    plain = batch(sts, model, WrenchEstimatorConfig(MomentumObserverConfig([30.0])), samples(sts))
+    sd = np.sqrt(np.diag(model.residual_covariance))
+    # The oracle: the bundled observer of the same pole, less a tenth of a standard deviation. A
+    # sample that is not finite ends the comparison: the toy does not keep what it had before.
+    shrunk = np.sign(plain.tau_ext) * np.maximum(np.abs(plain.tau_ext) - 0.1 * sd, 0.0)
+    np.testing.assert_allclose(found.tau_ext[:120], shrunk[:120], rtol=0.0, atol=1e-9)
+    assert np.abs(found.tau_ext - plain.tau_ext).max() > 1e-3
+
+
+def test_an_observer_that_is_taken_out_is_unknown(sts: Robot) -> None:
+    model = IdentifiedModel.nominal(sts)
+    with pytest.raises(ValueError, match="expected one of MomentumObserverConfig"):
+        WrenchEstimator(sts, model, WrenchEstimatorConfig(CautiousConfig()))
+
+
+@pytest.mark.parametrize("below", ["coulomb-viscous-offset", "presliding"])
+def test_a_friction_term_runs_in_every_engine(
+    sts: Robot, term: FrictionTerm, below: str, tmp_path: Path
+) -> None:
+    n = sts.num_joints
+    structure = FrictionStructure.of(f"{below}+seal", n)
+    values = {"coulomb": 3.0, "viscous": 2.0, "offset": 0.1, "stribeck": 0.5}
+    values |= {"load": 0.05, "cubic": 0.1, "seal": 1.5}
+    law = structure.law([np.array([values[name] for name in own]) for own in structure.terms])
+    assert isinstance(law, ExtendedFriction)
+    model = replace(IdentifiedModel.nominal(sts), friction=law)
+    found = assert_alike_everywhere(sts, model, WrenchEstimatorConfig())
+
+    # The oracle: the law below, with the term's torque taken off the motor's instead.
+    q, v, current = samples(sts)
+    drag = np.tanh(20.0 * v) * (1.0 + np.sin(q)) * 1.5
+    if below != "presliding":  # whose load would feel it
+        drive = sts.torque_per_ampere * sts.current_sign
+        plain = replace(model, friction=law.law)
+        # Torque is held over a tick, friction averaged over its ends: the same in the limit.
+        off = batch(sts, plain, WrenchEstimatorConfig(), (q, v, current - drag / drive))
+        assert np.abs(found.tau_ext - off.tau_ext)[:120].max() < 0.05
+        assert np.abs(off.tau_ext).max() > 1.0
+    along = law.torque_along(q, v, np.zeros_like(q)) - law.law.torque_along(q, v, np.zeros_like(q))
+    np.testing.assert_allclose(along, drag, rtol=0.0, atol=1e-12)
+
+    model.save(tmp_path / "model.yaml")
+    loaded = IdentifiedModel.load(tmp_path / "model.yaml", sts).friction
+    np.testing.assert_array_equal(loaded.slip_table, law.slip_table)
+    TERMS.remove(term)
+    try:
+        with pytest.raises(InputError, match='no friction term is registered as "seal"'):
+            IdentifiedModel.load(tmp_path / "model.yaml", sts)
+    finally:
+        TERMS.append(term)
+
+
+@pytest.mark.usefixtures("term")
+def test_identify_knows_a_registered_term(sts: Robot) -> None:
+    step = 0.01
+    q, v, vdot = motion(sts, 4000, step)
+    n = sts.num_joints
+    coefficient = np.linspace(2.0, 1.0, n)
+    tau = sts.chain.inverse_dynamics(q, v, vdot) + 3.0 * v + 4.0 * np.sign(v)
+    tau = tau + coefficient * np.tanh(20.0 * v) * (1.0 + np.sin(q))
+    recording = Recording(
+        t=step * np.arange(len(q)),
+        q=q,
+        v=v,
+        current=tau / (sts.torque_per_ampere * sts.current_sign),
+        source="made up",
+    )
+    config = IdentificationConfig(friction="coulomb-viscous-offset+seal", loss="squares")
+    result = identify([recording], sts, config=config)
+    friction = result.model.friction
+    assert isinstance(friction, ExtendedFriction)
+    # Filtered alike on both sides; what is left is the low-pass's ripple over the signs.
+    np.testing.assert_allclose(friction.coefficients[:, 0], coefficient, rtol=0.05)
+    assert result.metrics()["friction"]["law"] == "coulomb-viscous-offset+seal"
+    np.testing.assert_allclose(
+        result.metrics()["friction"]["terms"]["seal"], friction.coefficients[:, 0]
+    )
+
+
+def test_a_term_that_is_taken_out_is_unknown(sts: Robot) -> None:
+    with pytest.raises(InputError, match="no friction law is named 'presliding\\+seal'"):
+        identify([], sts, config=IdentificationConfig(friction="presliding+seal"))
+
+
+def test_a_log_container_reads_back_and_is_gone_after(
+    sts: Robot, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    q, v, _ = motion(sts, 50)
+    recording = Recording(t=T * np.arange(50), q=q, v=v, current=0.1 * q, source="made up")
+    path = tmp_path / "log.npz"
+    with pytest.raises(InputError, match=r"expected \.csv or \.parquet"):
+        write_recording(recording, path)
+    request.getfixturevalue("container")
+    write_recording(recording, path)
+    again = read_recording(path, robot=sts, check=False)
+    for name in ("t", "q", "v", "current"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(recording, name))
+    (own,) = (kind for kind in CONTAINERS if ".npz" in kind.suffixes)
+    CONTAINERS.remove(own)
+    try:
+        with pytest.raises(InputError, match=r"expected \.csv, \.parquet or \.yaml"):
+            read_recording(path)
+    finally:
+        CONTAINERS.append(own)
