@@ -14,7 +14,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from models.files.input_error import InputError
 from models.robot.robot import Robot, bundled_robots
-from models.robot.robot_config import DriveConfig
+from models.robot.robot_config import DriveConfig, PoseConfig, ToolConfig
 
 Array = NDArray[np.float64]
 
@@ -370,6 +370,27 @@ def test_kinematics_digest_tells_arms_apart_but_not_tools(tmp_path: Path) -> Non
     drives = small_config()["drives"]
     drives[1]["joint"] = "ellbow"
     assert load_small(tmp_path, renamed, drives=drives).kinematics_digest != plain
+
+
+def test_another_tool_moves_the_frame_and_weighs(ur10e: Robot) -> None:
+    com, mass = [0.01, -0.02, 0.1], 2.5
+    tool = ToolConfig(mass=mass, com=com, inertia=[0.01, 0.01, 0.01, 0.0, 0.0, 0.0])
+    other = ur10e.with_tool(tool, PoseConfig([0.0, 0.05, 0.2]))
+    q = ur10e.home + 0.3
+    R_WE, p_WE = ur10e.chain.pose(q)
+    np.testing.assert_allclose(other.chain.pose(q)[1], p_WE + R_WE @ [0.0, 0.05, 0.2], atol=1e-12)
+    # The weight at the tool's centre of mass, through the Jacobian there.
+    J = ur10e.with_tool(None, PoseConfig(com)).chain.jacobian(q)
+    weight = mass * np.array([0.0, 0.0, -9.81])
+    np.testing.assert_allclose(
+        other.chain.gravity_torque(q), ur10e.chain.gravity_torque(q) - J[3:].T @ weight, atol=1e-10
+    )
+    assert ur10e.config.tool is None  # as it was
+
+
+def test_another_tool_is_checked(ur10e: Robot) -> None:
+    with pytest.raises(InputError, match=r"tool\.com"):
+        ur10e.with_tool(ToolConfig(mass=1.0, com=[0.0], inertia=[0.0] * 6), PoseConfig())
 
 
 def test_simulated_truth_is_zero_where_not_given(tmp_path: Path) -> None:
