@@ -8,7 +8,7 @@ STUDY_OPTIONS = $(if $(QUICK),--quick) $(if $(FRESH),--fresh)
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
-.PHONY: study test lint bench docs readme clean
+.PHONY: study test test-generic lint bench docs readme clean
 .DELETE_ON_ERROR:
 
 study: .venv/.ready
@@ -16,6 +16,11 @@ study: .venv/.ready
 
 test: .venv/.ready-test
 	$(BIN)/python -m pytest -n $(JOBS)
+
+# As another processor would: no instruction but the oldest, another BLAS kernel.
+test-generic: .venv/.ready-test
+	NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=out/numba-generic \
+	OPENBLAS_CORETYPE=Prescott $(BIN)/python -m pytest -n $(JOBS)
 
 lint: .venv/.ready-lint
 	$(BIN)/ruff check .
