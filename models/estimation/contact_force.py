@@ -86,7 +86,7 @@ class ContactForceConfig:
     inertial_time: float = 0.1  # s, over which a large one is remembered
     lag: float = 0.06  # s after which the force of a block is read
     misfit_time: float = 0.3  # s, over which innovations are judged
-    gap: float = 0.05  # s without a known motion, after which the force starts afresh
+    gap: float = 0.05  # s without a known motion, after which the force may be any
     friction: FrictionErrorConfig = field(default_factory=FrictionErrorConfig)
 
 
@@ -268,9 +268,9 @@ class _Filter:
         H = np.hstack([blocks.H[k], np.eye(n), np.eye(n), f[:, None], np.zeros((n, self.lag))])
         innovation = y - H @ self.x
         S = H @ self._P @ H.T + np.diag(R)
-        afresh = self._unknown > config.gap
-        jumps = not afresh and self._has_jumped(H[:, _NORMAL], S, innovation)
-        if jumps or afresh:
+        after_gap = self._unknown > config.gap
+        jumps = not after_gap and self._has_jumped(H[:, _NORMAL], S, innovation)
+        if jumps:
             S = S + config.normal_sd**2 * np.outer(H[:, _NORMAL], H[:, _NORMAL])
             self._P[_NORMAL, _NORMAL] += config.normal_sd**2
         gain = np.linalg.solve(S, H @ self._P).T
@@ -285,8 +285,11 @@ class _Filter:
         return jumps
 
     def skip(self) -> None:
-        """Passes a block without a known motion; after a gap of them the force starts afresh."""
+        """Passes a block without a known motion; in a gap of them the force may do anything."""
+        is_gap = self._unknown > self._config.gap
         self._unknown += self._period
+        if self._unknown > self._config.gap and not is_gap:
+            self._P[_NORMAL, _NORMAL] += self._config.normal_sd**2
 
     def _has_jumped(self, h: Array, S: Array, innovation: Array) -> bool:
         """Whether the innovation is likelier with a jump of the force, weighed by its rate."""

@@ -11,6 +11,7 @@ on neither side.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +68,7 @@ def motion_terms(chain: SerialChain, t: Array, q: Array, v: Array, tau_J: Array)
         tau_J: (N, n) N m.
     """
     step = float(np.median(np.diff(t)))
-    known = np.isfinite(q).all(axis=1) & np.isfinite(v).all(axis=1)
+    known: Flags = np.asarray(np.isfinite(q).all(axis=1) & np.isfinite(v).all(axis=1))
     q, v = np.where(known[:, None], q, 0.0), np.where(known[:, None], v, 0.0)
     vdot = np.zeros_like(v)
     for part in known_parts(known):
@@ -129,7 +130,7 @@ def torque_blocks(terms: MotionTerms, law: PreslidingFriction, samples: int) -> 
         raise ValueError(f"a log of {len(terms.t)} samples has no block of {samples}")
     every = slice(0, N * samples)
 
-    def blocks(signal: Array) -> Array:
+    def blocks(signal: NDArray[Any]) -> NDArray[Any]:
         return signal[every].reshape(N, samples, *signal.shape[1:])
 
     side = slip_along(law, terms)
@@ -151,7 +152,7 @@ def torque_blocks(terms: MotionTerms, law: PreslidingFriction, samples: int) -> 
         friction=blocks(friction).mean(axis=1),
         inertial=np.abs(blocks(terms.inertial)).max(axis=1),
         spread=np.sqrt(np.mean((blocks(tau_ext) - mean[:, None]) ** 2, axis=1)),
-        known=blocks(terms.known).all(axis=1),
+        known=np.asarray(blocks(terms.known).all(axis=1)),
         period=samples * terms.time_step,
     )
 

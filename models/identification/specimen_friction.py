@@ -111,7 +111,7 @@ def fit_specimen(
     plain = known.coulomb_viscous
     zero = np.zeros(known.num_joints)
     mean = np.stack([known.coulomb, known.load, plain.viscous, plain.offset, zero], axis=1)
-    spread = np.stack(
+    wide = np.stack(
         [
             prior.coulomb * known.coulomb,
             np.full(known.num_joints, prior.load),
@@ -121,7 +121,7 @@ def fit_specimen(
         ],
         axis=1,
     )
-    spread = np.maximum(spread, _LEAST_SPREAD)
+    spread: Array = np.maximum(wide, _LEAST_SPREAD)
     values, deviation = mean.copy(), spread.copy()
     scatter = np.full(known.num_joints, np.nan)
     for j, own in enumerate(rows):

@@ -21,6 +21,7 @@ from analyses.methods.reading.contact_reading import (
     BLOCK,
     PreparedRun,
     averaged,
+    block_mean,
     prepare,
     read_article,
     read_by_hand,
@@ -320,21 +321,24 @@ def torque_residuals(study: ContactStudy) -> dict[str, Any]:
     """What is left of each joint's torque when the sensor's force is taken off, N m.
 
     At rest the friction is all of it: model without friction. In slides it is what the law misses,
-    the mean over a run (`bias`) and around it (`sd`). Root mean squares over the runs.
+    the mean over a run (`bias`) and around it (`sd`), away from the path's corners. Root mean
+    squares over the runs; `sliding_level` is the mean of the law there, without viscous friction.
     """
-    rest, bias, scatter = [], [], []
+    rest, bias, scatter, level = [], [], [], []
     for read in study.runs:
         run = read.prepared
         blocks = torque_blocks(run.terms, study.air.law, BLOCK)
         error = blocks.tau_ext - blocks.H[:, :, 0] * run.truth[:, None]
+        corners = block_mean(run.run.corners.astype(float))
         for interval in JUDGED:
             rows = run.windows(interval).ravel()
-            rows = rows[blocks.known[rows]]
+            rows = rows[blocks.known[rows] & (corners[rows] == 0.0)]
             if not len(rows):
                 continue
             if interval == "slide":
                 bias.append(error[rows].mean(axis=0))
                 scatter.append(error[rows].std(axis=0))
+                level.append(blocks.level[rows].mean(axis=0))
             else:
                 rest.append((error - blocks.friction)[rows].mean(axis=0))
 
@@ -345,5 +349,5 @@ def torque_residuals(study: ContactStudy) -> dict[str, Any]:
         "rest_nm": rms(rest),
         "slide_bias_nm": rms(bias),
         "slide_sd_nm": rms(scatter),
-        "sliding_level_nm": study.air.law.coulomb,
+        "sliding_level_nm": np.mean(level, axis=0) if level else None,
     }

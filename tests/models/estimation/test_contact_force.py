@@ -130,10 +130,10 @@ def test_the_force_starts_afresh_after_a_gap() -> None:
 def test_a_joint_at_rest_says_little() -> None:
     still = np.zeros((60, 2))
     y = np.tile(np.array([-0.7, -0.5]) * 20.0, (60, 1))
-    sliding = read_contact_force(_blocks(y))
-    resting = read_contact_force(
-        _blocks(y, v=still, tool_speed=np.zeros(60), slip=still, friction=still)
-    )
+    config = _config(0.06)
+    sliding = read_contact_force(_blocks(y), config)
+    standing = _blocks(y, v=still, tool_speed=np.zeros(60), slip=still, friction=still)
+    resting = read_contact_force(standing, config)
     assert resting.normal_sd[-1] > 2.0 * sliding.normal_sd[-1]
 
 

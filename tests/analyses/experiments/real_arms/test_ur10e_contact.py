@@ -74,6 +74,9 @@ def test_the_target_currents_mislead_at_the_first_hold_of_force_control(
 
 def test_figures_and_rows(result: ExperimentResult) -> None:
     assert len(result.figures) == 3
-    assert all(row.key.startswith("summary.") for row in result.comparison)
+    keys = [row.key for row in result.comparison]
+    assert "summary.no_sensor.straight_slide_v25.rmse_n" in keys
+    assert "ramp_acf.v10.slide.calibrated.rmse_n" in keys
+    assert not any("ramp_ur" in key for key in keys)  # of which there is no run here
     assert result.notes
     assert EXPERIMENT.needs == ("ur10e_contact",)

@@ -8,7 +8,8 @@ from analyses.methods.reading.judged_force import ForceReading, Judgement, poole
 
 def test_bias_scatter_and_band() -> None:
     truth = np.array([10.0, 20.0, 30.0, 40.0])
-    reading = ForceReading(truth + [1.0, 3.0, 1.0, 3.0], np.ones(4), np.array([1, 1, 1, 0], bool))
+    error = np.array([1.0, 3.0, 1.0, 3.0])
+    reading = ForceReading(truth + error, np.ones(4), np.array([1, 1, 1, 0], bool))
     judged = Judgement.of(reading, truth)
     assert judged is not None
     assert (judged.bias, judged.sd) == (2.0, 1.0)
