@@ -157,7 +157,8 @@ def _posterior(
     for _ in range(_ROUNDS):
         scale = (scatter * dependence) ** 2
         information = (A * weight[:, None]).T @ A / scale + precision
-        x = np.linalg.solve(information, A.T @ (weight * y) / scale + precision @ mean)
+        seen = A.T @ (weight * y) / scale + precision @ mean
+        x = np.asarray(np.linalg.solve(information, seen), dtype=np.float64)
         error = y - A @ x
         scatter = max(_NORMAL_MAD * float(np.median(np.abs(error))), 1e-9)
         weight = 1.0 / (1.0 + (error / (_FAR * scatter)) ** 2)
