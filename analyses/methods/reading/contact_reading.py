@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from analyses.methods.reading.contact_friction import FrictionRows, friction_rows
 from analyses.methods.reading.contact_runs import ContactRun
-from analyses.methods.reading.judged_force import ForceReading
+from analyses.methods.sensors.judged_force import ForceReading
 from models.estimation.contact_force import (
     SIGMA_95,
     ContactForce,
@@ -93,11 +93,11 @@ def averaged(reading: ForceReading, windows: NDArray[np.int64]) -> ForceReading:
     """
     force = reading.force[windows].mean(axis=1)
     sd = None if reading.sd is None else reading.sd[windows].mean(axis=1)
-    valid = None
+    valid: Flags | None = None
     if reading.valid is not None:
-        valid = reading.valid[windows].all(axis=1)
+        valid = np.asarray(reading.valid[windows].all(axis=1))
         if sd is not None:
-            valid &= np.abs(force) > SIGMA_95 * sd
+            valid = valid & (np.abs(force) > SIGMA_95 * sd)
     return ForceReading(force, sd, valid)
 
 

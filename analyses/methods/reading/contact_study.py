@@ -37,7 +37,7 @@ from analyses.methods.reading.contact_runs import (
     read_run,
     tool_chain,
 )
-from analyses.methods.reading.judged_force import ForceReading, Judgement, pooled_judgement
+from analyses.methods.sensors.judged_force import ForceReading, Judgement, pooled_judgement
 from models.estimation.contact_force import ContactForceConfig, FrictionErrorConfig
 from models.estimation.torque_blocks import torque_blocks
 from models.friction.presliding_friction import PreslidingFriction
