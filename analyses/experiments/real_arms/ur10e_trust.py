@@ -32,10 +32,10 @@ from analyses.methods.reading.known_payload import payload_reference
 from analyses.output.figures import SERIES, new_figure, save_figure
 from analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult, FigureFile
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.momentum_observer import MomentumObserverConfig
 from models.estimation.point_of_action import find_point_of_action, jacobian_at
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.identification.identified_model import IdentifiedModel
+from models.observers.momentum_observer import MomentumObserverConfig
 from models.recordings.position_resolution import position_resolution
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
