@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from models.estimation.momentum_observer import MomentumObserverConfig
 from numpy.typing import NDArray
 
 from analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
@@ -22,7 +23,6 @@ from analyses.methods.sensors.mounting import Mounting
 from analyses.methods.sensors.reference_config import ReferenceConfig
 from analyses.methods.sensors.sensor_log import SensorLog, SensorLogCollector
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.momentum_observer import MomentumObserverConfig
 from models.files.input_error import InputError
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
