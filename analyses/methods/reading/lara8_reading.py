@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from models.estimation.momentum_observer import MomentumObserverConfig
 from numpy.typing import NDArray
 
 from analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
@@ -28,6 +27,7 @@ from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel, Provenance
 from models.identification.torque_error_model import TorqueErrorModel
+from models.observers.momentum_observer import MomentumObserverConfig
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
 from models.recordings.resampling import resampled
