@@ -25,6 +25,7 @@ from models.estimation.trusted_reading import (
 )
 from models.estimation.wrench import reconstruct
 from models.friction.velocity_friction import friction_torque
+from models.identification.torque_error_model import TRANSMITTED_ROW
 from models.observers.observer import (
     CTV,
     GRAVITY,
@@ -389,6 +390,78 @@ def tick_update(
     motor_torque(drives[GAIN], current, signals[TAU_J])
     parts = state.reshape(state.shape[0] // n, n)
     _update(choice, slip, observer, rows, parts, known, signals, J)
+
+
+@njit(cache=True, error_model="numpy")
+def trusted_output(
+    choice: KernelChoice,
+    chain: Array,
+    drives: Array,
+    friction: Array,
+    slip: Array,
+    observer: Array,
+    error: Array,
+    lag: Array,
+    wrench: Array,
+    rows: int,
+    tick_rows: int,
+    state: Array,
+    q: Array,
+    v: Array,
+    current: Array,
+    known: Array,
+    out: Array,
+    scratch: Array,
+) -> None:
+    """`tick_output`, read as in `trusted_tick`.
+
+    Args:
+        out: as of `tick_output`, then the reading's rows of the state after the sample, flat.
+        others: as `tick_output` and `trusted_tick`.
+    """
+    n = q.shape[0]
+    X, bodies, work, _ = _split_scratch(scratch, n)
+    signals, J = _split(out[n + NUM_READING :], n)
+    _terms(chain, drives, friction, q, v, current, known, signals, J, X, bodies)
+    parts = state.reshape(state.shape[0] // n, n)
+    fresh = _output(choice, slip, observer, rows, parts[:tick_rows], known, signals, J)
+    counts = _corrected(known, signals, out[:n], fresh)
+    own = out[n + NUM_READING + (NUM_SIGNALS + 6) * n :]
+    for k in range(own.shape[0]):
+        own[k] = state[tick_rows * n + k]
+    nothing = work[TRUSTED_WORK_ROWS - 1, :n]
+    nothing[:] = np.nan
+    trusted_reading_tick(
+        *(error, lag, wrench, own.reshape(own.shape[0] // n, n), q, v, nothing, J),
+        *(out[:n], counts, out[n : n + READING], work),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def trusted_update(
+    choice: KernelChoice,
+    drives: Array,
+    slip: Array,
+    observer: Array,
+    rows: int,
+    tick_rows: int,
+    state: Array,
+    current: Array,
+    known: Array,
+    out: Array,
+) -> None:
+    """`tick_update` after `trusted_output`."""
+    n = current.shape[0]
+    tick_update(choice, drives, slip, observer, rows, state[: tick_rows * n], current, known, out)
+    signals, _ = _split(out[n + NUM_READING :], n)
+    own = out[n + NUM_READING + (NUM_SIGNALS + 6) * n :]
+    for k in range(own.shape[0]):
+        state[tick_rows * n + k] = own[k]
+    first = (tick_rows + TRANSMITTED_ROW) * n
+    for i in range(n):
+        transmitted = signals[TAU_J, i] - signals[TAU_F, i]
+        if np.isfinite(transmitted):
+            state[first + i] = transmitted
 
 
 # ----------------------------------------------------------------------------------------------

@@ -47,7 +47,7 @@ READING = 44  # entries of a reading: wrench, covariance, condition number, vali
 # Rows of the memory that a sample is read in, after the reconstruction's.
 _SEEN = WORK_ROWS
 _SD, _STICTION, _LATENESS, _SLOW = range(_SEEN + 6, _SEEN + 10)
-TRUSTED_WORK_ROWS = _SEEN + 10
+TRUSTED_WORK_ROWS = _SEEN + 11  # and one for the caller
 
 
 class TrustedReading:
