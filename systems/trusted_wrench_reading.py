@@ -3,7 +3,6 @@
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
@@ -13,12 +12,10 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
+from models.arrays import Array, Flags
 from models.estimation.trusted_reading import TrustedReading
 from models.rigid_body.serial_chain import RigidBodyTerms
 from systems.jacobian_wrench_reconstruction import READING_SIZES
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 class TrustedWrenchReading(LeafSystem):

@@ -10,8 +10,9 @@ For models that have a torque error; others read with one covariance for rest an
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from models.arrays import Array, Flags
 from models.estimation.wrench import (
     WrenchReconstruction,
     WrenchReconstructionConfig,
@@ -24,9 +25,6 @@ from models.identification.torque_error_model import (
     torque_sd_log,
 )
 from models.observers.lag import JACOBIAN_ROWS, LagModel, jacobian_seen_log, lag_log
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 class TrustedReading:
