@@ -11,12 +11,11 @@ from analyses.methods.reading.known_payload import (
     METHODS,
     SIGMA_95,
     TIME_STEP,
-    Flags,
     Reading,
     Reference,
 )
 from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
-from models.arrays import Array
+from models.arrays import Array, Flags
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
