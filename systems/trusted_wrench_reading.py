@@ -3,7 +3,6 @@
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
@@ -17,8 +16,6 @@ from pydrake.systems.framework import (
 from models.estimation.trusted_reading import TrustedReading
 from models.rigid_body.serial_chain import RigidBodyTerms
 from systems.jacobian_wrench_reconstruction import READING_SIZES
-
-Array = NDArray[np.float64]
 
 
 class TrustedWrenchReading(LeafSystem):

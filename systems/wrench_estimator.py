@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
@@ -15,6 +14,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from models.arrays import Array
 from models.estimation.estimator import EstimatorTables, WrenchEstimator
 from models.estimation.tick import (
     KNOWN_CORRECTION,
@@ -29,8 +29,6 @@ from models.estimation.tick import (
 )
 from models.estimation.wrench import WrenchReconstruction
 from models.friction.velocity_friction import friction_torque
-
-Array = NDArray[np.float64]
 
 
 class WrenchEstimatorSystem(LeafSystem):

@@ -14,8 +14,9 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from models.arrays import Array, Flags
 from models.estimation.kernel_choice import kernel_choice
 from models.estimation.tick import (
     GAIN,
@@ -43,9 +44,6 @@ from models.observers.observer import NUM_SIGNALS, TAU_F, TAU_J, Observer
 from models.observers.observer_kinds import AnyObserverConfig, make_observer
 from models.robot.motors import motor_gain
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 _PASS = 16384  # rows between two turns of the serial part: bounds the memory of a long log
 

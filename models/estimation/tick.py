@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 from numba.extending import overload
-from numpy.typing import NDArray
 
+from models.arrays import Array, Flags
 from models.estimation.kernel_choice import KernelChoice, chosen
 from models.estimation.trusted_reading import (
     READING,
@@ -40,9 +40,6 @@ from models.observers.observer import (
 )
 from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, observer_terms
 from models.robot.motors import motor_torque
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 GAIN, ERROR_SD = range(2)  # rows of `drives`
 KNOWN_TAU_F, KNOWN_CORRECTION, KNOWN_COUNTS = range(3)  # rows of `known`

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from models.arrays import Array, Flags
 from models.estimation.wrench import (
     WORK_ROWS,
     WrenchReconstruction,
@@ -38,9 +39,6 @@ from models.observers.lag import (
     see_jacobian,
     take_jacobian,
 )
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 READING = 44  # entries of a reading: wrench, covariance, condition number, valid
 

@@ -13,7 +13,6 @@ from dataclasses import replace
 import numba
 import numpy as np
 import pinocchio
-from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
@@ -22,6 +21,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from diagrams.closed_loop import make_closed_loop
 from diagrams.estimator import add_estimator, make_estimator
 from diagrams.scenario import load_scenario
+from models.arrays import Array
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
@@ -29,7 +29,6 @@ from models.identification.torque_error_model import TorqueErrorModel
 from models.robot.motors import torque_to_current
 from models.robot.robot import Robot
 
-Array = NDArray[np.float64]
 Tick = Callable[[int], Array]
 
 LOG_SAMPLES = 100_000
