@@ -88,7 +88,7 @@ def _only_at_the_edge(
 def _at_the_edge(a: Any, b: Any) -> bool:
     if not all(isinstance(value, int | float) for value in (a, b)):
         return False
-    return abs(a - b) <= AT_THE_EDGE * max(abs(a), abs(b))
+    return bool(abs(a - b) <= AT_THE_EDGE * max(abs(a), abs(b)))
 
 
 def _experiments(folder: Path) -> list[str]:

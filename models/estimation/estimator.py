@@ -17,9 +17,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from models.estimation.kernel_choice import kernel_choice
-from models.estimation.momentum_observer import MomentumObserverConfig
-from models.estimation.observer import NUM_SIGNALS, TAU_F, TAU_J, Observer
-from models.estimation.observers import AnyObserverConfig, make_observer
 from models.estimation.tick import (
     GAIN,
     KNOWN_CORRECTION,
@@ -40,6 +37,9 @@ from models.estimation.wrench import (
 )
 from models.friction.friction_law import FrictionLaw
 from models.identification.identified_model import IdentifiedModel
+from models.observers.momentum_observer import MomentumObserverConfig
+from models.observers.observer import NUM_SIGNALS, TAU_F, TAU_J, Observer
+from models.observers.observer_kinds import AnyObserverConfig, make_observer
 from models.rigid_body.serial_chain import kernels_are_compiled
 from models.robot.motors import motor_gain
 from models.robot.robot import Robot
@@ -121,7 +121,7 @@ class Observation(NamedTuple):
         tau_ext: (N, n) N m.
         tau_J: (N, n) N m, motor torque on the joint side.
         tau_f: (N, n) N m, friction.
-        fresh: (N,) see `models.estimation.observer`.
+        fresh: (N,) see `models.observers.observer`.
         J: (N, 6, n) rows [angular; linear] at E in axes of W.
     """
 

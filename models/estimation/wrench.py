@@ -184,7 +184,7 @@ class WrenchReconstruction:
         """Returns the reading for J ((6, n) or (N, 6, n)) and tau_ext ((n,) or (N, n), N m).
 
         Args:
-            J: as tau_ext saw it, see `models.estimation.lag`.
+            J: as tau_ext saw it, see `models.observers.lag`.
             tau_ext: external joint torque.
             sd: as tau_ext; N m, of its errors; None: 1, so that the torque covariance is theirs.
             stiction: as tau_ext; the part of sd that is stiction; None: 0.

@@ -2,8 +2,8 @@
 
 from typing import TYPE_CHECKING, Any, Union
 
-from models.estimation import observer
-from models.estimation.momentum_observer import MomentumObserver
+from models.observers import observer
+from models.observers.momentum_observer import MomentumObserver
 
 OBSERVERS: list[type[observer.Observer]] = [MomentumObserver]
 """The first one is the default. A further kind is one line here, or one `OBSERVERS.append` in a
