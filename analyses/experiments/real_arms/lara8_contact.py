@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.reading.lara8_reading import (
     FOLDER,
@@ -42,13 +41,12 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from models.arrays import Array, Flags
 from models.recordings.recording_reader import read_recording
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 SWEEP: Final = "joint3_sweep"
 _JOINT: Final = 2  # joint 3, counted from 0

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.reading.estimate_config import (
     FLOOR_SHARE,
@@ -30,6 +29,7 @@ from analyses.methods.sensors.sensor_log import SensorLogCollector
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from analyses.output.stream_summary import EvenSample
+from models.arrays import Array, Flags
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.evidence_prior import evidence_prior
 from models.estimation.wrench import live_prior
@@ -43,8 +43,6 @@ from models.recordings.recording_format import SignalColumns, column_items
 from models.recordings.recording_reader import RecordingReader
 from models.recordings.resampling import plausible_step, resample_chunks
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 ProgressCallback = Callable[[float, str], None]
 
@@ -237,7 +235,7 @@ def _collect(
     chunk: Recording,
     batch: EstimateBatch,
     sd: Array,
-    valid: NDArray[np.bool_],
+    valid: Flags,
     robot: Robot,
     settled: int,
 ) -> None:

@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
 from analyses.methods.sensors.mounting import Mounting
 from analyses.methods.sensors.reference_config import ReferenceConfig
 from analyses.methods.sensors.sensor_log import SensorLog, SensorLogCollector
+from models.arrays import Array, Flags
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
 from models.files.input_error import InputError
 from models.friction.presliding_friction import PreslidingFriction
@@ -32,9 +32,6 @@ from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
 from models.recordings.resampling import resampled
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 FOLDER: Final = "neura_lara8"  # below the data folder
 FORMAT: Final = "neura-lara8"

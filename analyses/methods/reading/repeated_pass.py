@@ -24,13 +24,12 @@ from analyses.methods.reading.known_payload import (
     payload_reference,
 )
 from analyses.methods.sensors.judged_force import ForceReading, Judgement
+from models.arrays import Array
 from models.estimation.point_of_action import jacobian_at
 from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 _LARGEST_SHIFT = 0.1  # s between the starts of two logs that are cut alike
 _SHIFT_TOLERANCE = 1e-5  # s

@@ -10,19 +10,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.sensors.judged_force import ForceReading, Judgement
 from analyses.methods.sensors.mounting import Mounting, find_mounting
 from analyses.methods.sensors.reference_config import ReferenceConfig, check_columns
 from analyses.methods.sensors.sensor_log import WINDOW, SensorLog
 from analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
+from models.arrays import Array, Flags
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 PHASES: Final = ("all", "free_rest", "free_moving", "contact_rest", "contact_moving")
 AXES: Final = ("fx", "fy", "fz", "mx", "my", "mz")

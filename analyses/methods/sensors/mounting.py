@@ -17,7 +17,6 @@ from itertools import permutations, product
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from analyses.methods.sensors.reference_config import (
@@ -27,9 +26,8 @@ from analyses.methods.sensors.reference_config import (
     tare_numbers,
 )
 from analyses.methods.sensors.sensor_log import SensorLog
+from models.arrays import Array
 from models.files.input_error import InputError
-
-Array = NDArray[np.float64]
 
 MAX_DELAY: Final = 0.3  # s
 TARE_TIME: Final = 0.5  # s, of the tare `start`

@@ -4,10 +4,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from models.arrays import Array, Flags
 
 BLOCK: Final = 0.02  # s
 WINDOW: Final = 5  # blocks: forces are judged over 0.1 s
