@@ -40,6 +40,9 @@ PLACES = {
     "step": "estimate.estimator.observer.time_step",
     "max_gap": "estimate.max_gap",
     "check": "estimate.check",
+    "false_alarms_per_hour": "estimate.detection.false_alarms_per_hour",
+    "covariance": "estimate.covariance",
+    "table": "estimate.table",
 }
 
 
@@ -97,6 +100,13 @@ def command(
     check: Annotated[
         bool, typer.Option(help="Hold the log against the robot's limits and gravity.")
     ] = DEFAULTS.check,
+    false_alarms_per_hour: Annotated[
+        float, typer.Option(help="How often contact may be reported where nothing touches the arm.")
+    ] = DEFAULTS.detection.false_alarms_per_hour,
+    covariance: Annotated[
+        bool, typer.Option("--covariance", help="Add the 21 entries of the covariance.")
+    ] = DEFAULTS.covariance,
+    table: Annotated[str, typer.Option(help="csv or parquet.")] = DEFAULTS.table,
     config: Annotated[Path | None, config_option(EstimateSettings, PLACES)] = None,
     out: Out = Path("out/estimate"),
 ) -> None:
@@ -133,6 +143,8 @@ def _print(result: "EstimateResult", out: Path) -> None:
         f"{result.num_samples} samples, {100 * result.valid_share:.1f} % valid; prior: force sd "
         f"{prior['force_sd_n']:.3g} N, moment sd {prior['moment_sd_nm']:.3g} N m ({prior['rule']})",
     )
+    for line in result.contacts:
+        say(console, line)
     for notice in (*result.notices, *result.warnings):
         say(console, f"note: {notice}")
     say(console, f"wrench: {result.table}, figure: {out / 'figures' / 'wrench.png'}")
