@@ -12,7 +12,6 @@ from pydrake.systems.primitives import Adder, ConstantVectorSource, Demultiplexe
 from models.detection.contact_detector import ContactDetectionConfig, ContactDetector
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.tick import ERROR_SD
-from models.estimation.trusted_reading import TrustedReading
 from models.identification.identified_model import IdentifiedModel
 from models.observers.observer import NUM_SIGNALS, TAU_F
 from models.robot.robot import Robot
@@ -216,8 +215,6 @@ def _fused(
         inputs[port.get_name()] = builder.ExportInput(port, port.get_name())
     signals = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
     ports = [reading.get_output_port(k) for k in range(len(signals))]
-    if estimator.trusted is not None:
-        ports[1:] = _trusted_ports(builder, estimator, estimator.trusted, block, reading, inputs)
     for signal, source in zip(signals, ports, strict=True):
         builder.ExportOutput(source, signal)
     builder.ExportOutput(block.GetOutputPort("terms"), "terms")
@@ -228,8 +225,11 @@ def _fused(
             MotorCurrentTorqueSource(robot.torque_per_ampere, robot.current_sign),
         )
         n = estimator.num_joints
+        # The block's signals, row by row, J, whether tau_ext counts, and what else it keeps.
+        sizes = [n] * NUM_SIGNALS + [6 * n, 1]
+        more = block.reading_sizes[-1] - sum(sizes)
         rest = builder.AddNamedSystem(
-            "detection_signals", Demultiplexer([n] * NUM_SIGNALS + [6 * n])
+            "detection_signals", Demultiplexer(sizes + ([more] if more else []))
         )
         builder.Connect(reading.get_output_port(len(signals)), rest.get_input_port())
         builder.ConnectInput(inputs["current"], motor.GetInputPort("current"))
@@ -240,7 +240,7 @@ def _fused(
             {
                 "terms": block.GetOutputPort("terms"),
                 "tau_ext": ports[0],
-                "tau_ext_valid": reading.get_output_port(4),
+                "tau_ext_valid": rest.get_output_port(NUM_SIGNALS + 1),
                 "tau_J": motor.GetOutputPort("tau_J"),
                 "tau_f": rest.get_output_port(TAU_F),
             },
@@ -248,42 +248,6 @@ def _fused(
     diagram = builder.Build()
     diagram.set_name(name)
     return diagram
-
-
-def _trusted_ports(
-    builder: DiagramBuilder,
-    estimator: WrenchEstimator,
-    trusted: TrustedReading,
-    block: WrenchEstimatorSystem,
-    reading: Demultiplexer,
-    inputs: dict[str, InputPortIndex],
-) -> list[OutputPort]:
-    """Wrench, covariance, condition number and valid of the block's tau_ext, with the torque error
-    of each sample."""
-    n = estimator.num_joints
-    robot = estimator.robot
-    system = TrustedWrenchReading(trusted, estimator.observer.time_step)
-    own = builder.AddNamedSystem("trusted", system)
-    motor = builder.AddNamedSystem(
-        "motor", MotorCurrentTorqueSource(robot.torque_per_ampere, robot.current_sign)
-    )
-    # The block's signals, row by row, and J.
-    rest = builder.AddNamedSystem("signals", Demultiplexer([n] * NUM_SIGNALS + [6 * n]))
-    builder.Connect(reading.get_output_port(5), rest.get_input_port())
-    builder.ConnectInput(inputs["q"], own.GetInputPort("q"))
-    builder.ConnectInput(inputs["v"], own.GetInputPort("v"))
-    builder.ConnectInput(inputs["current"], motor.GetInputPort("current"))
-    for output, port in (
-        (block.GetOutputPort("terms"), "terms"),
-        (reading.get_output_port(0), "tau_ext"),
-        (reading.get_output_port(4), "tau_ext_valid"),
-        (motor.GetOutputPort("tau_J"), "tau_J"),
-        (rest.get_output_port(TAU_F), "tau_f"),
-    ):
-        builder.Connect(output, own.GetInputPort(port))
-    parts = builder.AddNamedSystem("trusted_reading", Demultiplexer(READING_SIZES))
-    builder.Connect(own.GetOutputPort("reading"), parts.get_input_port())
-    return [parts.get_output_port(k) for k in range(len(READING_SIZES))]
 
 
 def add_estimator(

@@ -3,7 +3,6 @@
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
@@ -13,10 +12,9 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
+from models.arrays import Array
 from models.detection.contact_detector import ContactDetector
 from models.rigid_body.serial_chain import RigidBodyTerms
-
-Array = NDArray[np.float64]
 
 DETECTION = ("contact_statistic", "contact", "misfit", "link", "rest", "out_of_range")
 """Entries of the output, as `models.detection.contact_detector.Detection`; flags are 1 or 0."""
@@ -81,7 +79,7 @@ class ContactDetection(LeafSystem):
         )
 
     def _state(self, context: Context) -> Array:
-        return context.get_discrete_state_vector().value().reshape(self._shape).copy()
+        return np.array(context.get_discrete_state_vector().value()).reshape(self._shape)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         found = self._run(context, self._state(context), self._nothing)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from models.arrays import Array, Flags
 from models.detection.contact_statistic import (
     CONTACT,
     FITTED_LOAD,
@@ -52,9 +53,6 @@ from models.identification.torque_error_model import (
 from models.rigid_body.serial_chain import SerialChain
 from models.signals.exceedance_tail import ExceedanceTail, gaussian_tail
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-
 LEAST_RATE, LARGEST_RATE = 1e-3, 1e3  # false alarms an hour
 
 
@@ -96,9 +94,14 @@ class Detection(NamedTuple):
     @classmethod
     def of(cls, out: Array) -> "Detection":
         """From what the kernel wrote, (N, NUM_OUT) or more columns than are read."""
-        flags = (out[:, k] == 1.0 for k in (CONTACT, MISFIT))
-        others = (out[:, k] == 1.0 for k in (REST, OUT_OF_RANGE))
-        return cls(out[:, STATISTIC].copy(), *flags, out[:, LINK].astype(np.int8), *others)
+        return cls(
+            statistic=out[:, STATISTIC].copy(),
+            contact=out[:, CONTACT] == 1.0,
+            misfit=out[:, MISFIT] == 1.0,
+            link=out[:, LINK].astype(np.int8),
+            rest=out[:, REST] == 1.0,
+            out_of_range=out[:, OUT_OF_RANGE] == 1.0,
+        )
 
 
 class ContactDetector:
@@ -183,9 +186,14 @@ class ContactDetector:
     ) -> "ContactDetector":
         """Returns the detector that goes with an estimator."""
         return cls(
-            *(estimator.model, estimator.friction, estimator.chain),
-            *(estimator.config.reconstruction, estimator.observer.pole),
-            *(estimator.observer.time_step, estimator.config.position_resolution, config),
+            estimator.model,
+            estimator.friction,
+            estimator.chain,
+            estimator.config.reconstruction,
+            estimator.observer.pole,
+            estimator.observer.time_step,
+            estimator.config.position_resolution,
+            config,
         )
 
     @property

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.detection.contact_detector import ContactDetector, initial_state
 from models.detection.contact_statistic import MEAN_LENGTH, POWER_LENGTH, SAMPLE_LENGTH, jolts
 from models.estimation.wrench import WrenchReconstructionConfig
@@ -14,8 +15,6 @@ from models.identification.identified_model import IdentifiedModel
 from models.identification.torque_error_fit import HeldOutReading
 from models.rigid_body.serial_chain import SerialChain
 from models.signals.exceedance_tail import fit_exceedances
-
-Array = NDArray[np.float64]
 
 USUAL = 0.99  # share of the samples that have no more than the usual jolt
 

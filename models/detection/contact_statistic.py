@@ -49,9 +49,9 @@ readings of the UR10e's three fitted runs, into which pushes and a drift of fric
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from models.arrays import Array
 from models.identification.torque_error_model import (
     TORQUE_ERROR_ROWS,
     TRANSMITTED_ROW,
@@ -59,8 +59,6 @@ from models.identification.torque_error_model import (
     torque_sd_tick,
 )
 from models.observers.lag import JACOBIAN_ROWS, see_jacobian, take_jacobian
-
-Array = NDArray[np.float64]
 
 WINDOW = 0.3  # s
 LOCAL_TIME = 10.0  # s
@@ -342,4 +340,4 @@ def jolts(momentum: Array, pole: Array, time_step: float) -> Array:
     jump = np.zeros_like(momentum)
     jump[2:] = (1.0 - pole) * np.diff(momentum, 2, axis=0) / time_step
     filtered = [lfilter([1.0], [1.0, -p * p], own) for p, own in zip(pole, jump.T**2, strict=True)]
-    return np.sqrt(np.stack(filtered, axis=1))
+    return np.asarray(np.sqrt(np.stack(filtered, axis=1)))

@@ -45,13 +45,12 @@ from typing import Any, Self
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from models.arrays import Array
 from models.friction.extended_friction import ExtendedFriction
 from models.friction.friction_law import FrictionLaw
 from models.friction.slip_elements import SLIDING_COLUMNS, bounded_cubic, within_rounding
-
-Array = NDArray[np.float64]
 
 DRIFT = 0.05  # of the viscous torque
 BEYOND_SPEED = 0.3  # of the viscous coefficient

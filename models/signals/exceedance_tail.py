@@ -17,10 +17,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.stats import chi, genpareto
 
-Array = NDArray[np.float64]
+from models.arrays import Array
 
 GAP = 0.5  # s
 SHARES = (0.02, 0.05, 0.1)  # of the samples above the level: the first with ENOUGH excursions

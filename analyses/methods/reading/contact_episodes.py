@@ -4,12 +4,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.arrays import Array, Flags
 from models.detection.contact_detector import Detection
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 KEPT = 1000  # contacts told one by one; a log that is all contact and none has no more to say
 SHOWN = 8  # lines of the command
