@@ -55,7 +55,8 @@ class WrenchEstimatorConfig:
     observer: AnyObserverConfig = field(default_factory=MomentumObserverConfig)
     reconstruction: WrenchReconstructionConfig = field(default_factory=WrenchReconstructionConfig)
     force_bandwidth_hz: float = 3.0  # up to which the band holds the observer's lag
-    position_resolution: list[float] | None = None  # rad, per joint; None: what the model says
+    position_resolution: list[float] | None = None
+    # rad, per joint; None: what robot.yaml says of all joints, else the model
 
 
 class Taught(NamedTuple):
@@ -96,6 +97,9 @@ class EstimateBatch(NamedTuple):
             one before it was not finite, so that tau_ext is held.
         J: (N, 6, n) rows [angular; linear] at E in axes of W.
         torque_sd: (N, n) N m, of tau_ext where nothing touches the arm.
+        transmitted: (N, n) N m, what the gears transmit: motor torque less friction; empty where
+            it is not kept.
+        fresh: (N,) whether tau_ext is of the sample; empty where it is not kept.
     """
 
     tau_ext: Array
@@ -105,6 +109,8 @@ class EstimateBatch(NamedTuple):
     valid: Flags
     J: Array
     torque_sd: Array
+    transmitted: Array = np.empty((0, 0))
+    fresh: Flags = np.empty(0, np.bool_)
 
     @property
     def standard_deviation(self) -> Array:
@@ -173,6 +179,8 @@ class WrenchEstimator:
             self.config.reconstruction, model.residual_covariance
         )
         resolution = self.config.position_resolution
+        if resolution is None and np.isfinite(robot.position_resolution).all():
+            resolution = robot.position_resolution.tolist()
         self.friction = model.friction.sampled(self.observer.time_step, resolution)
         self.choice = kernel_choice(self.observer.kernels, self.friction.kernels)
         self.tables = self.tables_of(
@@ -339,6 +347,7 @@ class WrenchEstimator:
         covariance, quality, counts = np.empty((N, 6, 6)), np.empty((N, 2)), np.empty(N, np.bool_)
         signals = np.empty((min(N, _PASS), NUM_SIGNALS, n))
         torque_sd = np.tile(np.sqrt(np.diag(self.reconstruction.torque_covariance)), (N, 1))
+        transmitted = np.empty((N, n))
         for start in range(0, N, _PASS):
             rows = slice(start, min(N, start + _PASS))
             part = signals[: rows.stop - start]
@@ -365,6 +374,7 @@ class WrenchEstimator:
                 tau_ext[rows],
                 counts[rows],
             )
+            transmitted[rows] = part[:, TAU_J] - part[:, TAU_F]
             if self.trusted is not None:
                 (
                     F[rows],
@@ -376,7 +386,7 @@ class WrenchEstimator:
                     state[self.tick_rows :],
                     q[rows],
                     v[rows],
-                    part[:, TAU_J] - part[:, TAU_F],
+                    transmitted[rows],
                     J[rows],
                     tau_ext[rows],
                     counts[rows],
@@ -388,7 +398,9 @@ class WrenchEstimator:
                 *(F[rows], covariance[rows], quality[rows]),
             )
         valid = (quality[:, 1] == 1.0) & counts
-        return EstimateBatch(tau_ext, F, covariance, quality[:, 0], valid, J, torque_sd)
+        return EstimateBatch(
+            *(tau_ext, F, covariance, quality[:, 0], valid, J, torque_sd, transmitted, counts)
+        )
 
     def observe(self, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> Observation:
         """The chain of a whole log up to tau_ext, from its start, without a reading of the wrench.
