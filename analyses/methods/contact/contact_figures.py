@@ -119,5 +119,5 @@ def parts_figure(parts: dict[str, Any]) -> "Figure":
     axis.set_yticks(places, [name.replace("_", " ") for name in names])
     axis.invert_yaxis()
     axis.set_xlabel("RMSE of the force along the tool [N]")
-    axis.legend()
+    axis.legend(loc="lower right")
     return figure
