@@ -13,11 +13,9 @@ from models.arrays import Array
 from models.files.input_error import InputError
 from models.files.whole_file import whole_file, writing_to
 from models.recordings.text_table import write_csv_header
+from models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
 
-_AXES = ("fx", "fy", "fz", "mx", "my", "mz")
-_FORCE_FIRST = [3, 4, 5, 0, 1, 2]  # columns of a wrench whose rotation comes first
-
-COLUMNS = ("t", *_AXES, *(f"sd_{axis}" for axis in _AXES), "condition_number", "valid")
+COLUMNS = ("t", *WRENCH_AXES, *(f"sd_{axis}" for axis in WRENCH_AXES), "condition_number", "valid")
 """The columns of wrench.csv: s; N and N m at E in axes of W, environment on robot; their standard
 deviations; condition number of the Jacobian (inf where it is singular); 1 where the row may be
 trusted, else 0."""
@@ -68,7 +66,7 @@ class WrenchTableWriter:
             condition_number: (N,).
             valid: (N,).
         """
-        columns = [t, *wrench[:, _FORCE_FIRST].T, *standard_deviation[:, _FORCE_FIRST].T]
+        columns = [t, *wrench[:, FORCE_FIRST].T, *standard_deviation[:, FORCE_FIRST].T]
         columns += [condition_number, valid.astype(np.int8)]
         arrays = [pa.array(np.ascontiguousarray(column)) for column in columns]
         with writing_to(self.path):

@@ -14,7 +14,6 @@ from analyses.methods.arms.arm_models import identify_arm
 from analyses.methods.arms.simulated_logs import ROBOT
 from analyses.methods.planning.article_paths import found_path
 from analyses.methods.reading.force_errors import (
-    AXES,
     ForceReading,
     draw_signal,
     reductions,
@@ -50,6 +49,7 @@ from analyses.study.experiment import (
 from analyses.study.wording import change, compared, listed
 from diagrams.scenario import LineMotion
 from models.estimation.wrench import WrenchReconstructionConfig
+from models.rigid_body.spatial_vectors import AXES
 from models.robot.robot import Robot
 
 if TYPE_CHECKING:

@@ -33,6 +33,7 @@ from models.estimation.wrench import METHODS, WrenchReconstructionConfig, recons
 from models.files.input_error import InputError
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
+from models.rigid_body.spatial_vectors import FORCE_FIRST
 
 FOLDER = "panda_ati_gamma"  # below the data folder
 NUM_POSES = 10
@@ -161,7 +162,7 @@ def _pose_log(recording: Recording) -> PoseLog:
     return PoseLog(
         t=recording.t - recording.t[0],
         tau_ext=recording.extra["tau_ext"],
-        J=recording.extra["jacobian"][:, [3, 4, 5, 0, 1, 2]],  # the file has linear rows first
+        J=recording.extra["jacobian"][:, FORCE_FIRST],  # the file has linear rows first
         sensor_force=recording.extra["sensor_force"],
         robot_force=recording.extra["robot_force"],
     )

@@ -38,7 +38,6 @@ import numpy as np
 from analyses.methods.arms.ur10e_logs import FITTED, FOLDER, VALIDATED, identify_ur10e
 from analyses.methods.learning.identification_config import IdentificationConfig
 from analyses.methods.reading.known_payload import (
-    AXES,
     MARGIN,
     MASS,
     METHODS,
@@ -66,6 +65,7 @@ from analyses.study.wording import change_between
 from models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
 from models.estimation.wrench import WrenchReconstruction, live_prior
 from models.identification.identified_model import IdentifiedModel
+from models.rigid_body.spatial_vectors import AXES
 from models.robot.robot import Robot
 
 if TYPE_CHECKING:

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from analyses.methods.reading.known_payload import (
-    AXES,
     MASS,
     METHODS,
     SIGMA_95,
@@ -16,6 +15,7 @@ from analyses.methods.reading.known_payload import (
 )
 from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
 from models.arrays import Array, Flags
+from models.rigid_body.spatial_vectors import AXES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -14,7 +14,6 @@ import numpy as np
 from analyses.methods.arms.arm_models import repetition_covariances
 from analyses.methods.arms.simulated_logs import ROBOT
 from analyses.methods.reading.force_errors import (
-    AXES,
     ForceReading,
     draw_band,
     draw_signal,
@@ -37,6 +36,7 @@ from analyses.study.experiment import (
 from diagrams.scenario import LineMotion, Scenario
 from models.arrays import Array
 from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig, live_prior
+from models.rigid_body.spatial_vectors import AXES
 from models.robot.robot import Robot
 
 if TYPE_CHECKING:

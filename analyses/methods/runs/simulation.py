@@ -37,6 +37,7 @@ from models.machining.machining_phases import FAULT_SENTENCES, Fault, Phase
 from models.motion.paths import JointTrajectory
 from models.recordings.recording import Recording
 from models.recordings.recording_writer import write_recording
+from models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
 from models.robot.robot import Robot
 from systems.impedance_controller import ImpedanceConfig
 
@@ -45,8 +46,6 @@ if TYPE_CHECKING:
 
 ProgressCallback = Callable[[float, str], None]
 
-AXES = ("fx", "fy", "fz", "mx", "my", "mz")  # as people read them
-_FORCE_FIRST = [3, 4, 5, 0, 1, 2]
 _STRETCH = 0.1  # s between two reports of progress
 _QUICK_DURATION = 1.0  # s
 _FIT_SAMPLES = 1000
@@ -171,9 +170,9 @@ class SimulationResult:
 
     def recording(self) -> Recording:
         """The log as a real arm's: t, q, v and current. Extra, force first: truth and sensor."""
-        extra = {"wrench_true": self.wrench_true[:, _FORCE_FIRST]}
+        extra = {"wrench_true": self.wrench_true[:, FORCE_FIRST]}
         if self.ft_wrench is not None:
-            extra["ft_wrench"] = self.ft_wrench[:, _FORCE_FIRST]
+            extra["ft_wrench"] = self.ft_wrench[:, FORCE_FIRST]
         return Recording(
             t=self.t, q=self.q, v=self.v, current=self.current, source="simulation", extra=extra
         )
@@ -184,7 +183,7 @@ class SimulationResult:
         part = slice(None, None, step)
         t, sd = self.t[part], self.standard_deviation[part]
         figure, axes = new_figure(3, 2, share_x=True)
-        for k, column in enumerate(_FORCE_FIRST):
+        for k, column in enumerate(FORCE_FIRST):
             panel: Any = axes[k % 3, k // 3]
             estimate = self.wrench[part, column]
             band = _BAND * sd[:, column]
@@ -204,7 +203,7 @@ class SimulationResult:
                 # Dashed and on top: a good sensor lies on the truth.
                 sensor = self.ft_wrench[part, column]
                 panel.plot(t, sensor, color=SERIES[4], lw=0.9, ls=(0, (3, 3)), label="sensor")
-            axis = AXES[k]
+            axis = WRENCH_AXES[k]
             panel.set_ylabel(f"{axis[0]}$_{axis[1]}$ [{'N' if k < 3 else 'N m'}]")
             if k % 3 == 2:
                 panel.set_xlabel("time [s]")
@@ -487,7 +486,7 @@ def _advance(
 def _errors(reading: Array, truth: Array) -> dict[str, float]:
     """RMSE, largest error and correlation per axis; the last is NaN where nothing varies."""
     metrics: dict[str, float] = {}
-    for axis, column in zip(AXES, _FORCE_FIRST, strict=True):
+    for axis, column in zip(WRENCH_AXES, FORCE_FIRST, strict=True):
         unit = "n" if axis.startswith("f") else "nm"
         a, b = reading[:, column], truth[:, column]
         metrics[f"rmse_{axis}_{unit}"] = float(np.sqrt(np.mean((a - b) ** 2)))

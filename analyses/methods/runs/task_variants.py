@@ -14,7 +14,6 @@ from scipy.signal import lfilter
 
 from analyses.methods.arms.arm_models import ArmModels
 from analyses.methods.reading.force_errors import (
-    AXES,
     ForceReading,
     draw_band,
     draw_signal,
@@ -26,6 +25,7 @@ from models.arrays import Array
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.observers.momentum_observer import MomentumObserverConfig
+from models.rigid_body.spatial_vectors import AXES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
