@@ -5,7 +5,6 @@ The article's first experiment (initial path, Coulomb-viscous friction) against 
 (optimised path, semi-parametric friction), then what this program adds, one change per row.
 """
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -38,7 +37,7 @@ from analyses.methods.runs.task_variants import (
     lag_alone,
     read_variants,
 )
-from analyses.output.figures import COLOUR, new_figure, save_figure
+from analyses.output.figures import COLOUR, new_figure
 from analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -46,6 +45,7 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from analyses.study.figure_files import saved_figure
 from analyses.study.wording import change, compared, listed
 from diagrams.scenario import LineMotion
 from models.estimation.wrench import WrenchReconstructionConfig
@@ -250,7 +250,6 @@ def error_figure(readings: dict[str, ForceReading]) -> "Figure":
 def _figures(
     context: ExperimentContext, readings: dict[str, ForceReading], metrics: dict[str, Any]
 ) -> list[FigureFile]:
-    folder = Path("figures")
     limits = np.array([1.15 * float(np.abs(readings[BEFORE].force[:, k]).max()) for k in range(3)])
     files = []
     for stem, figure, caption in (
@@ -297,8 +296,7 @@ def _figures(
             "marked (B). Grey: where the share inside an honest 95 % band lies.",
         ),
     ):
-        save_figure(figure, context.out / folder / f"{stem}.png")
-        files.append(FigureFile(folder / f"{stem}.png", caption))
+        files.append(saved_figure(figure, context.out, stem, caption))
     return files
 
 

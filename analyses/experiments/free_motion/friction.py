@@ -5,7 +5,6 @@ round at the path's middle, near 50 s: friction there changes its sign, and with
 the friction law. Every law reads the same run.
 """
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -35,7 +34,7 @@ from analyses.methods.runs.task_variants import (
     lag_alone,
     read_variants,
 )
-from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
+from analyses.output.figures import COLOUR, SERIES, new_figure
 from analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -43,6 +42,7 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from analyses.study.figure_files import saved_figure
 from analyses.study.wording import change
 from diagrams.scenario import LineMotion
 from models.robot.robot import Robot
@@ -238,7 +238,6 @@ def _figures(
     metrics: dict[str, Any],
     middle: float,
 ) -> list[FigureFile]:
-    folder = Path("figures")
     files = []
     for stem, figure, caption in (
         (
@@ -256,8 +255,7 @@ def _figures(
             "Errors of every variant. Grey: where the share inside an honest 95 % band lies.",
         ),
     ):
-        save_figure(figure, context.out / folder / f"{stem}.png")
-        files.append(FigureFile(folder / f"{stem}.png", caption))
+        files.append(saved_figure(figure, context.out, stem, caption))
     return files
 
 

@@ -5,7 +5,6 @@ are held against a force/torque sensor with noise of its own, low-passed at 18 H
 """
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from analyses.methods.runs.repeated_cycles import (
     repeat_cycles,
 )
 from analyses.methods.runs.task_runs import PATHS, record_runs
-from analyses.output.figures import COLOUR, new_figure, save_figure
+from analyses.output.figures import COLOUR, new_figure
 from analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -31,6 +30,7 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from analyses.study.figure_files import saved_figure
 from analyses.study.wording import change, compared
 from models.robot.robot import Robot
 
@@ -201,7 +201,6 @@ def close_figure(cycles: RepeatedCycles) -> "Figure":
 def _figures(
     context: ExperimentContext, cycles: RepeatedCycles, metrics: dict[str, Any]
 ) -> list[FigureFile]:
-    folder = Path("figures")
     files = []
     for stem, figure, caption in (
         (
@@ -226,8 +225,7 @@ def _figures(
             "Errors of every variant. Grey: where the share inside an honest 95 % band lies.",
         ),
     ):
-        save_figure(figure, context.out / folder / f"{stem}.png")
-        files.append(FigureFile(folder / f"{stem}.png", caption))
+        files.append(saved_figure(figure, context.out, stem, caption))
     return files
 
 

@@ -1,16 +1,16 @@
 """Figures of a machining study: force read, force held, both over the feed (Figs. 25 and 27)."""
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from analyses.methods.reading.force_errors import draw_signal
 from analyses.methods.runs.machining import COMPONENTS, FEEDS, MachiningRun, MachiningTask, feed_key
-from analyses.output.figures import COLOUR, new_figure, save_figure
+from analyses.output.figures import COLOUR, new_figure
 from analyses.study.experiment import (
     ExperimentContext,
     FigureFile,
 )
+from analyses.study.figure_files import saved_figure
 from models.arrays import Array
 from models.machining.machining_phases import Phase
 
@@ -142,7 +142,5 @@ def machining_figures(
             "Is a slower feed harder? Errors of reading and of holding the force.",
         ),
     ):
-        path = Path("figures") / f"{stem}.png"
-        save_figure(figure, context.out / path)
-        files.append(FigureFile(path, caption))
+        files.append(saved_figure(figure, context.out, stem, caption))
     return files
