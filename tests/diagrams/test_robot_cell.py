@@ -10,6 +10,7 @@ from diagrams.robot_cell import make_robot_cell
 from diagrams.scenario import PlateConfig, Scenario
 from models.control.wrench_script import WrenchStep
 from models.files.input_error import InputError
+from models.robot.robot_config import PoseConfig
 from systems.force_torque_sensor import ForceTorqueSensorConfig
 from systems.joint_friction import HOLDING_DAMPING
 
@@ -158,8 +159,7 @@ def test_a_plate_pushes_the_tool_out_and_truth_and_sensor_see_it(sts):
     _, p_home = sts.chain.pose(sts.home)
     # A wall that faces the tool, which looks along +x at home; the tool starts 1 mm before it.
     wall = PlateConfig(
-        centre=[p_home[0] + 1e-3, 0.0, p_home[2]],
-        rpy=[0.0, -np.pi / 2, 0.0],
+        pose=PoseConfig([p_home[0] + 1e-3, 0.0, p_home[2]], [0.0, -np.pi / 2, 0.0]),
         size=[0.3, 0.3, 0.02],
     )
     scenario = replace(QUIET, workpiece=wall, force_torque_sensor=ForceTorqueSensorConfig())

@@ -23,11 +23,11 @@ from analyses.methods.runs.task_runs import (
     TaskRun,
     highest_speed,
     on_path,
-    record_runs,
     run_task,
     task_path,
     task_scenario,
     uniform_motion,
+    write_runs_page,
 )
 from analyses.methods.runs.task_variants import (
     FAST,
@@ -115,7 +115,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=_figures(context, readings, metrics),
-        recordings=[record_runs(robot, runs, 1, context.out, "Pushed by hand along the path")],
+        pages=[write_runs_page(robot, runs, 1, context.out, "Pushed by hand along the path")],
         comparison=_comparison(),
         notes=findings(metrics),
         configuration={

@@ -21,10 +21,10 @@ from analyses.methods.reading.force_errors import (
 from analyses.methods.runs.task_runs import (
     TaskRun,
     highest_speed,
-    record_runs,
     run_task,
     task_scenario,
     uniform_motion,
+    write_runs_page,
 )
 from analyses.methods.runs.task_variants import (
     FAST,
@@ -109,8 +109,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=_figures(context, run, readings, metrics, middle),
-        recordings=[
-            record_runs(
+        pages=[
+            write_runs_page(
                 robot, {"initial": run}, 1, context.out, "Joints turning round under a hand"
             )
         ],

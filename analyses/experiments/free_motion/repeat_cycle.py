@@ -30,8 +30,8 @@ from analyses.methods.runs.repeated_cycles import (
 )
 from analyses.methods.runs.task_runs import (
     PATHS,
-    record_runs,
     task_path,
+    write_runs_page,
 )
 from analyses.output.figures import COLOUR, SERIES, new_figure
 from analyses.study.experiment import (
@@ -121,8 +121,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=_figures(context, cycles, metrics),
-        recordings=[
-            record_runs(
+        pages=[
+            write_runs_page(
                 Robot.load(ROBOT), cycles.runs, 4, context.out, "Repeated cycles without contact"
             )
         ],

@@ -21,7 +21,7 @@ from analyses.methods.runs.repeated_cycles import (
     force_figure,
     repeat_cycles,
 )
-from analyses.methods.runs.task_runs import PATHS, record_runs
+from analyses.methods.runs.task_runs import PATHS, write_runs_page
 from analyses.output.figures import COLOUR, new_figure
 from analyses.study.experiment import (
     ComparisonRow,
@@ -49,8 +49,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=_figures(context, cycles, metrics),
-        recordings=[
-            record_runs(
+        pages=[
+            write_runs_page(
                 Robot.load(ROBOT), cycles.runs, 4, context.out, "Repeated cycles, pushed by hand"
             )
         ],

@@ -24,7 +24,7 @@ from analyses.methods.planning.placement import (
     draw_history,
     draw_profiles,
     place,
-    record_placement,
+    write_placement_page,
 )
 from analyses.output.figures import COLOUR, new_figure
 from analyses.output.outputs import OutputFolder
@@ -151,7 +151,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=_figures(out, found),
-        recordings=_recordings(context, found),
+        pages=_pages(context, found),
         comparison=_comparison(metrics),
         notes=findings(found, metrics),
         configuration={
@@ -320,7 +320,7 @@ def _figures(out: OutputFolder, found: LinearPath) -> list[FigureFile]:
     return files
 
 
-def _recordings(context: ExperimentContext, found: LinearPath) -> list[FigureFile]:
+def _pages(context: ExperimentContext, found: LinearPath) -> list[FigureFile]:
     files = []
     for name, result, title in (
         ("linear-path", found.optimised, "Linear path"),
@@ -328,7 +328,7 @@ def _recordings(context: ExperimentContext, found: LinearPath) -> list[FigureFil
     ):
         path = context.out / f"{name}.html"
         # A workpiece stands where the best path is; the initial one would run through it.
-        record_placement(result, path, title, with_initial=result.task.clearance is None)
+        write_placement_page(result, path, title, with_initial=result.task.clearance is None)
         files.append(
             FigureFile(
                 path.relative_to(context.out),

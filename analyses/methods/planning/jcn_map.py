@@ -17,7 +17,7 @@ from analyses.methods.planning.jcn_map_settings import NUM_SAMPLES, JcnMapSettin
 from analyses.output.figures import COLOUR, new_figure, save_figure
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
-from diagrams.pages.cloud_page import record_cloud
+from diagrams.pages.cloud_page import write_cloud_page
 from models.arrays import Array
 from models.files.input_error import InputError
 from models.motion.branches import is_closed_form
@@ -201,7 +201,7 @@ def jcn_map(
     progress: Callable[[float, str], None] = lambda fraction, what: None,
 ) -> JcnMapResult:
     """The command `jcn-map`: writes samples.npz (q, jcn, p_WE), metrics.json, config.yaml, figures
-    and recording.html into `out`; with a plane also slice.npz (p_WE, jcn, direction_W, q).
+    and page.html into `out`; with a plane also slice.npz (p_WE, jcn, direction_W, q).
 
     Raises:
         InputError: see `sample` and `slice_plane`; or `out` cannot be written to.
@@ -235,7 +235,7 @@ def _map_into(
         np.savez(file, q=samples.q, jcn=samples.jcn, p_WE=samples.p_WE)
     draw_cloud(samples, folder / "figures" / "workspace.png")
     draw_distribution(samples, folder / "figures" / "distribution.png")
-    record(robot, samples, folder / "recording.html")
+    record(robot, samples, folder / "page.html")
     cut = None
     if plane is not None:
         if not is_closed_form(robot):
@@ -272,7 +272,7 @@ def record(robot: Robot, samples: Samples, path: Path) -> None:
     """Writes the point cloud with the arm in it: the half behind the arm, so that both are seen."""
     behind = np.flatnonzero(samples.p_WE[:, 1] > 0.0)[:_CLOUD]
     low, high = _SCALE
-    record_cloud(
+    write_cloud_page(
         robot,
         samples.p_WE[behind],
         np.minimum(samples.jcn[behind], high),

@@ -19,7 +19,7 @@ from analyses.methods.planning.place_settings import PlaceSettings
 from analyses.output.figures import COLOUR, SERIES, new_figure
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
-from diagrams.pages.path_page import PathMotion, TriangleMesh, record_paths
+from diagrams.pages.path_page import PathMotion, TriangleMesh, write_path_page
 from diagrams.placement_cell import PlacementCell, obstacle_corners, workpiece_corners
 from models.arrays import Array
 from models.estimation.wrench import WrenchReconstructionConfig, live_prior
@@ -320,10 +320,10 @@ def write_placement(folder: OutputFolder, result: PlacementResult, settings: Pla
     folder.write_figure("convergence", figure)
     # A workpiece stands where the best path is; the initial one would run through it.
     alone = result.task.clearance is not None
-    record_placement(result, folder / "recording.html", "Placement", with_initial=not alone)
+    write_placement_page(result, folder / "page.html", "Placement", with_initial=not alone)
 
 
-def record_placement(
+def write_placement_page(
     result: PlacementResult, path: Path, title: str, *, with_initial: bool = True
 ) -> None:
     """Writes the web page in which the arm follows the initial and the best path."""
@@ -331,7 +331,7 @@ def record_placement(
     if with_initial and result.initial is not None:
         motions.append(PathMotion("initial", result.initial.fine.q, result.initial.fine_jcn))
     motions.append(PathMotion("optimised", result.best.fine.q, result.best.fine_jcn))
-    record_paths(result.robot, motions, path, title, workpiece=_picture(result))
+    write_path_page(result.robot, motions, path, title, workpiece=_picture(result))
 
 
 def draw_profiles(

@@ -14,7 +14,7 @@ from analyses.output.result_folder import result_folder
 from analyses.study.experiment import (
     FigureFile,
 )
-from diagrams.pages.path_page import PathMotion, record_paths
+from diagrams.pages.path_page import PathMotion, write_path_page
 from models.files.configuration import load_configuration
 from models.files.task_files import task_file
 from models.motion.redundancy import (
@@ -40,16 +40,16 @@ def draw(result: RedundancyResult, out: Path) -> tuple[list[FigureFile], list[Fi
         if trajectory is not None
     ]
     label = "JCN" if result.problem.measure.key == "jcn" else "force sd [N]"
-    record_paths(
+    write_path_page(
         result.problem.robot,
         motions,
-        out / "recording.html",
+        out / "page.html",
         "Path on the surface",
         label=label,
         workpiece=result.workpiece,
     )
     caption = "The arm on the initial and on the optimised trajectory; the path's colour: " + label
-    return figures, [FigureFile(Path("recording.html"), caption + ".")]
+    return figures, [FigureFile(Path("page.html"), caption + ".")]
 
 
 def _ways(result: RedundancyResult) -> list[tuple[str, Trajectory, str]]:
@@ -135,7 +135,7 @@ def redundancy(
     content: RedundancyTask | None = None,
 ) -> RedundancyResult:
     """The command `redundancy`, for a bundled task or a task's file: writes trajectory.csv,
-    metrics.json, config.yaml, figures and recording.html into `out`.
+    metrics.json, config.yaml, figures and page.html into `out`.
 
     Args:
         content: what counts before the content of the task that `task_name` names.

@@ -25,7 +25,7 @@ from analyses.output.result_folder import result_folder
 from diagrams.closed_loop import ClosedLoop, make_closed_loop
 from diagrams.graph import write_graph
 from diagrams.machining import longest_duration, make_machining_path, view_of
-from diagrams.pages.run_page import make_meshcat, start_recording, write_page
+from diagrams.pages.run_page import make_meshcat, start_animation, write_page
 from diagrams.robot_cell import true_friction
 from diagrams.scenario import Scenario, check_scenario, load_scenario, make_trajectory
 from models.arrays import Array, Flags
@@ -222,14 +222,14 @@ def simulate_scenario(
     seed: int | None = None,
     duration: float | None = None,
     quick: bool = False,
-    record: bool = True,
+    page: bool = True,
     graph: bool = False,
     progress: ProgressCallback = lambda fraction, what: None,
 ) -> SimulationResult:
     """The command `simulate`: runs a scenario and writes what happened into `out`.
 
     Writes metrics.json, config.yaml, scenario.yaml (which runs again), figures/wrench.png, log.csv
-    (for `estimate`), recording.html, and with `graph` the drawing of the diagram.
+    (for `estimate`), page.html, and with `graph` the drawing of the diagram.
 
     Args:
         scenario_name: of a bundled scenario; or FILE.yaml, or FILE.yaml:NAME.
@@ -237,7 +237,7 @@ def simulate_scenario(
         model_path: a model.yaml; without it see `known_model`.
         seed, duration: in the place of the scenario's.
         quick: at most a second.
-        record: whether to write recording.html.
+        page: whether to write page.html.
 
     Raises:
         InputError: as `load_scenario`, `Robot.load`, `IdentifiedModel.load`, `result_folder`; what
@@ -252,7 +252,7 @@ def simulate_scenario(
             seed,
             duration,
             quick,
-            record,
+            page,
             graph,
             progress,
         )
@@ -268,7 +268,7 @@ def _simulate_into(
     seed: int | None,
     duration: float | None,
     quick: bool,
-    record: bool,
+    page: bool,
     graph: bool,
     progress: ProgressCallback,
 ) -> SimulationResult:
@@ -298,7 +298,7 @@ def _simulate_into(
         scenario,
         robot,
         model,
-        recording=folder / "recording.html" if record else None,
+        page=folder / "page.html" if page else None,
         graph=folder / "diagram.svg" if graph else None,
         title=name,
         progress=progress,
@@ -317,7 +317,7 @@ def _simulate_into(
         seed=scenario.seed,
         duration_s=scenario.duration,
         quick=quick,
-        record=record,
+        page=page,
         graph=graph,
     )
     files.append(folder.write_settings("config.yaml", settings))
@@ -330,7 +330,7 @@ def simulate(
     robot: Robot,
     model: IdentifiedModel | None = None,
     *,
-    recording: Path | None = None,
+    page: Path | None = None,
     graph: Path | None = None,
     title: str = "simulation",
     progress: ProgressCallback = lambda fraction, what: None,
@@ -339,9 +339,9 @@ def simulate(
 
     Args:
         model: what controller and estimator know; without it `known_model`.
-        recording: where to write the Meshcat recording (HTML).
+        page: where to write the arm in motion (HTML).
         graph: where to draw the diagram, see `diagrams.graph.write_graph`.
-        title: of the recording.
+        title: of the page.
 
     Raises:
         InputError: scenario, robot and model do not fit; or the motion diverges.
@@ -371,7 +371,7 @@ def simulate(
         )
         taught = teach(air, motion, plan, robot, model, scenario.estimator)
     meshcat = None
-    if recording is not None:
+    if page is not None:
         _, p_WE = robot.chain.pose(trajectory.q[len(trajectory.q) // 2])
         meshcat = make_meshcat(robot, p_WE, None if plan is None else view_of(plan.path))
     loop = make_closed_loop(
@@ -383,11 +383,11 @@ def simulate(
     simulator = Simulator(loop.diagram)
     simulator.Initialize()
     if meshcat is not None:
-        start_recording(meshcat, scenario.recording.fps)
+        start_animation(meshcat, scenario.page.fps)
     elapsed = _advance(simulator, scenario, robot, loop, progress)
-    if meshcat is not None and recording is not None:
-        write_page(meshcat, recording, title)
-        files.append(recording)
+    if meshcat is not None and page is not None:
+        write_page(meshcat, page, title)
+        files.append(page)
     t, signals = loop.logged(simulator.get_context())
     for name in ("progress", "feed_time"):
         signals.pop(name, None)
