@@ -34,6 +34,7 @@ from analyses.methods.runs.task_variants import (
     lag_alone,
     read_variants,
 )
+from analyses.output.axes import limit_y
 from analyses.output.figures import COLOUR, SERIES, new_figure
 from analyses.study.experiment import (
     ComparisonRow,
@@ -218,7 +219,7 @@ def reversal_figure(run: TaskRun, readings: dict[str, ForceReading], middle: flo
         t, low, high = envelope(run.recording.t, run.recording.v[:, joint])
         velocity.plot(t, 0.5 * (low + high), color=SERIES[joint], label=f"joint {joint + 1}")
     limit = 1.3 * float(np.percentile(np.abs(run.recording.v), 99.5))
-    velocity.set_ylim(-limit, limit)
+    limit_y(velocity, -limit, limit, "rad/s")
     velocity.set_ylabel("velocity [rad/s]")
     velocity.set_xlabel("time [s]")
     force.set_title("force read over the whole run")

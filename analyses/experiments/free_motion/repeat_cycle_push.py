@@ -22,6 +22,7 @@ from analyses.methods.runs.repeated_cycles import (
     repeat_cycles,
 )
 from analyses.methods.runs.task_runs import PATHS, write_runs_page
+from analyses.output.axes import legend_above, limit_y
 from analyses.output.figures import COLOUR, new_figure
 from analyses.study.experiment import (
     ComparisonRow,
@@ -190,9 +191,9 @@ def close_figure(cycles: RepeatedCycles) -> "Figure":
             draw_signal(panel, part.t, part.force[:, 1], colour, "read", alpha=0.8)
             panel.plot(part.t, part.reference[:, 1], color=COLOUR["truth"], label="sensor")
             panel.set_title(f"{reading.name}\n{where}", fontsize=8.5)
-            panel.set_ylim(-60.0, 60.0)
+            limit_y(panel, -60.0, 60.0, "N")
         axes[row, 0].set_ylabel("force fy [N]")
-        axes[row, 0].legend(loc="lower left", ncols=2)
+        legend_above(axes[row, 0], ncols=2)
     for panel in axes[-1]:
         panel.set_xlabel("time in the second cycle [s]")
     return figure

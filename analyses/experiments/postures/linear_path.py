@@ -26,6 +26,7 @@ from analyses.methods.planning.placement import (
     place,
     write_placement_page,
 )
+from analyses.output.axes import log_scale
 from analyses.output.figures import COLOUR, new_figure
 from analyses.output.outputs import OutputFolder
 from analyses.study.experiment import (
@@ -305,13 +306,15 @@ def _figures(out: OutputFolder, found: LinearPath) -> list[FigureFile]:
         text = f" {optimum.cost:.3f}"
         ax.text(1.0, optimum.cost, text, transform=ax.get_yaxis_transform(), va="center", size=8.5)
     ax.set_xlim(left=0.03)
+    log_scale(ax, "x")
     ax.set_xlabel("time [s]")
     ax.set_ylabel("mean condition number")
     figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=3)
     add(
         out.write_figure("convergence", figure),
         "Best cost known over the time of computing (one core, kernels compiled): this program and "
-        "PSO-GA on the same cost. Dotted: the two best local optima that the first met.",
+        "PSO-GA on the same cost. The curves begin above the panel. Dotted: the two best local "
+        "optima that the first met.",
     )
     add(
         draw_profiles(out, "table", table.initial, table.best, table.measure),

@@ -220,8 +220,9 @@ def _figure(metrics: dict[str, Any], out: Path) -> FigureFile:
     panel.axvspan(90.0, 98.0, alpha=0.2, lw=0)
     panel.set_yticks(places, list(metrics))
     panel.set_xlabel("inside the 95 % band [%]")
-    panel.set_xlim(50.0, 100.0)
-    panel.legend(loc="lower left")
+    least = min(min(own["all"]["inside_95_pct"]) for own in metrics.values())
+    panel.set_xlim(min(50.0, 10.0 * np.floor(0.1 * least)), 100.0)
+    figure.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     path = Path("figures") / "trust.png"
     save_figure(figure, out / path)
     return FigureFile(path, "Share of the samples inside the stated 95 % band, log by log.")

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from analyses.methods.planning.jcn_map_settings import NUM_SAMPLES, JcnMapSettings, SliceConfig
+from analyses.output.axes import log_scale
 from analyses.output.figures import COLOUR, new_figure, save_figure
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
@@ -332,12 +333,12 @@ def draw_distribution(samples: Samples, path: Path) -> None:
     edges = np.geomspace(5.0, 1e4, 100)
     ax.hist(np.clip(finite, 5.0, 9.999e3), edges, color=COLOUR["estimate"])
     for value, name, style in (
-        (THRESHOLD, f"{THRESHOLD:g}", ":"),
+        (THRESHOLD, f"{THRESHOLD:g}, good in the article", ":"),
         (float(np.median(samples.jcn)), f"median {np.median(samples.jcn):.1f}", "-"),
         (float(np.mean(finite)), f"mean {np.mean(finite):.0f}", "--"),
     ):
         ax.axvline(value, color=COLOUR["truth"], linestyle=style, linewidth=1.0, label=name)
-    ax.set_xscale("log")
+    log_scale(ax, "x")
     ax.set_xlabel("condition number of J (last bar: above 10 000)")
     ax.set_ylabel("configurations")
     figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=3)

@@ -16,6 +16,7 @@ import numpy as np
 
 from analyses.methods.planning.particle_swarm import SwarmConfig, place_by_swarm
 from analyses.methods.planning.place_settings import PlaceSettings
+from analyses.output.axes import log_scale
 from analyses.output.figures import COLOUR, SERIES, new_figure
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
@@ -351,7 +352,7 @@ def draw_profiles(
         if profile is None:
             continue
         mean, largest = np.mean(profile.jcn), np.max(profile.fine_jcn)
-        axes[0, 0].semilogy(
+        axes[0, 0].plot(
             fine,
             profile.fine_jcn,
             color=colour,
@@ -359,11 +360,7 @@ def draw_profiles(
         )
         if rows == 3:
             axes[1, 0].plot(fine, profile.fine_measure, color=colour)
-    top = max(float(np.max(p.fine_jcn)) for _, p, _ in cases if p is not None)
-    low = min(float(np.min(p.fine_jcn)) for _, p, _ in cases if p is not None)
-    ticks = [t for t in (5, 7, 10, 15, 20, 30, 40, 60, 100, 200, 500) if low / 1.5 < t < top * 1.3]
-    axes[0, 0].set_yticks(ticks, labels=[str(t) for t in ticks])
-    axes[0, 0].minorticks_off()
+    log_scale(axes[0, 0], "y")
     axes[0, 0].set_ylabel("condition number of J")
     if rows == 3:
         axes[1, 0].set_ylabel(measure.label)

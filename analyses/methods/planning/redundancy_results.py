@@ -9,6 +9,7 @@ import numpy as np
 
 from analyses.methods.planning.redundancy import RedundancyResult, find_redundancy
 from analyses.methods.planning.redundancy_task import RedundancySettings, RedundancyTask
+from analyses.output.axes import log_scale
 from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
 from analyses.output.result_folder import result_folder
 from analyses.study.experiment import (
@@ -70,9 +71,7 @@ def _draw_measure(result: RedundancyResult, path: Path) -> tuple[Path, str]:
         axes[0, 0].plot(distance, values, color=colour, label=label)
         axes[1, 0].plot(distance, np.degrees(way.psi), color=colour)
     axes[0, 0].set_ylabel(measure.label)
-    axes[0, 0].set_yscale("log")
-    axes[0, 0].yaxis.set_major_formatter("{x:g}")
-    axes[0, 0].yaxis.set_minor_formatter("{x:g}")
+    log_scale(axes[0, 0], "y")
     axes[1, 0].set_ylabel("angle about the normal [deg]")
     axes[1, 0].set_xlabel("distance along the path [m]")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)

@@ -29,6 +29,7 @@ from analyses.methods.runs.task_runs import (
     task_path,
     task_scenario,
 )
+from analyses.output.axes import legend_above, limit_y
 from analyses.output.figures import COLOUR, new_figure
 from analyses.study.experiment import (
     ExperimentContext,
@@ -171,7 +172,7 @@ def force_figure(cycles: RepeatedCycles, k: int, with_reference: bool, limit: fl
         panel.set_title(reading.name)
         panel.set_ylabel(f"force f{AXES[k]} [N]")
         if with_reference or key != OURS:
-            panel.set_ylim(-limit, limit)
-        panel.legend(loc="upper center", ncols=3)
+            limit_y(panel, -limit, limit, "N")
+        legend_above(panel, ncols=3)
     axes[-1, 0].set_xlabel("time in the second cycle [s]")
     return figure

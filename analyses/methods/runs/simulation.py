@@ -17,6 +17,7 @@ from pydrake.systems.analysis import Simulator
 from scipy.optimize import nnls
 
 from analyses.methods.advance import advance
+from analyses.methods.reading.force_errors import envelope
 from analyses.methods.runs.air_pass import record_air_pass, teach
 from analyses.methods.runs.simulate_settings import SimulateSettings
 from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
@@ -52,7 +53,14 @@ _FIT_SAMPLES = 1000
 _FIT_RANGE = (0.02, 0.5)  # rad/s
 _TOO_FAST = 10.0  # times its velocity limit no joint moves
 _BAND = 1.96  # standard deviations: 95 %
-_FIGURE_SAMPLES = 4000
+_TRUE_LINE: dict[str, Any] = {"color": COLOUR["truth"], "label": "true"}
+# Dashed and on top: a good sensor lies on the truth.
+_SENSOR_LINE: dict[str, Any] = {
+    "color": SERIES[4],
+    "lw": 0.9,
+    "ls": (0, (3, 3)),
+    "label": "sensor",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,32 +186,28 @@ class SimulationResult:
         )
 
     def figure(self) -> "Figure":
-        """True and estimated wrench with the stated 95 % band, and the sensor's."""
-        step = max(1, len(self.t) // _FIGURE_SAMPLES)
-        part = slice(None, None, step)
-        t, sd = self.t[part], self.standard_deviation[part]
-        figure, axes = new_figure(3, 2, share_x=True)
-        for k, column in enumerate(FORCE_FIRST):
+        """True and estimated wrench with the stated 95 % band, and the sensor's.
+
+        Every peak is drawn, however long the run. Moments are left out where the method reads none.
+        """
+        shown = WRENCH_AXES
+        if self.scenario.estimator.reconstruction.method == "force_only":
+            shown = WRENCH_AXES[:3]
+        figure, axes = new_figure(3, len(shown) // 3, share_x=True)
+        for k, axis in enumerate(shown):
             panel: Any = axes[k % 3, k // 3]
-            estimate = self.wrench[part, column]
-            band = _BAND * sd[:, column]
+            column = FORCE_FIRST[k]
+            estimate, band = self.wrench[:, column], _BAND * self.standard_deviation[:, column]
+            at, low, _ = envelope(self.t, estimate - band)
+            _, _, high = envelope(self.t, estimate + band)
             colour = COLOUR["estimate"]
             panel.fill_between(
-                t,
-                estimate - band,
-                estimate + band,
-                color=colour,
-                alpha=BAND_ALPHA,
-                lw=0,
-                label="95 % band",
+                at, low, high, color=colour, alpha=BAND_ALPHA, lw=0, label="95 % band"
             )
-            panel.plot(t, self.wrench_true[part, column], color=COLOUR["truth"], label="true")
-            panel.plot(t, estimate, color=colour, lw=1.0, label="estimated")
+            panel.plot(*_peaks(self.t, self.wrench_true[:, column]), **_TRUE_LINE)
+            panel.plot(*_peaks(self.t, estimate), color=colour, lw=1.0, label="estimated")
             if self.ft_wrench is not None:
-                # Dashed and on top: a good sensor lies on the truth.
-                sensor = self.ft_wrench[part, column]
-                panel.plot(t, sensor, color=SERIES[4], lw=0.9, ls=(0, (3, 3)), label="sensor")
-            axis = WRENCH_AXES[k]
+                panel.plot(*_peaks(self.t, self.ft_wrench[:, column]), **_SENSOR_LINE)
             panel.set_ylabel(f"{axis[0]}$_{axis[1]}$ [{'N' if k < 3 else 'N m'}]")
             if k % 3 == 2:
                 panel.set_xlabel("time [s]")
@@ -494,6 +498,14 @@ def _errors(reading: Array, truth: Array) -> dict[str, float]:
         varies = min(np.ptp(a), np.ptp(b)) > 1e-9
         metrics[f"correlation_{axis}"] = float(np.corrcoef(a, b)[0, 1]) if varies else float("nan")
     return metrics
+
+
+def _peaks(t: Array, x: Array) -> tuple[Array, Array]:
+    """A line through the extremes of each stretch of a long signal: no peak is lost."""
+    at, low, high = envelope(t, x)
+    if low is high:
+        return at, x
+    return at.repeat(2), np.stack([low, high], axis=1).ravel()
 
 
 def _rms(error: Array) -> Any:
