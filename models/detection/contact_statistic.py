@@ -51,7 +51,7 @@ import numpy as np
 from numba import njit
 from scipy.signal import lfilter
 
-from models.arrays import Array
+from models.arrays import Array, Flags
 from models.identification.torque_error_model import (
     TORQUE_ERROR_ROWS,
     TRANSMITTED_ROW,
@@ -98,7 +98,14 @@ def state_rows(num_joints: int) -> int:
 
 
 @njit(cache=True, error_model="numpy")
-def misfit_square(white, J, s, tau_y, moment_sd, M):  # type: ignore[no-untyped-def]
+def misfit_square(
+    white: Array,
+    J: Array,
+    s: Array,
+    tau_y: Array,
+    moment_sd: float,
+    M: Array,
+) -> float:
     """D of y (n,) = U z: y^T (1 + A^T P A)^-1 y with A = J diag(1 / s) U^T.
 
     Args:
@@ -140,9 +147,22 @@ def misfit_square(white, J, s, tau_y, moment_sd, M):  # type: ignore[no-untyped-
 
 
 @njit(cache=True, error_model="numpy")
-def detect_tick(  # type: ignore[no-untyped-def]
-    error, joints, settings, white, state, q, v, transmitted, momentum, J, tau_ext, fresh, out, work
-):
+def detect_tick(
+    error: Array,
+    joints: Array,
+    settings: Array,
+    white: Array,
+    state: Array,
+    q: Array,
+    v: Array,
+    transmitted: Array,
+    momentum: Array,
+    J: Array,
+    tau_ext: Array,
+    fresh: bool,
+    out: Array,
+    work: Array,
+) -> None:
     """Single-sample kernel: takes a sample into `state` and writes what it says.
 
     Args:
@@ -269,7 +289,10 @@ def detect_tick(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _link(power, level):  # type: ignore[no-untyped-def]
+def _link(
+    power: Array,
+    level: float,
+) -> float:
     """The link (1 to n) that a force away from E acts on, or 0 where the joints cannot tell."""
     beyond = 0.0
     for j in range(power.shape[0] - 1, -1, -1):
@@ -282,9 +305,21 @@ def _link(power, level):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def detect_log(  # type: ignore[no-untyped-def]
-    error, joints, settings, white, state, q, v, transmitted, momentum, J, tau_ext, fresh, out
-):
+def detect_log(
+    error: Array,
+    joints: Array,
+    settings: Array,
+    white: Array,
+    state: Array,
+    q: Array,
+    v: Array,
+    transmitted: Array,
+    momentum: Array,
+    J: Array,
+    tau_ext: Array,
+    fresh: Flags,
+    out: Array,
+) -> None:
     """`detect_tick` for N samples, one after another; out (N, NUM_OUT)."""
     n = q.shape[1]
     work = np.empty((n + 18, n))
@@ -308,9 +343,22 @@ def detect_log(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def white_log(  # type: ignore[no-untyped-def]
-    error, joints, settings, white, state, q, v, transmitted, momentum, J, tau_ext, out, z, mean
-):
+def white_log(
+    error: Array,
+    joints: Array,
+    settings: Array,
+    white: Array,
+    state: Array,
+    q: Array,
+    v: Array,
+    transmitted: Array,
+    momentum: Array,
+    J: Array,
+    tau_ext: Array,
+    out: Array,
+    z: Array,
+    mean: Array,
+) -> None:
     """As `detect_log`, and writes z and LP(z), (N, n) each, for what learns from them."""
     n = q.shape[1]
     work = np.zeros((n + 18, n))
