@@ -59,6 +59,7 @@ from models.identification.torque_error_model import (
     torque_sd_tick,
 )
 from models.observers.lag import JACOBIAN_ROWS, see_jacobian, take_jacobian
+from models.rigid_body.small_matrices import factorise_in_place, solve_lower
 
 WINDOW = 0.3  # s
 LOCAL_TIME = 10.0  # s
@@ -99,12 +100,7 @@ def state_rows(num_joints: int) -> int:
 
 @njit(cache=True, error_model="numpy")
 def misfit_square(
-    white: Array,
-    J: Array,
-    s: Array,
-    tau_y: Array,
-    moment_sd: float,
-    M: Array,
+    white: Array, J: Array, s: Array, tau_y: Array, moment_sd: float, M: Array
 ) -> float:
     """D of y (n,) = U z: y^T (1 + A^T P A)^-1 y with A = J diag(1 / s) U^T.
 
@@ -126,22 +122,17 @@ def misfit_square(
                 total += white[j, k] * J[i, k] / s[k]
             A[i, j] = known * total
     x = M[n + 6]
-    square = 0.0
     for i in range(n):
         for j in range(i + 1):
             total = 1.0 if i == j else 0.0
             for k in range(6):
                 total += A[k, i] * A[k, j]
-            for k in range(j):
-                total -= M[i, k] * M[j, k]
-            if i == j:
-                M[i, i] = np.sqrt(max(total, 1.0))
-            else:
-                M[i, j] = total / M[j, j]
-        total = tau_y[i]
-        for k in range(i):
-            total -= M[i, k] * x[k]
-        x[i] = total / M[i, i]
+            M[i, j] = total
+        x[i] = tau_y[i]
+    factorise_in_place(M, n, 0.0)
+    solve_lower(M, n, x)
+    square = 0.0
+    for i in range(n):
         square += x[i] * x[i]
     return square
 
@@ -289,10 +280,7 @@ def detect_tick(
 
 
 @njit(cache=True, error_model="numpy")
-def _link(
-    power: Array,
-    level: float,
-) -> float:
+def _link(power: Array, level: float) -> float:
     """The link (1 to n) that a force away from E acts on, or 0 where the joints cannot tell."""
     beyond = 0.0
     for j in range(power.shape[0] - 1, -1, -1):

@@ -31,12 +31,8 @@ from models.estimation.tick import (
     trusted_tick,
 )
 from models.estimation.trusted_reading import TrustedReading
-from models.estimation.wrench import (
-    WrenchReconstruction,
-    WrenchReconstructionConfig,
-    live_prior,
-    reconstruct_log,
-)
+from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig, live_prior
+from models.estimation.wrench_kernels import reconstruct_log
 from models.friction.friction_law import FrictionLaw
 from models.identification.identified_model import IdentifiedModel
 from models.observers.momentum_observer import MomentumObserverConfig

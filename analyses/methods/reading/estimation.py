@@ -44,6 +44,7 @@ from models.recordings.recording import Recording
 from models.recordings.recording_format import SignalColumns, column_items
 from models.recordings.recording_reader import RecordingReader
 from models.recordings.resampling import plausible_step, resample_chunks
+from models.rigid_body.spatial_vectors import FORCE_FIRST
 from models.robot.robot import Robot
 
 ProgressCallback = Callable[[float, str], None]
@@ -259,11 +260,10 @@ def _collect(
 ) -> None:
     """Hands over the samples from the one on at which the observer has settled."""
     R_WE, _ = robot.chain.pose(chunk.q)
-    force_first = [3, 4, 5, 0, 1, 2]
     signals = (
         chunk.t,
-        batch.wrench[:, force_first],
-        sd[:, force_first],
+        batch.wrench[:, FORCE_FIRST],
+        sd[:, FORCE_FIRST],
         np.asarray(valid, float),
         R_WE,
         chunk.v,
