@@ -182,6 +182,7 @@ class WrenchEstimator:
         )
         self.observer_rows = len(self.observer.initial_state())
         self.tick_rows = self.observer_rows + self.friction.state_rows
+        self._constants = (self.choice, *self.tables, self.observer_rows)
         self.trusted: TrustedReading | None = None
         if model.torque_error is not None:
             self.trusted = TrustedReading(
@@ -277,15 +278,7 @@ class WrenchEstimator:
                 *(float(batch.condition_number[0]), bool(batch.valid[0])),
             )
         out = np.empty(n + NUM_READING)
-        estimate_tick(
-            self.choice,
-            *self.tables,
-            self.observer_rows,
-            state,
-            sample,
-            out,
-            self._scratch,
-        )
+        estimate_tick(*self._constants, state, sample, out, self._scratch)
         return TickEstimate(
             out[:n],
             out[n : n + 6],
