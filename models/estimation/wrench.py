@@ -478,10 +478,10 @@ def _posterior(table, J, tau_ext, sd, stiction, wrench, covariance, work):  # ty
 @njit(cache=True, error_model="numpy")
 def _any(stiction):  # type: ignore[no-untyped-def]
     """Whether there is stiction: without it no wrench is feigned, at no cost."""
+    total = 0.0
     for part in stiction:
-        if part != 0.0:
-            return True
-    return False
+        total += abs(part)
+    return total != 0.0
 
 
 @njit(cache=True, error_model="numpy")
