@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from analyses.methods.planning.particle_swarm import SwarmConfig, place_by_swarm
 from analyses.methods.planning.place_settings import PlaceSettings
@@ -22,6 +22,7 @@ from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from diagrams.pages.path_page import PathMotion, TriangleMesh, record_paths
 from diagrams.placement_cell import PlacementCell, obstacle_corners, workpiece_corners
+from models.arrays import Array
 from models.estimation.wrench import WrenchReconstructionConfig, live_prior
 from models.files.configuration import nearest
 from models.files.input_error import InputError
@@ -41,8 +42,6 @@ from models.placement.placement_search import (
 from models.placement.placement_task import PlacementTask, check_task, load_task
 from models.rigid_body.ties import beyond_rounding, first_of_least
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 OBJECTIVES = ("jcn", "force-sd")
 PLACE_SOLVERS = (*SOLVERS, "pso-ga")
