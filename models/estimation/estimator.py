@@ -196,7 +196,7 @@ class WrenchEstimator:
                 self.config.force_bandwidth_hz,
             )
         # What the kernel of `step` is given at each tick, put together once.
-        self._constants: tuple[Any, ...] = (self.choice, *self.tables, self.observer_rows)
+        self._constants: Any = (self.choice, *self.tables, self.observer_rows)
         if self.trusted is not None:
             tables = (*self.tables[:-1], *self.trusted.tables)
             self._constants = (self.choice, *tables, self.observer_rows, self.tick_rows)
