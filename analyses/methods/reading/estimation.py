@@ -7,6 +7,7 @@ spread, of external torque and Jacobian; the prior is what explains those best
 """
 
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -31,6 +32,7 @@ from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEs
 from models.estimation.evidence_prior import evidence_prior
 from models.estimation.observers import make_observer
 from models.estimation.wrench import live_prior
+from models.estimation.wrench_bag import WrenchBagWriter
 from models.estimation.wrench_table import WrenchTableWriter
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.position_resolution import position_resolution
@@ -91,7 +93,7 @@ def estimate_log(
     """The command `estimate`: streams a log and writes what acted at the tool into `out`.
 
     Writes wrench.csv (see `models.estimation.wrench_table`), metrics.json, config.yaml and
-    figures/wrench.png.
+    figures/wrench.png; wrench.mcap (see `models.estimation.wrench_bag`) where it is asked for.
 
     Args:
         log: as `read_recording`.
@@ -175,11 +177,18 @@ def estimate(
     engine: _Engine = _ENGINES[settings.estimate.engine](robot, model, config)
     observer = make_observer(config.observer, robot.num_joints)
     summary = EstimateSummary(model, observer.settling_time)
-    with WrenchTableWriter(out / "wrench.csv") as table:
+    with ExitStack() as stack:
+        table = stack.enter_context(WrenchTableWriter(out / "wrench.csv"))
+        bag: WrenchBagWriter | None = None
+        if settings.estimate.mcap:
+            bag = stack.enter_context(WrenchBagWriter(out / "wrench.mcap", robot.config.base_link))
         for chunk in chain([first], chunks):
             batch = engine.run(chunk.q, chunk.v, chunk.current)
             sd, valid = batch.standard_deviation, summary.judge(chunk, batch, config)
             table.write(chunk.t, batch.wrench, sd, batch.condition_number, valid)
+            if bag is not None:
+                _, p_WE = robot.chain.pose(chunk.q)
+                bag.write(chunk.t, batch.wrench, batch.covariance, p_WE)
             summary.add(chunk, batch, sd, valid, _torque(chunk, robot))
     metrics = summary.metrics(config, rule)
     warnings += summary.warnings()
