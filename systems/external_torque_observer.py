@@ -3,7 +3,7 @@
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
@@ -15,7 +15,8 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from models.estimation.observer import (
+from models.arrays import Array
+from models.observers.observer import (
     CTV,
     GRAVITY,
     MOMENTUM,
@@ -29,8 +30,6 @@ from models.estimation.observer import (
     V,
 )
 from models.rigid_body.serial_chain import RigidBodyTerms
-
-Array = NDArray[np.float64]
 
 
 class ExternalTorqueObserver(LeafSystem):
@@ -59,7 +58,7 @@ class ExternalTorqueObserver(LeafSystem):
     that came early.
 
     Args:
-        observer: of `models.estimation.observers`.
+        observer: of `models.observers.observer_kinds`.
         torque_sd: (n,) N m, what tau_ext errs by where nothing touches the arm, for an observer
             that asks for it.
 

@@ -14,12 +14,10 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from models.arrays import Array, Flags
 from models.estimation.kernel_choice import kernel_choice
-from models.estimation.momentum_observer import MomentumObserverConfig
-from models.estimation.observer import NUM_SIGNALS, TAU_F, TAU_J, Observer
-from models.estimation.observers import AnyObserverConfig, make_observer
 from models.estimation.tick import (
     GAIN,
     KNOWN_CORRECTION,
@@ -30,6 +28,7 @@ from models.estimation.tick import (
     scratch_size,
     serial_log,
     terms_log,
+    trusted_tick,
 )
 from models.estimation.trusted_reading import TrustedReading
 from models.estimation.wrench import (
@@ -40,12 +39,11 @@ from models.estimation.wrench import (
 )
 from models.friction.friction_law import FrictionLaw
 from models.identification.identified_model import IdentifiedModel
-from models.rigid_body.serial_chain import kernels_are_compiled
+from models.observers.momentum_observer import MomentumObserverConfig
+from models.observers.observer import NUM_SIGNALS, TAU_F, TAU_J, Observer
+from models.observers.observer_kinds import AnyObserverConfig, make_observer
 from models.robot.motors import motor_gain
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 _PASS = 16384  # rows between two turns of the serial part: bounds the memory of a long log
 
@@ -57,7 +55,8 @@ class WrenchEstimatorConfig:
     observer: AnyObserverConfig = field(default_factory=MomentumObserverConfig)
     reconstruction: WrenchReconstructionConfig = field(default_factory=WrenchReconstructionConfig)
     force_bandwidth_hz: float = 3.0  # up to which the band holds the observer's lag
-    position_resolution: list[float] | None = None  # rad, per joint; None: what the model says
+    position_resolution: list[float] | None = None
+    # rad, per joint; None: what robot.yaml says of all joints, else the model
 
 
 class Taught(NamedTuple):
@@ -98,6 +97,9 @@ class EstimateBatch(NamedTuple):
             one before it was not finite, so that tau_ext is held.
         J: (N, 6, n) rows [angular; linear] at E in axes of W.
         torque_sd: (N, n) N m, of tau_ext where nothing touches the arm.
+        transmitted: (N, n) N m, what the gears transmit: motor torque less friction; empty where
+            it is not kept.
+        fresh: (N,) whether tau_ext is of the sample; empty where it is not kept.
     """
 
     tau_ext: Array
@@ -107,6 +109,8 @@ class EstimateBatch(NamedTuple):
     valid: Flags
     J: Array
     torque_sd: Array
+    transmitted: Array = np.empty((0, 0))
+    fresh: Flags = np.empty(0, np.bool_)
 
     @property
     def standard_deviation(self) -> Array:
@@ -121,7 +125,7 @@ class Observation(NamedTuple):
         tau_ext: (N, n) N m.
         tau_J: (N, n) N m, motor torque on the joint side.
         tau_f: (N, n) N m, friction.
-        fresh: (N,) see `models.estimation.observer`.
+        fresh: (N,) see `models.observers.observer`.
         J: (N, 6, n) rows [angular; linear] at E in axes of W.
     """
 
@@ -175,6 +179,8 @@ class WrenchEstimator:
             self.config.reconstruction, model.residual_covariance
         )
         resolution = self.config.position_resolution
+        if resolution is None and np.isfinite(robot.position_resolution).all():
+            resolution = robot.position_resolution.tolist()
         self.friction = model.friction.sampled(self.observer.time_step, resolution)
         self.choice = kernel_choice(self.observer.kernels, self.friction.kernels)
         self.tables = self.tables_of(
@@ -193,6 +199,7 @@ class WrenchEstimator:
                 resolution,
                 self.config.force_bandwidth_hz,
             )
+        self._trusted_tables = None if self.trusted is None else self.trusted.tables
         more = 0 if self.trusted is None else self.trusted.state_rows
         self._state_shape = (self.tick_rows + more, n)
         self._sample = np.empty((3, n))
@@ -265,27 +272,29 @@ class WrenchEstimator:
                 sample[2] -= np.asarray(tau_f, float) / self.tables.drives[GAIN]
         if state.shape != self._state_shape:
             raise ValueError(f"state must be {self._state_shape}, not {state.shape}")
-        if self.trusted is not None:
-            one = [np.asarray(x, float).reshape(1, n) for x in (q, v, current)]
-            if taught is not None:
-                taught = Taught(*(np.asarray(part, float)[None] for part in taught))
-            if tau_f is not None:
-                tau_f = np.asarray(tau_f, float)[None]
-            batch = self.run(state, *one, taught=taught, tau_f=tau_f)
-            return TickEstimate(
-                *(batch.tau_ext[0], batch.wrench[0], batch.covariance[0]),
-                *(float(batch.condition_number[0]), bool(batch.valid[0])),
-            )
         out = np.empty(n + NUM_READING)
-        estimate_tick(
-            self.choice,
-            *self.tables,
-            self.observer_rows,
-            state,
-            sample,
-            out,
-            self._scratch,
-        )
+        if self._trusted_tables is None:
+            estimate_tick(
+                self.choice,
+                *self.tables,
+                self.observer_rows,
+                state,
+                sample,
+                out,
+                self._scratch,
+            )
+        else:
+            trusted_tick(
+                self.choice,
+                *self.tables[:-1],
+                *self._trusted_tables,
+                self.observer_rows,
+                self.tick_rows,
+                state,
+                sample,
+                out,
+                self._scratch,
+            )
         return TickEstimate(
             out[:n],
             out[n : n + 6],
@@ -338,6 +347,7 @@ class WrenchEstimator:
         covariance, quality, counts = np.empty((N, 6, 6)), np.empty((N, 2)), np.empty(N, np.bool_)
         signals = np.empty((min(N, _PASS), NUM_SIGNALS, n))
         torque_sd = np.tile(np.sqrt(np.diag(self.reconstruction.torque_covariance)), (N, 1))
+        transmitted = np.empty((N, n))
         for start in range(0, N, _PASS):
             rows = slice(start, min(N, start + _PASS))
             part = signals[: rows.stop - start]
@@ -364,6 +374,7 @@ class WrenchEstimator:
                 tau_ext[rows],
                 counts[rows],
             )
+            transmitted[rows] = part[:, TAU_J] - part[:, TAU_F]
             if self.trusted is not None:
                 (
                     F[rows],
@@ -375,7 +386,7 @@ class WrenchEstimator:
                     state[self.tick_rows :],
                     q[rows],
                     v[rows],
-                    part[:, TAU_J] - part[:, TAU_F],
+                    transmitted[rows],
                     J[rows],
                     tau_ext[rows],
                     counts[rows],
@@ -387,7 +398,9 @@ class WrenchEstimator:
                 *(F[rows], covariance[rows], quality[rows]),
             )
         valid = (quality[:, 1] == 1.0) & counts
-        return EstimateBatch(tau_ext, F, covariance, quality[:, 0], valid, J, torque_sd)
+        return EstimateBatch(
+            *(tau_ext, F, covariance, quality[:, 0], valid, J, torque_sd, transmitted, counts)
+        )
 
     def observe(self, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> Observation:
         """The chain of a whole log up to tau_ext, from its start, without a reading of the wrench.
@@ -429,8 +442,3 @@ class WrenchEstimator:
         known[..., KNOWN_CORRECTION, :] = taught.tau_correction
         known[..., KNOWN_COUNTS, :] = np.asarray(taught.counts, float)[..., None]
         return known
-
-
-def estimator_is_compiled() -> bool:
-    """Whether the first estimate comes at once; False announces a wait of some seconds."""
-    return kernels_are_compiled(estimate_tick, terms_log, serial_log, reconstruct_log)

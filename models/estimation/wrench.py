@@ -39,13 +39,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit, prange
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from models.arrays import Array, Flags
 from models.rigid_body.conditioning import condition_number_of, condition_numbers_of
 from models.rigid_body.small_matrices import factorise, largest_eigenvalue_3x3, orthogonalise_rows
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 METHODS = ("inverse", "force_only", "bayesian", "damped", "truncated")
 _INVERSE, _FORCE_ONLY, _BAYESIAN, _DAMPED, _TRUNCATED = range(5)
@@ -184,7 +182,7 @@ class WrenchReconstruction:
         """Returns the reading for J ((6, n) or (N, 6, n)) and tau_ext ((n,) or (N, n), N m).
 
         Args:
-            J: as tau_ext saw it, see `models.estimation.lag`.
+            J: as tau_ext saw it, see `models.observers.lag`.
             tau_ext: external joint torque.
             sd: as tau_ext; N m, of its errors; None: 1, so that the torque covariance is theirs.
             stiction: as tau_ext; the part of sd that is stiction; None: 0.

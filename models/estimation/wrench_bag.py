@@ -11,14 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.files.files_read import about_to_read
 from models.files.input_error import InputError
 from models.recordings.rosbag.messages import WRENCH, encoded, nanoseconds
 from models.recordings.rosbag.table import BagWriter, RosbagTable
-
-Array = NDArray[np.float64]
 
 FRAME = "E_W"
 TOPIC = "/wrench"

@@ -14,11 +14,9 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.recordings.recording import Recording, concatenated
-
-Array = NDArray[np.float64]
 
 HALF_WINDOW_S = 0.03
 """Half of the stretch that a velocity is taken from. Against the drives' own velocity it errs by 3

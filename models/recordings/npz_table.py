@@ -10,11 +10,11 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.files.input_error import InputError
 from models.files.whole_file import whole_file, writing_to
 from models.recordings.recording_format import RecordingFormat
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 _BLOCK_ROWS = 1 << 16

@@ -7,12 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.files.configuration import REQUIRED, load_configuration
 from models.files.input_error import InputError
-
-Array = NDArray[np.float64]
 
 _BUNDLED = Path(__file__).parent / "formats"
 
@@ -218,6 +216,39 @@ def resolve_layout(
         )
     _check_sizes(signals, description_source)
     return ColumnLayout(tuple(signals), shown)
+
+
+def further_signals(
+    further: dict[str, SignalColumns],
+    asked_by: str,
+    log: Path,
+    names: Sequence[str] | None,
+    num_columns: int,
+) -> tuple[Signal, ...]:
+    """Signals that no description names, but whoever reads the log.
+
+    Args:
+        further: by name.
+        asked_by: for error lines: the option that names the columns.
+        log, names, num_columns: as `resolve_layout`.
+
+    Raises:
+        InputError: the log lacks a column.
+    """
+    shown = tuple(names) if names else tuple(f"column {i + 1}" for i in range(num_columns))
+    return tuple(
+        _signal(entry, name, name, _ANY_UNIT, asked_by, log, shown, names)
+        for name, entry in further.items()
+    )
+
+
+def column_items(text: str, place: str, source: str) -> list[str]:
+    """The columns that a text names, one by one: "1, 3-5", or "t, q{1..3}".
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    return _expanded(text, place, source)
 
 
 def _check_sizes(signals: list[Signal], source: str) -> None:

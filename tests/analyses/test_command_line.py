@@ -447,6 +447,7 @@ def test_an_estimate_prints_its_table_and_its_doubts(invoke, monkeypatch, tmp_pa
         notices=("a drop-out was bridged",),
         warnings=("it extrapolates [mostly]",),
         table=tmp_path / "wrench.csv",
+        contacts=("contact at t = 1.20 s for 0.40 s, up to 31 N, not at E: link 4",),
     )
     monkeypatch.setattr(estimation, "estimate_log", lambda *_: result)
     shown = invoke("estimate", "log.csv", "--robot", "r", "--out", tmp_path)
@@ -456,6 +457,7 @@ def test_an_estimate_prints_its_table_and_its_doubts(invoke, monkeypatch, tmp_pa
     assert lines[1].split() == ["fz", "-24.68", "25.50", "40.34", "–", "N"]
     assert "5010 samples, 67.6 % valid; prior: force sd 15.7 N, moment sd 2.58 N m" in lines[2]
     assert "note: it extrapolates [mostly]" in lines
+    assert "contact at t = 1.20 s for 0.40 s, up to 31 N, not at E: link 4" in lines
     assert str(tmp_path / "wrench.csv") in lines[-1]
 
 

@@ -6,8 +6,8 @@ from pydrake.systems.analysis import Simulator
 
 from diagrams.replay import make_replay
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.momentum_observer import MomentumObserverConfig
 from models.identification.identified_model import IdentifiedModel
+from models.observers.momentum_observer import MomentumObserverConfig
 from models.recordings.recording_reader import read_recording
 from models.recordings.resampling import resampled
 
@@ -34,6 +34,8 @@ def replayed(robot, model, configuration, log, stretches):
 def assert_agrees(played, batch):
     """To 1e-9 of each signal's own size, row by row."""
     for name, found, expected in zip(batch._fields, played, batch, strict=True):
+        if name in ("transmitted", "fresh"):  # kept in a log alone
+            continue
         assert found.shape == expected.shape, name
         if name == "valid":
             np.testing.assert_array_equal(found, expected)

@@ -14,7 +14,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from models.arrays import Array
+
 Stamps = NDArray[np.int64]
 
 JOINT_STATE = "sensor_msgs/msg/JointState"

@@ -22,6 +22,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.files.input_error import InputError
 from models.files.whole_file import whole_file, writing_to
 from models.recordings.recording_format import RecordingFormat
@@ -34,7 +35,6 @@ from models.recordings.rosbag.messages import (
     seconds,
 )
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 _BLOCK_MESSAGES = 1 << 14

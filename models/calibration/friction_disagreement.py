@@ -1,0 +1,91 @@
+"""Does a log's friction contradict the model's? From what is read where nothing touches the arm.
+
+A force at the tool does not care which way a joint turns; friction does. So the reading is
+regressed on what Coulomb, viscous and offset coefficients add to friction, joint by joint and with
+errors that are correlated over time (`models.calibration.friction_refresh`). A joint's friction
+contradicts the model if all of this holds:
+
+- its Coulomb or viscous coefficient differs by CLEAR standard errors (an offset alone is also what
+  a load looks like);
+- the differences amount to more torque than the model leaves unexplained anyhow;
+- they explain what is read: what remains is not far above the model's residual. A load or a contact
+  that happens to go with a joint's direction leaves more.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.calibration.friction_refresh import FrictionDrift, refresh_friction
+from models.calibration.residual_noise import ResidualNoise, ResidualRows
+from models.friction.sliding_friction import TERMS
+from models.friction.velocity_friction import CoulombViscous
+
+CLEAR = 4.0  # standard errors; 12 coefficients of six joints: a false alarm in 1300 logs
+UNEXPLAINED = 3.0  # times the residual that the model states
+FEWEST = 20  # rows
+_UNITS = ("N m", "N m s/rad", "N m")
+
+
+@dataclass(frozen=True)
+class FrictionDisagreement:
+    """A joint whose friction is not what the model says.
+
+    Attributes:
+        joint: its index.
+        term: "coulomb" or "viscous", the one that differs by more standard errors.
+        change: of that coefficient, log less model; N m or N m s/rad.
+        standard_errors: that the change amounts to.
+        torque: root mean square of what both changes add, N m.
+        stated: N m, what the model leaves unexplained.
+    """
+
+    joint: int
+    term: str
+    change: float
+    standard_errors: float
+    torque: float
+    stated: float
+
+    def sentence(self, joint_names: Sequence[str]) -> str:
+        """Returns what to tell a user."""
+        unit = _UNITS[TERMS.index(self.term)]
+        return (
+            f"friction of {joint_names[self.joint]} is not the model's: {self.term} "
+            f"{self.change:+.2g} {unit}, {abs(self.standard_errors):.0f} standard errors, "
+            f"{self.torque:.2g} N m on average where the model states {self.stated:.2g}; "
+            "refresh it with identify --refresh"
+        )
+
+
+def friction_disagreements(
+    rows: ResidualRows,
+    law: CoulombViscous,
+    drift: FrictionDrift | None = None,
+    noise: ResidualNoise | None = None,
+) -> list[FrictionDisagreement]:
+    """Finds the joints whose friction contradicts the model.
+
+    Args:
+        rows: of stretches without contact, about ten a second. From an observer's reading: the
+            residual is -tau_ext, and dry, viscous and sliding go through the observer's pole.
+        law: the model's coefficients.
+        drift: how far friction may be off.
+        noise: of the residual.
+    """
+    if len(rows.t) < FEWEST:
+        return []
+    found = refresh_friction(rows, law, drift, noise)
+    sliding = rows.sliding
+    left = np.sqrt(np.mean((rows.residual - (sliding * found.change).sum(axis=2)) ** 2, axis=0))
+    out = []
+    for j in range(rows.num_joints):
+        torque = float(np.sqrt(np.mean((sliding[:, j, :2] @ found.change[j, :2]) ** 2)))
+        worst = int(np.argmax(np.abs(found.standard_errors[j, :2])))
+        errors = float(found.standard_errors[j, worst])
+        stated = float(rows.sd[j])
+        if abs(errors) > CLEAR and torque > stated and left[j] < UNEXPLAINED * stated:
+            change = float(found.change[j, worst])
+            out.append(FrictionDisagreement(j, TERMS[worst], change, errors, torque, stated))
+    return out

@@ -1,0 +1,293 @@
+"""Torque per ampere of every joint, from logs with a load whose weight is known.
+
+Without a known weight no log can tell torque: twice the masses, twice the friction and twice the
+torque per ampere move the same. A known weight on the flange fixes the scale of the joints that
+feel it, and the masses that several joints carry tie the joints to each other. With u = log of the
+true over the stated torque per ampere, the torque that the stated constants give is
+
+    tau = exp(-u) (Y pi + rotor vdot + friction + Y_load pi_load),
+
+linear in all but u, and solved for all at once by Gauss-Newton steps of generalised least squares
+(`models.calibration.residual_noise`). Each log's friction may have drifted a little from the
+others' (`models.calibration.friction_refresh`), and friction that grows with what a gear
+transmits takes that torque from the step before, load included.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.arrays import Array
+from models.calibration.friction_refresh import FrictionDrift
+from models.calibration.load_identification import REACH
+from models.calibration.load_parameters import body_parameters, load_columns
+from models.calibration.prior_least_squares import PriorFit, fit_with_prior
+from models.calibration.residual_noise import ResidualNoise, ResidualRows
+from models.friction.friction_structure import FrictionStructure
+from models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
+from models.identification.torque_regression import parameter_prior, split_terms
+from models.robot.robot import Robot
+
+GAIN_SD = 0.3  # of u before any log: torque per ampere right within a third
+LOAD_DEPENDENCE_SD = 0.1  # N m of friction per N m
+WEIGHING = 1e-3  # relative error of a known weight
+PLACING = 1e-3  # m, of a known centre of mass
+STEPS = 8
+_ENOUGH = 1e-5  # change of u that ends the steps
+_INERTIAL = 10
+
+
+@dataclass(frozen=True)
+class KnownLoad:
+    """A weighed body on the flange.
+
+    Attributes:
+        mass: kg, positive.
+        com: (3,) m in the flange's frame; None where it is not known.
+    """
+
+    mass: float
+    com: tuple[float, float, float] | None = None
+
+    def prior(self) -> tuple[Array, Array]:
+        """Mean and sd (10,) of its parameters in the flange's frame."""
+        size = self.mass * REACH**2
+        if self.com is None:
+            mean = np.r_[self.mass, np.zeros(9)]
+            sd = np.r_[WEIGHING * self.mass, np.full(3, self.mass * REACH), np.full(6, size)]
+            return mean, sd
+        mean = body_parameters(self.mass, np.array(self.com), np.zeros((3, 3)))
+        sd = np.r_[WEIGHING * self.mass, np.full(3, PLACING * self.mass), np.full(6, size)]
+        return mean, sd
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationLog:
+    """One low-passed log.
+
+    Attributes:
+        t: (N,) s.
+        q: (N, n) rad (m), as v and vdot.
+        v: (N, n).
+        vdot: (N, n).
+        tau: (N, n) N m that the stated torques per ampere give.
+        low_pass: along time; what is computed from q, v and vdot goes through it.
+        rows: (m,) samples that are used.
+        load: index of the known load that the arm carries; None for no load.
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    vdot: Array
+    tau: Array
+    low_pass: Callable[[Array], Array]
+    rows: NDArray[np.intp]
+    load: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class GainCalibration:
+    """What the logs say of the drives, the friction and the loads.
+
+    Attributes:
+        ratio: (n,) true over stated torque per ampere.
+        log_covariance: (n, n) of its logarithm.
+        x: all parameters of arm and friction, in true torque, as
+            `models.identification.torque_regression`.
+        standard_deviation: of x.
+        structure: of the friction.
+        loads: (l, 10) parameters of the loads in the flange's frame.
+        load_sd: (l, 10).
+    """
+
+    ratio: Array
+    log_covariance: Array
+    x: Array
+    standard_deviation: Array
+    structure: FrictionStructure
+    loads: Array
+    load_sd: Array
+
+    @property
+    def ratio_sd(self) -> Array:
+        """(n,) of the ratio."""
+        return np.asarray(self.ratio * np.sqrt(np.diag(self.log_covariance)))
+
+    @property
+    def told(self) -> Array:
+        """(n,) share of the prior's variance that the logs have taken away, 0 to 1."""
+        return np.asarray(1.0 - np.diag(self.log_covariance) / GAIN_SD**2)
+
+    @property
+    def least_known(self) -> tuple[Array, float]:
+        """The combination of log ratios, a unit vector (n,), that is told worst, and its sd."""
+        values, vectors = np.linalg.eigh(self.log_covariance)
+        worst = vectors[:, -1] * np.sign(vectors[:, -1].sum() or 1.0)
+        return worst, float(np.sqrt(values[-1]))
+
+    @property
+    def load_dependence(self) -> tuple[Array, Array]:
+        """(n,) N m of friction per N m transmitted, and its sd; NaN for a joint without it."""
+        n = self.structure.num_joints
+        value, sd = np.full(n, np.nan), np.full(n, np.nan)
+        _, _, own = split_terms(self.x, [len(terms) for terms in self.structure.terms])
+        _, _, deviation = split_terms(
+            self.standard_deviation, [len(terms) for terms in self.structure.terms]
+        )
+        for j, terms in enumerate(self.structure.terms):
+            if "load" in terms:
+                value[j], sd[j] = (part[j][terms.index("load")] for part in (own, deviation))
+        return value, sd
+
+
+class GainProblem:
+    """The least squares of this module for given logs."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        logs: Sequence[CalibrationLog],
+        loads: Sequence[KnownLoad],
+        structure: FrictionStructure,
+        start: Array,
+        residual_sd: Array,
+        drift: FrictionDrift | None = None,
+        noise: ResidualNoise | None = None,
+    ) -> None:
+        """Prepares the fit.
+
+        Args:
+            robot: with the stated torques per ampere.
+            logs: unloaded and loaded ones.
+            loads: what `CalibrationLog.load` counts.
+            structure: friction terms and shape.
+            start: all parameters, of an identification of the unloaded logs.
+            residual_sd: (n,) N m, of that identification.
+            drift: of friction from log to log.
+            noise: of the residual.
+        """
+        self._robot, self._logs, self._loads = robot, logs, loads
+        self._structure = structure
+        self._sd = residual_sd
+        self._drift = drift or FrictionDrift(viscous=0.1)
+        self._noise = noise or ResidualNoise()
+        self._counts = [len(terms) for terms in structure.terms]
+        self._start = start
+
+    def solve(self) -> GainCalibration:
+        """Runs the Gauss-Newton steps."""
+        n, p = self._robot.num_joints, len(self._start)
+        x, u = self._start, np.zeros(n)
+        mean = [load.prior()[0] for load in self._loads]
+        loads = np.stack(mean) if mean else np.zeros((0, _INERTIAL))
+        for _ in range(STEPS):
+            fit = self._step(x, u, loads)
+            before, u = u, fit.values[p + loads.size : p + loads.size + n]
+            x, loads = fit.values[:p], fit.values[p : p + loads.size].reshape(loads.shape)
+            if np.abs(u - before).max() < _ENOUGH:
+                break
+        deviation = fit.standard_deviation
+        gains = slice(p + loads.size, p + loads.size + n)
+        return GainCalibration(
+            ratio=np.exp(u),
+            log_covariance=fit.covariance[gains, gains],
+            x=x,
+            standard_deviation=deviation[:p],
+            structure=self._structure,
+            loads=loads,
+            load_sd=deviation[p : p + loads.size].reshape(loads.shape),
+        )
+
+    @cached_property
+    def _rigid(self) -> list[tuple[Array, Array]]:
+        """Per log, low-passed at its rows: (m, n, 10 n + 1) of links and rotor, (m, n, 10)."""
+        out = []
+        for log in self._logs:
+            Y = self._robot.chain.regressor(log.q, log.v, log.vdot)
+            whole = np.concatenate([Y, log.vdot[:, :, None]], axis=2)
+            load = load_columns(self._robot, log.q, log.v, log.vdot)
+            out.append((log.low_pass(whole)[log.rows], log.low_pass(load)[log.rows]))
+        return out
+
+    @cached_property
+    def _prior(self) -> tuple[Array, Array]:
+        """Mean and sd of x, the loads and u."""
+        n = self._robot.num_joints
+        mean, spread = parameter_prior(self._robot, self._counts)
+        start = _INERTIAL * n
+        for j, terms in enumerate(self._structure.terms):
+            for k, term in enumerate(terms):
+                wide = LOAD_DEPENDENCE_SD if term == "load" else float(self._robot.effort_limit[j])
+                spread[start + 1 + k] = wide
+            start += 1 + len(terms)
+        priors = [load.prior() for load in self._loads]
+        return (
+            np.concatenate([mean, *(m for m, _ in priors), np.zeros(n)]),
+            np.concatenate([spread, *(s for _, s in priors), np.full(n, GAIN_SD)]),
+        )
+
+    def _step(self, x: Array, u: Array, loads: Array) -> PriorFit:
+        """One linearised fit about x, u and the loads; values: x, loads, u, drifts."""
+        n, p, num_logs = self._robot.num_joints, len(x), len(self._logs)
+        counts = self._counts
+        inertial, rotor, coefficients = split_terms(x, counts)
+        law = self._structure.law(self._within(coefficients))
+        chain = self._robot.chain.with_inertial_parameters(inertial, rotor)
+        mean, spread = self._prior
+        first = p + loads.size + n
+        width = first + 3 * n * num_logs
+        starts = _INERTIAL * n + np.concatenate([[0], np.cumsum([1 + c for c in counts])])
+        whitened: list[list[Array]] = [[] for _ in range(n)]
+        drift = np.zeros((num_logs, n, 3))
+        for index, (log, (rigid, load)) in enumerate(zip(self._logs, self._rigid, strict=True)):
+            carried = np.asarray(chain.inverse_dynamics(log.q, log.v, log.vdot))
+            if log.load is not None:
+                own = load_columns(self._robot, log.q, log.v, log.vdot)
+                carried = carried + own @ loads[log.load]
+            friction = self._structure.columns(log.q, log.v, carried)
+            parts = (
+                *dry_and_viscous(law, log.q, log.v, carried),
+                stiction(law, carried),
+                sliding_columns(law, log.q, log.v, carried),
+            )
+            dry, viscous, level, sliding = (log.low_pass(part)[log.rows] for part in parts)
+            t, v = log.t[log.rows], log.v[log.rows]
+            tau = log.tau[log.rows]
+            rows = ResidualRows(t, v, tau, dry, viscous, np.abs(level), sliding, self._sd)
+            drift[index] = self._drift.deviation(rows, law.coulomb_viscous)
+            for j in range(n):
+                A = np.zeros((len(t), width))
+                A[:, : _INERTIAL * n] = rigid[:, j, :-1]
+                A[:, starts[j]] = rigid[:, j, -1]
+                A[:, starts[j] + 1 : starts[j + 1]] = log.low_pass(friction[j])[log.rows]
+                if log.load is not None:
+                    place = p + _INERTIAL * log.load
+                    A[:, place : place + _INERTIAL] = load[:, j]
+                predicted = A[:, :first] @ np.concatenate([x, loads.ravel(), np.zeros(n)])
+                place = first + 3 * (n * index + j)
+                A[:, place : place + 3] = rows.drift[:, j]
+                A *= np.exp(-u[j])
+                A[:, p + loads.size + j] = -np.exp(-u[j]) * predicted
+                own_rows = rows.whitened(j, A, self._noise)
+                own_rows[:, -1] += own_rows[:, p + loads.size + j] * u[j]
+                whitened[j].append(own_rows)
+        return fit_with_prior(
+            [np.vstack(own) for own in whitened],
+            np.concatenate([spread, drift.ravel()]),
+            np.concatenate([mean, np.zeros(drift.size)]),
+        )
+
+    def _within(self, coefficients: list[Array]) -> list[Array]:
+        """The coefficients with load terms that a law may have, for the noise's sake alone."""
+        out = []
+        for own, terms in zip(coefficients, self._structure.terms, strict=True):
+            kept = own.copy()
+            if "load" in terms:
+                k = terms.index("load")
+                kept[k] = np.clip(kept[k], 0.0, 0.5)
+            out.append(kept)
+        return out

@@ -1,0 +1,243 @@
+"""Mass, centre of mass and inertia of what an arm carries, from its joint torques.
+
+A load adds a torque that is linear in its ten parameters to what the arm's model predicts. They are
+found by generalised least squares of the model's residual, together with the drift that friction
+may have made since (`models.calibration.friction_refresh`). Twice: the first solution takes
+nearly anything for possible and shows where the centre of mass is; the second states the parameters
+about that point, where a prior of the inertia can say what a body of this mass looks like.
+
+The standard errors count three things: the scatter of the torque, which is correlated over time;
+errors of the arm's own model; and torques per ampere that are a little off. The last two no motion
+with an unknown load can tell from another load. So they are no unknowns of the fit, which they
+would bend: their effect on the result is added to its covariance ("considered" parameters; Schmidt,
+"Application of state-space methods to navigation problems", 1966).
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from models.arrays import Array
+from models.calibration.friction_refresh import FrictionDrift
+from models.calibration.load_parameters import (
+    inertia_matrix,
+    moved_parameters,
+    realisable_inertia,
+)
+from models.calibration.prior_least_squares import fit_with_prior
+from models.calibration.residual_noise import ResidualNoise, ResidualRows
+from models.friction.velocity_friction import CoulombViscous
+
+REACH = 0.3  # m, of a centre of mass from the flange: sd of the first solution's prior
+# Radius of gyration of a load of 1 kg, m; others have the same density. A ball of this radius of
+# gyration has a fourth of water's: tools and boxes are hollow.
+GYRATION = 0.06
+SURE = 3.0  # standard errors, from which a load is taken to be there
+_LOAD = 10
+_DIAGONAL = (4, 6, 9)  # places of Ixx, Iyy, Izz in the ten parameters
+_ORDER = (4, 6, 9, 5, 7, 8)  # of Ixx, Iyy, Izz, Ixy, Ixz, Iyz
+
+
+@dataclass(frozen=True)
+class LoadPrior:
+    """What is known before the log.
+
+    Attributes:
+        mass: kg, sd of the load's mass about zero.
+        gain: sd of each joint's torque per ampere, relative; 0 where a known weight has told them.
+        drift: of friction, since the model was fitted.
+    """
+
+    mass: float
+    gain: float = 0.03
+    drift: FrictionDrift = field(default_factory=FrictionDrift)
+
+
+@dataclass(frozen=True, eq=False)
+class LoadRows:
+    """A log's residual and what a load adds to it.
+
+    Attributes:
+        rows: the residual of the model without the load.
+        load: (m, n, 10) N m per parameter in the flange's frame.
+        model: (m, n, c) N m per parameter of the arm's own model that is a little wrong.
+        model_sd: (c,) by how much.
+    """
+
+    rows: ResidualRows
+    load: Array
+    model: Array
+    model_sd: Array
+
+
+@dataclass(frozen=True, eq=False)
+class LoadEstimate:
+    """A load on the flange, in its axes.
+
+    Attributes:
+        mass: kg.
+        com: (3,) m from the flange.
+        inertia: (3, 3) kg m^2 about the centre of mass, as estimated; a body of it may not exist.
+        covariance: (10, 10) of mass, com and Ixx, Iyy, Izz, Ixy, Ixz, Iyz.
+        gain_covariance: (10, 10) the part of it that comes from the torques per ampere.
+        inertia_prior_sd: (6,) kg m^2.
+        parameters: (10,) in the flange's frame, as `models.calibration.load_parameters`.
+        friction_change: (n, 3) of Coulomb, viscous and offset, found beside the load.
+        scale: (n,) scatter of the residual relative to what the model states.
+    """
+
+    mass: float
+    com: Array
+    inertia: Array
+    covariance: Array
+    gain_covariance: Array
+    inertia_prior_sd: Array
+    parameters: Array
+    friction_change: Array
+    scale: Array
+
+    @property
+    def standard_deviation(self) -> Array:
+        """(10,) of mass (kg), com (m) and inertia (kg m^2)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def is_there(self) -> bool:
+        """Whether the log shows a load at all."""
+        return bool(self.mass > SURE * self.standard_deviation[0])
+
+    @property
+    def inertia_told(self) -> Array:
+        """(6,) share of the prior's variance that the motion has taken away, 0 to 1."""
+        left = (self.standard_deviation[4:] / self.inertia_prior_sd) ** 2
+        return np.asarray(np.maximum(1.0 - left, 0.0))
+
+    @property
+    def realisable(self) -> Array:
+        """(3, 3) kg m^2 about the centre of mass: the inertia of a body that may exist."""
+        return realisable_inertia(self.inertia, max(self.mass, 1e-6))
+
+
+def estimate_load(
+    log: LoadRows,
+    law: CoulombViscous,
+    prior: LoadPrior,
+    empty: LoadRows | None = None,
+    noise: ResidualNoise | None = None,
+) -> LoadEstimate:
+    """Finds the load of a log.
+
+    Args:
+        log: with the load.
+        law: the friction coefficients behind the rows.
+        prior: of the load and the drives.
+        empty: a log without the load, of the same day. What the model misses there, as friction
+            and as a weight at the flange, is then taken off.
+        noise: of the residual.
+    """
+    noise = noise or ResidualNoise()
+    logs = [log] if empty is None else [log, empty]
+    spread = _wide_spread(prior.mass)
+    first = _solve(logs, np.eye(_LOAD), spread, np.zeros(_LOAD), law, prior, noise)
+    found, mass_sd = first.values[:_LOAD], np.sqrt(first.covariance[0, 0])
+    mass = max(found[0], mass_sd)
+    com = np.zeros(3)
+    if found[0] > SURE * mass_sd:
+        com = np.clip(found[1:4] / mass, -1.0, 1.0)
+    own = mass * GYRATION**2 * mass ** (2.0 / 3.0)
+    mean = np.zeros(_LOAD)
+    mean[list(_DIAGONAL)] = own
+    spread[4:] = own
+    spread[list(_DIAGONAL)] = 2.0 * own
+    frame = moved_parameters(np.eye(3), com)  # from a frame at the centre of mass to the flange's
+    second = _solve(logs, frame, spread, mean, law, prior, noise)
+    return _estimate(second, com, frame, spread)
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    """Values of all unknowns: the load, friction's drift (3 n), what the model misses (10)."""
+
+    values: Array
+    covariance: Array
+    gain_covariance: Array  # the part of it that comes from the torques per ampere
+    scale: Array
+
+
+def _wide_spread(mass: float) -> Array:
+    return np.asarray(np.r_[mass, np.full(3, mass * REACH), np.full(6, mass * REACH**2)])
+
+
+def _solve(
+    logs: list[LoadRows],
+    frame: Array,
+    spread: Array,
+    mean: Array,
+    law: CoulombViscous,
+    prior: LoadPrior,
+    noise: ResidualNoise,
+) -> _Solution:
+    """The fit with the load's parameters in a frame from which `frame` leads to the flange's."""
+    n = logs[0].rows.num_joints
+    drift = prior.drift.deviation(logs[0].rows, law).ravel()
+    missed = [_wide_spread(prior.mass)] if len(logs) > 1 else []
+    prior_sd = np.concatenate([spread, drift, *missed])
+    k = len(prior_sd)
+    blocks, considered = [], []
+    for j in range(n):
+        parts = []
+        for index, one in enumerate(logs):
+            columns = np.zeros((len(one.rows.t), k))
+            if index == 0:
+                columns[:, :_LOAD] = one.load[:, j] @ frame
+            columns[:, _LOAD + 3 * j : _LOAD + 3 * j + 3] = one.rows.drift[:, j]
+            if missed:
+                columns[:, -_LOAD:] = one.load[:, j]
+            parts.append(one.rows.whitened(j, np.hstack([columns, one.model[:, j]]), noise))
+        whole = np.vstack(parts)
+        blocks.append(np.delete(whole, np.s_[k:-1], axis=1))
+        considered.append(whole[:, k:-1] * logs[0].model_sd)
+    fit = fit_with_prior(blocks, prior_sd, np.concatenate([mean, np.zeros(k - _LOAD)]))
+    # How the solution answers to an error e of the torque: covariance A^T e / s^2.
+    answers = [
+        fit.covariance @ own[:, :-1].T / s**2 for own, s in zip(blocks, fit.scale, strict=True)
+    ]
+    gain = [
+        prior.gain * answer @ (own[:, :_LOAD] @ fit.values[:_LOAD])
+        for answer, own in zip(answers, blocks, strict=True)
+    ]
+    gain_covariance = sum(np.outer(effect, effect) for effect in gain)
+    model = sum(answer @ own for answer, own in zip(answers, considered, strict=True))
+    covariance = fit.covariance + gain_covariance + model @ model.T
+    return _Solution(fit.values, covariance, np.asarray(gain_covariance), fit.scale)
+
+
+def _estimate(solution: _Solution, com: Array, frame: Array, spread: Array) -> LoadEstimate:
+    """Mass, centre of mass and inertia about it, from parameters about a point near it."""
+    values = solution.values[:_LOAD]
+    mass = float(values[0])
+    divisor = mass if abs(mass) > 1e-9 else 1e-9
+    step = values[1:4] / divisor
+    tensor = inertia_matrix(values) - mass * (step @ step * np.eye(3) - np.outer(step, step))
+    # Derivatives of (m, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz) by the parameters; the step is small.
+    slope = np.zeros((_LOAD, _LOAD))
+    slope[0, 0] = 1.0
+    slope[1:4, 0] = -step / divisor
+    slope[1:4, 1:4] = np.eye(3) / divisor
+    slope[np.arange(4, 10), list(_ORDER)] = 1.0
+    covariance, gain = (
+        slope @ own[:_LOAD, :_LOAD] @ slope.T
+        for own in (solution.covariance, solution.gain_covariance)
+    )
+    changes = solution.values[_LOAD : _LOAD + 3 * len(solution.scale)]
+    return LoadEstimate(
+        mass=mass,
+        com=com + step,
+        inertia=tensor,
+        covariance=covariance,
+        gain_covariance=gain,
+        inertia_prior_sd=spread[list(_ORDER)],
+        parameters=frame @ values,
+        friction_change=changes.reshape(-1, 3),
+        scale=solution.scale,
+    )

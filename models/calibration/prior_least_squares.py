@@ -1,0 +1,86 @@
+"""Least squares of whitened rows, joint by joint, with a Gaussian prior on what is sought.
+
+    minimise  sum_j |A_j x - b_j|^2 / s_j^2 + |(x - mean) / sd|^2
+
+The scale s_j says by how much a joint's rows scatter more or less than their stated covariance. It
+has a prior itself, as if FREEDOM rows had shown a scale of one: a log of seconds cannot measure its
+own noise, one of minutes can.
+
+    s_j^2 = (FREEDOM + |A_j x - b_j|^2) / (FREEDOM + m_j)
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import lstsq, solve_triangular
+
+from models.arrays import Array
+from models.identification.base_parameters import triangular_factor
+
+FREEDOM = 30.0  # rows, what the stated covariance is worth
+_PASSES = 5
+
+
+@dataclass(frozen=True, eq=False)
+class PriorFit:
+    """Solution of the least squares.
+
+    Attributes:
+        values: (k,).
+        covariance: (k, k), the prior included.
+        scale: (n,) s_j.
+    """
+
+    values: Array
+    covariance: Array
+    scale: Array
+
+    @property
+    def standard_deviation(self) -> Array:
+        """(k,) of the values."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+
+def fit_with_prior(rows: Sequence[Array], prior_sd: Array, prior_mean: Array) -> PriorFit:
+    """Solves the least squares of this module.
+
+    Args:
+        rows: of each joint (m_j, k + 1), whitened: the columns A_j, then b_j.
+        prior_sd: (k,) positive; infinite where nothing is known.
+        prior_mean: (k,).
+
+    Raises:
+        ValueError: numbers that are not finite, sds that are not positive, or a value that neither
+            rows nor prior determine.
+    """
+    k = len(prior_sd)
+    if any(own.shape[1] != k + 1 for own in rows) or prior_mean.shape != (k,):
+        raise ValueError(f"least squares: expected {k} columns and the right side")
+    if not (prior_sd > 0.0).all() or not all(np.isfinite(own).all() for own in rows):
+        raise ValueError("least squares: expected finite rows and positive sds of the prior")
+    # From here on x is in units of the prior's sd, or of the columns' length where it is infinite.
+    reach = np.sqrt(sum((own[:, :-1] ** 2).sum(axis=0) for own in rows))
+    unit = np.where(np.isfinite(prior_sd), prior_sd, 1.0 / np.maximum(reach, 1e-300))
+    known = np.isfinite(prior_sd).astype(float)
+    factors = []
+    for own in rows:
+        shifted = np.column_stack([own[:, :-1] * unit, own[:, -1] - own[:, :-1] @ prior_mean])
+        factors.append(triangular_factor(shifted))
+    counts = np.array([len(own) for own in rows])
+    scale = np.ones(len(rows))
+    for _ in range(_PASSES):
+        stacked = np.vstack(
+            [
+                *(R / s for R, s in zip(factors, scale, strict=True)),
+                np.column_stack([np.diag(known), np.zeros(k)]),
+            ]
+        )
+        y = lstsq(stacked[:, :-1], stacked[:, -1])[0]
+        errors = np.array([np.sum((R[:, :-1] @ y - R[:, -1]) ** 2) for R in factors])
+        scale = np.sqrt((FREEDOM + errors) / (FREEDOM + counts))
+    R = triangular_factor(stacked[:, :-1])
+    if np.abs(np.diag(R)).min() < 1e-9 * np.abs(R).max():
+        raise ValueError("least squares: neither rows nor prior determine a value")
+    spread = solve_triangular(R, np.eye(k)) * unit[:, None]
+    return PriorFit(prior_mean + unit * y, spread @ spread.T, scale)

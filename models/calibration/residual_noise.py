@@ -1,0 +1,170 @@
+"""How the torque that a model leaves unexplained depends on itself a moment ago.
+
+A residual sampled at 10 Hz is not white: a fit that counts every row as a new piece of evidence
+states standard errors that are too small by a factor of two to three. A joint's residual is here
+
+    e(t) = white(t) (1 + r exp(-(v / v_r)^2)) + slow(t) + c(t) dry(t) + d(t) viscous(t) + held(t)
+
+white      independent from row to row, larger where the joint reverses
+slow       what the model's inertias and the gear's position miss
+c, d       friction that wanders about its mean: shares of the law's dry and viscous torque
+held       a joint at rest carries any torque within its stiction: one unknown constant a rest, even
+           between -stiction and stiction, hence of variance stiction^2 / 3
+
+slow, c and d are Ornstein-Uhlenbeck processes with one correlation time. What white and slow amount
+to is stated in units of the model's own residual sd, so that a poorer model has wider errors.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cholesky, solve_triangular
+
+from models.arrays import Array
+
+V_REST = 0.01  # rad/s (m/s), below which a joint may rest
+BLOCK = 600  # rows that are taken as dependent; at 10 Hz a minute, far beyond any correlation
+
+
+@dataclass(frozen=True)
+class ResidualNoise:
+    """The shares of this module's sum.
+
+    Attributes:
+        white: of the model's residual sd, clear of reversals.
+        slow: of the same.
+        reversal: r, how much larger white is at zero velocity.
+        reversal_velocity: v_r, rad/s (m/s).
+        coulomb: c, of the dry friction.
+        viscous: d, of the viscous friction.
+        correlation_time: s.
+    """
+
+    white: float = 0.53
+    slow: float = 0.6
+    reversal: float = 2.9
+    reversal_velocity: float = 0.08
+    coulomb: float = 0.027
+    viscous: float = 0.05
+    correlation_time: float = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualRows:
+    """A log's residual at m instants, and what the covariance of it depends on.
+
+    Attributes:
+        t: (m,) s, rising; gaps are welcome.
+        v: (m, n) rad/s (m/s).
+        residual: (m, n) N m, measured minus predicted torque.
+        dry: (m, n) N m, the friction law's torque without its viscous part and offset.
+        viscous: (m, n) N m, that viscous part.
+        stiction: (m, n) N m, zero or more: the largest torque that friction takes at rest.
+        sliding: (m, n, 3) what one unit more of Coulomb, viscous and offset adds to the prediction.
+        sd: (n,) N m, of the model's residual, positive.
+    """
+
+    t: Array
+    v: Array
+    residual: Array
+    dry: Array
+    viscous: Array
+    stiction: Array
+    sliding: Array
+    sd: Array
+
+    def __post_init__(self) -> None:
+        """Checks the shapes.
+
+        Raises:
+            ValueError: shapes that disagree, times that do not rise, numbers that are not finite.
+        """
+        m, n = self.residual.shape
+        matrices = (self.v, self.dry, self.viscous, self.stiction)
+        same = all(x.shape == (m, n) for x in matrices)
+        if not same or self.t.shape != (m,) or self.sliding.shape != (m, n, 3):
+            raise ValueError("residual rows: expected t (m,), sliding (m, n, 3), the others (m, n)")
+        if self.sd.shape != (n,) or not (self.sd > 0.0).all():
+            raise ValueError(f"residual rows: expected {n} positive sds, not {self.sd}")
+        if not all(np.isfinite(x).all() for x in (self.t, self.v, self.residual, self.sliding)):
+            raise ValueError("residual rows: a number is not finite")
+        if not (np.diff(self.t) > 0.0).all():
+            raise ValueError("residual rows: t must rise")
+
+    @property
+    def num_joints(self) -> int:
+        """How many joints, n."""
+        return int(self.residual.shape[1])
+
+    @property
+    def dry_level(self) -> Array:
+        """(n,) N m: root mean square of the dry friction where the joint moves, else stiction."""
+        moves = np.abs(self.v) >= V_REST
+        squares = (self.dry**2 * moves).sum(axis=0) / np.maximum(moves.sum(axis=0), 1)
+        still = np.sqrt(np.mean(self.stiction**2, axis=0))
+        return np.asarray(np.where(moves.any(axis=0), np.sqrt(squares), still))
+
+    @property
+    def drift(self) -> Array:
+        """(m, n, 3) what drifting coefficients add: `sliding`, its Coulomb and viscous part zero
+        where a joint rests. There it carries what its stiction takes, whatever the law says.
+        """
+        moves = np.abs(self.v) >= V_REST
+        return self.sliding * np.stack([moves, moves, np.ones_like(moves)], axis=2)
+
+    @property
+    def moving_share(self) -> Array:
+        """(n,) share of the rows in which the joint moves."""
+        return np.asarray((np.abs(self.v) >= V_REST).mean(axis=0))
+
+    def __getitem__(self, part: slice | NDArray[np.bool_]) -> "ResidualRows":
+        """The chosen rows."""
+        return ResidualRows(
+            self.t[part],
+            self.v[part],
+            self.residual[part],
+            self.dry[part],
+            self.viscous[part],
+            self.stiction[part],
+            self.sliding[part],
+            self.sd,
+        )
+
+    def whitened(self, joint: int, columns: Array, noise: ResidualNoise) -> Array:
+        """Returns L^-1 [columns, residual] (m, k + 1), with L L^T the covariance of the residual.
+
+        Ordinary least squares on what comes out is generalised least squares on what goes in.
+
+        Args:
+            joint: its index.
+            columns: (m, k).
+            noise: of the residual.
+        """
+        both = np.column_stack([columns, self.residual[:, joint]])
+        out = np.empty_like(both)
+        for begin in range(0, len(both), BLOCK):
+            part = slice(begin, begin + BLOCK)
+            lower = cholesky(self._covariance(joint, part, noise), lower=True)
+            out[part] = solve_triangular(lower, both[part], lower=True)
+        return out
+
+    def covariance(self, joint: int, noise: ResidualNoise) -> Array:
+        """Covariance (m, m) in (N m)^2 of one joint's residual."""
+        return self._covariance(joint, slice(None), noise)
+
+    def _covariance(self, joint: int, part: slice, noise: ResidualNoise) -> Array:
+        t, v, sd = self.t[part], self.v[part, joint], float(self.sd[joint])
+        dry, viscous = self.dry[part, joint], self.viscous[part, joint]
+        level = self.stiction[part, joint]
+        reversal = 1.0 + noise.reversal * np.exp(-((v / noise.reversal_velocity) ** 2))
+        drifts = noise.coulomb**2 * np.outer(dry, dry)
+        slow = (noise.slow * sd) ** 2 + drifts + noise.viscous**2 * np.outer(viscous, viscous)
+        fading = np.exp(-np.abs(t[:, None] - t) / noise.correlation_time)
+        rest = np.abs(v) < V_REST
+        # Successive samples at rest have one number; a motion in between begins another rest.
+        episode = np.cumsum(np.diff(rest, prepend=False))
+        same = np.outer(rest, rest) & (episode[:, None] == episode)
+        held = np.where(same, np.outer(level, level) / 3.0, 0.0)
+        white = np.diag((noise.white * sd * reversal) ** 2)
+        return np.asarray(slow * fading + white + held)

@@ -1,0 +1,190 @@
+"""What an observer's lag does to a reading, and how the reading accounts for it.
+
+The observer reads each joint through K_0 / (s + K_0), LP for short: what it reads is LP(J^T F), not
+J^T F.
+
+**The arm moves meanwhile.** With the J of the present, even a constant force is read wrong by what
+J has changed in 1 / K_0: on the UR10e with 2.8 kg at the flange as much as all friction is. With
+
+    J_seen = LP(J), column j through the observer's pole of joint j,
+
+LP(J^T F) = J_seen^T F holds exactly for a force that is constant in the axes of W.
+
+**The force changes meanwhile.** That no reading undoes without its noise; the band says it. For a
+force that changes at a steady rate LP is late by 1 / K_0, and the reading F minus its own low-pass
+at a corner omega is late by that rate over omega, so that
+
+    Sigma_F <- Sigma_F + f f^T,    f = (omega / K_0) (F - LP_omega(F))
+
+holds the lag of every force whose rate is steady over 1 / omega; `force_bandwidth_hz` is
+omega / (2 pi). A force that jumps is outside the band until the reading has seen about half of it:
+nothing known before can tell. What F minus LP_omega(F) shows of noise is in Sigma_F already: f_i
+counts as f_i max(0, 1 - Sigma_F,ii / f_i^2), in full beyond the noise, not within it. Where a
+reading is not valid LP_omega follows a tenth as fast: what is read there, near a singular posture,
+is no force's.
+
+**The scale** of all that is read (torque per ampere, friction under a load that no log had) errs by
+a stated share: Sigma_F <- Sigma_F + (scale F) (scale F)^T.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from models.arrays import Array
+
+JACOBIAN_ROWS = 6  # of the state, (JACOBIAN_ROWS, n), NaN before the first sample
+_DOUBTED = 0.1  # pace of LP_omega where the reading is not valid
+
+# Entries of LagModel.settings.
+_POLE, _DOUBTED_POLE, _FACTOR, _SCALE = range(4)
+
+
+@dataclass(frozen=True, eq=False)
+class LagModel:
+    """The constants of this module.
+
+    Attributes:
+        poles: (n,) of the observer, per tick; negative for one that reads J^T F without lag.
+        settings: (4,) of `lag_tick`.
+    """
+
+    poles: Array
+    settings: Array
+
+    @classmethod
+    def of(
+        cls,
+        K_0: ArrayLike | None,
+        num_joints: int,
+        time_step: float,
+        force_bandwidth_hz: float,
+        scale: float,
+    ) -> "LagModel":
+        """Returns the model of an observer.
+
+        Args:
+            K_0: (n,) or () 1/s; None: the observer has no such lag.
+            num_joints: n.
+            time_step: s.
+            force_bandwidth_hz: 0 leaves the lag of a changing force out of the band.
+            scale: share of what is read.
+
+        Raises:
+            ValueError: a number that is negative or not finite.
+        """
+        for name, value in (("force_bandwidth_hz", force_bandwidth_hz), ("scale", scale)):
+            if not (np.isfinite(value) and value >= 0.0):
+                raise ValueError(f"{name} must be zero or more, not {value}")
+        omega = 2.0 * np.pi * force_bandwidth_hz
+        settings = np.array([0.0, 0.0, 0.0, scale])
+        if K_0 is None:
+            return cls(np.full(num_joints, -1.0), settings)
+        rates = np.broadcast_to(np.asarray(K_0, float), (num_joints,))
+        settings[_POLE] = np.exp(-omega * time_step)
+        settings[_DOUBTED_POLE] = np.exp(-_DOUBTED * omega * time_step)
+        settings[_FACTOR] = omega / rates.min()
+        return cls(np.exp(-rates * time_step), settings)
+
+
+def jacobian_seen(J: ArrayLike, K_0: ArrayLike, time_step: float) -> Array:
+    """J_seen (N, 6, n) along a log of J (N, 6, n), every `time_step` s; K_0 (n,) or () in 1/s."""
+    J = np.array(J, float)
+    n = J.shape[2]
+    poles = np.exp(-np.broadcast_to(np.asarray(K_0, float), (n,)) * time_step)
+    state = np.full((JACOBIAN_ROWS, n), np.nan)
+    jacobian_seen_log(np.ascontiguousarray(poles), state, J)
+    return J
+
+
+@njit(cache=True, error_model="numpy")
+def see_jacobian(poles, state, J, seen):  # type: ignore[no-untyped-def]
+    """Single-sample kernel: writes J_seen (6, n) right after a sample; `state` stays as it is.
+
+    As in the observer, a period counts with the mean of its ends.
+    """
+    for j in range(poles.shape[0]):
+        half = 0.5 * (1.0 - poles[j])
+        for i in range(6):
+            known = state[i, j]
+            if poles[j] < 0.0 or not np.isfinite(known):
+                seen[i, j] = J[i, j]
+            else:
+                seen[i, j] = known + half * J[i, j]
+
+
+@njit(cache=True, error_model="numpy")
+def take_jacobian(poles, state, J, seen):  # type: ignore[no-untyped-def]
+    """Single-sample kernel: takes a sample and its `see_jacobian` into `state`, in place.
+
+    A J that is not finite starts it anew.
+    """
+    for j in range(poles.shape[0]):
+        half = 0.5 * (1.0 - poles[j])
+        for i in range(6):
+            state[i, j] = poles[j] * seen[i, j] + half * J[i, j]
+
+
+@njit(cache=True, error_model="numpy")
+def jacobian_seen_log(poles, state, J):  # type: ignore[no-untyped-def]
+    """Replaces J (N, 6, n) by J_seen, one sample after another."""
+    seen = np.empty((6, poles.shape[0]))
+    for k in range(J.shape[0]):
+        see_jacobian(poles, state, J[k], seen)
+        take_jacobian(poles, state, J[k], seen)
+        J[k] = seen
+
+
+@njit(cache=True, error_model="numpy")
+def lag_tick(settings, state, wrench, covariance, lateness):  # type: ignore[no-untyped-def]
+    """Single-sample kernel: adds lag and scale to the covariance (6, 6); `state` stays as it is.
+
+    Args:
+        settings: LagModel.settings.
+        state: (6,) LP_omega of the wrench, NaN before the first.
+        wrench: (6,).
+        covariance: (6, 6), changed.
+        lateness: (6,), scratch.
+    """
+    scale = settings[_SCALE]
+    for i in range(6):
+        # Of the diagonal, what lies behind i is still as it was given.
+        late_i = _late(settings, state[i], wrench[i], covariance[i, i])
+        for j in range(i):
+            covariance[i, j] += late_i * lateness[j] + scale * scale * wrench[i] * wrench[j]
+            covariance[j, i] = covariance[i, j]
+        covariance[i, i] += late_i * late_i + scale * scale * wrench[i] * wrench[i]
+        lateness[i] = late_i
+
+
+@njit(cache=True, error_model="numpy")
+def _late(settings, slow, value, variance):  # type: ignore[no-untyped-def]
+    """f_i of one component."""
+    if not np.isfinite(slow):
+        return 0.0
+    late = settings[_FACTOR] * (value - slow)
+    square = late * late
+    return late * (1.0 - variance / square) if square > variance else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def lag_update(settings, state, wrench, valid):  # type: ignore[no-untyped-def]
+    """Single-sample kernel: takes the reading of a sample into `state`, in place."""
+    pole = settings[_POLE] if valid else settings[_DOUBTED_POLE]
+    for i in range(6):
+        if np.isfinite(wrench[i]):
+            if np.isfinite(state[i]):
+                state[i] = pole * state[i] + (1.0 - pole) * wrench[i]
+            else:
+                state[i] = wrench[i]
+
+
+@njit(cache=True, error_model="numpy")
+def lag_log(settings, state, wrench, valid, covariance):  # type: ignore[no-untyped-def]
+    """`lag_tick` and `lag_update` for N samples, one after another."""
+    lateness = np.empty(6)
+    for k in range(wrench.shape[0]):
+        lag_tick(settings, state, wrench[k], covariance[k], lateness)
+        lag_update(settings, state, wrench[k], valid[k])

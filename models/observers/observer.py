@@ -1,0 +1,94 @@
+"""What an observer of external joint torque is: constants, a state, and two kernels.
+
+An observer is one file of this room and one entry of `observers.OBSERVERS`. The estimator of a log
+(`estimator`), its diagram (`systems.external_torque_observer`) and its fused block
+(`systems.wrench_estimator`) run the same two kernels:
+
+    output(table, state, signals, J) -> bool
+        Writes the estimate right after a sample into signals[TAU_EXT]; returns whether it is
+        fresh, that is no last one that is held, nor still on its way from the start. `state`
+        stays as it is.
+    update(table, state, signals, J) -> None
+        Takes the sample, with its output in signals[TAU_EXT], into `state`, in place.
+
+with
+
+    table    the observer's own constants, in any shape
+    state    (state_rows, n), contiguous, of `initial_state`
+    signals  (NUM_SIGNALS, n), what is known of the sample, one signal a row: see below
+    J        (6, n) rows [angular; linear] at E in axes of W
+
+Both are compiled by `numba.njit(error_model="numpy")`; what a kernel does not read costs nothing.
+"""
+
+from typing import Any, ClassVar, NamedTuple, Protocol, Self
+
+from models.arrays import Array
+
+# Rows of `signals`.
+Q, V = 0, 1  # rad, rad/s
+TAU_J = 2  # N m, motor torque on the joint side
+MOMENTUM, CTV, GRAVITY = 3, 4, 5  # kg m^2/s, N m, N m: of the model
+TAU_F = 6  # N m, friction that opposes motion
+TORQUE_SD = 7  # N m, of what tau_ext errs by where nothing touches the arm
+TAU_EXT = 8  # N m, the estimate, positive along the motion it causes
+NUM_SIGNALS = 9
+
+
+class ObserverKernels(NamedTuple):
+    """The two kernels of a kind of observer, as this module states them."""
+
+    output: Any
+    update: Any
+
+
+class ObserverConfig(Protocol):
+    """What every observer's configuration holds."""
+
+    time_step: float  # s between samples
+
+
+class Observer(Protocol):
+    """An observer of an arm with n joints."""
+
+    Config: ClassVar[type]
+    """The dataclass that configures this kind: `Config()` is its default. Its name is its tag in
+    YAML."""
+    kernels: ClassVar[ObserverKernels]
+
+    def __init__(self, config: Any, num_joints: int) -> None:
+        """Raises ValueError for settings that make no sense."""
+
+    @property
+    def num_joints(self) -> int:
+        """n."""
+
+    @property
+    def time_step(self) -> float:
+        """s."""
+
+    @property
+    def table(self) -> Array:
+        """The constants that the kernels read."""
+
+    @property
+    def reads_present_torque(self) -> bool:
+        """Whether `output` reads signals[TAU_J]: then no controller may close a loop over it."""
+
+    @property
+    def pole(self) -> Array | None:
+        """(n,) 1/s where tau_ext is the true one through pole / (s + pole); None elsewhere."""
+
+    @property
+    def settling_time(self) -> float:
+        """s after the start from which the estimate is fresh."""
+
+    @property
+    def parameters(self) -> dict[str, Array]:
+        """What may be tuned while it runs, by name: the numeric parameters of its block."""
+
+    def with_parameters(self, values: dict[str, Array]) -> Self:
+        """Returns the observer with other parameters; errors as the constructor's."""
+
+    def initial_state(self) -> Array:
+        """Returns the (state_rows, n) state before the first sample."""

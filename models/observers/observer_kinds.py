@@ -1,0 +1,29 @@
+"""The kinds of observers that there are, by the configuration that asks for them."""
+
+from typing import TYPE_CHECKING, Any, Union
+
+from models.observers import observer
+from models.observers.momentum_observer import MomentumObserver
+
+OBSERVERS: list[type[observer.Observer]] = [MomentumObserver]
+"""The first one is the default. A further kind is one line here, or one `OBSERVERS.append` in a
+program of one's own."""
+
+if TYPE_CHECKING:
+    AnyObserverConfig = Any
+else:
+    AnyObserverConfig = Union[tuple(kind.Config for kind in OBSERVERS)]  # noqa: UP007
+    """The field `observer` of a YAML file: of the default kind, or with the tag of another."""
+
+
+def make_observer(config: Any, num_joints: int) -> observer.Observer:
+    """Returns the observer that a configuration asks for.
+
+    Raises:
+        ValueError: no kind of observer has such a configuration, or it makes no sense.
+    """
+    for kind in OBSERVERS:
+        if type(config) is kind.Config:
+            return kind(config, num_joints)
+    known = ", ".join(kind.Config.__name__ for kind in OBSERVERS)
+    raise ValueError(f"observer: expected one of {known}, not {type(config).__name__}")

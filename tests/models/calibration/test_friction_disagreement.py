@@ -1,0 +1,70 @@
+"""When a log's friction contradicts the model, and when something else does."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from models.calibration.friction_disagreement import friction_disagreements
+from models.calibration.residual_noise import ResidualNoise, ResidualRows
+from models.friction.velocity_friction import CoulombViscous
+
+LAW = CoulombViscous(np.array([15.0, 3.0]), np.array([20.0, 3.0]), np.zeros(2))
+NAMES = ("shoulder", "wrist")
+
+
+def rows(change, seed=0, duration=20.0, extra=0.0):
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, duration, 0.1)
+    phase = rng.uniform(0.0, 2.0 * np.pi, (3, 2))
+    v = sum(0.4 * np.sin(1.7 * (k + 1) * t[:, None] + phase[k]) for k in range(3))
+    sliding = np.stack([np.sign(v), v, np.ones_like(v)], axis=2)
+    own = ResidualRows(
+        t,
+        v,
+        np.zeros_like(v),
+        LAW.coulomb * np.sign(v),
+        LAW.viscous * v,
+        np.broadcast_to(LAW.coulomb, v.shape),
+        sliding,
+        np.array([1.0, 0.2]),
+    )
+    residual = np.einsum("mjk,jk->mj", sliding, np.asarray(change)) + extra * v
+    for j in range(2):
+        lower = np.linalg.cholesky(own.covariance(j, ResidualNoise()))
+        residual[:, j] += lower @ rng.normal(size=len(t))
+    return replace(own, residual=residual)
+
+
+def test_no_change_no_word():
+    logs = [rows(np.zeros((2, 3)), seed) for seed in range(60)]
+    # Two joints, three coefficients each, at 6e-5 each: 0.02 alarms expected in 60 logs.
+    assert not [found for log in logs for found in friction_disagreements(log, LAW)]
+
+
+def test_more_viscous_friction_is_named():
+    (found,) = friction_disagreements(rows([[0.0, 6.0, 0.0], [0.0, 0.0, 0.0]]), LAW)
+    assert (found.joint, found.term) == (0, "viscous")
+    assert found.standard_errors > 4.0
+    assert found.torque > found.stated
+    line = found.sentence(NAMES)
+    assert "shoulder" in line
+    assert "viscous +" in line
+    assert "identify --refresh" in line
+
+
+def test_a_change_below_what_the_model_misses_anyhow_is_no_news():
+    # 1.5 of 20 N m s/rad in a minute of motion: clear, but 0.7 N m where 1 is stated.
+    log = rows([[0.0, 1.5, 0.0], [0.0, 0.0, 0.0]], duration=120.0)
+    assert friction_disagreements(log, LAW) == []
+
+
+def test_a_load_is_not_called_friction():
+    """15 N m that follow the arm's posture, not a joint's direction."""
+    log = rows(np.zeros((2, 3)))
+    gravity = 15.0 * np.sin(np.cumsum(log.v[:, 0]) * 0.1 + 0.4)
+    loaded = replace(log, residual=log.residual + np.column_stack([gravity, gravity]))
+    assert friction_disagreements(loaded, LAW) == []
+
+
+def test_too_few_rows_say_nothing():
+    assert friction_disagreements(rows([[0.0, 9.0, 0.0]] * 2, duration=1.5), LAW) == []

@@ -1,0 +1,119 @@
+"""Friction found anew: known changes come back within the stated errors, and no further."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from models.calibration.friction_refresh import FrictionDrift, refresh_friction
+from models.calibration.residual_noise import ResidualNoise, ResidualRows
+from models.friction.velocity_friction import CoulombViscous
+
+NOISE = ResidualNoise()
+LAW = CoulombViscous(np.array([15.0, 3.0]), np.array([20.0, 3.0]), np.array([0.1, 0.0]))
+SD = np.array([1.0, 0.2])
+SEEDS = 300
+
+
+def quiet_rows(duration=3.0, amplitude=(0.5, 0.4), seed=0):
+    """Rows of a motion without any residual: two joints, a few harmonics, 10 a second."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, duration, 0.1)
+    v = np.zeros((len(t), 2))
+    for k in (1, 2, 3):
+        phase = rng.uniform(0.0, 2.0 * np.pi, 2)
+        v += np.asarray(amplitude) * np.sin(1.7 * k * t[:, None] + phase)
+    sliding = np.stack([np.sign(v), v, np.ones_like(v)], axis=2)
+    level = np.broadcast_to(LAW.coulomb, v.shape)
+    return ResidualRows(
+        t, v, np.zeros_like(v), LAW.coulomb * np.sign(v), LAW.viscous * v, level, sliding, SD
+    )
+
+
+def noisy(rows, change, rng):
+    """The same with a change of friction and a residual of the stated covariance."""
+    residual = np.einsum("mjk,jk->mj", rows.sliding, change)
+    for j in range(2):
+        lower = np.linalg.cholesky(rows.covariance(j, NOISE))
+        residual[:, j] += lower @ rng.normal(size=len(rows.t))
+    return replace(rows, residual=residual)
+
+
+def test_changes_lie_within_the_stated_errors():
+    """Changes drawn from the prior, residuals from the stated covariance: 300 logs of 3 s."""
+    drift = FrictionDrift()
+    z = []
+    for seed in range(SEEDS):
+        rng = np.random.default_rng(seed)
+        rows = quiet_rows(seed=seed)
+        change = drift.deviation(rows, LAW) * rng.normal(size=(2, 3))
+        found = refresh_friction(noisy(rows, change, rng), LAW, drift)
+        z.append((found.change - change) / found.standard_deviation)
+    scores = np.array(z)
+    inside = (np.abs(scores) < 1.96).mean(axis=0)
+    # 95 % of 300 logs: 1.3 % sd of the share; four of those. The scale's own uncertainty costs
+    # less than that.
+    np.testing.assert_allclose(inside, 0.95, atol=4.0 * np.sqrt(0.95 * 0.05 / SEEDS))
+    np.testing.assert_allclose(scores.mean(axis=0), 0.0, atol=4.0 / np.sqrt(SEEDS))
+
+
+def test_independent_rows_would_state_errors_that_are_too_small():
+    """Why the residual's correlation counts: without it the same logs miss by far."""
+    white = ResidualNoise(white=0.8, slow=0.0, reversal=0.0, coulomb=0.0, viscous=0.0)
+    drift = FrictionDrift(10.0, 10.0, 10.0)
+    misses = []
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        rows = noisy(quiet_rows(duration=8.0, seed=seed), np.zeros((2, 3)), rng)
+        found = refresh_friction(rows, LAW, drift, white)
+        misses.append(np.abs(found.standard_errors) > 1.96)
+    assert np.mean(misses) > 0.2  # stated: 0.05
+
+
+def test_a_joint_that_hardly_moves_keeps_its_numbers():
+    rows = quiet_rows(amplitude=(0.5, 0.002))
+    rng = np.random.default_rng(1)
+    found = refresh_friction(noisy(rows, np.zeros((2, 3)), rng), LAW)
+    assert (found.told[0, :2] > 0.3).all()
+    # The second joint rests nearly all the time: its standard errors are those of the prior.
+    assert (found.told[1] < 0.1).all()
+    assert (np.abs(found.change[1]) < found.prior_deviation[1]).all()
+
+
+def test_four_seconds_do_not_throw_a_joint_away():
+    """A joint that moves one way, at one speed: Coulomb, viscous and offset look the same."""
+    rows = quiet_rows()
+    v = np.column_stack([rows.v[:, 0], np.full(len(rows.t), 0.5)])
+    sliding = np.stack([np.sign(v), v, np.ones_like(v)], axis=2)
+    rows = replace(
+        rows, v=v, sliding=sliding, dry=LAW.coulomb * np.sign(v), viscous=LAW.viscous * v
+    )
+    change = np.array([[0.0, 0.0, 0.0], [0.0, 1.5, 0.0]])
+    found = refresh_friction(noisy(rows, change, np.random.default_rng(3)), LAW)
+    # What is told is the sum at this speed, 0.75 N m; the prior gives it to the viscous part, which
+    # drifts most. 0.2 N m: three standard errors of a residual of 0.2 N m over 3 s.
+    assert found.change[1] @ [1.0, 0.5, 1.0] == pytest.approx(0.75, abs=0.2)
+    assert (np.abs(found.change[1]) < 3.0 * found.prior_deviation[1]).all()
+    # Told apart they are not, and the errors say so.
+    assert found.standard_deviation[1, 0] > 0.8 * found.prior_deviation[1, 0]
+
+
+def test_before_and_after_are_the_laws_coefficients():
+    rows = quiet_rows(duration=20.0)
+    change = np.array([[0.5, 4.0, 0.1], [-0.1, -0.4, 0.02]])
+    found = refresh_friction(noisy(rows, change, np.random.default_rng(7)), LAW)
+    assert found.before is LAW
+    after = np.stack([found.after.coulomb, found.after.viscous, found.after.offset], axis=1)
+    before = np.stack([LAW.coulomb, LAW.viscous, LAW.offset], axis=1)
+    np.testing.assert_allclose(after - before, found.change)
+    np.testing.assert_allclose(found.standard_errors, found.change / found.standard_deviation)
+    assert found.standard_errors[0, 1] > 3.0
+
+
+def test_a_frictionless_model_has_a_prior_of_its_residual():
+    rows = quiet_rows()
+    bare = CoulombViscous.zero(2)
+    rows = replace(rows, dry=np.zeros_like(rows.dry), viscous=np.zeros_like(rows.viscous))
+    np.testing.assert_allclose(
+        FrictionDrift(0.05, 0.3, 0.02).deviation(rows, bare), np.outer(SD, [0.05, 0.3, 0.02])
+    )

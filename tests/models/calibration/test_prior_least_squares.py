@@ -1,0 +1,67 @@
+"""Least squares with a prior: the closed form, its limits, and the scale of the residual."""
+
+import numpy as np
+import pytest
+
+from models.calibration.prior_least_squares import FREEDOM, fit_with_prior
+
+RNG = np.random.default_rng(5)
+A = [RNG.normal(size=(60, 3)), RNG.normal(size=(40, 3))]
+X = np.array([1.0, -2.0, 0.5])
+B = [own @ X + 0.3 * RNG.normal(size=len(own)) for own in A]
+ROWS = [np.column_stack([own, right]) for own, right in zip(A, B, strict=True)]
+
+
+def test_closed_form_with_the_scale_that_it_states():
+    sd, mean = np.array([0.1, 1.0, 5.0]), np.array([0.9, 0.0, 0.0])
+    fit = fit_with_prior(ROWS, sd, mean)
+    information = np.diag(sd**-2.0)
+    right = mean / sd**2
+    for own, b, s in zip(A, B, fit.scale, strict=True):
+        information = information + own.T @ own / s**2
+        right = right + own.T @ b / s**2
+    np.testing.assert_allclose(fit.values, np.linalg.solve(information, right), rtol=1e-6)
+    np.testing.assert_allclose(fit.covariance, np.linalg.inv(information), rtol=1e-6, atol=1e-12)
+    errors = [np.sum((own @ fit.values - b) ** 2) for own, b in zip(A, B, strict=True)]
+    expected = [np.sqrt((FREEDOM + e) / (FREEDOM + len(b))) for e, b in zip(errors, B, strict=True)]
+    # The scale follows the values of the pass before; its changes shrink a hundredfold a pass.
+    np.testing.assert_allclose(fit.scale, expected, rtol=1e-6)
+
+
+def test_without_a_prior_it_is_least_squares():
+    fit = fit_with_prior([ROWS[0]], np.full(3, np.inf), np.zeros(3))
+    np.testing.assert_allclose(fit.values, np.linalg.lstsq(A[0], B[0], rcond=None)[0])
+    np.testing.assert_allclose(
+        fit.covariance, fit.scale[0] ** 2 * np.linalg.inv(A[0].T @ A[0]), rtol=1e-9
+    )
+
+
+def test_a_narrow_prior_wins_and_no_rows_leave_it():
+    fit = fit_with_prior(ROWS, np.full(3, 1e-6), np.array([7.0, 8.0, 9.0]))
+    np.testing.assert_allclose(fit.values, [7.0, 8.0, 9.0], atol=1e-4)
+    bare = fit_with_prior([np.zeros((0, 4))], np.array([0.5, 2.0, 3.0]), np.array([1.0, 2.0, 3.0]))
+    np.testing.assert_allclose(bare.values, [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(bare.standard_deviation, [0.5, 2.0, 3.0])
+
+
+def test_scatter_widens_the_standard_errors():
+    fit = fit_with_prior(ROWS, np.full(3, np.inf), np.zeros(3))
+    noisy = [np.column_stack([own[:, :-1], own[:, :-1] @ X]) for own in ROWS]
+    for own in noisy:
+        own[:, -1] += 10.0 * RNG.normal(size=len(own))
+    wider = fit_with_prior(noisy, np.full(3, np.inf), np.zeros(3))
+    assert (wider.standard_deviation > 5.0 * fit.standard_deviation).all()
+
+
+@pytest.mark.parametrize(
+    ("rows", "sd", "what"),
+    [
+        ([np.zeros((5, 3))], np.ones(3), "3 columns"),
+        ([np.full((5, 4), np.nan)], np.ones(3), "finite"),
+        ([np.ones((5, 4))], np.array([1.0, 0.0, 1.0]), "positive sds"),
+        ([np.ones((5, 4))], np.full(3, np.inf), "neither rows nor prior"),
+    ],
+)
+def test_what_cannot_be_solved_is_refused(rows, sd, what):
+    with pytest.raises(ValueError, match=what):
+        fit_with_prior(rows, sd, np.zeros(3))

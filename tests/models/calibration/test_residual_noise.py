@@ -1,0 +1,107 @@
+"""The residual's covariance: written out by hand, its square root, and what a rest does to it."""
+
+import numpy as np
+import pytest
+
+from models.calibration.residual_noise import BLOCK, V_REST, ResidualNoise, ResidualRows
+
+NOISE = ResidualNoise()
+
+
+def rows(m=40, n=2, seed=0, **changes):
+    rng = np.random.default_rng(seed)
+    parts = {
+        "t": np.arange(m) * 0.1,
+        "v": 0.2 + rng.random((m, n)),
+        "residual": rng.normal(size=(m, n)),
+        "dry": rng.normal(size=(m, n)),
+        "viscous": rng.normal(size=(m, n)),
+        "stiction": np.full((m, n), 6.0),
+        "sliding": rng.normal(size=(m, n, 3)),
+        "sd": np.array([1.0, 2.0])[:n],
+    }
+    return ResidualRows(**parts | changes)
+
+
+def test_covariance_by_hand():
+    one = ResidualRows(
+        t=np.array([0.0, 0.3]),
+        v=np.array([[0.5], [-0.04]]),
+        residual=np.zeros((2, 1)),
+        dry=np.array([[6.0], [-5.0]]),
+        viscous=np.array([[2.0], [-0.2]]),
+        stiction=np.array([[7.0], [7.0]]),
+        sliding=np.zeros((2, 1, 3)),
+        sd=np.array([1.5]),
+    )
+    noise = ResidualNoise(0.5, 0.6, 3.0, 0.08, 0.03, 0.05, 0.4)
+    reversal = 1.0 + 3.0 * np.exp(-((np.array([0.5, 0.04]) / 0.08) ** 2))
+    white = (0.5 * 1.5 * reversal) ** 2
+    slow = (0.6 * 1.5) ** 2
+    first = slow + (0.03 * 6.0) ** 2 + (0.05 * 2.0) ** 2 + white[0]
+    second = slow + (0.03 * 5.0) ** 2 + (0.05 * 0.2) ** 2 + white[1]
+    both = (slow - 0.03**2 * 6.0 * 5.0 - 0.05**2 * 2.0 * 0.2) * np.exp(-0.3 / 0.4)
+    np.testing.assert_allclose(one.covariance(0, noise), [[first, both], [both, second]])
+
+
+def test_whitening_is_a_square_root_of_the_inverse_covariance():
+    own = rows()
+    W = own.whitened(1, np.eye(len(own.t)), NOISE)
+    np.testing.assert_allclose(
+        W[:, :-1].T @ W[:, :-1] @ own.covariance(1, NOISE), np.eye(40), atol=1e-9
+    )
+    np.testing.assert_allclose(W[:, -1], W[:, :-1] @ own.residual[:, 1])
+
+
+def test_a_rest_holds_one_unknown_torque():
+    v = np.full((9, 1), 0.3)
+    v[2:4] = v[6:8] = 0.2 * V_REST  # two rests, a motion between them
+    own, moving = rows(9, 1, v=v), rows(9, 1, v=np.where(v < V_REST, V_REST, v))
+    held = own.covariance(0, NOISE) - moving.covariance(0, NOISE)
+    expected = np.zeros((9, 9))
+    expected[2:4, 2:4] = expected[6:8, 6:8] = 6.0**2 / 3.0
+    # 2 %: at a fifth of V_REST white is larger by exp(-(v / v_r)^2), a little.
+    np.testing.assert_allclose(held, expected, atol=0.02 * 12.0)
+
+
+def test_dry_level_is_that_of_motion():
+    v = np.array([[0.5, 0.0], [0.0, 0.0], [-0.5, 0.0]])
+    dry = np.array([[3.0, 0.5], [0.1, 2.0], [-4.0, 1.0]])
+    own = rows(3, 2, v=v, dry=dry)
+    # The second joint never moves: what is known of its friction is the stiction.
+    np.testing.assert_allclose(own.dry_level, [np.sqrt((9.0 + 16.0) / 2.0), 6.0])
+    np.testing.assert_allclose(own.moving_share, [2.0 / 3.0, 0.0])
+
+
+def test_at_rest_only_the_offset_can_drift():
+    v = np.array([[0.5, 0.0], [0.2 * V_REST, 0.3]])
+    own = rows(2, 2, v=v)
+    np.testing.assert_array_equal(own.drift[0, 0], own.sliding[0, 0])
+    np.testing.assert_array_equal(own.drift[1, 0], [0.0, 0.0, own.sliding[1, 0, 2]])
+    np.testing.assert_array_equal(own.drift[0, 1], [0.0, 0.0, own.sliding[0, 1, 2]])
+
+
+def test_long_logs_are_taken_block_by_block():
+    own = rows(BLOCK + 50)
+    none = np.zeros((BLOCK + 50, 0))
+    whole = own.whitened(0, none, NOISE)[:, 0]
+    parts = [
+        own[part].whitened(0, none[part], NOISE)[:, 0]
+        for part in (slice(0, BLOCK), slice(BLOCK, None))
+    ]
+    np.testing.assert_allclose(whole, np.concatenate(parts))
+
+
+@pytest.mark.parametrize(
+    ("changes", "what"),
+    [
+        ({"t": np.zeros(40)}, "rise"),
+        ({"t": np.arange(39.0)}, "expected t"),
+        ({"sliding": np.zeros((40, 2, 2))}, "expected t"),
+        ({"sd": np.array([1.0, 0.0])}, "positive"),
+        ({"residual": np.full((40, 2), np.nan)}, "finite"),
+    ],
+)
+def test_rows_that_make_no_sense_are_refused(changes, what):
+    with pytest.raises(ValueError, match=what):
+        rows(**changes)

@@ -1,0 +1,89 @@
+"""Friction of another specimen, against rows made of known coefficients."""
+
+import numpy as np
+import pytest
+
+from models.calibration.specimen_friction import SlidingRows, SpecimenPrior, fit_specimen
+from models.friction.presliding_friction import PreslidingFriction
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+
+_KNOWN = PreslidingFriction(
+    SemiParametricFriction(CoulombViscous(np.zeros(2), np.array([20.0, 3.0]), np.zeros(2))),
+    coulomb=np.array([10.0, 3.0]),
+    stribeck=np.array([2.0, 0.0]),
+    stribeck_velocity=np.array([0.1, 0.1]),
+    load=np.array([0.06, 0.0]),
+    cubic=np.array([-3.0, 0.0]),
+    weight=np.ones((2, 1)),
+    displacement=np.full((2, 1), 1e-4),
+)
+_NONE = SlidingRows(*(np.zeros(0) for _ in range(5)))
+
+
+def _rows(rng: np.random.Generator, gain: float = 0.0, noise: float = 0.5) -> SlidingRows:
+    """400 rows of a joint with coulomb 7, load .07, viscous 30, offset .4; the rest as known."""
+    v = rng.uniform(0.03, 0.5, 400) * rng.choice([-1.0, 1.0], 400)
+    load = rng.uniform(40.0, 120.0, 400)
+    side = np.sign(v)
+    friction = (7.0 + 0.07 * load + 2.0 * np.exp(-((v / 0.1) ** 2))) * side + 30.0 * v + 0.4
+    friction += -3.0 * v**3 + rng.normal(0.0, noise, 400)
+    drive = (load + friction) / (1.0 + gain)
+    return SlidingRows(side, v, load, drive - load, drive)
+
+
+def test_the_other_specimens_friction_is_found() -> None:
+    rows = _rows(np.random.default_rng(3))
+    fit = fit_specimen(_KNOWN, [rows, _NONE], SpecimenPrior(dependence=1.0))
+    found = [fit.law.coulomb[0], fit.law.load[0]]
+    plain = fit.law.coulomb_viscous
+    found += [plain.viscous[0], plain.offset[0]]
+    # Four of the stated deviations: one false alarm in 4000.
+    np.testing.assert_array_less(
+        np.abs(np.array(found) - [7.0, 0.07, 30.0, 0.4]), 4.0 * fit.deviation[0, :4]
+    )
+    assert np.all(fit.deviation[0, :4] < [0.6, 0.006, 1.0, 0.15])
+    assert fit.scatter[0] == pytest.approx(0.5, rel=0.15)
+    assert fit.gain.tolist() == pytest.approx([0.0, 0.0], abs=1e-6)
+
+
+def test_a_joint_without_rows_keeps_what_is_known() -> None:
+    fit = fit_specimen(_KNOWN, [_rows(np.random.default_rng(4)), _NONE])
+    assert fit.law.coulomb[1] == 3.0
+    assert fit.law.coulomb_viscous.viscous[1] == 3.0
+    assert np.isnan(fit.scatter[1])
+    assert fit.rows.tolist() == [400, 0]
+
+
+def test_shocks_weigh_little() -> None:
+    rng = np.random.default_rng(5)
+    rows = _rows(rng)
+    shocked = rows.torque + np.where(rng.random(400) < 0.1, 40.0, 0.0)
+    plain = fit_specimen(_KNOWN, [rows, _NONE])
+    other = SlidingRows(rows.side, rows.v, rows.load, shocked, rows.drive)
+    fit = fit_specimen(_KNOWN, [other, _NONE])
+    # A tenth of the rows off by 40 N m moves a mean by 4.
+    assert fit.law.coulomb_viscous.offset[0] == pytest.approx(
+        plain.law.coulomb_viscous.offset[0], abs=0.1
+    )
+    assert fit.law.coulomb[0] == pytest.approx(plain.law.coulomb[0], abs=0.3)
+
+
+def test_a_torque_constant_is_found_only_where_the_load_tells_it() -> None:
+    rows = _rows(np.random.default_rng(6), gain=0.04)
+    prior = SpecimenPrior(gain=0.05, dependence=1.0)
+    assert fit_specimen(_KNOWN, [rows, _NONE], prior).gain[0] == pytest.approx(0.04, abs=0.01)
+    light = SlidingRows(rows.side, rows.v, 0.1 * rows.load, rows.torque, rows.drive)
+    assert fit_specimen(_KNOWN, [light, _NONE], prior).gain[0] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_rows_of_several_logs_are_joined() -> None:
+    rng = np.random.default_rng(7)
+    a, b = _rows(rng), _rows(rng)
+    joined = SlidingRows.joined([a, b])
+    np.testing.assert_array_equal(joined.torque, np.concatenate([a.torque, b.torque]))
+    assert len(SlidingRows.joined([]).v) == 0
+
+
+def test_as_many_joints_as_the_law_has() -> None:
+    with pytest.raises(ValueError, match="1 joints with rows, expected 2"):
+        fit_specimen(_KNOWN, [_NONE])

@@ -1,0 +1,147 @@
+"""Lag: J as the observer saw it, the band of a changing force, the scale."""
+
+import numpy as np
+import pytest
+
+from models.observers.lag import LagModel, jacobian_seen, jacobian_seen_log, lag_log
+from models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
+
+STEP = 0.01
+N = 4
+
+
+def motion(samples: int = 400) -> np.ndarray:
+    """Some J that moves as an arm's does, up to 2 Hz."""
+    rng = np.random.default_rng(0)
+    t = STEP * np.arange(samples)[:, None, None]
+    w, phase = rng.uniform(0.0, 12.0, (6, N)), rng.uniform(0.0, 6.0, (6, N))
+    return np.asarray(np.sin(w * t + phase))
+
+
+def observed(tau: np.ndarray, K_0: np.ndarray) -> np.ndarray:
+    """What a momentum observer reads of an arm without inertia under a torque (N, n)."""
+    config = MomentumObserverConfig(list(K_0), STEP, "trapezoidal")
+    observer = MomentumObserver(config, N)
+    zero = np.zeros_like(tau)
+    seen, _ = observer.run(observer.initial_state(), zero, zero, zero, -tau, zero)
+    return np.asarray(seen)
+
+
+@pytest.mark.parametrize("K_0", [np.full(N, 15.0), np.array([5.0, 15.0, 20.0, 40.0])])
+def test_a_constant_force_is_read_exactly_while_the_arm_moves(K_0: np.ndarray) -> None:
+    F, J = np.array([0.3, -0.2, 0.1, 20.0, -10.0, 30.0]), motion()
+    tau = np.einsum("kij,i->kj", J, F)
+    seen = np.einsum("kij,i->kj", jacobian_seen(J, K_0, STEP), F)
+    late = observed(tau, K_0)
+    # The observer starts at zero, J_seen at J: that difference fades with the slowest pole.
+    gone = int(12.0 / K_0.min() / STEP)
+    np.testing.assert_allclose(seen[gone:], late[gone:], atol=1e-3)
+    assert np.abs(tau[gone:] - late[gone:]).max() > 5.0
+
+
+def test_in_parts_it_is_the_whole() -> None:
+    J, K_0 = motion(60), np.full(N, 20.0)
+    whole = jacobian_seen(J, K_0, STEP)
+    poles, state = np.exp(-K_0 * STEP), np.full((6, N), np.nan)
+    for rows in (slice(0, 1), slice(1, 17), slice(17, 60)):
+        part = J[rows].copy()
+        jacobian_seen_log(poles, state, part)
+        np.testing.assert_array_equal(part, whole[rows])
+
+
+def test_an_observer_without_lag_sees_J() -> None:
+    model = LagModel.of(None, N, STEP, 3.0, 0.05)
+    J = motion(20)
+    part = J.copy()
+    jacobian_seen_log(model.poles, np.full((6, N), np.nan), part)
+    np.testing.assert_array_equal(part, J)
+    covariance = np.zeros((20, 6, 6))
+    wrench = np.random.default_rng(1).normal(size=(20, 6))
+    lag_log(model.settings, np.full(6, np.nan), wrench, np.ones(20, bool), covariance)
+    expected = 0.05**2 * wrench[:, :, None] * wrench[:, None, :]
+    np.testing.assert_allclose(covariance, expected, rtol=1e-12)
+
+
+def test_a_J_that_is_lost_starts_anew() -> None:
+    J = motion(30)
+    J[10, 2, 1] = np.nan
+    seen = jacobian_seen(J, 20.0, STEP)
+    assert np.isnan(seen[10, 2, 1])
+    assert np.isfinite(np.delete(seen[:, 2, 1], 10)).all()
+    assert seen[11, 2, 1] == J[11, 2, 1]
+    np.testing.assert_array_equal(seen[:, 0, 0], jacobian_seen(motion(30), 20.0, STEP)[:, 0, 0])
+
+
+def band(
+    wrench: np.ndarray, K_0: float = 20.0, bandwidth: float = 3.0, valid: bool = True
+) -> np.ndarray:
+    """(N, 6) sd that lag adds."""
+    model = LagModel.of(K_0, N, STEP, bandwidth, 0.0)
+    covariance = np.zeros((len(wrench), 6, 6))
+    lag_log(model.settings, np.full(6, np.nan), wrench, np.full(len(wrench), valid), covariance)
+    np.testing.assert_array_equal(covariance, covariance.transpose(0, 2, 1))
+    return np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+
+
+def low_passed(force: np.ndarray, K_0: float) -> np.ndarray:
+    out, a = np.zeros_like(force), np.exp(-K_0 * STEP)
+    for k in range(1, len(force)):
+        out[k] = a * out[k - 1] + (1.0 - a) * 0.5 * (force[k] + force[k - 1])
+    return out
+
+
+@pytest.mark.parametrize("K_0", [10.0, 20.0])
+def test_the_band_of_a_steady_rate_is_its_lag(K_0: float) -> None:
+    t = STEP * np.arange(300)
+    force = np.outer(t, [0.0, 0.0, 1.0, 40.0, 0.0, -25.0])
+    read = low_passed(force, K_0)
+    late = np.abs(force - read)[-1]
+    # Two digital filters of one rate: half a step apart, 5 ms of 50.
+    np.testing.assert_allclose(band(read, K_0)[-1], late, rtol=0.1, atol=1e-9)
+    np.testing.assert_allclose(late[3], 40.0 / K_0, rtol=0.01)
+
+
+def test_after_a_jump_the_band_holds_the_truth_from_the_time_constant_on() -> None:
+    force = np.zeros((200, 6))
+    force[50:, 4] = 30.0
+    read = low_passed(force, 20.0)
+    sd = band(read)
+    inside = np.abs(force - read)[:, 4] <= 2.0 * sd[:, 4] + 1e-12
+    assert inside[:50].all()
+    assert inside[55:].all()
+    assert not inside[50:52].any()
+    assert sd[100, 4] < 0.1  # half a second later it is gone
+
+
+def test_what_is_not_valid_is_followed_slowly() -> None:
+    wrench = np.zeros((100, 6))
+    wrench[50:, 3] = 100.0
+    assert band(wrench, valid=False)[60, 3] > 0.8 * 100.0 * 2.0 * np.pi * 3.0 / 20.0
+    assert band(wrench)[60, 3] < 0.2 * 100.0 * 2.0 * np.pi * 3.0 / 20.0
+
+
+def test_noise_is_not_counted_twice() -> None:
+    """White noise of the stated sd adds a tenth to it; a ramp far beyond it its whole lag."""
+    rng = np.random.default_rng(5)
+    model = LagModel.of(20.0, N, STEP, 3.0, 0.0)
+    wrench = 2.0 * low_passed(rng.normal(size=(4000, 6)), 20.0)
+    wrench /= np.std(wrench) / 2.0
+    covariance = np.tile(4.0 * np.eye(6), (4000, 1, 1))
+    lag_log(model.settings, np.full(6, np.nan), wrench, np.ones(4000, bool), covariance)
+    assert np.sqrt(np.mean(np.diagonal(covariance, axis1=1, axis2=2))) < 1.15 * 2.0
+    t = STEP * np.arange(100)
+    ramp = np.outer(t, np.full(6, 400.0))
+    covariance = np.tile(4.0 * np.eye(6), (100, 1, 1))
+    lag_log(model.settings, np.full(6, np.nan), ramp, np.ones(100, bool), covariance)
+    assert covariance[-1, 0, 0] == pytest.approx((400.0 / 20.0) ** 2 + 4.0, rel=0.2)
+
+
+def test_no_bandwidth_no_band() -> None:
+    wrench = np.random.default_rng(3).normal(size=(50, 6))
+    np.testing.assert_array_equal(band(wrench, bandwidth=0.0), 0.0)
+
+
+@pytest.mark.parametrize(("bandwidth", "scale"), [(-1.0, 0.0), (np.nan, 0.0), (1.0, -0.1)])
+def test_what_makes_no_sense(bandwidth: float, scale: float) -> None:
+    with pytest.raises(ValueError, match="must be zero or more"):
+        LagModel.of(20.0, N, STEP, bandwidth, scale)
