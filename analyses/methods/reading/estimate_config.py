@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from analyses.methods.sensors.reference_config import ReferenceConfig, checked_reference
 from models.detection.contact_detector import LARGEST_RATE, LEAST_RATE, ContactDetectionConfig
 from models.estimation.estimator import WrenchEstimatorConfig
 from models.estimation.wrench import METHODS, live_prior
@@ -44,6 +45,7 @@ class EstimateConfig:
     detection: ContactDetectionConfig = field(default_factory=ContactDetectionConfig)
     covariance: bool = False  # whether the table has columns for it
     table: str = "csv"  # "csv" or "parquet"
+    reference: ReferenceConfig = field(default_factory=ReferenceConfig)  # a force sensor in the log
 
 
 @dataclass
@@ -78,6 +80,7 @@ def checked_config(config: EstimateConfig, robot: Robot) -> EstimateConfig:
     def refuse(option: str, problem: str, remedy: str) -> InputError:
         return InputError("estimate", option, problem, remedy)
 
+    checked_reference(config.reference)
     observer, reconstruction = config.estimator.observer, config.estimator.reconstruction
     for name, value, known in (
         ("engine", config.engine, ENGINES),

@@ -24,19 +24,25 @@ from analyses.methods.reading.estimate_config import (
     stated_prior,
 )
 from analyses.methods.reading.estimate_summary import EstimateSummary
+from analyses.methods.reading.friction_watch import FrictionWatch
+from analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
+from analyses.methods.sensors.reference_config import ReferenceConfig, check_columns, check_tare
+from analyses.methods.sensors.sensor_log import SensorLogCollector
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from analyses.output.stream_summary import EvenSample
-from models.arrays import Array
+from models.arrays import Array, Flags
 from models.detection.contact_detector import ContactDetectionConfig, ContactDetector, Detection
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.evidence_prior import evidence_prior
 from models.estimation.wrench import live_prior
 from models.estimation.wrench_table import WrenchTableWriter
+from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
 from models.observers.observer_kinds import make_observer
 from models.recordings.position_resolution import position_resolution
 from models.recordings.recording import Recording
+from models.recordings.recording_format import SignalColumns, column_items
 from models.recordings.recording_reader import RecordingReader
 from models.recordings.resampling import plausible_step, resample_chunks
 from models.robot.robot import Robot
@@ -45,6 +51,7 @@ ProgressCallback = Callable[[float, str], None]
 
 CHUNK_SAMPLES = 1 << 16  # samples that are worked on at a time
 _PRIOR_SAMPLES = 1 << 12
+REFERENCE = "--reference"  # the sensor's signal in a recording; no description can name one so
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +66,7 @@ class EstimateResult:
         config: as used, with the time step and the prior filled in.
         table: wrench.csv, or wrench.parquet.
         contacts: one sentence each, or one that there is none.
+        comparison: with the log's force sensor, where one is named.
     """
 
     num_samples: int
@@ -69,6 +77,7 @@ class EstimateResult:
     table: Path
     contacts: tuple[str, ...]
     _metrics: dict[str, Any]
+    comparison: SensorComparison | None = None
 
     def metrics(self) -> dict[str, Any]:
         """All figures, as written to metrics.json."""
@@ -93,7 +102,7 @@ def estimate_log(
     """The command `estimate`: streams a log and writes what acted at the tool into `out`.
 
     Writes the table (see `models.estimation.wrench_table`), metrics.json, config.yaml and
-    figures/wrench.png.
+    figures/wrench.png; with a force sensor in the log also figures/reference.png.
 
     Args:
         log: as `read_recording`.
@@ -114,7 +123,9 @@ def estimate_log(
             model = IdentifiedModel.load(Path(model_path), robot)
 
         def read() -> RecordingReader:
-            reader = RecordingReader(log, log_format, robot, config.check)
+            reader = RecordingReader(
+                log, log_format, robot, config.check, _further(config.reference), "estimate"
+            )
             reader.require_joint_signals()
             return reader
 
@@ -159,6 +170,8 @@ def estimate(
     config, max_gap = settings.estimate.estimator, settings.estimate.max_gap
     if config.position_resolution is None:
         step = position_resolution(next(iter(read().chunks())).q)
+        stated = robot.position_resolution
+        step = np.where(np.isfinite(stated), stated, step)
         config = replace(config, position_resolution=step.tolist())
     rule = "given"
     stated = stated_prior(settings.estimate, robot)
@@ -178,9 +191,12 @@ def estimate(
     engine: _Engine = _ENGINES[settings.estimate.engine](robot, model, config, detection)
     observer = make_observer(config.observer, robot.num_joints)
     summary = EstimateSummary(model, observer.settling_time)
+    reference = settings.estimate.reference
+    beside = SensorLogCollector(config.observer.time_step) if reference.columns else None
     episodes = ContactEpisodes(robot.num_joints)
     path = out / f"wrench.{settings.estimate.table}"
     with_covariance = settings.estimate.covariance
+    watch = FrictionWatch(model, model.chain(robot), observer.pole, config.observer.time_step)
     with WrenchTableWriter(path, robot.num_joints, with_covariance) as table:
         for chunk in chain([first], chunks):
             batch, found = engine.run(chunk.q, chunk.v, chunk.current)
@@ -191,11 +207,23 @@ def estimate(
                 *(found.statistic, found._asdict(), batch.covariance),
             )
             episodes.add(chunk.t, found, batch.wrench[:, 3:], valid)
+            settled = int(np.searchsorted(chunk.t, first.t[0] + observer.settling_time))
+            known = ~chunk.dropout & (np.arange(chunk.num_samples) >= settled)
+            watch.add(chunk.t, chunk.q, chunk.v, batch.tau_ext, known, ~found.contact)
             summary.add(chunk, batch, sd, valid, _torque(chunk, robot), found.contact)
+            if beside is not None:
+                _collect(beside, chunk, batch, sd, valid, robot, settled)
     episodes.finish()
     metrics = summary.metrics(config, rule)
     metrics["contact"] = episodes.metrics(detection.false_alarms_per_hour)
+    comparison = None if beside is None else _compared(beside, reference)
+    notices = reader.notices
+    if comparison is not None:
+        metrics["reference"] = comparison.metrics()
+        notices += comparison.notices
+        out.write_figure("reference", comparison.figure())
     warnings += summary.warnings()
+    warnings += watch.sentences(settings.log, settings.robot, settings.model)
     reads_moments = config.reconstruction.method != "force_only"
     out.write_figure("wrench", summary.figure(reads_moments))
     used = replace(settings.estimate, estimator=config)
@@ -205,13 +233,57 @@ def estimate(
     return EstimateResult(
         num_samples=summary.count,
         valid_share=summary.num_valid / summary.count,
-        notices=reader.notices,
+        notices=notices,
         warnings=tuple(warnings),
         config=used,
         table=path,
         contacts=tuple(episodes.lines()) if model.torque_error is not None else (),
         _metrics=metrics,
+        comparison=comparison,
     )
+
+
+def _further(reference: ReferenceConfig) -> dict[str, SignalColumns]:
+    """The sensor's columns, which the log's description need not know."""
+    if not reference.columns:
+        return {}
+    items = column_items(reference.columns, REFERENCE, "estimate")
+    check_columns(len(items))
+    check_tare(reference, len(items))
+    return {REFERENCE: SignalColumns(reference.columns)}
+
+
+def _collect(
+    beside: SensorLogCollector,
+    chunk: Recording,
+    batch: EstimateBatch,
+    sd: Array,
+    valid: Flags,
+    robot: Robot,
+    settled: int,
+) -> None:
+    """Hands over the samples from the one on at which the observer has settled."""
+    R_WE, _ = robot.chain.pose(chunk.q)
+    force_first = [3, 4, 5, 0, 1, 2]
+    signals = (
+        chunk.t,
+        batch.wrench[:, force_first],
+        sd[:, force_first],
+        np.asarray(valid, float),
+        R_WE,
+        chunk.v,
+        chunk.extra[REFERENCE],
+    )
+    beside.add(*(signal[settled:] for signal in signals))
+
+
+def _compared(beside: SensorLogCollector, reference: ReferenceConfig) -> SensorComparison:
+    log = beside.log()
+    if log is None:
+        raise InputError(
+            "estimate", "--reference", "the log is too short to compare with", "record a longer one"
+        )
+    return compare_with_sensor(log, reference)
 
 
 def _has_prior(config: WrenchEstimatorConfig) -> bool:

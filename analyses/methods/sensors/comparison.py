@@ -13,11 +13,10 @@ import numpy as np
 
 from analyses.methods.sensors.judged_force import ForceReading, Judgement
 from analyses.methods.sensors.mounting import Mounting, find_mounting
-from analyses.methods.sensors.reference_config import SIZES, ReferenceConfig
+from analyses.methods.sensors.reference_config import ReferenceConfig, check_columns
 from analyses.methods.sensors.sensor_log import WINDOW, SensorLog
 from analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
 from models.arrays import Array, Flags
-from models.files.input_error import InputError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -121,14 +120,7 @@ def compare_with_sensor(log: SensorLog, config: ReferenceConfig) -> SensorCompar
         InputError: another number of columns than 1, 3 or 6, or as `find_mounting`.
     """
     k = log.sensor.shape[1]
-    if k not in SIZES:
-        raise InputError(
-            "estimate",
-            "reference",
-            f"names {k} columns, expected 1 (a force along an axis), 3 (a force) or 6 (with "
-            "moments)",
-            "name the sensor's columns, force first: fx,fy,fz",
-        )
+    check_columns(k)
     mounting, notices = find_mounting(log, config)
     sensor = mounting.on_robot(log.t, log.sensor, log.R_WE)
     reading = mounting.seen(log.reading, log.R_WE, k)

@@ -19,7 +19,12 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from analyses.methods.sensors.reference_config import FOUND, ReferenceConfig, tare_numbers
+from analyses.methods.sensors.reference_config import (
+    FOUND,
+    ReferenceConfig,
+    check_tare,
+    tare_numbers,
+)
 from analyses.methods.sensors.sensor_log import SensorLog
 from models.arrays import Array
 from models.files.input_error import InputError
@@ -29,6 +34,7 @@ TARE_TIME: Final = 0.5  # s, of the tare `start`
 SAME: Final = 1.02  # times the least error: agrees as well
 _FLAT = 1.05  # times the least error over all delays: the log tells none
 _ROWS = 5000  # that a search looks at
+_POOR = 0.6  # of the sensor's force, RMS: no agreement that tells a mounting
 _DIFFERS = 0.5  # of the error: two mountings that say different things
 
 
@@ -96,7 +102,7 @@ def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tu
     k = log.sensor.shape[1]
     if len(log.t) < 2:
         raise InputError(
-            "estimate", "reference", "the log is too short to compare with", "record a longer one"
+            "estimate", "--reference", "the log is too short to compare with", "record a longer one"
         )
     plain = Mounting("world", np.eye(3), 1, _tare(log, config), 0.0)
     coarse = log.every(max(1, len(log.t) // _ROWS))
@@ -120,7 +126,21 @@ def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tu
         )
     if config.tare == "fit":
         best = replace(best, tare=_fitted_tare(coarse, best))
+    if len(candidates) > 1:
+        error, size = error_of(coarse, best, True), _size(coarse, best)
+        if error > _POOR * size:
+            notices.append(
+                f"the reading differs from the sensor by {error:.3g} N RMS of {size:.3g} N: what "
+                "was found of its mounting says little; give --reference-frame and "
+                "--reference-sign"
+            )
     return best, tuple(notices)
+
+
+def _size(log: SensorLog, mounting: Mounting) -> float:
+    """RMS of the sensor's force, N."""
+    force = _force_vector(log, mounting)
+    return float(np.sqrt(np.nanmean(np.sum(force**2, axis=1))))
 
 
 def error_of(log: SensorLog, mounting: Mounting, with_offset: bool) -> float:
@@ -141,13 +161,7 @@ def _tare(log: SensorLog, config: ReferenceConfig) -> Array:
     k = log.sensor.shape[1]
     given = tare_numbers(config)
     if given is not None:
-        if len(given) != k:
-            raise InputError(
-                "estimate",
-                "reference_tare",
-                f"has {len(given)} numbers for {k} columns",
-                "give one for each",
-            )
+        check_tare(config, k)
         return np.array(given)
     if config.tare == "start":
         return np.asarray(log.sensor[log.t <= log.t[0] + TARE_TIME].mean(axis=0))

@@ -4,15 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from analyses.methods.sensors.mounting import Mounting, error_of, find_mounting
 from analyses.methods.sensors.reference_config import ReferenceConfig
 from analyses.methods.sensors.sensor_log import SensorLog
+from models.arrays import Array
 from models.files.input_error import InputError
-
-Array = NDArray[np.float64]
 
 _N, _STEP = 600, 0.02
 

@@ -18,8 +18,8 @@ _PLAIN = ReferenceConfig("fx,fy,fz", frame="tool")
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"frame": "flange"}, 'reference_frame: is "flange"'),
-        ({"sign": "-1"}, 'reference_sign: is "-1"'),
+        ({"frame": "flange"}, 'reference-frame: is "flange"'),
+        ({"sign": "-1"}, 'reference-sign: is "-1"'),
         ({"turn": [1.0]}, "expected three angles"),
         ({"turn": [0.0, 0.0, 1.0], "frame": "found"}, "not of which frame"),
         ({"delay": "soon"}, 'is "soon", expected seconds'),
