@@ -42,15 +42,15 @@ PLACES = {
     "step": "estimate.estimator.observer.time_step",
     "max_gap": "estimate.max_gap",
     "check": "estimate.check",
-    "false_alarms_per_hour": "estimate.detection.false_alarms_per_hour",
-    "covariance": "estimate.covariance",
-    "table": "estimate.table",
     "reference": "estimate.reference.columns",
     "reference_frame": "estimate.reference.frame",
     "reference_turn": "estimate.reference.turn",
     "reference_sign": "estimate.reference.sign",
     "reference_tare": "estimate.reference.tare",
     "reference_delay": "estimate.reference.delay",
+    "false_alarms_per_hour": "estimate.detection.false_alarms_per_hour",
+    "covariance": "estimate.covariance",
+    "table": "estimate.table",
 }
 
 
@@ -108,13 +108,6 @@ def command(
     check: Annotated[
         bool, typer.Option(help="Hold the log against the robot's limits and gravity.")
     ] = DEFAULTS.check,
-    false_alarms_per_hour: Annotated[
-        float, typer.Option(help="How often contact may be reported where nothing touches the arm.")
-    ] = DEFAULTS.detection.false_alarms_per_hour,
-    covariance: Annotated[
-        bool, typer.Option("--covariance", help="Add the 21 entries of the covariance.")
-    ] = DEFAULTS.covariance,
-    table: Annotated[str, typer.Option(help="csv or parquet.")] = DEFAULTS.table,
     reference: Annotated[
         str,
         typer.Option(
@@ -146,6 +139,13 @@ def command(
     reference_delay: Annotated[
         str, typer.Option(help="s that it is later than the motion, or found.")
     ] = REFERENCE.delay,
+    false_alarms_per_hour: Annotated[
+        float, typer.Option(help="How often contact may be reported where nothing touches the arm.")
+    ] = DEFAULTS.detection.false_alarms_per_hour,
+    covariance: Annotated[
+        bool, typer.Option("--covariance", help="Add the 21 entries of the covariance.")
+    ] = DEFAULTS.covariance,
+    table: Annotated[str, typer.Option(help="csv or parquet.")] = DEFAULTS.table,
     config: Annotated[Path | None, config_option(EstimateSettings, PLACES)] = None,
     out: Out = Path("out/estimate"),
 ) -> None:

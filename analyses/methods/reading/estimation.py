@@ -170,8 +170,8 @@ def estimate(
     config, max_gap = settings.estimate.estimator, settings.estimate.max_gap
     if config.position_resolution is None:
         step = position_resolution(next(iter(read().chunks())).q)
-        stated = robot.position_resolution
-        step = np.where(np.isfinite(stated), stated, step)
+        known = robot.position_resolution
+        step = np.where(np.isfinite(known), known, step)
         config = replace(config, position_resolution=step.tolist())
     rule = "given"
     stated = stated_prior(settings.estimate, robot)
@@ -208,8 +208,8 @@ def estimate(
             )
             episodes.add(chunk.t, found, batch.wrench[:, 3:], valid)
             settled = int(np.searchsorted(chunk.t, first.t[0] + observer.settling_time))
-            known = ~chunk.dropout & (np.arange(chunk.num_samples) >= settled)
-            watch.add(chunk.t, chunk.q, chunk.v, batch.tau_ext, known, ~found.contact)
+            there = ~chunk.dropout & (np.arange(chunk.num_samples) >= settled)
+            watch.add(chunk.t, chunk.q, chunk.v, batch.tau_ext, there, ~found.contact)
             summary.add(chunk, batch, sd, valid, _torque(chunk, robot), found.contact)
             if beside is not None:
                 _collect(beside, chunk, batch, sd, valid, robot, settled)
