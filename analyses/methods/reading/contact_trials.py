@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from models.arrays import Array, Flags
@@ -160,7 +161,7 @@ class Tally:
         }
 
 
-def onsets(contact: Flags) -> Array:
+def onsets(contact: Flags) -> NDArray[np.intp]:
     """Samples at which a flag (N,) begins to be set."""
     return np.flatnonzero(np.diff(np.concatenate([[False], contact]).astype(int)) == 1)
 
