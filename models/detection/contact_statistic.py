@@ -52,7 +52,7 @@ import numpy as np
 from numba import njit
 from scipy.signal import lfilter
 
-from models.arrays import Array
+from models.arrays import Array, Flags
 from models.identification.torque_error_model import (
     TORQUE_ERROR_ROWS,
     TRANSMITTED_ROW,
@@ -60,6 +60,7 @@ from models.identification.torque_error_model import (
     torque_sd_tick,
 )
 from models.observers.lag import JACOBIAN_ROWS, see_jacobian, take_jacobian
+from models.rigid_body.small_matrices import factorise_in_place, solve_lower
 
 WINDOW = 0.3  # s
 LOCAL_TIME = 10.0  # s
@@ -100,7 +101,9 @@ def state_rows(num_joints: int) -> int:
 
 
 @njit(cache=True, error_model="numpy")
-def misfit_square(white, J, s, tau_y, moment_sd, M):  # type: ignore[no-untyped-def]
+def misfit_square(
+    white: Array, J: Array, s: Array, tau_y: Array, moment_sd: float, M: Array
+) -> float:
     """D of y (n,) = U z: y^T (1 + A^T P A)^-1 y with A = J diag(1 / s) U^T.
 
     Args:
@@ -121,30 +124,38 @@ def misfit_square(white, J, s, tau_y, moment_sd, M):  # type: ignore[no-untyped-
                 total += white[j, k] * J[i, k] / s[k]
             A[i, j] = known * total
     x = M[n + 6]
-    square = 0.0
     for i in range(n):
         for j in range(i + 1):
             total = 1.0 if i == j else 0.0
             for k in range(6):
                 total += A[k, i] * A[k, j]
-            for k in range(j):
-                total -= M[i, k] * M[j, k]
-            if i == j:
-                M[i, i] = np.sqrt(max(total, 1.0))
-            else:
-                M[i, j] = total / M[j, j]
-        total = tau_y[i]
-        for k in range(i):
-            total -= M[i, k] * x[k]
-        x[i] = total / M[i, i]
+            M[i, j] = total
+        x[i] = tau_y[i]
+    factorise_in_place(M, n, 0.0)
+    solve_lower(M, n, x)
+    square = 0.0
+    for i in range(n):
         square += x[i] * x[i]
     return square
 
 
 @njit(cache=True, error_model="numpy")
-def detect_tick(  # type: ignore[no-untyped-def]
-    error, joints, settings, white, state, q, v, transmitted, momentum, J, tau_ext, fresh, out, work
-):
+def detect_tick(
+    error: Array,
+    joints: Array,
+    settings: Array,
+    white: Array,
+    state: Array,
+    q: Array,
+    v: Array,
+    transmitted: Array,
+    momentum: Array,
+    J: Array,
+    tau_ext: Array,
+    fresh: bool,
+    out: Array,
+    work: Array,
+) -> None:
     """Single-sample kernel: takes a sample into `state` and writes what it says.
 
     Args:
@@ -273,7 +284,7 @@ def detect_tick(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _link(power, level):  # type: ignore[no-untyped-def]
+def _link(power: Array, level: float) -> float:
     """The link (1 to n) that a force away from E acts on, or 0 where the joints cannot tell."""
     beyond = 0.0
     for j in range(power.shape[0] - 1, -1, -1):
@@ -286,9 +297,21 @@ def _link(power, level):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def detect_log(  # type: ignore[no-untyped-def]
-    error, joints, settings, white, state, q, v, transmitted, momentum, J, tau_ext, fresh, out
-):
+def detect_log(
+    error: Array,
+    joints: Array,
+    settings: Array,
+    white: Array,
+    state: Array,
+    q: Array,
+    v: Array,
+    transmitted: Array,
+    momentum: Array,
+    J: Array,
+    tau_ext: Array,
+    fresh: Flags,
+    out: Array,
+) -> None:
     """`detect_tick` for N samples, one after another; out (N, NUM_OUT)."""
     n = q.shape[1]
     work = np.empty((n + 18, n))
@@ -312,9 +335,22 @@ def detect_log(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def white_log(  # type: ignore[no-untyped-def]
-    error, joints, settings, white, state, q, v, transmitted, momentum, J, tau_ext, out, z, mean
-):
+def white_log(
+    error: Array,
+    joints: Array,
+    settings: Array,
+    white: Array,
+    state: Array,
+    q: Array,
+    v: Array,
+    transmitted: Array,
+    momentum: Array,
+    J: Array,
+    tau_ext: Array,
+    out: Array,
+    z: Array,
+    mean: Array,
+) -> None:
     """As `detect_log`, and writes z and LP(z), (N, n) each, for what learns from them."""
     n = q.shape[1]
     work = np.zeros((n + 18, n))

@@ -484,7 +484,7 @@ def test_options_reach_the_simulation(invoke, monkeypatch, tmp_path, scenario, a
 
     monkeypatch.setattr(simulation, "simulate_scenario", note)
     arguments = ("--robot", "r", "--model", "m", "--out", tmp_path, "--duration", 2.5, "--seed", 4)
-    arguments += ("--quick", "--no-recording", "--graphviz")
+    arguments += ("--quick", "--no-page", "--graphviz")
     assert invoke("simulate", *scenario, *arguments).exit_code == 130
     del seen["progress"]
     assert seen == {
@@ -492,7 +492,7 @@ def test_options_reach_the_simulation(invoke, monkeypatch, tmp_path, scenario, a
         "duration": 2.5,
         "seed": 4,
         "quick": True,
-        "record": False,
+        "page": False,
         "graph": True,
     }
 

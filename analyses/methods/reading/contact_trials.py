@@ -60,7 +60,7 @@ class TrialLog:
                 position_resolution=position_resolution(recording.q).tolist(),
             ),
         )
-        self.momentum = self.estimator.chain.momentum(self.q, self.v)
+        self.momentum = self.estimator.chain.momentum_terms(self.q, self.v)[0]
         self.J = self.estimator.chain.jacobian(self.q)
 
     @property
