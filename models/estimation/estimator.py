@@ -11,7 +11,7 @@ numbers. A friction law with load dependence takes the motor torque of the tick 
 """
 
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -195,7 +195,11 @@ class WrenchEstimator:
                 resolution,
                 self.config.force_bandwidth_hz,
             )
-        self._trusted_tables = None if self.trusted is None else self.trusted.tables
+        # What the kernel of `step` is given at each tick, put together once.
+        self._constants: tuple[Any, ...] = (self.choice, *self.tables, self.observer_rows)
+        if self.trusted is not None:
+            tables = (*self.tables[:-1], *self.trusted.tables)
+            self._constants = (self.choice, *tables, self.observer_rows, self.tick_rows)
         more = 0 if self.trusted is None else self.trusted.state_rows
         self._state_shape = (self.tick_rows + more, n)
         self._sample = np.empty((3, n))
@@ -269,28 +273,10 @@ class WrenchEstimator:
         if state.shape != self._state_shape:
             raise ValueError(f"state must be {self._state_shape}, not {state.shape}")
         out = np.empty(n + NUM_READING)
-        if self._trusted_tables is None:
-            estimate_tick(
-                self.choice,
-                *self.tables,
-                self.observer_rows,
-                state,
-                sample,
-                out,
-                self._scratch,
-            )
+        if self.trusted is None:
+            estimate_tick(*self._constants, state, sample, out, self._scratch)
         else:
-            trusted_tick(
-                self.choice,
-                *self.tables[:-1],
-                *self._trusted_tables,
-                self.observer_rows,
-                self.tick_rows,
-                state,
-                sample,
-                out,
-                self._scratch,
-            )
+            trusted_tick(*self._constants, state, sample, out, self._scratch)
         return TickEstimate(
             out[:n],
             out[n : n + 6],

@@ -112,7 +112,9 @@ def _reading(
     else:
         seen = _pseudo_inverse(table, J, tau_ext, sd, stiction, wrench, covariance, work)
     worst = largest_eigenvalue_3x3(work[_PLAIN + 3 : _PLAIN + 6, 3:])
-    feigned = 3.0 * largest_eigenvalue_3x3(work[_FEIGNED : _FEIGNED + 3])
+    feigned = 0.0
+    if _any(stiction):
+        feigned = 3.0 * largest_eigenvalue_3x3(work[_FEIGNED : _FEIGNED + 3])
     return seen and worst <= settings[_MAX_FORCE_SD] ** 2 and feigned <= settings[_MAX_PHANTOM] ** 2
 
 
@@ -215,6 +217,8 @@ def _posterior(
                 plain[i, j] = covariance[i, j]
     else:
         _posterior_covariance(moment_sd, force_sd, 3, plain, work)
+    if not _any(stiction):
+        return
     gain = work[_SCRATCH : _SCRATCH + 3]  # of the force from white torque, then from torque
     for i in range(3):
         white = work[_VECTOR + 1]
@@ -229,6 +233,15 @@ def _posterior(
                 total += white[j] * table[j, k]
             gain[i, k] = total / sd[k]
     _feign(gain, stiction, work)
+
+
+@njit(cache=True, error_model="numpy")
+def _any(stiction: Array) -> bool:
+    """Whether there is stiction: without it no wrench is feigned, at no cost."""
+    total = 0.0
+    for part in stiction:
+        total += abs(part)
+    return total != 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -312,7 +325,7 @@ def _pseudo_inverse(
                 if turn == 0:
                     plain[i, j] = total
                     plain[j, i] = total
-        if turn == 0:
+        if turn == 0 and _any(stiction):
             _feign(H[3:], stiction, work)
     for i in range(6):
         total = 0.0
