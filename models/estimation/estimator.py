@@ -10,6 +10,7 @@ numbers. A friction law with load dependence takes the motor torque of the tick 
 (`models.friction.presliding_friction`).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Self
 
@@ -273,10 +274,8 @@ class WrenchEstimator:
         if state.shape != self._state_shape:
             raise ValueError(f"state must be {self._state_shape}, not {state.shape}")
         out = np.empty(n + NUM_READING)
-        if self.trusted is None:
-            estimate_tick(*self._constants, state, sample, out, self._scratch)
-        else:
-            trusted_tick(*self._constants, state, sample, out, self._scratch)
+        tick: Callable[..., None] = estimate_tick if self.trusted is None else trusted_tick
+        tick(*self._constants, state, sample, out, self._scratch)
         return TickEstimate(
             out[:n],
             out[n : n + 6],
