@@ -42,6 +42,7 @@ PLACES = {
     "step": "estimate.estimator.observer.time_step",
     "max_gap": "estimate.max_gap",
     "check": "estimate.check",
+    "mcap": "estimate.mcap",
     "reference": "estimate.reference.columns",
     "reference_frame": "estimate.reference.frame",
     "reference_turn": "estimate.reference.turn",
@@ -56,7 +57,12 @@ PLACES = {
 
 def command(
     ctx: typer.Context,
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="Log of q, v and motor current.")],
+    log: Annotated[
+        Path,
+        typer.Argument(
+            metavar="LOG", help="Log of q, v and motor current; a table or a ROS 2 bag."
+        ),
+    ],
     robot: RobotName,
     model: Annotated[
         Path | None,
@@ -122,6 +128,10 @@ def command(
     check: Annotated[
         bool, typer.Option(help="Hold the log against the robot's limits and gravity.")
     ] = DEFAULTS.check,
+    mcap: Annotated[
+        bool,
+        typer.Option("--mcap", help="Write the wrenches as ROS 2 messages too: wrench.mcap."),
+    ] = DEFAULTS.mcap,
     reference: Annotated[
         str,
         typer.Option(

@@ -10,7 +10,6 @@ numbers. A friction law with load dependence takes the motor torque of the tick 
 (`models.friction.presliding_friction`).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Self
 
@@ -197,10 +196,10 @@ class WrenchEstimator:
                 self.config.force_bandwidth_hz,
             )
         # What the kernel of `step` is given at each tick, put together once.
-        self._constants: tuple[Any, ...] = (self.choice, *self.tables, self.observer_rows)
+        self._constants: list[Any] = [self.choice, *self.tables, self.observer_rows]
         if self.trusted is not None:
             tables = (*self.tables[:-1], *self.trusted.tables)
-            self._constants = (self.choice, *tables, self.observer_rows, self.tick_rows)
+            self._constants = [self.choice, *tables, self.observer_rows, self.tick_rows]
         more = 0 if self.trusted is None else self.trusted.state_rows
         self._state_shape = (self.tick_rows + more, n)
         self._sample = np.empty((3, n))
@@ -274,8 +273,11 @@ class WrenchEstimator:
         if state.shape != self._state_shape:
             raise ValueError(f"state must be {self._state_shape}, not {state.shape}")
         out = np.empty(n + NUM_READING)
-        tick: Callable[..., None] = estimate_tick if self.trusted is None else trusted_tick
-        tick(*self._constants, state, sample, out, self._scratch)
+        rest: list[Any] = [state, sample, out, self._scratch]
+        if self.trusted is None:
+            estimate_tick(*self._constants, *rest)
+        else:
+            trusted_tick(*self._constants, *rest)
         return TickEstimate(
             out[:n],
             out[n : n + 6],

@@ -43,6 +43,7 @@ class EstimateConfig:
     estimator: WrenchEstimatorConfig = field(default_factory=_estimator_of_logs)
     max_gap: float = 0.0  # s, longest gap that is bridged; 0: 0.1 s or three steps
     check: bool = True  # hold the log against the robot's limits and gravity
+    mcap: bool = False  # write the wrenches as ROS 2 messages too (wrench.mcap)
     reference: ReferenceConfig = field(default_factory=ReferenceConfig)  # a force sensor in the log
     detection: ContactDetectionConfig = field(default_factory=ContactDetectionConfig)
     covariance: bool = False  # whether the table has columns for it

@@ -7,6 +7,7 @@ spread, of external torque and Jacobian; the prior is what explains those best
 """
 
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -35,6 +36,7 @@ from models.detection.contact_detector import ContactDetectionConfig, ContactDet
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.evidence_prior import evidence_prior
 from models.estimation.wrench import live_prior
+from models.estimation.wrench_bag import WrenchBagWriter
 from models.estimation.wrench_table import WrenchTableWriter
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
@@ -102,7 +104,8 @@ def estimate_log(
     """The command `estimate`: streams a log and writes what acted at the tool into `out`.
 
     Writes the table (see `models.estimation.wrench_table`), metrics.json, config.yaml and
-    figures/wrench.png; with a force sensor in the log also figures/reference.png.
+    figures/wrench.png; with a force sensor in the log also figures/reference.png; wrench.mcap (see
+    `models.estimation.wrench_bag`) where it is asked for.
 
     Args:
         log: as `read_recording`.
@@ -196,7 +199,11 @@ def estimate(
     episodes = ContactEpisodes(robot.num_joints)
     path = out / f"wrench.{settings.estimate.table}"
     with_covariance = settings.estimate.covariance
-    with WrenchTableWriter(path, robot.num_joints, with_covariance) as table:
+    with ExitStack() as stack:
+        table = stack.enter_context(WrenchTableWriter(path, robot.num_joints, with_covariance))
+        bag: WrenchBagWriter | None = None
+        if settings.estimate.mcap:
+            bag = stack.enter_context(WrenchBagWriter(out / "wrench.mcap", robot.config.base_link))
         for chunk in chain([first], chunks):
             batch, found = engine.run(chunk.q, chunk.v, chunk.current)
             found = found.without(chunk.dropout)
@@ -205,6 +212,9 @@ def estimate(
                 *(chunk.t, batch.wrench, sd, batch.condition_number, valid, batch.tau_ext),
                 *(found.statistic, found._asdict(), batch.covariance),
             )
+            if bag is not None:
+                _, p_WE = robot.chain.pose(chunk.q)
+                bag.write(chunk.t, batch.wrench, batch.covariance, p_WE)
             episodes.add(chunk.t, found, batch.wrench[:, 3:], valid)
             summary.add(chunk, batch, sd, valid, _torque(chunk, robot), found.contact)
             if beside is not None:
