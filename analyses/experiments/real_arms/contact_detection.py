@@ -321,7 +321,7 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow("30 N for .5 s put in, missed", f"{JUDGED}.missed_pct", "%", 0.0, "", wanted),
         ComparisonRow(
             "their delay, median",
-            f"{JUDGED}.delay_median_s",
+            "push_30n_0.5s_at_e.delay_median_s",
             "s",
             0.05,
             "with up to one sample of 10 ms before the first that shows the push",
@@ -393,8 +393,8 @@ EXPERIMENT = Experiment(
     order=157,
     seconds=150,
     readme=(
-        f"{JUDGED}.missed_pct",
-        f"{JUDGED}.delay_median_s",
+        "push_30n_0.5s_at_e.missed_pct",
+        "push_30n_0.5s_at_e.delay_median_s",
         "collision_wrist.missed",
         "contact_free.false_alarms",
     ),

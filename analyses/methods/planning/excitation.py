@@ -266,7 +266,7 @@ def _excite_into(
         metrics["validation"] = results[1].metrics()
     folder.write_json("metrics.json", metrics)
     settings = ExciteSettings(
-        robot=str(robot_name), validation=validation, page=page, excitation=config
+        robot=str(robot_name), validation=validation, record=page, excitation=config
     )
     folder.write_settings("config.yaml", settings)
     progress(1.0, "done")
