@@ -1,4 +1,4 @@
-"""What `redundancy` writes: joints along the path, figures (Figs. 11 to 13) and a recording."""
+"""What `redundancy` writes: joints along the path, figures (Figs. 11 to 13) and a page."""
 
 import csv
 import io
