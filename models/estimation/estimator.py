@@ -18,7 +18,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from models.estimation.kernel_choice import kernel_choice
 from models.estimation.momentum_observer import MomentumObserverConfig
-from models.estimation.observer import NUM_SIGNALS, TAU_F, TAU_J, Observer
+from models.estimation.observer import (
+    NUM_SIGNALS,
+    TAU_F,
+    TAU_J,
+    InformedObserver,
+    ModelKnowledge,
+    Observer,
+)
 from models.estimation.observers import AnyObserverConfig, make_observer
 from models.estimation.tick import (
     GAIN,
@@ -176,6 +183,12 @@ class WrenchEstimator:
         )
         resolution = self.config.position_resolution
         self.friction = model.friction.sampled(self.observer.time_step, resolution)
+        reading = self.config.reconstruction.with_live(*live_prior(robot.payload))
+        if isinstance(self.observer, InformedObserver):
+            sd = np.sqrt(np.diag(self.reconstruction.torque_covariance))
+            known = (model.torque_error, sd, self.friction, resolution, reading)
+            self.observer = self.observer.informed(ModelKnowledge(*known))
+        self.observed_size = 0 if self.observer.kernels.wrench is None else 42
         self.choice = kernel_choice(self.observer.kernels, self.friction.kernels)
         self.tables = self.tables_of(
             robot.torque_per_ampere, self.friction, self.observer, self.reconstruction
@@ -187,7 +200,7 @@ class WrenchEstimator:
             self.trusted = TrustedReading(
                 model.torque_error,
                 self.friction,
-                self.config.reconstruction.with_live(*live_prior(robot.payload)),
+                reading,
                 getattr(self.observer, "K_0", None),
                 self.observer.time_step,
                 resolution,
@@ -337,10 +350,12 @@ class WrenchEstimator:
         tau_ext, J, F = np.empty((N, n)), np.empty((N, 6, n)), np.empty((N, 6))
         covariance, quality, counts = np.empty((N, 6, 6)), np.empty((N, 2)), np.empty(N, np.bool_)
         signals = np.empty((min(N, _PASS), NUM_SIGNALS, n))
+        observed = np.empty((min(N, _PASS), self.observed_size))
         torque_sd = np.tile(np.sqrt(np.diag(self.reconstruction.torque_covariance)), (N, 1))
         for start in range(0, N, _PASS):
             rows = slice(start, min(N, start + _PASS))
             part = signals[: rows.stop - start]
+            own = observed[: rows.stop - start]
             terms_log(
                 chain,
                 drives,
@@ -363,6 +378,7 @@ class WrenchEstimator:
                 J[rows],
                 tau_ext[rows],
                 counts[rows],
+                own,
             )
             if self.trusted is not None:
                 (
@@ -379,6 +395,7 @@ class WrenchEstimator:
                     J[rows],
                     tau_ext[rows],
                     counts[rows],
+                    own,
                 )
                 continue
             ones = np.ones_like(tau_ext[rows])
@@ -386,6 +403,8 @@ class WrenchEstimator:
                 *(wrench, J[rows], J[rows], tau_ext[rows], ones, np.zeros_like(ones)),
                 *(F[rows], covariance[rows], quality[rows]),
             )
+            if self.observed_size:
+                F[rows], covariance[rows] = own[:, :6], own[:, 6:].reshape(-1, 6, 6)
         valid = (quality[:, 1] == 1.0) & counts
         return EstimateBatch(tau_ext, F, covariance, quality[:, 0], valid, J, torque_sd)
 
@@ -404,7 +423,7 @@ class WrenchEstimator:
         state = np.vstack([self.observer.initial_state(), self.friction.initial_state()])
         serial_log(
             *(self.choice, slip, observer, self.observer_rows, state, known, signals, J),
-            *(tau_ext, fresh),
+            *(tau_ext, fresh, np.empty((N, 0))),
         )
         return Observation(tau_ext, signals[:, TAU_J].copy(), signals[:, TAU_F].copy(), fresh, J)
 
@@ -415,6 +434,8 @@ class WrenchEstimator:
         n = self.num_joints
         if taught is not None and tau_f is not None:
             raise ValueError("taught says which friction is taken: tau_f has no place beside it")
+        if taught is not None and self.observed_size:
+            raise ValueError("an observer that reads the wrench itself has no use for an air pass")
         known = np.zeros((*lead, 3, n))
         known[..., KNOWN_COUNTS, :] = 1.0
         if taught is None:

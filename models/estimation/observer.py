@@ -19,12 +19,22 @@ with
     J        (6, n) rows [angular; linear] at E in axes of W
 
 Both are compiled by `numba.njit(error_model="numpy")`; what a kernel does not read costs nothing.
+
+An observer may read the wrench itself, with what it knows over time; it then has a third kernel,
+whose reading takes the place of `wrench`'s:
+
+    wrench(table, state, signals, J, wrench, covariance) -> None
+        Writes F_E_W (6,) and its covariance (6, 6) right after a sample; `state` stays as it is.
 """
 
-from typing import Any, ClassVar, NamedTuple, Protocol, Self
+from typing import Any, ClassVar, NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from models.estimation.wrench import WrenchReconstructionConfig
+from models.friction.friction_law import FrictionLaw
+from models.identification.torque_error_model import TorqueErrorModel
 
 Array = NDArray[np.float64]
 
@@ -39,10 +49,29 @@ NUM_SIGNALS = 9
 
 
 class ObserverKernels(NamedTuple):
-    """The two kernels of a kind of observer, as this module states them."""
+    """The kernels of a kind of observer, as this module states them."""
 
     output: Any
     update: Any
+    wrench: Any = None  # of one that reads the wrench itself
+
+
+class ModelKnowledge(NamedTuple):
+    """What an observer may know of the arm it observes.
+
+    Attributes:
+        torque_error: of the model; None where it has none.
+        torque_sd: (n,) N m, of what tau_ext errs by where nothing touches the arm, all in all.
+        friction: of the model, as sampled.
+        resolution: (n,) rad of the encoders; None: that of the logs that were fitted.
+        reconstruction: method and priors of the reading, the live one among them.
+    """
+
+    torque_error: TorqueErrorModel | None
+    torque_sd: Array
+    friction: FrictionLaw
+    resolution: ArrayLike | None
+    reconstruction: WrenchReconstructionConfig
 
 
 class ObserverConfig(Protocol):
@@ -95,3 +124,11 @@ class Observer(Protocol):
 
     def initial_state(self) -> Array:
         """Returns the (state_rows, n) state before the first sample."""
+
+
+@runtime_checkable
+class InformedObserver(Protocol):
+    """An observer that rests on what the model knows of itself."""
+
+    def informed(self, knowledge: ModelKnowledge) -> Observer:
+        """Returns the observer with it."""

@@ -81,6 +81,13 @@ def _remember(choice: Any, table: Any, state: Any, q: Any, v: Any, load: Any) ->
     raise NotImplementedError
 
 
+def _observe_wrench(
+    choice: Any, table: Any, state: Any, signals: Any, J: Any, wrench: Any, covariance: Any
+) -> Any:
+    """`wrench` of the chosen observer, if it has one."""
+    raise NotImplementedError
+
+
 @overload(_observe, inline="always")
 def _(choice: Any, table: Any, state: Any, signals: Any, J: Any) -> Any:
     output = chosen(choice, 0).output
@@ -89,6 +96,25 @@ def _(choice: Any, table: Any, state: Any, signals: Any, J: Any) -> Any:
         return output(table, state, signals, J)
 
     return call
+
+
+@overload(_observe_wrench, inline="always")
+def _(
+    choice: Any, table: Any, state: Any, signals: Any, J: Any, wrench: Any, covariance: Any
+) -> Any:
+    own = chosen(choice, 0).wrench
+
+    def call(
+        choice: Any, table: Any, state: Any, signals: Any, J: Any, wrench: Any, covariance: Any
+    ) -> Any:
+        own(table, state, signals, J, wrench, covariance)
+
+    def leave(
+        choice: Any, table: Any, state: Any, signals: Any, J: Any, wrench: Any, covariance: Any
+    ) -> Any:
+        pass
+
+    return leave if own is None else call
 
 
 @overload(_take, inline="always")
@@ -205,12 +231,23 @@ def _corrected(known: Array, signals: Array, tau_ext: Array, fresh: bool) -> boo
 
 
 @njit(cache=True, error_model="numpy")
-def _read(wrench: Array, J: Array, counts: bool, out: Array, work: Array) -> None:
-    """Writes the reading of tau_ext, out[:n], after it."""
+def _read(
+    choice: KernelChoice,
+    wrench: Array,
+    observer: Array,
+    own: Array,
+    signals: Array,
+    J: Array,
+    counts: bool,
+    out: Array,
+    work: Array,
+) -> None:
+    """Writes the reading of tau_ext, out[:n], after it; `own` is the observer's state."""
     n = J.shape[1]
     quality = out[n + 42 : n + NUM_READING]
     covariance = out[n + 6 : n + 42].reshape(6, 6)
     reconstruct(wrench, J, out[:n], out[n : n + 6], covariance, quality, work)
+    _observe_wrench(choice, observer, own, signals, J, out[n : n + 6], covariance)
     if not counts:
         quality[1] = 0.0
 
@@ -272,9 +309,9 @@ def estimate_tick(
     known = sample[3:]
     _terms(chain, drives, friction, sample[0], sample[1], sample[2], known, signals, J, X, bodies)
     fresh = _output(choice, slip, observer, rows, state, known, signals, J)
-    _update(choice, slip, observer, rows, state, known, signals, J)
     counts = _corrected(known, signals, out[:n], fresh)
-    _read(wrench, J, counts, out, work)
+    _read(choice, wrench, observer, state[:rows], signals, J, counts, out, work)
+    _update(choice, slip, observer, rows, state, known, signals, J)
 
 
 @njit(cache=True, error_model="numpy")
@@ -313,7 +350,7 @@ def tick_output(
     parts = state.reshape(state.shape[0] // n, n)
     fresh = _output(choice, slip, observer, rows, parts, known, signals, J)
     counts = _corrected(known, signals, out[:n], fresh)
-    _read(wrench, J, counts, out, work)
+    _read(choice, wrench, observer, parts[:rows], signals, J, counts, out, work)
 
 
 @njit(cache=True, error_model="numpy")
@@ -398,9 +435,18 @@ def serial_log(
     J: Array,
     tau_ext: Array,
     counts: Flags,
+    observed: Array,
 ) -> None:
-    """Takes N samples of `terms_log` into `state`; writes tau_ext (N, n), and which count (N,)."""
+    """Takes N samples of `terms_log` into `state`; writes tau_ext (N, n), and which count (N,).
+
+    `observed` (N, 42) is written by an observer that reads the wrench itself: it and its
+    covariance. (N, 0) for others.
+    """
     for k in range(signals.shape[0]):
         fresh = _output(choice, slip, observer, rows, state, known[k], signals[k], J[k])
+        if observed.shape[1] > 0:
+            covariance = observed[k, 6:].reshape(6, 6)
+            own = state[:rows]
+            _observe_wrench(choice, observer, own, signals[k], J[k], observed[k, :6], covariance)
         _update(choice, slip, observer, rows, state, known[k], signals[k], J[k])
         counts[k] = _corrected(known[k], signals[k], tau_ext[k], fresh)

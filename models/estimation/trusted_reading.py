@@ -88,6 +88,7 @@ class TrustedReading:
         J: Array,
         tau_ext: Array,
         fresh: Flags,
+        observed: Array | None = None,
     ) -> tuple[Array, Array, Array, Flags, Array]:
         """Reads N samples.
 
@@ -97,6 +98,8 @@ class TrustedReading:
             J: (N, 6, n) at E in axes of W.
             tau_ext: (N, n) N m.
             fresh: (N,) which of them count.
+            observed: (N, 42) wrench and covariance that the observer reads itself, which then take
+                the place of the reading's; (N, 0) or None: it does not.
 
         Returns:
             Wrench (N, 6), covariance (N, 6, 6), condition number (N,), valid (N,), and the torque
@@ -115,6 +118,8 @@ class TrustedReading:
             self.reconstruction.table,
             *(J, seen, tau_ext, sd, stiction, wrench, covariance, quality),
         )
+        if observed is not None and observed.shape[1] > 0:
+            wrench, covariance = observed[:, :6].copy(), observed[:, 6:].reshape(N, 6, 6).copy()
         valid = (quality[:, 1] == 1.0) & fresh
         lag_log(self._lag.settings, slow, wrench, valid, covariance)
         return wrench, covariance, quality[:, 0], valid, sd
