@@ -10,10 +10,10 @@ from pydrake.systems.framework import (
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Demultiplexer
 
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.observer import NUM_SIGNALS, TAU_F
 from models.estimation.tick import ERROR_SD
 from models.estimation.trusted_reading import TrustedReading
 from models.identification.identified_model import IdentifiedModel
+from models.observers.observer import NUM_SIGNALS, TAU_F
 from models.robot.robot import Robot
 from systems.external_torque_observer import ExternalTorqueObserver
 from systems.friction_law import FrictionLawSystem

@@ -15,7 +15,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from models.estimation.observer import (
+from models.observers.observer import (
     CTV,
     GRAVITY,
     MOMENTUM,
@@ -59,7 +59,7 @@ class ExternalTorqueObserver(LeafSystem):
     that came early.
 
     Args:
-        observer: of `models.estimation.observers`.
+        observer: of `models.observers.observer_kinds`.
         torque_sd: (n,) N m, what tau_ext errs by where nothing touches the arm, for an observer
             that asks for it.
 

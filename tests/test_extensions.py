@@ -21,8 +21,13 @@ from analyses.methods.learning.identification import identify
 from analyses.methods.learning.identification_config import IdentificationConfig
 from diagrams.estimator import add_estimator
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.momentum_observer import MomentumObserverConfig
-from models.estimation.observer import (
+from models.files.input_error import InputError
+from models.friction.extended_friction import ExtendedFriction
+from models.friction.friction_structure import FrictionStructure
+from models.friction.friction_terms import TERMS, FrictionTerm
+from models.identification.identified_model import IdentifiedModel
+from models.observers.momentum_observer import MomentumObserverConfig
+from models.observers.observer import (
     CTV,
     GRAVITY,
     MOMENTUM,
@@ -32,12 +37,7 @@ from models.estimation.observer import (
     TORQUE_SD,
     ObserverKernels,
 )
-from models.estimation.observers import OBSERVERS
-from models.files.input_error import InputError
-from models.friction.extended_friction import ExtendedFriction
-from models.friction.friction_structure import FrictionStructure
-from models.friction.friction_terms import TERMS, FrictionTerm
-from models.identification.identified_model import IdentifiedModel
+from models.observers.observer_kinds import OBSERVERS
 from models.recordings.log_containers import CONTAINERS
 from models.recordings.recording import Recording
 from models.recordings.recording_format import RecordingFormat

@@ -23,7 +23,7 @@ _HOME = {
     "WrenchEstimatorConfig": "models.estimation.estimator",
     "TickEstimate": "models.estimation.estimator",
     "EstimateBatch": "models.estimation.estimator",
-    "MomentumObserverConfig": "models.estimation.momentum_observer",
+    "MomentumObserverConfig": "models.observers.momentum_observer",
     "WrenchReconstructionConfig": "models.estimation.wrench",
     "CoulombViscous": "models.friction.velocity_friction",
     "SemiParametricFriction": "models.friction.velocity_friction",

@@ -17,16 +17,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from models.estimation.kernel_choice import kernel_choice
-from models.estimation.momentum_observer import MomentumObserverConfig
-from models.estimation.observer import (
-    NUM_SIGNALS,
-    TAU_F,
-    TAU_J,
-    InformedObserver,
-    ModelKnowledge,
-    Observer,
-)
-from models.estimation.observers import AnyObserverConfig, make_observer
 from models.estimation.tick import (
     GAIN,
     KNOWN_CORRECTION,
@@ -42,11 +32,22 @@ from models.estimation.trusted_reading import TrustedReading
 from models.estimation.wrench import (
     WrenchReconstruction,
     WrenchReconstructionConfig,
+    known_of_wrench,
     live_prior,
     reconstruct_log,
 )
 from models.friction.friction_law import FrictionLaw
 from models.identification.identified_model import IdentifiedModel
+from models.observers.momentum_observer import MomentumObserverConfig
+from models.observers.observer import (
+    NUM_SIGNALS,
+    TAU_F,
+    TAU_J,
+    InformedObserver,
+    ModelKnowledge,
+    Observer,
+)
+from models.observers.observer_kinds import AnyObserverConfig, make_observer
 from models.rigid_body.serial_chain import kernels_are_compiled
 from models.robot.motors import motor_gain
 from models.robot.robot import Robot
@@ -128,7 +129,7 @@ class Observation(NamedTuple):
         tau_ext: (N, n) N m.
         tau_J: (N, n) N m, motor torque on the joint side.
         tau_f: (N, n) N m, friction.
-        fresh: (N,) see `models.estimation.observer`.
+        fresh: (N,) see `models.observers.observer`.
         J: (N, 6, n) rows [angular; linear] at E in axes of W.
     """
 
@@ -186,7 +187,7 @@ class WrenchEstimator:
         reading = self.config.reconstruction.with_live(*live_prior(robot.payload))
         if isinstance(self.observer, InformedObserver):
             sd = np.sqrt(np.diag(self.reconstruction.torque_covariance))
-            known = (model.torque_error, sd, self.friction, resolution, reading)
+            known = (model.torque_error, sd, self.friction, resolution, known_of_wrench(reading))
             self.observer = self.observer.informed(ModelKnowledge(*known))
         self.observed_size = 0 if self.observer.kernels.wrench is None else 42
         self.choice = kernel_choice(self.observer.kernels, self.friction.kernels)

@@ -18,7 +18,9 @@ from numba.extending import overload
 from numpy.typing import NDArray
 
 from models.estimation.kernel_choice import KernelChoice, chosen
-from models.estimation.observer import (
+from models.estimation.wrench import WORK_ROWS, reconstruct
+from models.friction.velocity_friction import friction_torque
+from models.observers.observer import (
     CTV,
     GRAVITY,
     MOMENTUM,
@@ -30,8 +32,6 @@ from models.estimation.observer import (
     Q,
     V,
 )
-from models.estimation.wrench import WORK_ROWS, reconstruct
-from models.friction.velocity_friction import friction_torque
 from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, observer_terms
 from models.robot.motors import motor_torque
 

@@ -1,7 +1,7 @@
 """The reading of tau_ext that knows what the observer errs by, sample by sample.
 
     torque error's sds (`models.identification.torque_error_model`) -+
-    J as the observer saw it (`models.estimation.lag`) --------------+-> wrench, covariance, valid
+    J as the observer saw it (`models.observers.lag`) --------------+-> wrench, covariance, valid
     tau_ext ---------------------------------------------------------+   + lag and scale
 
 For models that have a torque error; others read with one covariance for rest and motion alike.
@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from models.estimation.lag import JACOBIAN_ROWS, LagModel, jacobian_seen_log, lag_log
 from models.estimation.wrench import (
     WrenchReconstruction,
     WrenchReconstructionConfig,
@@ -24,6 +23,7 @@ from models.identification.torque_error_model import (
     TorqueErrorModel,
     torque_sd_log,
 )
+from models.observers.lag import JACOBIAN_ROWS, LagModel, jacobian_seen_log, lag_log
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -39,7 +39,7 @@ class TrustedReading:
         K_0: (n,) 1/s of the observer; None for one without such a lag.
         time_step: s.
         resolution: (n,) rad of the encoders; None: that of the logs that were fitted.
-        force_bandwidth_hz: see `models.estimation.lag`.
+        force_bandwidth_hz: see `models.observers.lag`.
 
     Raises:
         ValueError: as `WrenchReconstruction` and `LagModel`.

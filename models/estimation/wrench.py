@@ -41,6 +41,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import ArrayLike, NDArray
 
+from models.observers.observer import WrenchPrior
 from models.rigid_body.conditioning import condition_number_of, condition_numbers_of
 from models.rigid_body.small_matrices import factorise, largest_eigenvalue_3x3, orthogonalise_rows
 
@@ -143,6 +144,25 @@ def live_prior(payload: float) -> tuple[float, float]:
     return force_sd, PRIOR_LEVER * force_sd
 
 
+def known_of_wrench(config: WrenchReconstructionConfig) -> WrenchPrior | None:
+    """What a configuration knows of the wrench, for an observer that reads it itself.
+
+    None for methods that no prior stands for. Without a live prior it is the reading's own.
+    """
+    own = [np.inf if sd is None else sd for sd in (config.prior_moment_sd, config.prior_force_sd)]
+    live = [
+        first if sd is None else sd
+        for sd, first in zip((config.live_moment_sd, config.live_force_sd), own, strict=True)
+    ]
+    if config.method in ("damped", "truncated"):
+        return None
+    if config.method == "force_only":
+        own, live[0] = [0.0, np.inf], 0.0
+    elif config.method == "inverse":
+        own = [np.inf, np.inf]
+    return WrenchPrior(*(float(sd) for sd in (*own, *live)))
+
+
 class WrenchReconstruction:
     """The mathematics of this module for one torque covariance and one configuration.
 
@@ -184,7 +204,7 @@ class WrenchReconstruction:
         """Returns the reading for J ((6, n) or (N, 6, n)) and tau_ext ((n,) or (N, n), N m).
 
         Args:
-            J: as tau_ext saw it, see `models.estimation.lag`.
+            J: as tau_ext saw it, see `models.observers.lag`.
             tau_ext: external joint torque.
             sd: as tau_ext; N m, of its errors; None: 1, so that the torque covariance is theirs.
             stiction: as tau_ext; the part of sd that is stiction; None: 0.

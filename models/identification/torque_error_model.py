@@ -35,7 +35,7 @@ The sds are of one K_0; the smooth part of the error, with correlation time T, p
 with the share K_0 T / (1 + K_0 T) of its variance, which carries them to another.
 
 **Assumed, not measured,** and so stated in the model's file: `drift`, because viscous friction
-differs by 5 to 10 % between days of the same month (and by 35 % over a season: refresh the model);
+differs by about 5 % between days of the same month (and by 35 % over a season: refresh the model);
 `beyond_speed` and `beyond_load`, because nobody has been there; `scale`, an error in proportion to
 what is read (torque per ampere, load-dependent friction).
 """
@@ -53,7 +53,7 @@ from models.friction.slip_elements import SLIDING_COLUMNS, bounded_cubic, within
 
 Array = NDArray[np.float64]
 
-DRIFT = 0.07  # of the viscous torque
+DRIFT = 0.05  # of the viscous torque
 BEYOND_SPEED = 0.3  # of the viscous coefficient
 BEYOND_LOAD = 0.05  # N m per N m
 SCALE = 0.05  # of what is read

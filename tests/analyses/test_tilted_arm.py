@@ -30,11 +30,11 @@ from analyses.output.outputs import OutputFolder
 from diagrams.scenario import HoldMotion, Scenario, make_trajectory
 from models.control.wrench_script import WrenchStep
 from models.estimation.estimator import WrenchEstimatorConfig
-from models.estimation.momentum_observer import MomentumObserverConfig
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.excitation.excitation_limits import ExcitationLimits
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
+from models.observers.momentum_observer import MomentumObserverConfig
 from models.robot.robot import Robot
 from systems.force_torque_sensor import ForceTorqueSensorConfig
 from systems.impedance_controller import ImpedanceConfig

@@ -10,9 +10,9 @@ from diagrams.closed_loop import make_closed_loop
 from diagrams.scenario import HoldMotion, JointSineMotion, Scenario
 from models.control.wrench_script import WrenchStep
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.momentum_observer import MomentumObserverConfig
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.identification.identified_model import IdentifiedModel
+from models.observers.momentum_observer import MomentumObserverConfig
 
 K_0 = 20.0
 FORCE, MOMENT = [6.0, -4.0, 20.0], [0.5, -0.8, 0.3]

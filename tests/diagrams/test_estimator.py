@@ -11,12 +11,12 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from diagrams.estimator import add_estimator, make_estimator
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.momentum_observer import MomentumObserver, MomentumObserverConfig
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.files.input_error import InputError
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
+from models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
 from systems.recording_player import RecordingPlayer, Samples
 
 T = 1e-3

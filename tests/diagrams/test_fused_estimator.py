@@ -10,12 +10,12 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 from diagrams.estimator import add_estimator, make_estimator
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.momentum_observer import MomentumObserverConfig
 from models.estimation.wrench import METHODS, WrenchReconstructionConfig
 from models.friction.friction_network import FrictionNetworks
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
+from models.observers.momentum_observer import MomentumObserverConfig
 from systems.recording_player import RecordingPlayer, Samples
 
 T = 1e-3

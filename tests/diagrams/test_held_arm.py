@@ -7,8 +7,8 @@ from pydrake.systems.analysis import Simulator
 from diagrams.held_arm import make_held_arm
 from models.control.wrench_script import WrenchScript, WrenchStep
 from models.estimation.estimator import WrenchEstimatorConfig
-from models.estimation.momentum_observer import MomentumObserverConfig
 from models.estimation.wrench import WrenchReconstructionConfig
+from models.observers.momentum_observer import MomentumObserverConfig
 
 FORCE, MOMENT = [6.0, -4.0, 20.0], [0.5, -0.8, 0.3]
 

@@ -6,8 +6,8 @@ from pydrake.systems.analysis import Simulator
 
 from diagrams.replay import make_replay
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.momentum_observer import MomentumObserverConfig
 from models.identification.identified_model import IdentifiedModel
+from models.observers.momentum_observer import MomentumObserverConfig
 from models.recordings.recording_reader import read_recording
 from models.recordings.resampling import resampled
 

@@ -7,7 +7,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
-from models.estimation.momentum_observer import MomentumObserver, MomentumObserverConfig
+from models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
 from models.rigid_body.serial_chain import RigidBodyTerms
 from systems.generalized_momentum_observer import GeneralizedMomentumObserver
 

@@ -10,12 +10,12 @@ from pydrake.systems.primitives import LogVectorOutput
 
 from diagrams.estimator import add_estimator, make_estimator
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.momentum_observer import MomentumObserverConfig
 from models.estimation.wrench import METHODS, WrenchReconstructionConfig
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
 from models.identification.torque_error_model import TorqueErrorModel
+from models.observers.momentum_observer import MomentumObserverConfig
 from systems.recording_player import RecordingPlayer, Samples
 from systems.trusted_wrench_reading import TrustedWrenchReading
 

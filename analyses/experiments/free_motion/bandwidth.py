@@ -48,8 +48,8 @@ from models.control.wrench_script import (
     WrenchStep,
 )
 from models.estimation.estimator import WrenchEstimatorConfig
-from models.estimation.momentum_observer import MomentumObserverConfig
 from models.estimation.wrench import WrenchReconstructionConfig
+from models.observers.momentum_observer import MomentumObserverConfig
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]

@@ -39,7 +39,7 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
-from models.estimation.contact_force import ContactForceConfig
+from models.contact.contact_force import ContactForceConfig
 from models.robot.robot import Robot
 
 if TYPE_CHECKING:

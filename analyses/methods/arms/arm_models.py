@@ -36,9 +36,9 @@ from analyses.methods.learning.identification import identify
 from analyses.methods.reading.repetition import repetition_torque
 from analyses.study.shared_results import shared
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.momentum_observer import MomentumObserverConfig
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.identification.identified_model import IdentifiedModel
+from models.observers.momentum_observer import MomentumObserverConfig
 from models.recordings.recording import Recording
 from models.robot.robot import Robot
 

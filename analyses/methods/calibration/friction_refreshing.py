@@ -1,7 +1,7 @@
 """How much friction does this robot have today? A model and seconds of a log in, a model out.
 
 Refitted are the three numbers a joint that drift, Coulomb, viscous and offset; everything else of
-the model stays (`models.identification.friction_refresh`). The log must be free of contact and
+the model stays (`models.calibration.friction_refresh`). The log must be free of contact and
 carry what the model's logs carried.
 """
 
@@ -17,15 +17,15 @@ from analyses.methods.calibration.model_residual import ModelResidual, with_fric
 from analyses.methods.learning.identification_config import IdentifySettings, RefreshConfig
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
-from models.files.input_error import InputError
-from models.friction.sliding_friction import TERMS, with_sliding
-from models.identification.friction_refresh import (
+from models.calibration.friction_refresh import (
     FrictionDrift,
     FrictionRefresh,
     refresh_friction,
 )
+from models.calibration.residual_noise import V_REST, ResidualRows
+from models.files.input_error import InputError
+from models.friction.sliding_friction import TERMS, with_sliding
 from models.identification.identified_model import FrictionSource, IdentifiedModel
-from models.identification.residual_noise import V_REST, ResidualRows
 from models.identification.torque_error_model import TorqueErrorModel
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording

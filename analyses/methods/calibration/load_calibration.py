@@ -2,7 +2,7 @@
 
 The logs without a load are identified as ever. With the friction terms that came out, a second fit
 of all logs together finds torque per ampere, masses, friction and the loads' centres of mass at
-once (`models.identification.gain_calibration`). The model is then identified again with the torque
+once (`models.calibration.gain_calibration`). The model is then identified again with the torque
 constants found. Where friction depends on the load, that dependence is the second fit's, which has
 seen more load; Coulomb friction is lowered by what it adds at the unloaded logs' mean load.
 """
@@ -27,16 +27,16 @@ from analyses.methods.learning.low_passed_logs import (
 )
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
-from models.files.configuration import save_configuration
-from models.files.input_error import InputError
-from models.friction.friction_structure import LARGEST_LOAD, FrictionStructure
-from models.friction.presliding_friction import PreslidingFriction
-from models.identification.gain_calibration import (
+from models.calibration.gain_calibration import (
     CalibrationLog,
     GainCalibration,
     GainProblem,
     KnownLoad,
 )
+from models.files.configuration import save_configuration
+from models.files.input_error import InputError
+from models.friction.friction_structure import LARGEST_LOAD, FrictionStructure
+from models.friction.presliding_friction import PreslidingFriction
 from models.identification.identified_model import IdentifiedModel
 from models.identification.torque_regression import split_terms
 from models.recordings.recording import Recording

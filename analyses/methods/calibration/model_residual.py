@@ -20,12 +20,12 @@ from analyses.methods.learning.low_passed_logs import (
     low_pass_log,
     median_step,
 )
+from models.calibration.load_identification import LoadRows
+from models.calibration.load_parameters import load_columns
+from models.calibration.residual_noise import ResidualRows
 from models.friction.friction_law import FrictionLaw
 from models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
 from models.identification.identified_model import IdentifiedModel
-from models.identification.load_identification import LoadRows
-from models.identification.load_parameters import load_columns
-from models.identification.residual_noise import ResidualRows
 from models.identification.torque_regression import parameter_names
 from models.recordings.recording import Recording
 from models.rigid_body.serial_chain import SerialChain

@@ -1,7 +1,7 @@
 """What does this robot carry? A log with an unknown load in, mass, centre of mass and inertia out.
 
 The load is found from the joint torque that the robot's model leaves unexplained
-(`models.identification.load_identification`). Friction that depends on the torque that a gear
+(`models.calibration.load_identification`). Friction that depends on the torque that a gear
 transmits depends on the load, too: the fit is repeated with the load found before.
 """
 
@@ -17,17 +17,17 @@ from analyses.methods.calibration.model_residual import ModelResidual
 from analyses.methods.calibration.payload_config import PayloadConfig, PayloadSettings
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
-from models.files.input_error import InputError
-from models.identification.friction_refresh import FrictionDrift
-from models.identification.identified_model import IdentifiedModel
-from models.identification.load_identification import LoadEstimate, LoadPrior, estimate_load
-from models.identification.load_parameters import (
+from models.calibration.friction_refresh import FrictionDrift
+from models.calibration.load_identification import LoadEstimate, LoadPrior, estimate_load
+from models.calibration.load_parameters import (
     body_parameters,
     flange_map,
     inertia_matrix,
     realisable_inertia,
 )
-from models.identification.residual_noise import ResidualRows
+from models.calibration.residual_noise import ResidualRows
+from models.files.input_error import InputError
+from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
 from models.robot.robot import Robot

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from analyses.methods.learning.law_fits import HeldOutModel
 from analyses.methods.learning.low_passed_logs import LowPassedLog
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.momentum_observer import MomentumObserverConfig
 from models.identification.identified_model import IdentifiedModel
 from models.identification.torque_error_fit import HeldOutReading, fit_torque_error
 from models.identification.torque_error_model import TorqueErrorModel
 from models.identification.torque_regression import RegressionRows
+from models.observers.momentum_observer import MomentumObserverConfig
 from models.recordings.position_resolution import position_resolution
 from models.recordings.recording import Recording
 from models.recordings.resampling import resampled

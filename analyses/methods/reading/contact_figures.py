@@ -9,7 +9,7 @@ from analyses.methods.reading.contact_reading import block_mean
 from analyses.methods.reading.contact_runs import JUDGED
 from analyses.methods.reading.contact_study import ContactStudy, ReadRun
 from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
-from models.estimation.contact_force import SIGMA_95
+from models.contact.contact_force import SIGMA_95
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analyses.methods.reading.contact_runs import ContactRun
-from models.estimation.torque_blocks import MotionTerms, known_parts, slip_along
-from models.friction.presliding_friction import PreslidingFriction
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.specimen_friction import (
+from models.calibration.specimen_friction import (
     SlidingRows,
     SpecimenFit,
     SpecimenPrior,
     fit_specimen,
 )
+from models.contact.torque_blocks import MotionTerms, known_parts, slip_along
+from models.friction.presliding_friction import PreslidingFriction
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -1,6 +1,6 @@
 """The contact runs read by several methods, all on one grid of time.
 
-    ours        `models.estimation.contact_force`, with friction by `contact_friction`
+    ours        `models.contact.contact_force`, with friction by `contact_friction`
     article     momentum observer, Coulomb-viscous friction, eq. 22
     by_hand     K (i - i_target) through the inverse of J^T
     two_joints  K (i - i_target) of joints 2 and 3 alone, by least squares on the force
@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 from analyses.methods.reading.contact_friction import FrictionRows, friction_rows
 from analyses.methods.reading.contact_runs import ContactRun
 from analyses.methods.reading.judged_force import ForceReading
-from models.estimation.contact_force import (
+from models.contact.contact_force import (
     SIGMA_95,
     ContactForce,
     ContactForceConfig,
     read_contact_force,
 )
-from models.estimation.momentum_observer import MomentumObserver, MomentumObserverConfig
-from models.estimation.torque_blocks import MotionTerms, motion_terms, torque_blocks
+from models.contact.torque_blocks import MotionTerms, motion_terms, torque_blocks
 from models.friction.presliding_friction import PreslidingFriction
+from models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
 from models.rigid_body.serial_chain import SerialChain
 
 Array = NDArray[np.float64]
@@ -95,7 +95,7 @@ def averaged(reading: ForceReading, windows: NDArray[np.int64]) -> ForceReading:
     sd = None if reading.sd is None else reading.sd[windows].mean(axis=1)
     valid = None
     if reading.valid is not None:
-        valid = reading.valid[windows].all(axis=1)
+        valid = np.asarray(reading.valid[windows].all(axis=1))
         if sd is not None:
             valid &= np.abs(force) > SIGMA_95 * sd
     return ForceReading(force, sd, valid)

@@ -38,10 +38,10 @@ from analyses.methods.reading.contact_runs import (
     tool_chain,
 )
 from analyses.methods.reading.judged_force import ForceReading, Judgement, pooled_judgement
-from models.estimation.contact_force import ContactForceConfig, FrictionErrorConfig
-from models.estimation.torque_blocks import torque_blocks
+from models.calibration.specimen_friction import SpecimenFit
+from models.contact.contact_force import ContactForceConfig, FrictionErrorConfig
+from models.contact.torque_blocks import torque_blocks
 from models.friction.presliding_friction import PreslidingFriction
-from models.identification.specimen_friction import SpecimenFit
 from models.robot.robot import Robot
 
 Array = NDArray[np.float64]

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from models.estimation.estimator import WrenchEstimatorConfig
-from models.estimation.momentum_observer import LEAST_K_0, MomentumObserverConfig
-from models.estimation.observers import make_observer
 from models.estimation.wrench import METHODS, live_prior
 from models.files.input_error import InputError
+from models.observers.momentum_observer import LEAST_K_0, MomentumObserverConfig
+from models.observers.observer_kinds import make_observer
 from models.robot.robot import Robot
 
 ENGINES = ("batch", "diagram")

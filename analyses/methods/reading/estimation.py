@@ -29,10 +29,10 @@ from analyses.output.result_folder import result_folder
 from analyses.output.stream_summary import EvenSample
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.evidence_prior import evidence_prior
-from models.estimation.observers import make_observer
 from models.estimation.wrench import live_prior
 from models.estimation.wrench_table import WrenchTableWriter
 from models.identification.identified_model import IdentifiedModel
+from models.observers.observer_kinds import make_observer
 from models.recordings.position_resolution import position_resolution
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import RecordingReader

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.estimation.contact_force import SIGMA_95
+from models.contact.contact_force import SIGMA_95
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -10,7 +10,6 @@ from scipy.stats import spearmanr
 
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.evidence_prior import evidence_prior
-from models.estimation.momentum_observer import MomentumObserverConfig
 from models.estimation.point_of_action import PointOfAction, find_point_of_action, jacobian_at
 from models.estimation.wrench import (
     WrenchEstimate,
@@ -18,6 +17,7 @@ from models.estimation.wrench import (
     WrenchReconstructionConfig,
 )
 from models.identification.identified_model import IdentifiedModel
+from models.observers.momentum_observer import MomentumObserverConfig
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
 from models.recordings.resampling import resampled

@@ -32,11 +32,11 @@ from diagrams.machining import longest_duration, view_of
 from diagrams.pages.run_page import make_meshcat, start_recording, write_page
 from diagrams.scenario import Scenario
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.momentum_observer import MomentumObserverConfig
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.machining.air_pass import TaughtTorque, raised_motion
 from models.machining.machining_path import MachiningPath
 from models.machining.machining_phases import Fault, Phase
+from models.observers.momentum_observer import MomentumObserverConfig
 
 if TYPE_CHECKING:
     pass

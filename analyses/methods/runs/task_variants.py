@@ -24,8 +24,8 @@ from analyses.methods.reading.force_errors import (
 from analyses.methods.runs.task_runs import TaskRun, read_run
 from analyses.output.figures import COLOUR, new_figure
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.momentum_observer import MomentumObserverConfig
 from models.estimation.wrench import WrenchReconstructionConfig
+from models.observers.momentum_observer import MomentumObserverConfig
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,13 +9,13 @@ import pytest
 from numpy.typing import NDArray
 
 from models.estimation.estimator import Taught, WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.momentum_observer import MomentumObserver, MomentumObserverConfig
 from models.estimation.wrench import METHODS, WrenchReconstructionConfig, live_prior
 from models.files.input_error import InputError
 from models.friction.friction_network import FrictionNetworks
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
+from models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
 from models.robot.motors import torque_to_current
 from models.robot.robot import Robot
 

@@ -8,10 +8,10 @@ import pytest
 
 from analyses.methods.calibration.load_calibration import calibrate, calibrate_logs, known_load
 from analyses.methods.learning.identification_config import IdentificationConfig
+from models.calibration.gain_calibration import KnownLoad
+from models.calibration.load_parameters import body_parameters, load_columns
 from models.files.input_error import InputError
-from models.identification.gain_calibration import KnownLoad
 from models.identification.identified_model import IdentifiedModel
-from models.identification.load_parameters import body_parameters, load_columns
 from models.recordings.recording import Recording
 from models.recordings.recording_writer import write_recording
 from models.robot.robot import Robot

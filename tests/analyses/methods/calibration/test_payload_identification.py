@@ -11,10 +11,10 @@ from analyses.methods.calibration.payload_config import PayloadConfig
 from analyses.methods.calibration.payload_identification import identify_payload, payload_log
 from analyses.methods.learning.identification import identify
 from analyses.methods.learning.identification_config import IdentificationConfig
+from models.calibration.load_parameters import body_parameters, flange_map, load_columns
 from models.files.input_error import InputError
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
-from models.identification.load_parameters import body_parameters, flange_map, load_columns
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
 from models.recordings.recording_writer import write_recording

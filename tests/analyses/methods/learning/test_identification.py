@@ -22,10 +22,10 @@ from analyses.methods.learning.identification_config import (
 from analyses.methods.learning.torque_fit import TorqueFit
 from analyses.output.outputs import OutputFolder
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.momentum_observer import MomentumObserverConfig
 from models.files.input_error import InputError
 from models.friction.friction_structure import STRUCTURES
 from models.identification.identified_model import IdentifiedModel
+from models.observers.momentum_observer import MomentumObserverConfig
 from models.recordings.recording import Recording
 from models.recordings.recording_writer import write_recording
 

@@ -8,10 +8,10 @@ import pytest
 from analyses.methods.runs.air_pass import record_air_pass, teach
 from diagrams.machining import make_machining_path
 from diagrams.scenario import load_scenario
-from models.estimation.momentum_observer import MomentumObserver
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
 from models.machining.air_pass import LEAD, raised_motion
+from models.observers.momentum_observer import MomentumObserver
 
 LOW, HIGH = 0.005, 0.01
 

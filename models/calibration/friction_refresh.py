@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.calibration.prior_least_squares import fit_with_prior
+from models.calibration.residual_noise import ResidualNoise, ResidualRows
 from models.friction.velocity_friction import CoulombViscous
-from models.identification.prior_least_squares import fit_with_prior
-from models.identification.residual_noise import ResidualNoise, ResidualRows
 
 Array = NDArray[np.float64]
 

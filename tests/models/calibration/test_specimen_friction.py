@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from models.calibration.specimen_friction import SlidingRows, SpecimenPrior, fit_specimen
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.specimen_friction import SlidingRows, SpecimenPrior, fit_specimen
 
 _KNOWN = PreslidingFriction(
     SemiParametricFriction(CoulombViscous(np.zeros(2), np.array([20.0, 3.0]), np.zeros(2))),

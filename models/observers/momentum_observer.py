@@ -35,7 +35,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from models.estimation.observer import (
+from models.observers.observer import (
     CTV,
     GRAVITY,
     MOMENTUM,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.estimation.momentum_observer import (
+from models.observers.momentum_observer import (
     START_SHARE,
     MomentumObserver,
     MomentumObserverConfig,

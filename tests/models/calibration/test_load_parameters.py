@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from models.identification.load_parameters import (
+from models.calibration.load_parameters import (
     body_parameters,
     flange_map,
     inertia_matrix,

@@ -2,7 +2,7 @@
 
 A force at the tool does not care which way a joint turns; friction does. So the reading is
 regressed on what Coulomb, viscous and offset coefficients add to friction, joint by joint and with
-errors that are correlated over time (`models.identification.friction_refresh`). A joint's friction
+errors that are correlated over time (`models.calibration.friction_refresh`). A joint's friction
 contradicts the model if all of this holds:
 
 - its Coulomb or viscous coefficient differs by CLEAR standard errors (an offset alone is also what
@@ -18,10 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.calibration.friction_refresh import FrictionDrift, refresh_friction
+from models.calibration.residual_noise import ResidualNoise, ResidualRows
 from models.friction.sliding_friction import TERMS
 from models.friction.velocity_friction import CoulombViscous
-from models.identification.friction_refresh import FrictionDrift, refresh_friction
-from models.identification.residual_noise import ResidualNoise, ResidualRows
 
 Array = NDArray[np.float64]
 

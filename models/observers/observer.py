@@ -32,7 +32,6 @@ from typing import Any, ClassVar, NamedTuple, Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from models.estimation.wrench import WrenchReconstructionConfig
 from models.friction.friction_law import FrictionLaw
 from models.identification.torque_error_model import TorqueErrorModel
 
@@ -56,6 +55,20 @@ class ObserverKernels(NamedTuple):
     wrench: Any = None  # of one that reads the wrench itself
 
 
+class WrenchPrior(NamedTuple):
+    """What a reading takes as known of the wrench, N m and N; inf for nothing.
+
+    Attributes:
+        moment_sd, force_sd: of the reading.
+        live_moment_sd, live_force_sd: before any log.
+    """
+
+    moment_sd: float
+    force_sd: float
+    live_moment_sd: float
+    live_force_sd: float
+
+
 class ModelKnowledge(NamedTuple):
     """What an observer may know of the arm it observes.
 
@@ -64,14 +77,14 @@ class ModelKnowledge(NamedTuple):
         torque_sd: (n,) N m, of what tau_ext errs by where nothing touches the arm, all in all.
         friction: of the model, as sampled.
         resolution: (n,) rad of the encoders; None: that of the logs that were fitted.
-        reconstruction: method and priors of the reading, the live one among them.
+        prior: of the reading; None for a method that no prior stands for.
     """
 
     torque_error: TorqueErrorModel | None
     torque_sd: Array
     friction: FrictionLaw
     resolution: ArrayLike | None
-    reconstruction: WrenchReconstructionConfig
+    prior: WrenchPrior | None
 
 
 class ObserverConfig(Protocol):
@@ -131,4 +144,8 @@ class InformedObserver(Protocol):
     """An observer that rests on what the model knows of itself."""
 
     def informed(self, knowledge: ModelKnowledge) -> Observer:
-        """Returns the observer with it."""
+        """Returns the observer with it.
+
+        Raises:
+            ValueError: it reads the wrench itself, and no prior stands for the method.
+        """

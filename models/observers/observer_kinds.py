@@ -2,9 +2,9 @@
 
 from typing import TYPE_CHECKING, Any, Union
 
-from models.estimation import observer
-from models.estimation.kalman_observer import KalmanObserver
-from models.estimation.momentum_observer import MomentumObserver
+from models.observers import observer
+from models.observers.kalman_observer import KalmanObserver
+from models.observers.momentum_observer import MomentumObserver
 
 OBSERVERS: list[type[observer.Observer]] = [MomentumObserver, KalmanObserver]
 """The first one is the default. A further kind is one line here, or one `OBSERVERS.append` in a

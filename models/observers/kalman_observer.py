@@ -38,10 +38,11 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from models.estimation.momentum_observer import TORQUE_SAMPLES
-from models.estimation.observer import (
+from models.identification.torque_error_model import TORQUE_ERROR_ROWS, torque_sd_tick
+from models.observers.momentum_observer import TORQUE_SAMPLES
+from models.observers.observer import (
     CTV,
     GRAVITY,
     MOMENTUM,
@@ -53,14 +54,12 @@ from models.estimation.observer import (
     ObserverKernels,
     Q,
     V,
+    WrenchPrior,
 )
-from models.estimation.wrench import UNKNOWN_SD, WrenchReconstructionConfig
-from models.identification.torque_error_model import TORQUE_ERROR_ROWS, torque_sd_tick
 
 Array = NDArray[np.float64]
 
 WHITE_SHARE = 0.6  # of a moving joint's error variance behind K_0: the UR10e's three fitted runs
-KNOWN_METHODS = ("bayesian", "force_only", "inverse")
 SETTLING = 3.0  # 1 / K_0 of the error model
 _ROUNDING = 1e-3  # of the momentum that the torque's sd brings in a period
 _START_SHARE = 100.0  # of the live prior's sd: what nothing is known of
@@ -447,9 +446,10 @@ class KalmanObserver:
         numbers[_PERIOD] = T
         numbers[_BEFORE] = 0.5 * T if self.reads_present_torque else 0.0
         numbers[_SETTLED] = np.ceil(SETTLING / float(np.min(K_0)) / T)
-        kept, steps, start = wrench_prior(
-            None if knowledge is None else knowledge.reconstruction, self.config.bandwidth_hz, T
-        )
+        prior = WrenchPrior(1.0, 1.0, 1.0, 1.0) if knowledge is None else knowledge.prior
+        if prior is None:
+            raise ValueError("a Kalman observer reads by bayesian, force_only or inverse")
+        kept, steps, start = changing_wrench(prior, self.config.bandwidth_hz, T)
         sixes[_KEPT_F], sixes[_NOISE_F], sixes[_START_F] = kept, steps, start
         joints[_KEPT_X] = np.exp(-T / times)
         joints[_SMOOTH] = (1.0 - WHITE_SHARE) * (1.0 + K_0 * times) / (K_0 * times)
@@ -470,36 +470,17 @@ class KalmanObserver:
         return np.concatenate([part.ravel() for part in (numbers, sixes, joints, mixing, rest)])
 
 
-def wrench_prior(
-    config: WrenchReconstructionConfig | None, bandwidth_hz: float, time_step: float
+def changing_wrench(
+    prior: WrenchPrior, bandwidth_hz: float, time_step: float
 ) -> tuple[Array, Array, Array]:
     """What is known of a wrench that changes, moment first: (6,) share kept in a period, variance
     that a period adds, variance at the start.
-
-    Raises:
-        ValueError: a method that no prior stands for.
     """
-    if config is None:
-        config = WrenchReconstructionConfig("bayesian", 1.0, 1.0)
-    if config.method not in KNOWN_METHODS:
-        known = ", ".join(KNOWN_METHODS)
-        raise ValueError(f"a Kalman observer reads by {known}, not by {config.method}")
-    live = _sds(config.live_moment_sd, config.live_force_sd)
-    own = _sds(config.prior_moment_sd, config.prior_force_sd)
-    if config.method == "force_only":
-        own = np.array([0.0, UNKNOWN_SD])
-    elif config.method == "inverse":
-        own = np.full(2, UNKNOWN_SD)
+    own, live = np.array(prior[:2]), np.array(prior[2:])
     omega = 2.0 * np.pi * bandwidth_hz
-    walks = own >= UNKNOWN_SD
+    walks = np.isinf(own)
+    sd = np.where(walks, live, own)
     kept = np.where(walks, 1.0, np.exp(-omega * time_step))
-    steps = np.where(
-        walks, 2.0 * live**2 * omega * time_step, -np.expm1(-2.0 * omega * time_step) * own**2
-    )
-    start = np.where(walks, (_START_SHARE * live) ** 2, own**2)
+    steps = np.where(walks, 2.0 * omega * time_step, -np.expm1(-2.0 * omega * time_step)) * sd**2
+    start = np.where(walks, (_START_SHARE * sd) ** 2, sd**2)
     return np.repeat(kept, 3), np.repeat(steps, 3), np.repeat(start, 3)
-
-
-def _sds(moment_sd: ArrayLike | None, force_sd: ArrayLike | None) -> Array:
-    given = (1.0 if sd is None else float(np.asarray(sd)) for sd in (moment_sd, force_sd))
-    return np.minimum(np.array(list(given)), UNKNOWN_SD)

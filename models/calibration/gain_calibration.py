@@ -8,8 +8,8 @@ true over the stated torque per ampere, the torque that the stated constants giv
     tau = exp(-u) (Y pi + rotor vdot + friction + Y_load pi_load),
 
 linear in all but u, and solved for all at once by Gauss-Newton steps of generalised least squares
-(`models.identification.residual_noise`). Each log's friction may have drifted a little from the
-others' (`models.identification.friction_refresh`), and friction that grows with what a gear
+(`models.calibration.residual_noise`). Each log's friction may have drifted a little from the
+others' (`models.calibration.friction_refresh`), and friction that grows with what a gear
 transmits takes that torque from the step before, load included.
 """
 
@@ -20,13 +20,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from models.calibration.friction_refresh import FrictionDrift
+from models.calibration.load_identification import REACH
+from models.calibration.load_parameters import body_parameters, load_columns
+from models.calibration.prior_least_squares import PriorFit, fit_with_prior
+from models.calibration.residual_noise import ResidualNoise, ResidualRows
 from models.friction.friction_structure import FrictionStructure
 from models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
-from models.identification.friction_refresh import FrictionDrift
-from models.identification.load_identification import REACH
-from models.identification.load_parameters import body_parameters, load_columns
-from models.identification.prior_least_squares import PriorFit, fit_with_prior
-from models.identification.residual_noise import ResidualNoise, ResidualRows
 from models.identification.torque_regression import parameter_prior, split_terms
 from models.robot.robot import Robot
 

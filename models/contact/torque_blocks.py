@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.estimation.contact_force import TorqueBlocks
+from models.contact.contact_force import TorqueBlocks
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.sliding_level import sliding_level, sliding_torque, slip_sides
 from models.rigid_body.serial_chain import SerialChain

@@ -2,7 +2,7 @@
 
 A load adds a torque that is linear in its ten parameters to what the arm's model predicts. They are
 found by generalised least squares of the model's residual, together with the drift that friction
-may have made since (`models.identification.friction_refresh`). Twice: the first solution takes
+may have made since (`models.calibration.friction_refresh`). Twice: the first solution takes
 nearly anything for possible and shows where the centre of mass is; the second states the parameters
 about that point, where a prior of the inertia can say what a body of this mass looks like.
 
@@ -18,15 +18,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from models.friction.velocity_friction import CoulombViscous
-from models.identification.friction_refresh import FrictionDrift
-from models.identification.load_parameters import (
+from models.calibration.friction_refresh import FrictionDrift
+from models.calibration.load_parameters import (
     inertia_matrix,
     moved_parameters,
     realisable_inertia,
 )
-from models.identification.prior_least_squares import fit_with_prior
-from models.identification.residual_noise import ResidualNoise, ResidualRows
+from models.calibration.prior_least_squares import fit_with_prior
+from models.calibration.residual_noise import ResidualNoise, ResidualRows
+from models.friction.velocity_friction import CoulombViscous
 
 Array = NDArray[np.float64]
 
@@ -83,7 +83,7 @@ class LoadEstimate:
         covariance: (10, 10) of mass, com and Ixx, Iyy, Izz, Ixy, Ixz, Iyz.
         gain_covariance: (10, 10) the part of it that comes from the torques per ampere.
         inertia_prior_sd: (6,) kg m^2.
-        parameters: (10,) in the flange's frame, as `models.identification.load_parameters`.
+        parameters: (10,) in the flange's frame, as `models.calibration.load_parameters`.
         friction_change: (n, 3) of Coulomb, viscous and offset, found beside the load.
         scale: (n,) scatter of the residual relative to what the model states.
     """

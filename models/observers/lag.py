@@ -19,9 +19,9 @@ at a corner omega is late by that rate over omega, so that
 holds the lag of every force whose rate is steady over 1 / omega; `force_bandwidth_hz` is
 omega / (2 pi). A force that jumps is outside the band until the reading has seen about half of it:
 nothing known before can tell. What F minus LP_omega(F) shows of noise is in Sigma_F already: f_i
-counts as f_i f_i^2 / (f_i^2 + Sigma_F,ii), in full beyond the noise, hardly within it. Where a
-reading is not valid LP_omega follows a tenth as fast: what
-is read there, near a singular posture, is no force's.
+counts as f_i max(0, 1 - Sigma_F,ii / f_i^2), in full beyond the noise, not within it. Where a
+reading is not valid LP_omega follows a tenth as fast: what is read there, near a singular posture,
+is no force's.
 
 **The scale** of all that is read (torque per ampere, friction under a load that no log had) errs by
 a stated share: Sigma_F <- Sigma_F + (scale F) (scale F)^T.
@@ -166,7 +166,7 @@ def _late(settings, slow, value, variance):  # type: ignore[no-untyped-def]
         return 0.0
     late = settings[_FACTOR] * (value - slow)
     square = late * late
-    return late * square / (square + variance) if square > 0.0 else 0.0
+    return late * (1.0 - variance / square) if square > variance else 0.0
 
 
 @njit(cache=True, error_model="numpy")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from models.estimation.torque_blocks import known_parts, motion_terms, torque_blocks
+from models.contact.torque_blocks import known_parts, motion_terms, torque_blocks
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.robot.robot import Robot

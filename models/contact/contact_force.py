@@ -7,7 +7,7 @@ wrench:
 
     y_k = H_k F_k + e_k + o + s f_k + w_k
 
-    y   torque from outside, mean over a block of samples (`models.estimation.torque_blocks`)
+    y   torque from outside, mean over a block of samples (`models.contact.torque_blocks`)
     F   wrench in axes of the tool: force along it, positive where the tool presses; two forces
         across it; three moments. H: its joint torque, per newton and newton metre
     e   error of each joint's friction, a first-order Gauss-Markov process, of the sd and the

@@ -1,0 +1,1 @@
+"""Observers of external joint torque, and what their lag does to a reading."""
