@@ -7,7 +7,12 @@ from pydrake.systems.framework import (
     OutputPort,
     PortDataType,
 )
-from pydrake.systems.primitives import Adder, ConstantVectorSource, Demultiplexer
+from pydrake.systems.primitives import (
+    Adder,
+    ConstantVectorSource,
+    Demultiplexer,
+    Multiplexer,
+)
 
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.tick import ERROR_SD
@@ -79,6 +84,8 @@ def make_estimator(
         ValueError: as `models.estimation.estimator.WrenchEstimator`.
     """
     estimator = WrenchEstimator(robot, model, config)
+    if taught and estimator.observed_size:
+        raise ValueError("an observer that reads the wrench itself has no use for an air pass")
     if fused:
         return _fused(estimator, name, taught)
     builder = DiagramBuilder()
@@ -135,6 +142,9 @@ def make_estimator(
         (tau_ext_valid, reconstruction, "tau_ext_valid"),
     ):
         builder.Connect(output, target.GetInputPort(input_port))
+
+    if estimator.observed_size:
+        builder.Connect(observer.GetOutputPort("wrench"), reconstruction.GetInputPort("observed"))
 
     position = builder.ExportInput(terms.GetInputPort("q"), "q")
     velocity = builder.ExportInput(terms.GetInputPort("v"), "v")
@@ -213,6 +223,11 @@ def _trusted_ports(
         (rest.get_output_port(TAU_F), "tau_f"),
     ):
         builder.Connect(output, own.GetInputPort(port))
+    if estimator.observed_size:
+        joined = builder.AddNamedSystem("observed", Multiplexer([6, 36]))
+        for k in range(2):
+            builder.Connect(reading.get_output_port(1 + k), joined.get_input_port(k))
+        builder.Connect(joined.get_output_port(), own.GetInputPort("observed"))
     parts = builder.AddNamedSystem("trusted_reading", Demultiplexer(READING_SIZES))
     builder.Connect(own.GetOutputPort("reading"), parts.get_input_port())
     return [parts.get_output_port(k) for k in range(len(READING_SIZES))]

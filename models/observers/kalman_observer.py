@@ -7,8 +7,7 @@ manipulators and its application to force control", IEEE T-ASE 15(2), 2018, whos
 F; the error's states are those of the model's own torque error):
 
     p_k+1 = p_k + T (u + J^T F + s x + b beta) + w,   y_k = p_k + r      n each, N m s
-    F_k+1 = a F_k + ...,    a = exp(-2 pi f T)        first-order prior: sd of the reading's prior,
-                                                      corner f = `bandwidth_hz`
+    F_k+1 = a F_k + ...                               first-order prior, see below
     x_k+1 = a_x x_k + ...,  a_x = exp(-T / T_c)       error's smooth part, of sd 1 and the error's
                                                       correlation time T_c
     beta                                              slow bias of sd 1, the same all along
@@ -24,9 +23,11 @@ it) but counts in gain and covariance (Schmidt, 1966):
     P   covariance of the error without it,     C   what beta = 1 adds to the error
     gain = (P + C C^T) H^T (H (P + C C^T) H^T + R)^-1,   Sigma_F = (P + C C^T) of F
 
-Where the prior says nothing of force or moment (`force_only`, `inverse`) that part of F is a random
-walk, as fast as the live prior's with that corner. The covariance knows how fast a force may
-change: a reading needs no other account of the lag.
+How fast a force may change does not depend on what a log is thought to hold: its variance grows by
+4 pi f sd^2 a second, with the live prior's sd and f = `bandwidth_hz`, the corner of a force of that
+size. How large it may be is the reading's own prior: a = exp(-2 pi f T) where both are the same,
+less where the log's prior is smaller, 1 (a random walk) where nothing is known of the size. The
+covariance knows how fast a force may change: a reading needs no other account of the lag.
 
 u and y are those of `momentum_observer`: the model's part of u averaged over a period, the motor
 torque held or averaged. J, s and b are those of the period's start. The measurement's noise r is
@@ -70,14 +71,14 @@ _PERIOD, _BEFORE, _SETTLED, _HAS_ERROR, _NUMBERS = range(5)
 _KEPT_F, _NOISE_F, _START_F, _SIXES = range(4)
 _KEPT_X, _SMOOTH, _WHITE, _SLOW_VISCOUS, _LASTING, _ROUND, _JOINTS = range(7)
 # Status.
-_NEW, _RUNNING, _LOST = 0.0, 1.0, 2.0
+_LOST, _RUNNING = 0.0, 1.0
 
 
 @dataclass
 class KalmanObserverConfig:
     """How the filter sees a force that changes."""
 
-    bandwidth_hz: float = 0.1  # corner of the wrench's prior: a force lasts 1 / (2 pi f)
+    bandwidth_hz: float = 0.002  # corner of the prior of a force as large as the live prior's
     time_step: float = 0.001  # s between samples
     torque_samples: str = "held"  # mean motor torque of a period: "held" or "trapezoidal"
 
@@ -129,12 +130,10 @@ def _arrived(table, signals, i):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _is_measured(table, status, signals):  # type: ignore[no-untyped-def]
-    if status[0] != _RUNNING:
-        return False
+    finite = status[0] == _RUNNING
     for i in range(signals.shape[1]):
-        if not np.isfinite(_arrived(table, signals, i)):
-            return False
-    return True
+        finite = finite and np.isfinite(_arrived(table, signals, i))
+    return finite
 
 
 @njit(cache=True, error_model="numpy")
@@ -220,13 +219,6 @@ def kalman_update(table: Array, state: Array, signals: Array, J: Array) -> None:
     if _is_measured(table, status, signals):
         measure(x, gain, P, C, joints[_ROUND], arrived)
         status[1] += 1.0
-    elif status[0] == _NEW:
-        x[:], P[:], C[:] = 0.0, 0.0, 0.0
-        for a in range(6):
-            P[n + a, n + a] = sixes[_START_F, a]
-        for i in range(n):
-            P[n + 6 + i, n + 6 + i] = 1.0
-        status[1] = 0.0
     if status[0] != _RUNNING:
         for i in range(n):
             x[i] = arrived[i]
@@ -243,7 +235,7 @@ def kalman_update(table: Array, state: Array, signals: Array, J: Array) -> None:
         advance(T, J, smooth, white, slow, sixes, joints[_KEPT_X], mixing, x, P, C)
         find_gain(P, C, joints[_ROUND], gain)
         status[0] = _RUNNING
-    elif status[0] != _NEW:
+    else:
         for a in range(6):  # without a motion only time goes by
             P[n + a, n + a] += sixes[_NOISE_F, a]
         status[0] = _LOST
@@ -432,6 +424,9 @@ class KalmanObserver:
         N = 2 * n + 6
         size = N + 2 * N * n + N * N + 2 + TORQUE_ERROR_ROWS * n
         state = np.zeros((-(-size // n), n))
+        start = self.table[_NUMBERS : _NUMBERS + 6 * _SIXES].reshape(_SIXES, 6)[_START_F]
+        P = split_state(state.reshape(-1), n)[2]
+        P[range(n, N), range(n, N)] = np.concatenate([start, np.ones(n)])
         if self._knowledge is not None and self._knowledge.torque_error is not None:
             split_state(state.reshape(-1), n)[5][:] = self._knowledge.torque_error.initial_state()
         return state
@@ -477,10 +472,10 @@ def changing_wrench(
     that a period adds, variance at the start.
     """
     own, live = np.array(prior[:2]), np.array(prior[2:])
-    omega = 2.0 * np.pi * bandwidth_hz
-    walks = np.isinf(own)
-    sd = np.where(walks, live, own)
-    kept = np.where(walks, 1.0, np.exp(-omega * time_step))
-    steps = np.where(walks, 2.0 * omega * time_step, -np.expm1(-2.0 * omega * time_step)) * sd**2
-    start = np.where(walks, (_START_SHARE * sd) ** 2, sd**2)
-    return np.repeat(kept, 3), np.repeat(steps, 3), np.repeat(start, 3)
+    rate = 4.0 * np.pi * bandwidth_hz * live**2  # of the variance
+    sd = np.where(np.isinf(own), _START_SHARE * live, own)
+    walks = np.isinf(own) | (own == 0.0)
+    kept = np.exp(-0.5 * rate * time_step / np.where(walks, np.inf, own) ** 2)
+    size = np.where(walks, 0.0, own)
+    steps = np.where(np.isinf(own), rate * time_step, (1.0 - kept**2) * size**2)
+    return np.repeat(kept, 3), np.repeat(steps, 3), np.repeat(sd**2, 3)

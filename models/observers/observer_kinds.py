@@ -5,8 +5,13 @@ from typing import TYPE_CHECKING, Any, Union
 from models.observers import observer
 from models.observers.kalman_observer import KalmanObserver
 from models.observers.momentum_observer import MomentumObserver
+from models.observers.super_twisting_observer import SuperTwistingObserver
 
-OBSERVERS: list[type[observer.Observer]] = [MomentumObserver, KalmanObserver]
+OBSERVERS: list[type[observer.Observer]] = [
+    MomentumObserver,
+    KalmanObserver,
+    SuperTwistingObserver,
+]
 """The first one is the default. A further kind is one line here, or one `OBSERVERS.append` in a
 program of one's own."""
 
