@@ -32,7 +32,8 @@ from models.estimation.evidence_prior import evidence_prior
 from models.estimation.wrench import live_prior
 from models.estimation.wrench_table import WrenchTableWriter
 from models.identification.identified_model import IdentifiedModel
-from models.observers.observer_kinds import make_observer
+from models.observers.momentum_observer import MomentumObserverConfig
+from models.observers.observer_kinds import kind_of, make_observer
 from models.recordings.position_resolution import position_resolution
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import RecordingReader
@@ -274,9 +275,17 @@ def _with_evidence(
     """The configuration with the prior that explains the log best, and the rule's name."""
     J, tau_ext = EvenSample(_PRIOR_SAMPLES), EvenSample(_PRIOR_SAMPLES)
     engine: _BatchEngine | None = None
+    kind = kind_of(config.observer)
+    plain = config
+    if kind is not None and kind.kernels.wrench is not None:
+        # What reads the wrench by a prior says nothing of which prior explains the torque.
+        observer = MomentumObserverConfig(
+            time_step=config.observer.time_step, torque_samples=config.observer.torque_samples
+        )
+        plain = replace(config, observer=observer)
     for chunk in _uniform(reader, config, max_gap, part):
         if engine is None:
-            engine = _BatchEngine(robot, model, _timed(config, chunk))
+            engine = _BatchEngine(robot, model, _timed(plain, chunk))
         batch = engine.run(chunk.q, chunk.v, chunk.current)
         measured = ~chunk.dropout
         sd = np.ones_like(batch.tau_ext) if model.torque_error is None else batch.torque_sd
