@@ -3,22 +3,14 @@
 from pydrake.systems.framework import (
     Diagram,
     DiagramBuilder,
-    InputPortIndex,
     OutputPort,
     PortDataType,
 )
-from pydrake.systems.primitives import (
-    Adder,
-    ConstantVectorSource,
-    Demultiplexer,
-    Multiplexer,
-)
+from pydrake.systems.primitives import Adder, ConstantVectorSource, Demultiplexer
 
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.tick import ERROR_SD
-from models.estimation.trusted_reading import TrustedReading
 from models.identification.identified_model import IdentifiedModel
-from models.observers.observer import NUM_SIGNALS, TAU_F
 from models.robot.robot import Robot
 from systems.external_torque_observer import ExternalTorqueObserver
 from systems.friction_law import FrictionLawSystem
@@ -176,61 +168,17 @@ def _fused(estimator: WrenchEstimator, name: str, taught: bool) -> Diagram:
     # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
     reading = builder.AddNamedSystem("reading", Demultiplexer(block.reading_sizes))
     builder.Connect(block.GetOutputPort("reading"), reading.get_input_port())
-    inputs = {}
     for k in range(block.num_input_ports()):
         port = block.get_input_port(k)
-        inputs[port.get_name()] = builder.ExportInput(port, port.get_name())
+        builder.ExportInput(port, port.get_name())
     signals = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
     ports = [reading.get_output_port(k) for k in range(len(signals))]
-    if estimator.trusted is not None:
-        ports[1:] = _trusted_ports(builder, estimator, estimator.trusted, block, reading, inputs)
     for signal, source in zip(signals, ports, strict=True):
         builder.ExportOutput(source, signal)
     builder.ExportOutput(block.GetOutputPort("terms"), "terms")
     diagram = builder.Build()
     diagram.set_name(name)
     return diagram
-
-
-def _trusted_ports(
-    builder: DiagramBuilder,
-    estimator: WrenchEstimator,
-    trusted: TrustedReading,
-    block: WrenchEstimatorSystem,
-    reading: Demultiplexer,
-    inputs: dict[str, InputPortIndex],
-) -> list[OutputPort]:
-    """Wrench, covariance, condition number and valid of the block's tau_ext, with the torque error
-    of each sample."""
-    n = estimator.num_joints
-    robot = estimator.robot
-    system = TrustedWrenchReading(trusted, estimator.observer.time_step)
-    own = builder.AddNamedSystem("trusted", system)
-    motor = builder.AddNamedSystem(
-        "motor", MotorCurrentTorqueSource(robot.torque_per_ampere, robot.current_sign)
-    )
-    # The block's signals, row by row, and J.
-    rest = builder.AddNamedSystem("signals", Demultiplexer([n] * NUM_SIGNALS + [6 * n]))
-    builder.Connect(reading.get_output_port(5), rest.get_input_port())
-    builder.ConnectInput(inputs["q"], own.GetInputPort("q"))
-    builder.ConnectInput(inputs["v"], own.GetInputPort("v"))
-    builder.ConnectInput(inputs["current"], motor.GetInputPort("current"))
-    for output, port in (
-        (block.GetOutputPort("terms"), "terms"),
-        (reading.get_output_port(0), "tau_ext"),
-        (reading.get_output_port(4), "tau_ext_valid"),
-        (motor.GetOutputPort("tau_J"), "tau_J"),
-        (rest.get_output_port(TAU_F), "tau_f"),
-    ):
-        builder.Connect(output, own.GetInputPort(port))
-    if estimator.observed_size:
-        joined = builder.AddNamedSystem("observed", Multiplexer([6, 36]))
-        for k in range(2):
-            builder.Connect(reading.get_output_port(1 + k), joined.get_input_port(k))
-        builder.Connect(joined.get_output_port(), own.GetInputPort("observed"))
-    parts = builder.AddNamedSystem("trusted_reading", Demultiplexer(READING_SIZES))
-    builder.Connect(own.GetOutputPort("reading"), parts.get_input_port())
-    return [parts.get_output_port(k) for k in range(len(READING_SIZES))]
 
 
 def add_estimator(

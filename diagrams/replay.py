@@ -3,18 +3,17 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from diagrams.estimator import add_estimator
+from models.arrays import Array
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
 from models.identification.identified_model import IdentifiedModel
 from models.rigid_body.serial_chain import SerialChain
 from models.robot.robot import Robot
 from systems.recording_player import RecordingPlayer, Samples
-
-Array = NDArray[np.float64]
 
 _LOGGED = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Union
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.control.wrench_script import WrenchSegment
 from models.estimation.estimator import WrenchEstimatorConfig
 from models.excitation.fourier_trajectory import FourierCoefficients, FourierTrajectory
@@ -31,8 +31,6 @@ from models.robot.robot import Robot
 from systems.force_torque_sensor import ForceTorqueSensorConfig
 from systems.impedance_controller import ImpedanceConfig
 from systems.joint_tracking_controller import JointTrackingConfig
-
-Array = NDArray[np.float64]
 
 BUNDLED = "scenarios/scenarios.yaml"
 TIME_LAWS: dict[str, TimeLaw] = {

@@ -4,7 +4,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common import MemoryFile
 from pydrake.geometry import (
     AddCompliantHydroelasticProperties,
@@ -22,8 +21,6 @@ from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from diagrams.scenario import BladeConfig, PlateConfig
 from models.files.input_error import InputError
 from models.motion.workpieces import BladeSection, Plate, Surface, mesh
-
-Array = NDArray[np.float64]
 
 _PLATE_COLOUR = np.array([0.62, 0.68, 0.72, 1.0])
 _STAND_COLOUR = np.array([0.42, 0.45, 0.48, 1.0])

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
@@ -15,13 +15,12 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from models.arrays import Array
 from models.control.impedance import impedance_action
 from models.files.input_error import InputError
 from models.friction.velocity_friction import SemiParametricFriction
 from models.rigid_body.serial_chain import RigidBodyTerms
 from systems.pose_reference import POSE_REFERENCE_SIZE
-
-Array = NDArray[np.float64]
 
 _NO_WRENCH = np.zeros(6)
 

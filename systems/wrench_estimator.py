@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
@@ -15,6 +14,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from models.arrays import Array
 from models.estimation.estimator import EstimatorTables, WrenchEstimator
 from models.estimation.tick import (
     KNOWN_CORRECTION,
@@ -24,11 +24,11 @@ from models.estimation.tick import (
     scratch_size,
     tick_output,
     tick_update,
+    trusted_output,
+    trusted_update,
 )
-from models.estimation.wrench import UNKNOWN_SD, WrenchReconstruction
+from models.estimation.wrench import WrenchReconstruction
 from models.friction.velocity_friction import friction_torque
-
-Array = NDArray[np.float64]
 
 
 class WrenchEstimatorSystem(LeafSystem):
@@ -44,13 +44,15 @@ class WrenchEstimatorSystem(LeafSystem):
 
     Inputs:     as make_estimator's, those of `taught` among them
     Outputs:    as make_estimator's: tau_ext, wrench, covariance, condition_number, valid, terms;
-                reading  (n + 44 + 15 n,) the first five one after the other, in this order, then
+                reading  (n + 44 + ...,) the first five one after the other, in this order, then
                          what the update takes: who wants several has them from one port, split up
                          by Drake's Demultiplexer with `reading_sizes`
-    State:      the observer's rows, then the friction law's, flat
+    State:      the observer's rows, then the friction law's, then those of the reading that knows
+                the torque error, flat
     Parameters: `parameters` has their indices, by the name that they have in the diagram:
                 motor.torque_per_ampere, friction.* of the law, observer.* of the observer,
-                reconstruction.prior_sd, .torque_covariance, .damping, .truncation
+                reconstruction.prior_sd, .torque_covariance, .damping, .truncation, the latter
+                for a model without a torque error
 
     The numbers are those of the diagram and of `WrenchEstimator.run`: the same kernels compute
     them. A tick takes two calls into Python, in the place of some fifteen.
@@ -68,6 +70,7 @@ class WrenchEstimatorSystem(LeafSystem):
         LeafSystem.__init__(self)
         self._estimator = estimator
         self._taught = taught
+        self._trusted = estimator.trusted
         self._n = n = estimator.num_joints
         self._choice, self._rows = estimator.choice, estimator.observer_rows
         # At planned speeds friction needs no memory: it slides.
@@ -81,6 +84,9 @@ class WrenchEstimatorSystem(LeafSystem):
         initial = estimator.observer.initial_state()
         if not taught:
             initial = estimator.initial_state()[: estimator.tick_rows]
+        self._tick_rows = len(initial)
+        if self._trusted is not None:
+            initial = np.vstack([initial, self._trusted.initial_state()])
         state: DiscreteStateIndex = self.DeclareDiscreteState(initial.ravel())
         self.DeclarePeriodicDiscreteUpdateEvent(estimator.observer.time_step, 0.0, self._update)
         self._tables = self.DeclareCacheEntry(
@@ -105,7 +111,7 @@ class WrenchEstimatorSystem(LeafSystem):
             for port in (self._correction, self._v_planned, self._counts):
                 prerequisites.add(port.ticket())
         self._reading = self.DeclareVectorOutputPort(
-            "reading", output_size(n), self._calc_reading, prerequisites
+            "reading", sum(self.reading_sizes), self._calc_reading, prerequisites
         )
         start = 0
         for name, size in zip(
@@ -138,20 +144,24 @@ class WrenchEstimatorSystem(LeafSystem):
     def reading_sizes(self) -> list[int]:
         """Of tau_ext, wrench, covariance, condition_number, valid and the rest in `reading`."""
         sizes = [self._n, 6, 36, 1, 1]
-        return [*sizes, output_size(self._n) - sum(sizes)]
+        more = 0 if self._trusted is None else self._trusted.state_rows * self._n
+        return [*sizes, output_size(self._n) - sum(sizes) + more]
 
     def _declare_parameters(self) -> None:
         estimator = self._estimator
         reconstruction = estimator.config.reconstruction
         prior = (reconstruction.prior_force_sd, reconstruction.prior_moment_sd)
-        values: dict[str, Array] = {
-            "motor.torque_per_ampere": estimator.robot.torque_per_ampere,
-            **{f"friction.{name}": value for name, value in self._law.parameters.items()},
-            **{f"observer.{name}": value for name, value in estimator.observer.parameters.items()},
+        reading = {
             "reconstruction.prior_sd": np.array([np.inf if sd is None else sd for sd in prior]),
             "reconstruction.torque_covariance": estimator.reconstruction.torque_covariance,
             "reconstruction.damping": np.array([reconstruction.damping]),
             "reconstruction.truncation": np.array([reconstruction.truncation]),
+        }
+        values: dict[str, Array] = {
+            "motor.torque_per_ampere": estimator.robot.torque_per_ampere,
+            **{f"friction.{name}": value for name, value in self._law.parameters.items()},
+            **{f"observer.{name}": value for name, value in estimator.observer.parameters.items()},
+            **(reading if self._trusted is None else {}),
         }
         for name, value in values.items():
             self._shapes[name] = value.shape
@@ -173,21 +183,22 @@ class WrenchEstimatorSystem(LeafSystem):
                 if name.startswith(part)
             }
 
-        wrench = own("reconstruction.")
-        config = replace(
-            estimator.config.reconstruction,
-            prior_force_sd=float(wrench["prior_sd"][0]),
-            prior_moment_sd=float(wrench["prior_sd"][1]),
-            damping=float(wrench["damping"][0]),
-            truncation=float(wrench["truncation"][0]),
-        )
-        if estimator.trusted is not None:  # which then says what is valid, see make_estimator
-            config = replace(config, max_force_sd=UNKNOWN_SD)
+        reconstruction = estimator.reconstruction
+        if self._trusted is None:
+            wrench = own("reconstruction.")
+            config = replace(
+                estimator.config.reconstruction,
+                prior_force_sd=float(wrench["prior_sd"][0]),
+                prior_moment_sd=float(wrench["prior_sd"][1]),
+                damping=float(wrench["damping"][0]),
+                truncation=float(wrench["truncation"][0]),
+            )
+            reconstruction = WrenchReconstruction(config, wrench["torque_covariance"])
         tables = estimator.tables_of(
             values["motor.torque_per_ampere"],
             self._law.with_parameters(own("friction.")),
             estimator.observer.with_parameters(own("observer.")),
-            WrenchReconstruction(config, wrench["torque_covariance"]),
+            reconstruction,
         )
         value.set_value(tables)
 
@@ -199,10 +210,7 @@ class WrenchEstimatorSystem(LeafSystem):
             )
             self._known[KNOWN_CORRECTION] = self._correction.Eval(context)
             self._known[KNOWN_COUNTS] = self._counts.Eval(context)[0]
-        tick_output(
-            self._choice,
-            *tables,
-            self._rows,
+        sample = (
             context.get_discrete_state_vector().value(),
             self._q.Eval(context),
             self._v.Eval(context),
@@ -211,20 +219,31 @@ class WrenchEstimatorSystem(LeafSystem):
             output.get_mutable_value(),
             self._scratch,
         )
+        if self._trusted is None:
+            tick_output(self._choice, *tables, self._rows, *sample)
+        else:
+            trusted_output(
+                self._choice,
+                *tables[:-1],
+                *self._trusted.tables,
+                self._rows,
+                self._tick_rows,
+                *sample,
+            )
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         tables: EstimatorTables = self._tables.EvalAbstract(context).get_value()
-        tick_update(
-            self._choice,
-            tables.drives,
-            tables.slip,
-            tables.observer,
-            self._rows,
+        parts = (self._choice, tables.drives, tables.slip, tables.observer, self._rows)
+        sample = (
             discrete_state.get_mutable_value(),
             self._current.Eval(context),
             self._known,
             self._reading.Eval(context),
         )
+        if self._trusted is None:
+            tick_update(*parts, *sample)
+        else:
+            trusted_update(*parts, self._tick_rows, *sample)
 
     def _calc_terms(self, context: Context, output: Value) -> None:
         output.set_value(self._estimator.chain.terms(self._q.Eval(context), self._v.Eval(context)))

@@ -20,6 +20,7 @@ from pydrake.systems.primitives import LogVectorOutput
 from analyses.methods.learning.identification import identify
 from analyses.methods.learning.identification_config import IdentificationConfig
 from diagrams.estimator import add_estimator
+from models.arrays import Array
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
 from models.files.input_error import InputError
 from models.friction.extended_friction import ExtendedFriction
@@ -45,8 +46,6 @@ from models.recordings.recording_reader import read_recording
 from models.recordings.recording_writer import write_recording
 from models.robot.robot import Robot
 from systems.recording_player import RecordingPlayer, Samples
-
-Array = NDArray[np.float64]
 
 T = 1e-3
 OUTPUTS = ("tau_ext", "wrench", "covariance", "condition_number", "valid")

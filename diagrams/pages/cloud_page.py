@@ -3,14 +3,12 @@
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.perception import BaseField, Fields, PointCloud
 
 from diagrams.pages.arm_picture import ArmPicture, colour_scale, scale_legend
 from diagrams.pages.run_page import make_meshcat, start_recording, write_page
+from models.arrays import Array
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 def record_cloud(

@@ -3,14 +3,11 @@
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from diagrams.pages.arm_picture import ArmPicture
 from diagrams.pages.run_page import make_meshcat, start_recording, write_page
 from models.motion.paths import JointTrajectory
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 def record_motion(

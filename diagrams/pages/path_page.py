@@ -10,9 +10,8 @@ from pydrake.geometry import Meshcat, Rgba
 
 from diagrams.pages.arm_picture import ArmPicture, colour_scale, scale_legend
 from diagrams.pages.run_page import make_meshcat, start_recording, write_page
+from models.arrays import Array
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 _RADIUS = 0.006  # m, of the tube along the path
 _AROUND = 8  # its corners

@@ -38,10 +38,8 @@ normal with `rest` of its sliding level as sd (even between the two directions w
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from models.arrays import Array, Flags
 
 SIGMA_95 = 1.959963984540054
 _NORMAL, _ACROSS, _MOMENTS, _WRENCH = 0, slice(1, 3), slice(3, 6), 6

@@ -13,11 +13,9 @@ Groups 2, eqs. 10.85, 10.86).
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.control.joint_tracking import friction_feedforward
-
-Array = NDArray[np.float64]
 
 
 @numba.njit(cache=True)

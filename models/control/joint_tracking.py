@@ -2,11 +2,9 @@
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.friction.velocity_friction import friction_torque
-
-Array = NDArray[np.float64]
 
 
 @numba.njit(cache=True)

@@ -10,11 +10,9 @@ from typing import Union
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.files.input_error import InputError
-
-Array = NDArray[np.float64]
 
 _STEP, _RAMP, _SINE, _PUSH = 0.0, 1.0, 2.0, 3.0
 _NUM_TONES = 24  # enough for a nearly Gaussian amplitude; few enough for one microsecond a sample

@@ -14,8 +14,9 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from models.arrays import Array, Flags
 from models.estimation.kernel_choice import kernel_choice
 from models.estimation.tick import (
     GAIN,
@@ -27,6 +28,7 @@ from models.estimation.tick import (
     scratch_size,
     serial_log,
     terms_log,
+    trusted_tick,
 )
 from models.estimation.trusted_reading import TrustedReading
 from models.estimation.wrench import (
@@ -48,12 +50,8 @@ from models.observers.observer import (
     Observer,
 )
 from models.observers.observer_kinds import AnyObserverConfig, make_observer
-from models.rigid_body.serial_chain import kernels_are_compiled
 from models.robot.motors import motor_gain
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 _PASS = 16384  # rows between two turns of the serial part: bounds the memory of a long log
 
@@ -207,6 +205,7 @@ class WrenchEstimator:
                 resolution,
                 self.config.force_bandwidth_hz,
             )
+        self._trusted_tables = None if self.trusted is None else self.trusted.tables
         more = 0 if self.trusted is None else self.trusted.state_rows
         self._state_shape = (self.tick_rows + more, n)
         self._sample = np.empty((3, n))
@@ -279,27 +278,29 @@ class WrenchEstimator:
                 sample[2] -= np.asarray(tau_f, float) / self.tables.drives[GAIN]
         if state.shape != self._state_shape:
             raise ValueError(f"state must be {self._state_shape}, not {state.shape}")
-        if self.trusted is not None:
-            one = [np.asarray(x, float).reshape(1, n) for x in (q, v, current)]
-            if taught is not None:
-                taught = Taught(*(np.asarray(part, float)[None] for part in taught))
-            if tau_f is not None:
-                tau_f = np.asarray(tau_f, float)[None]
-            batch = self.run(state, *one, taught=taught, tau_f=tau_f)
-            return TickEstimate(
-                *(batch.tau_ext[0], batch.wrench[0], batch.covariance[0]),
-                *(float(batch.condition_number[0]), bool(batch.valid[0])),
-            )
         out = np.empty(n + NUM_READING)
-        estimate_tick(
-            self.choice,
-            *self.tables,
-            self.observer_rows,
-            state,
-            sample,
-            out,
-            self._scratch,
-        )
+        if self._trusted_tables is None:
+            estimate_tick(
+                self.choice,
+                *self.tables,
+                self.observer_rows,
+                state,
+                sample,
+                out,
+                self._scratch,
+            )
+        else:
+            trusted_tick(
+                self.choice,
+                *self.tables[:-1],
+                *self._trusted_tables,
+                self.observer_rows,
+                self.tick_rows,
+                state,
+                sample,
+                out,
+                self._scratch,
+            )
         return TickEstimate(
             out[:n],
             out[n : n + 6],
@@ -451,8 +452,3 @@ class WrenchEstimator:
         known[..., KNOWN_CORRECTION, :] = taught.tau_correction
         known[..., KNOWN_COUNTS, :] = np.asarray(taught.counts, float)[..., None]
         return known
-
-
-def estimator_is_compiled() -> bool:
-    """Whether the first estimate comes at once; False announces a wait of some seconds."""
-    return kernels_are_compiled(estimate_tick, terms_log, serial_log, reconstruct_log)

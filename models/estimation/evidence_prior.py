@@ -2,14 +2,13 @@
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from models.arrays import Array
 from models.estimation.wrench import whitening_matrix
 from models.rigid_body.bounded_minimum import bounded_minimum
 from models.rigid_body.small_matrices import factorise
 from models.rigid_body.ties import in_order
-
-Array = NDArray[np.float64]
 
 FORCE_SD_RANGE = (1.0, 1e4)  # N
 MOMENT_SD_RANGE = (0.01, 1e3)  # N m

@@ -39,14 +39,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit, prange
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from models.arrays import Array, Flags
 from models.observers.observer import WrenchPrior
 from models.rigid_body.conditioning import condition_number_of, condition_numbers_of
 from models.rigid_body.small_matrices import factorise, largest_eigenvalue_3x3, orthogonalise_rows
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 METHODS = ("inverse", "force_only", "bayesian", "damped", "truncated")
 _INVERSE, _FORCE_ONLY, _BAYESIAN, _DAMPED, _TRUNCATED = range(5)

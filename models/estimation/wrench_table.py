@@ -9,11 +9,10 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.files.input_error import InputError
 from models.files.whole_file import whole_file, writing_to
 from models.recordings.text_table import write_csv_header
-
-Array = NDArray[np.float64]
 
 _AXES = ("fx", "fy", "fz", "mx", "my", "mz")
 _FORCE_FIRST = [3, 4, 5, 0, 1, 2]  # columns of a wrench whose rotation comes first

@@ -24,14 +24,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from models.arrays import Array
 from models.files.input_error import InputError
 from models.motion.paths import JointTrajectory
 from models.rigid_body.serial_chain import SerialChain
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 LEAST_POINTS = 4  # samples of a pass
 OTHER_JOINTS = 0.05  # rad, by which the others may differ between the two passes

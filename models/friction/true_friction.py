@@ -24,9 +24,9 @@ from functools import cached_property
 
 import numba
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from models.arrays import Array
 
 _STICTION, _COULOMB, _SPEED, _VISCOUS, _LOAD, _RIPPLE, _PERIODS = range(7)
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr, solve_triangular
 
-Array = NDArray[np.float64]
+from models.arrays import Array
 
 # Dependent columns come out at 1e-15; a joint axis written as 1.57079632679 makes that 1e-11. What
 # is genuinely determined lies above 1e-3 even for poor motions. In between nothing is ever found.

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, cast, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.files.configuration import REQUIRED, load_configuration, save_configuration
 from models.files.input_error import InputError
 from models.friction.extended_friction import ExtendedFriction
@@ -31,8 +31,6 @@ from models.identification.torque_error_model import (
 )
 from models.rigid_body.serial_chain import SerialChain
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 FORMAT = "wrenchsight-model"
 VERSION = 1

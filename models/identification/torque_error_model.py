@@ -45,13 +45,12 @@ from typing import Any, Self
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from models.arrays import Array
 from models.friction.extended_friction import ExtendedFriction
 from models.friction.friction_law import FrictionLaw
 from models.friction.slip_elements import SLIDING_COLUMNS, bounded_cubic, within_rounding
-
-Array = NDArray[np.float64]
 
 DRIFT = 0.05  # of the viscous torque
 BEYOND_SPEED = 0.3  # of the viscous coefficient
@@ -86,6 +85,7 @@ _C, _S, _INVERSE_SPEED, _LOAD, _CUBIC, _SPEED_LIMIT, _BEYOND = range(SLIDING_COL
 # Rows of the state.
 _POSITION, _UNKNOWN_SHARE, _TURN, _UNKNOWN, _TURNING, _SLOW_SPEED, _TRANSMITTED = range(7)
 TORQUE_ERROR_ROWS = 7
+TRANSMITTED_ROW = _TRANSMITTED
 NUM_FEATURES = 6  # of `torque_error_features`
 
 

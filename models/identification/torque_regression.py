@@ -19,12 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lstsq, pinvh
 
+from models.arrays import Array
 from models.friction.velocity_friction import CoulombViscous
 from models.identification.base_parameters import BaseParameters, realise, triangular_factor
 from models.rigid_body.serial_chain import SerialChain
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 INERTIAL_NAMES = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 JOINT_NAMES = ("rotor", "coulomb", "viscous", "offset")

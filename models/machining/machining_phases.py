@@ -18,11 +18,9 @@ from enum import IntEnum
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.files.input_error import InputError
-
-Array = NDArray[np.float64]
 
 
 class Phase(IntEnum):

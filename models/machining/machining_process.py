@@ -22,11 +22,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.files.input_error import InputError
-
-Array = NDArray[np.float64]
 
 _REST = 2e-3  # m/s, below which the direction of the feed fades
 # Entries of MachiningProcess.table.

@@ -7,8 +7,8 @@ they are decided. That place is the anchor, (15,): R_WD row by row, p_WD and the
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.machining.machining_phases import (
     FAULT,
     PHASE,
@@ -21,8 +21,6 @@ from models.machining.machining_phases import (
 )
 from models.motion.paths import quintic_at
 from models.rigid_body.chain_kernels import pose_and_jacobian
-
-Array = NDArray[np.float64]
 
 _POSE = 18  # entries of a pose's reference: R_WD (9) row by row, p_WD (3) m, V_WD (6) rad/s, m/s
 _SINGULAR = 1e-6  # damping of J, in m and rad, where it loses rank

@@ -14,12 +14,11 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import ArrayLike, NDArray
 
+from models.arrays import Array
 from models.motion.inverse_kinematics import closed_form
 from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
 from models.rigid_body.ties import whole_turns
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 _TOLERANCE = 1e-9  # m and rad, of the pose that a solution reaches
 _AT_LIMIT = 1e-10  # rad or m; what a solution exceeds a limit by in rounding

@@ -12,14 +12,12 @@ from typing import Any
 
 import numpy as np
 from eaik.pybindings.EAIK import Robot as EaikRobot
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
+from models.arrays import Array
 from models.files.input_error import InputError
 from models.rigid_body.ties import in_order, whole_turns
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 _TOLERANCE = 1e-9  # m and rad, of the pose that a solution reaches
 _ROUNDING = 1e-12  # of that pose; not worth another step

@@ -10,14 +10,12 @@ import math
 
 import numpy as np
 from numba import njit, prange
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from models.arrays import Array, Flags
 from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
 from models.rigid_body.serial_chain import SerialChain
 from models.rigid_body.ties import whole_turns
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 _REACHED = 1e-11  # m and rad of the pose
 _MAX_STEPS = 12  # of Newton's method from one point to the next: it doubles the digits each time

@@ -10,14 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
+from models.arrays import Array
 from models.files.input_error import InputError
 from models.motion.inverse_kinematics import follow_path
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

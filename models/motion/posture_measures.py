@@ -15,15 +15,14 @@ from typing import Protocol
 
 import numpy as np
 from numba import njit, prange
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from models.arrays import Array
 from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig, reconstruct
 from models.files.input_error import InputError
 from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
 from models.rigid_body.serial_chain import SerialChain
 from models.rigid_body.small_matrices import orthogonalise_rows
-
-Array = NDArray[np.float64]
 
 # Starting threads costs more than a path's postures.
 _PARALLEL_FROM = 128

@@ -28,14 +28,13 @@ from numba import njit, prange
 from numpy.typing import NDArray
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
+from models.arrays import Array
 from models.files.input_error import InputError
 from models.motion.branches import all_branches, is_closed_form
 from models.motion.posture_measures import PostureMeasure
 from models.motion.surface_path import SurfacePath
 from models.rigid_body.ties import first_of_least, whole_turns
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 _ON_TASK = 1e-10  # m and rad; a posture this close to the task needs no further step
 _KEPT = 1e-9  # m and rad; a posture farther from the task is none

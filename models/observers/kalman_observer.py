@@ -39,8 +39,8 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.identification.torque_error_model import TORQUE_ERROR_ROWS, torque_sd_tick
 from models.observers.momentum_observer import TORQUE_SAMPLES
 from models.observers.observer import (
@@ -57,8 +57,6 @@ from models.observers.observer import (
     V,
     WrenchPrior,
 )
-
-Array = NDArray[np.float64]
 
 WHITE_SHARE = 0.6  # of a moving joint's error variance behind K_0: the UR10e's three fitted runs
 SETTLING = 3.0  # 1 / K_0 of the error model

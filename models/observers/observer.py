@@ -29,13 +29,11 @@ whose reading takes the place of `wrench`'s:
 
 from typing import Any, ClassVar, NamedTuple, Protocol, Self, runtime_checkable
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from models.arrays import Array
 from models.friction.friction_law import FrictionLaw
 from models.identification.torque_error_model import TorqueErrorModel
-
-Array = NDArray[np.float64]
 
 # Rows of `signals`.
 Q, V = 0, 1  # rad, rad/s

@@ -32,8 +32,8 @@ from typing import ClassVar, Self
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.observers.momentum_observer import TORQUE_SAMPLES
 from models.observers.observer import (
     CTV,
@@ -45,8 +45,6 @@ from models.observers.observer import (
     ModelKnowledge,
     ObserverKernels,
 )
-
-Array = NDArray[np.float64]
 
 RATE = 30.0  # 1/s, of the torque's own sd: L where none is stated; the UR10e's three fitted runs
 LEVANT_1, LEVANT_2 = 1.5, 1.1

@@ -24,12 +24,11 @@ from numpy.typing import NDArray
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import IpoptSolver, MathematicalProgram, SnoptSolver, SolverOptions
 
+from models.arrays import Array
 from models.motion.path_postures import quaternion_of
 from models.motion.posture_measures import PathMeasure
 from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
 from models.rigid_body.serial_chain import SerialChain
-
-Array = NDArray[np.float64]
 
 SOLVERS = ("snopt", "ipopt")
 

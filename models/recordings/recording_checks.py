@@ -11,12 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.files.input_error import InputError
 from models.recordings.recording import Recording, concatenated, place_of
 from models.recordings.recording_format import ColumnLayout
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 _DEGREE = np.pi / 180
 _LIMIT_MARGIN = 0.2  # rad or m beyond a position limit: logs exceed soft limits a little

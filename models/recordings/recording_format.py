@@ -7,12 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.files.configuration import REQUIRED, load_configuration
 from models.files.input_error import InputError
-
-Array = NDArray[np.float64]
 
 _BUNDLED = Path(__file__).parent / "formats"
 

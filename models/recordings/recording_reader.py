@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.files.files_read import about_to_read
 from models.files.input_error import InputError
 from models.recordings.log_container import LogTable
@@ -26,8 +27,6 @@ from models.recordings.recording_format import (
 )
 from models.recordings.resampling import plausible_step, time_error
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 _BEYOND_ANY_ROBOT = 1e9  # SI; sums of squares of smaller numbers cannot overflow
 MIN_SAMPLES = 10  # less is no motion

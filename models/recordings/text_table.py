@@ -11,11 +11,11 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.files.input_error import InputError
 from models.files.whole_file import whole_file, writing_to
 from models.recordings.recording_format import RecordingFormat
 
-Array = NDArray[np.float64]
 Lines = NDArray[np.int64]
 
 BLOCK_BYTES = 1 << 23  # small beside any memory, large enough that a block's overhead vanishes

@@ -14,9 +14,9 @@ import math
 
 import numpy as np
 from numba import njit, prange
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from models.arrays import Array
 
 # Two rows are orthogonal below this cosine: a few rounding errors of a dot product.
 _ORTHOGONAL = 1e-14

@@ -22,6 +22,7 @@ from pydrake.multibody.tree import (
     WeldJoint,
 )
 
+from models.arrays import Array
 from models.files.input_error import InputError
 from models.rigid_body.chain_batches import (
     PARALLEL_FROM,
@@ -57,8 +58,6 @@ from models.rigid_body.chain_kernels import (
     TABLE_COLUMNS,
     all_terms,
 )
-
-Array = NDArray[np.float64]
 
 
 @dataclass(slots=True)

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from models.arrays import Array
 
 SAME = 1e-9  # relative: a million times what sums and solvers round by, and no one's preference
 _HALF_TURN = 1e-9  # of a turn

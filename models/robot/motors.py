@@ -10,9 +10,9 @@ with tau_J positive along positive joint motion, before friction.
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from models.arrays import Array
 
 
 def current_to_torque(

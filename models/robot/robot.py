@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JointIndex, ModelInstanceIndex
 
+from models.arrays import Array
 from models.files.configuration import load_configuration, nearest
 from models.files.input_error import InputError
 from models.rigid_body.serial_chain import SerialChain
@@ -31,8 +31,6 @@ from models.robot.robot_config import (
     ToolConfig,
 )
 from models.robot.urdf import EffectiveUrdf, JointLimits, read_urdf
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,8 @@ contact to its centre, exact on any smooth surface.
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from models.arrays import Array
 
 CONTACT_SIZE, NORMAL_SIZE = 10, 4
 WRENCH, NORMAL_FORCE, NORMAL = slice(6), 6, slice(7, 10)  # of the array

@@ -2,11 +2,9 @@
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.signals.low_pass import low_pass_update
-
-Array = NDArray[np.float64]
 
 # Rows of the table of constants, (_NUM_ROWS, 3).
 _MASS, _COM, _INERTIA, _GRAVITY, _P_EJ, _R_EJ, _NUM_ROWS = 0, 1, 2, 5, 6, 7, 10

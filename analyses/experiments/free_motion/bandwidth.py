@@ -40,6 +40,7 @@ from analyses.study.experiment import (
     FigureFile,
 )
 from diagrams.held_arm import HeldArm, make_held_arm
+from models.arrays import Array
 from models.control.wrench_script import (
     WrenchRamp,
     WrenchScript,
@@ -52,7 +53,6 @@ from models.estimation.wrench import WrenchReconstructionConfig
 from models.observers.momentum_observer import MomentumObserverConfig
 from models.robot.robot import Robot
 
-Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 Progress = Callable[[float, str], None]
 

@@ -26,7 +26,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.arms.friction_reversal import (
     SeparatedFriction,
@@ -49,6 +48,7 @@ from analyses.study.experiment import (
     FigureFile,
 )
 from analyses.study.wording import change
+from models.arrays import Array
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
@@ -60,7 +60,6 @@ from models.signals.zero_phase import ZeroPhaseLowPass, derivative
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 
 PLAIN = "coulomb-viscous"
 WITH_OFFSET = "coulomb-viscous-offset"

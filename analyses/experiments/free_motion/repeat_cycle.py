@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.arms.simulated_logs import ROBOT
 from analyses.methods.planning.article_paths import branch_start
@@ -44,6 +43,7 @@ from analyses.study.experiment import (
     FigureFile,
 )
 from analyses.study.wording import change, change_between, listed
+from models.arrays import Array
 from models.motion.inverse_kinematics import follow_path
 from models.motion.paths import TimeLaw, constant_speed, steady_speed, thirds, uniform_acceleration
 from models.robot.robot import Robot
@@ -51,7 +51,6 @@ from models.robot.robot import Robot
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 
 SCENARIO = "RepeatCycle"
 ARTICLE, ARTICLE_LARGEST = 37.12, 69.71  # %, reduction of the RMSE and of the largest error in Y

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.planning.article_paths import (
     INITIAL_PATH,
@@ -31,13 +30,12 @@ from analyses.study.experiment import (
     FigureFile,
 )
 from analyses.study.wording import change
+from models.arrays import Array
 from models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
 from models.motion.inverse_kinematics import follow_path
 from models.motion.paths import StraightPath, there_and_back, thirds, uniform_acceleration
 from models.rigid_body.conditioning import condition_number
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 # Rotation first; as the article prints it: -3 0 25 N, 0.5 1.5 1 N m. Which of the two bodies it
 # acts on (the article's sign is the opposite of ours) changes no error.

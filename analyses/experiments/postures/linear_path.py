@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.planning.article_paths import (
     OPTIMISED_PATH,
@@ -38,13 +37,12 @@ from analyses.study.experiment import (
 )
 from analyses.study.wording import compared
 from diagrams.placement_cell import PlacementCell
+from models.arrays import Array
 from models.motion.inverse_kinematics import follow_path
 from models.motion.paths import StraightPath
 from models.placement.placement_search import SearchEffort
 from models.placement.placement_task import ClearanceConfig, load_task
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 NUM_SEEDS, NUM_SEEDS_QUICK = 10, 2
 SWARM, SWARM_QUICK = SwarmConfig(), SwarmConfig(num_iterations=15)

@@ -28,12 +28,11 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from models.arrays import Array
 from models.estimation.wrench import WrenchReconstructionConfig, live_prior, reconstruct_wrench
 from models.friction.true_friction import DryFriction
 from models.rigid_body.conditioning import condition_number, singular_values
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 NUM_POSTURES, NUM_POSTURES_QUICK = 2000, 400
 NUM_MODELS = 20  # identified models; each posture meets one of them

@@ -27,13 +27,12 @@ from analyses.study.experiment import (
     FigureFile,
 )
 from analyses.study.wording import compared
+from models.arrays import Array
 from models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
 from models.estimation.wrench import METHODS, WrenchReconstructionConfig, reconstruct_wrench
 from models.files.input_error import InputError
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
-
-Array = NDArray[np.float64]
 
 FOLDER = "panda_ati_gamma"  # below the data folder
 NUM_POSES = 10

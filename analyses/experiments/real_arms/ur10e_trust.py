@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.arms.ur10e_logs import FOLDER, identify_ur10e
 from analyses.methods.calibration.friction_refreshing import refresh_model
@@ -31,6 +30,7 @@ from analyses.methods.learning.identification_config import IdentificationConfig
 from analyses.methods.reading.known_payload import payload_reference
 from analyses.output.figures import SERIES, new_figure, save_figure
 from analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult, FigureFile
+from models.arrays import Array, Flags
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.point_of_action import find_point_of_action, jacobian_at
 from models.estimation.wrench import WrenchReconstructionConfig
@@ -41,9 +41,6 @@ from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
 from models.recordings.resampling import resampled
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 MORE = "ur10e_more"  # below the data folder
 FREE = {

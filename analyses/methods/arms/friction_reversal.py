@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from analyses.methods.arms.simulated_logs import simulate_motion
 from analyses.output.figures import COLOUR, new_figure
+from models.arrays import Array
 from models.excitation.friction_reversal import ReversalSamples, reversal_motion, separate
 from models.friction.velocity_friction import CoulombViscous
 from models.identification.identified_model import IdentifiedModel
@@ -28,7 +29,6 @@ from models.signals.zero_phase import ZeroPhaseLowPass, derivative
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 ProgressCallback = Callable[[float, str], None]
 
 SPEEDS = (0.01, 0.03, 0.06, 0.11, 0.18, 0.28, 0.45, 0.8)  # rad/s, of the planned passes

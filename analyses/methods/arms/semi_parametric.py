@@ -2,9 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from analyses.methods.arms.friction_reversal import (
     SeparatedFriction,
 )
@@ -19,8 +16,6 @@ from analyses.methods.learning.identification import (
 from models.friction.velocity_friction import SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 # Departures from the home posture, rad; the last one is the test's.
 POSTURES = (

@@ -17,6 +17,7 @@ from analyses.methods.calibration.model_residual import ModelResidual
 from analyses.methods.calibration.payload_config import PayloadConfig, PayloadSettings
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
+from models.arrays import Array
 from models.calibration.friction_refresh import FrictionDrift
 from models.calibration.load_identification import LoadEstimate, LoadPrior, estimate_load
 from models.calibration.load_parameters import (
@@ -36,7 +37,6 @@ from models.robot.robot_config import ToolConfig
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 ProgressCallback = Callable[[float, str], None]
 
 PASSES = 4  # the load's share of friction changes by less than 1 % from the third to the fourth

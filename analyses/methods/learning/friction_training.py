@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from models.arrays import Array
 from models.files.input_error import InputError
 from models.friction.friction_network import FrictionNetworks
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
@@ -29,7 +30,6 @@ from models.friction.velocity_friction import CoulombViscous, SemiParametricFric
 if TYPE_CHECKING:
     import torch
 
-Array = NDArray[np.float64]
 
 BINS = 40
 REST = 0.002  # of the highest speed

@@ -27,7 +27,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.learning.friction_fit import FrictionFit, Motion, Solution
 from analyses.methods.learning.identification_checks import contradictions, doubts, repeated_logs
@@ -54,6 +53,7 @@ from analyses.methods.learning.torque_fit import TorqueFit, pooled_rmse
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from analyses.study.shared_results import digest, shared
+from models.arrays import Array
 from models.files.input_error import InputError
 from models.friction.extended_friction import ExtendedFriction
 from models.friction.friction_law import FrictionLaw
@@ -74,7 +74,6 @@ from models.recordings.recording_reader import read_recording
 from models.rigid_body.ties import first_of_least
 from models.robot.robot import Robot
 
-Array = NDArray[np.float64]
 ProgressCallback = Callable[[float, str], None]
 
 

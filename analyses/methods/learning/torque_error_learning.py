@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.learning.law_fits import HeldOutModel
 from analyses.methods.learning.low_passed_logs import LowPassedLog
@@ -24,8 +23,6 @@ from models.recordings.recording import Recording
 from models.recordings.resampling import resampled
 from models.robot.motors import torque_to_current
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 SETTLING = 5.0  # 1 / K_0 after the start of a log: the observer begins at zero
 _LEAST_SHARE = 1e-6  # of the largest torque: a floor for logs without any noise

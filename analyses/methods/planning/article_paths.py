@@ -1,16 +1,14 @@
 """Straight paths (section 4.3): the article's initial and optimised one, and the one found here."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.planning.placement import place
+from models.arrays import Array
 from models.identification.identified_model import IdentifiedModel
 from models.motion.inverse_kinematics import follow_path
 from models.motion.paths import StraightPath
 from models.placement.placement_task import load_task
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 INITIAL_PATH = StraightPath(
     n_W=np.array([0.0, 1.0, 0.0]),

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.planning.excitation_config import ExcitationConfig, ExciteSettings
 from analyses.output.figures import SERIES, new_figure
@@ -20,6 +19,7 @@ from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from diagrams.clearance import Clearance, ClosestPair
 from diagrams.pages.motion_page import record_motion
+from models.arrays import Array
 from models.excitation.excitation_information import MEASURES, ExcitationInformation
 from models.excitation.excitation_program import ExcitationProgram, MotionBounds
 from models.excitation.fourier_trajectory import FourierTrajectory
@@ -30,7 +30,6 @@ from models.robot.robot import Robot
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 ProgressCallback = Callable[[float, str], None]
 
 # What a trajectory must keep in reserve at the samples, tried in this order: m, share of torque.

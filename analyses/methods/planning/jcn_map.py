@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.planning.jcn_map_settings import NUM_SAMPLES, JcnMapSettings, SliceConfig
 from analyses.output.figures import COLOUR, new_figure, save_figure
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from diagrams.pages.cloud_page import record_cloud
+from models.arrays import Array
 from models.files.input_error import InputError
 from models.motion.branches import is_closed_form
 from models.motion.posture_map import PostureMap, best_postures
@@ -26,8 +26,6 @@ from models.motion.posture_measures import ConditionNumber, check_joints
 from models.motion.surface_path import frame_about
 from models.rigid_body.ties import first_of_least
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 THRESHOLD = 11.0  # the article's figure of a good configuration
 _CHUNK = 250_000  # samples between two signs of progress

@@ -22,7 +22,6 @@ import sys
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from scipy.optimize import minimize
 from scipy.stats import qmc
@@ -31,6 +30,7 @@ from analyses.methods.arms.arm_models import SLOW_SPEEDS, ArmModels, identify_ar
 from diagrams.clearance import Clearance, workpiece_clearance
 from diagrams.scenario import BladeConfig, PlateConfig, Scenario, load_scenario
 from diagrams.workpiece import pose_of_workpiece, surface_of
+from models.arrays import Array
 from models.estimation.torque_error import TorqueError
 from models.files.input_error import InputError
 from models.motion.branches import all_branches
@@ -39,8 +39,6 @@ from models.motion.surface_path import SurfacePath
 from models.motion.workpieces import mesh
 from models.rigid_body.ties import better, in_order
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 LAW = "semi-parametric"
 K_0 = 20.0  # 1/s

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.planning.particle_swarm import SwarmConfig, place_by_swarm
 from analyses.methods.planning.place_settings import PlaceSettings
@@ -22,6 +21,7 @@ from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from diagrams.pages.path_page import PathMotion, TriangleMesh, record_paths
 from diagrams.placement_cell import PlacementCell, obstacle_corners, workpiece_corners
+from models.arrays import Array
 from models.estimation.wrench import WrenchReconstructionConfig, live_prior
 from models.files.configuration import nearest
 from models.files.input_error import InputError
@@ -41,8 +41,6 @@ from models.placement.placement_search import (
 from models.placement.placement_task import PlacementTask, check_task, load_task
 from models.rigid_body.ties import first_of_least
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 OBJECTIVES = ("jcn", "force-sd")
 PLACE_SOLVERS = (*SOLVERS, "pso-ga")

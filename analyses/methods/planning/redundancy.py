@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.math import RollPitchYaw
 
 from analyses.methods.planning.redundancy_task import PatchPathConfig, RedundancyTask
 from diagrams.pages.path_page import TriangleMesh
+from models.arrays import Array
 from models.estimation.wrench import WrenchReconstructionConfig, live_prior
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
@@ -37,8 +37,6 @@ from models.motion.surface_path import SurfacePath
 from models.motion.workpieces import BladeSection, Plate, Surface, mesh
 from models.rigid_body.ties import better, first_of_least
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 OBJECTIVES = ("jcn", "force-sd")
 

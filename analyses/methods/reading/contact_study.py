@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.reading.contact_friction import (
     AIR_JOINTS,
@@ -38,13 +37,12 @@ from analyses.methods.reading.contact_runs import (
     tool_chain,
 )
 from analyses.methods.reading.judged_force import ForceReading, Judgement, pooled_judgement
+from models.arrays import Array
 from models.calibration.specimen_friction import SpecimenFit
 from models.contact.contact_force import ContactForceConfig, FrictionErrorConfig
 from models.contact.torque_blocks import torque_blocks
 from models.friction.presliding_friction import PreslidingFriction
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 METHODS: Final = ("no_sensor", "calibrated", "article", "by_hand", "two_joints", "carried_over")
 SPEEDS: Final = ("v10", "v25", "v90")

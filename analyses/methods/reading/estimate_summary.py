@@ -3,10 +3,10 @@
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
 from analyses.output.stream_summary import Envelope, EvenSample
+from models.arrays import Array, Flags
 from models.estimation.estimator import EstimateBatch, WrenchEstimatorConfig
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
@@ -14,9 +14,6 @@ from models.recordings.recording import Recording
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 AXES = ("fx", "fy", "fz", "mx", "my", "mz")  # as people read them
 _FORCE_FIRST = [3, 4, 5, 0, 1, 2]

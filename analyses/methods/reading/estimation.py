@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.reading.estimate_config import (
     FLOOR_SHARE,
@@ -27,6 +26,7 @@ from analyses.methods.reading.estimate_summary import EstimateSummary
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from analyses.output.stream_summary import EvenSample
+from models.arrays import Array
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.evidence_prior import evidence_prior
 from models.estimation.wrench import live_prior
@@ -39,8 +39,6 @@ from models.recordings.recording import Recording
 from models.recordings.recording_reader import RecordingReader
 from models.recordings.resampling import plausible_step, resample_chunks
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 ProgressCallback = Callable[[float, str], None]
 

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
+from models.arrays import Array
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 
 AXES = ("x", "y", "z")
 BAND_68, BAND_95 = 1.0, 1.96  # standard deviations; 1.0 holds 68.27 % of a Gaussian

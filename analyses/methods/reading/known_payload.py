@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
+from models.arrays import Array, Flags
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.evidence_prior import evidence_prior
 from models.estimation.point_of_action import PointOfAction, find_point_of_action, jacobian_at
@@ -27,9 +27,6 @@ from models.signals.zero_phase import ZeroPhaseLowPass, derivative
 if TYPE_CHECKING:
     pass
 
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 MASS = 2.805  # kg, of the payload
 TIME_STEP = 0.01  # s

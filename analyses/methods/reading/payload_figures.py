@@ -4,7 +4,6 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.reading.known_payload import (
     AXES,
@@ -12,16 +11,15 @@ from analyses.methods.reading.known_payload import (
     METHODS,
     SIGMA_95,
     TIME_STEP,
-    Flags,
     Reading,
     Reference,
 )
 from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
+from models.arrays import Array, Flags
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 
 LABELS = {
     "bayesian": "Bayesian",

@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
@@ -31,6 +30,7 @@ from diagrams.closed_loop import make_closed_loop
 from diagrams.machining import longest_duration, view_of
 from diagrams.pages.run_page import make_meshcat, start_recording, write_page
 from diagrams.scenario import Scenario
+from models.arrays import Array, Flags
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.machining.air_pass import TaughtTorque, raised_motion
@@ -41,8 +41,6 @@ from models.observers.momentum_observer import MomentumObserverConfig
 if TYPE_CHECKING:
     pass
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 ProgressCallback = Callable[[float, str], None]
 
 LAW, PLAIN = "semi-parametric", "coulomb-viscous"

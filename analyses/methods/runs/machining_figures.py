@@ -4,9 +4,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from analyses.methods.reading.force_errors import draw_signal
 from analyses.methods.runs.machining import COMPONENTS, FEEDS, MachiningRun, MachiningTask, feed_key
 from analyses.output.figures import COLOUR, new_figure, save_figure
@@ -14,12 +11,11 @@ from analyses.study.experiment import (
     ExperimentContext,
     FigureFile,
 )
+from models.arrays import Array
 from models.machining.machining_phases import Phase
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-Array = NDArray[np.float64]
 
 
 def force_figure(

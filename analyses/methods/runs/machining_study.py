@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.arms.arm_models import ArmModels, identify_arm
 from analyses.methods.arms.simulated_logs import ROBOT
@@ -40,13 +39,13 @@ from analyses.study.experiment import (
 )
 from diagrams.machining import make_machining_path
 from diagrams.scenario import load_scenario
+from models.arrays import Array
 from models.machining.machining_phases import FAULT_SENTENCES
 from models.robot.robot import Robot
 
 if TYPE_CHECKING:
     pass
 
-Array = NDArray[np.float64]
 
 QUICK_SHARE = 1.0 / 15.0  # of these
 _AIR_SEED = 1000  # apart from the runs' own

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.arms.arm_models import repetition_covariances
 from analyses.methods.arms.simulated_logs import ROBOT
@@ -36,14 +35,13 @@ from analyses.study.experiment import (
     ExperimentContext,
 )
 from diagrams.scenario import LineMotion, Scenario
+from models.arrays import Array
 from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig, live_prior
 from models.robot.robot import Robot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-
-Array = NDArray[np.float64]
 
 ONE_WAY_QUICK = 5.0  # s
 K_0 = 20.0  # 1/s

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.yaml import yaml_dump_typed
 from pydrake.systems.analysis import Simulator
 from scipy.optimize import nnls
@@ -29,6 +28,7 @@ from diagrams.machining import longest_duration, make_machining_path, view_of
 from diagrams.pages.run_page import make_meshcat, start_recording, write_page
 from diagrams.robot_cell import true_friction
 from diagrams.scenario import Scenario, check_scenario, load_scenario, make_trajectory
+from models.arrays import Array, Flags
 from models.files.input_error import InputError
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
@@ -43,8 +43,6 @@ from systems.impedance_controller import ImpedanceConfig
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 ProgressCallback = Callable[[float, str], None]
 
 AXES = ("fx", "fy", "fz", "mx", "my", "mz")  # as people read them

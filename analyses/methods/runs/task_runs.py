@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 
 from analyses.methods.advance import advance, even_stretches
@@ -33,6 +32,7 @@ from analyses.study.experiment import FigureFile
 from diagrams.closed_loop import make_closed_loop
 from diagrams.pages.path_page import PathMotion, record_paths
 from diagrams.scenario import LineMotion, Scenario, load_scenario, make_trajectory
+from models.arrays import Array
 from models.control.wrench_script import HandPush, WrenchSegment
 from models.estimation.estimator import WrenchEstimator
 from models.estimation.wrench import WrenchReconstruction
@@ -40,8 +40,6 @@ from models.identification.identified_model import IdentifiedModel
 from models.motion.paths import StraightPath
 from models.recordings.recording import Recording
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 ProgressCallback = Callable[[float, str], None]
 

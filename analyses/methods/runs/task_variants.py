@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from analyses.methods.arms.arm_models import ArmModels
@@ -23,6 +22,7 @@ from analyses.methods.reading.force_errors import (
 )
 from analyses.methods.runs.task_runs import TaskRun, read_run
 from analyses.output.figures import COLOUR, new_figure
+from models.arrays import Array
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.observers.momentum_observer import MomentumObserverConfig
@@ -30,7 +30,6 @@ from models.observers.momentum_observer import MomentumObserverConfig
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 
 K_0 = 20.0  # 1/s, the article's
 FAST = 60.0  # 1/s, ours: follows a hand of 3 Hz; the currents' noise then costs tenths of a newton

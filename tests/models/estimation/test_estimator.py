@@ -6,8 +6,8 @@ from functools import cache
 import numpy as np
 import pinocchio as pin
 import pytest
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.estimation.estimator import Taught, WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.wrench import METHODS, WrenchReconstructionConfig, live_prior
 from models.files.input_error import InputError
@@ -19,7 +19,6 @@ from models.observers.momentum_observer import MomentumObserver, MomentumObserve
 from models.robot.motors import torque_to_current
 from models.robot.robot import Robot
 
-Array = NDArray[np.float64]
 T = 0.002
 CONFIG = WrenchEstimatorConfig(MomentumObserverConfig([20.0], T))
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.estimation.evidence_prior import (
     FORCE_SD_RANGE,
     MOMENT_SD_RANGE,
@@ -24,8 +24,6 @@ from models.estimation.wrench import (
 )
 from models.rigid_body.conditioning import condition_number
 from models.rigid_body.small_matrices import largest_eigenvalue_3x3
-
-Array = NDArray[np.float64]
 
 
 def jacobians(count: int, n: int = 6, seed: int = 1) -> Array:

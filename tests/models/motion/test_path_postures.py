@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from models.arrays import Array
 from models.motion.inverse_kinematics import follow_path, inverse_kinematics
 from models.motion.path_postures import (
     correct_paths,
@@ -15,8 +15,6 @@ from models.motion.path_postures import (
 from models.motion.paths import StraightPath
 from models.rigid_body.serial_chain import SerialChain
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 POSTURE = np.array([0.2, -0.26, -0.6, 0.3, 0.9, 0.1])
 

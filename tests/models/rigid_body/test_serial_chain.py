@@ -15,7 +15,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numba import njit
-from numpy.typing import NDArray
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -33,12 +32,11 @@ from pydrake.multibody.tree import (
     WeldJoint,
 )
 
+from models.arrays import Array
 from models.files.input_error import InputError
 from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, all_terms, observer_terms
 from models.rigid_body.serial_chain import SerialChain, kernels_are_compiled
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 # Rounding of some hundred operations on numbers of the result's size is below 1e-12 of it.
 TOLERANCE = 1e-10

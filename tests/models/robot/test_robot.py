@@ -7,16 +7,14 @@ import numpy as np
 import pinocchio
 import pytest
 import yaml
-from numpy.typing import NDArray
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
+from models.arrays import Array
 from models.files.input_error import InputError
 from models.robot.robot import Robot, bundled_robots
 from models.robot.robot_config import DriveConfig, PoseConfig, ToolConfig
-
-Array = NDArray[np.float64]
 
 # Two links of one chain, and as little else as a URDF needs.
 SMALL_URDF = """<robot name="small">
