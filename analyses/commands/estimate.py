@@ -37,6 +37,7 @@ PLACES = {
     "damping": "estimate.estimator.reconstruction.damping",
     "truncation": "estimate.estimator.reconstruction.truncation",
     "max_gap": "estimate.max_gap",
+    "smooth": "estimate.smooth",
     "check": "estimate.check",
 }
 OBSERVER_PLACES = {  # of whichever observer it is
@@ -113,6 +114,14 @@ def command(
     truncation: Annotated[
         float, typer.Option(help="Of the method truncated, a share of J's largest singular value.")
     ] = READING.truncation,
+    smooth: Annotated[
+        bool,
+        typer.Option(
+            "--smooth/--causal",
+            help="Read each sample with what comes after it, too: no lag, less error; or as a "
+            "controller would have it.",
+        ),
+    ] = DEFAULTS.smooth,
     step: Annotated[
         float, typer.Option(help="Of the grid that the log is resampled on, s; 0: its own.")
     ] = OBSERVER.time_step,

@@ -183,10 +183,15 @@ class WrenchEstimator:
         resolution = self.config.position_resolution
         self.friction = model.friction.sampled(self.observer.time_step, resolution)
         reading = self.config.reconstruction.with_live(*live_prior(robot.payload))
+        self.knowledge = ModelKnowledge(
+            model.torque_error,
+            np.sqrt(np.diag(self.reconstruction.torque_covariance)),
+            self.friction,
+            resolution,
+            known_of_wrench(reading),
+        )
         if isinstance(self.observer, InformedObserver):
-            sd = np.sqrt(np.diag(self.reconstruction.torque_covariance))
-            known = (model.torque_error, sd, self.friction, resolution, known_of_wrench(reading))
-            self.observer = self.observer.informed(ModelKnowledge(*known))
+            self.observer = self.observer.informed(self.knowledge)
         self.observed_size = 0 if self.observer.kernels.wrench is None else 42
         self.choice = kernel_choice(self.observer.kernels, self.friction.kernels)
         self.tables = self.tables_of(
@@ -318,6 +323,7 @@ class WrenchEstimator:
         *,
         taught: Taught | None = None,
         tau_f: ArrayLike | None = None,
+        seen: Array | None = None,
     ) -> EstimateBatch:
         """Takes a log, or the next part of one: chunk by chunk gives what one pass gives.
 
@@ -329,6 +335,8 @@ class WrenchEstimator:
                 planned speeds, without memory, and tau_ext is corrected.
             tau_f: (N, n) N m, friction known from elsewhere, in the place of the law's: it is taken
                 off the motor torque, sample by sample.
+            seen: (N, NUM_SIGNALS, n), written: what is known of the samples, as
+                `models.observers.observer` has it.
 
         Raises:
             ValueError: shapes that disagree; taught and tau_f together.
@@ -356,7 +364,7 @@ class WrenchEstimator:
         torque_sd = np.tile(np.sqrt(np.diag(self.reconstruction.torque_covariance)), (N, 1))
         for start in range(0, N, _PASS):
             rows = slice(start, min(N, start + _PASS))
-            part = signals[: rows.stop - start]
+            part = signals[: rows.stop - start] if seen is None else seen[rows]
             own = observed[: rows.stop - start]
             terms_log(
                 chain,

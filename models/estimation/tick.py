@@ -351,10 +351,8 @@ def trusted_tick(
     known, parts = sample[3:], state[:tick_rows]
     _terms(chain, drives, friction, sample[0], sample[1], sample[2], known, signals, J, X, bodies)
     fresh = _output(choice, slip, observer, rows, parts, known, signals, J)
-    observes = _observe_wrench(
-        *(choice, observer, parts[:rows], signals, J),
-        *(work[OBSERVED, :6], work[OBSERVED + 1 : OBSERVED + 7, :6]),
-    )
+    seen, doubt = work[OBSERVED, :6], work[OBSERVED + 1 : OBSERVED + 7, :6]
+    observes = _observe_wrench(choice, observer, parts[:rows], signals, J, seen, doubt)
     _update(choice, slip, observer, rows, parts, known, signals, J)
     counts = _corrected(known, signals, out[:n], fresh)
     transmitted = signals[TAU_J]
@@ -465,10 +463,8 @@ def trusted_output(
     _terms(chain, drives, friction, q, v, current, known, signals, J, X, bodies)
     parts = state.reshape(state.shape[0] // n, n)
     fresh = _output(choice, slip, observer, rows, parts[:tick_rows], known, signals, J)
-    observes = _observe_wrench(
-        *(choice, observer, parts[:rows], signals, J),
-        *(work[OBSERVED, :6], work[OBSERVED + 1 : OBSERVED + 7, :6]),
-    )
+    seen, doubt = work[OBSERVED, :6], work[OBSERVED + 1 : OBSERVED + 7, :6]
+    observes = _observe_wrench(choice, observer, parts[:rows], signals, J, seen, doubt)
     counts = _corrected(known, signals, out[:n], fresh)
     own = out[n + NUM_READING + (NUM_SIGNALS + 6) * n :]
     for k in range(own.shape[0]):

@@ -8,8 +8,10 @@ F; the error's states are those of the model's own torque error):
 
     p_k+1 = p_k + T (u + J^T F + s x + b beta) + w,   y_k = p_k + r      n each, N m s
     F_k+1 = a F_k + ...                               first-order prior, see below
-    x_k+1 = a_x x_k + ...,  a_x = exp(-T / T_c)       error's smooth part, of sd 1 and the error's
-                                                      correlation time T_c
+    x_k+1 = a_x x_k + ...,  a_x = exp(-g T / T_c)     error's smooth part, of sd 1: it lasts the
+                                                      error's correlation time T_c where a joint
+                                                      moves, and as long as it rests where it rests
+                                                      (g: share of s^2 that is not stiction)
     beta                                              slow bias of sd 1, the same all along
 
 The torque error model (`models.identification.torque_error_model`) states the sd of what an
@@ -61,13 +63,13 @@ from models.observers.observer import (
 WHITE_SHARE = 0.6  # of a moving joint's error variance behind K_0: the UR10e's three fitted runs
 SETTLING = 3.0  # 1 / K_0 of the error model
 _ROUNDING = 1e-3  # of the momentum that the torque's sd brings in a period
-_START_SHARE = 100.0  # of the live prior's sd: what nothing is known of
+_START_SHARE = 30.0  # of the live prior's sd: what nothing is known of
 _PLAIN_K_0, _PLAIN_TIME = 20.0, 0.3  # 1/s, s: of a model without a torque error
 
 # Table: numbers, 6-vectors, n-vectors, an (n, n), and the torque error's own table, all flat.
-_PERIOD, _BEFORE, _SETTLED, _HAS_ERROR, _NUMBERS = range(5)
-_KEPT_F, _NOISE_F, _START_F, _SIXES = range(4)
-_KEPT_X, _SMOOTH, _WHITE, _SLOW_VISCOUS, _LASTING, _ROUND, _JOINTS = range(7)
+PERIOD, _BEFORE, _SETTLED, _HAS_ERROR, _NUMBERS = range(5)
+KEPT_F, NOISE_F, START_F, _SIXES = range(4)
+_RATE_X, _SMOOTH, _WHITE, _SLOW_VISCOUS, _LASTING, ROUND, _JOINTS = range(7)
 # Status.
 _LOST, _RUNNING = 0.0, 1.0
 
@@ -103,7 +105,7 @@ def split_state(flat, n):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _split_table(table, n):  # type: ignore[no-untyped-def]
+def split_table(table, n):  # type: ignore[no-untyped-def]
     a = _NUMBERS + 6 * _SIXES
     b = a + n * _JOINTS
     c = b + n * n
@@ -117,10 +119,10 @@ def _split_table(table, n):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _arrived(table, signals, i):  # type: ignore[no-untyped-def]
+def arrived_momentum(table, signals, i):  # type: ignore[no-untyped-def]
     """y of joint i."""
     model = signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i]
-    arrived = signals[MOMENTUM, i] - 0.5 * table[_PERIOD] * model
+    arrived = signals[MOMENTUM, i] - 0.5 * table[PERIOD] * model
     if table[_BEFORE] != 0.0:
         arrived -= table[_BEFORE] * signals[TAU_J, i]
     return arrived
@@ -130,7 +132,7 @@ def _arrived(table, signals, i):  # type: ignore[no-untyped-def]
 def _is_measured(table, status, signals):  # type: ignore[no-untyped-def]
     finite = status[0] == _RUNNING
     for i in range(signals.shape[1]):
-        finite = finite and np.isfinite(_arrived(table, signals, i))
+        finite = finite and np.isfinite(arrived_momentum(table, signals, i))
     return finite
 
 
@@ -144,7 +146,7 @@ def _read_force(table, state, signals, wrench):  # type: ignore[no-untyped-def]
         wrench[a] = x[n + a]
         if measured:
             for i in range(n):
-                wrench[a] += gain[n + a, i] * (_arrived(table, signals, i) - x[i])
+                wrench[a] += gain[n + a, i] * (arrived_momentum(table, signals, i) - x[i])
     return measured
 
 
@@ -194,7 +196,7 @@ def kalman_wrench(table, state, signals, J, wrench, covariance):  # type: ignore
 
 @njit(cache=True, error_model="numpy")
 def _rounding(table, n, i):  # type: ignore[no-untyped-def]
-    return table[_NUMBERS + 6 * _SIXES + _ROUND * n + i]
+    return table[_NUMBERS + 6 * _SIXES + ROUND * n + i]
 
 
 @njit(cache=True, error_model="numpy")
@@ -204,44 +206,46 @@ def kalman_update(table: Array, state: Array, signals: Array, J: Array) -> None:
     A sample that is not finite is not measured; the one after it starts the momentum again.
     """
     n = signals.shape[1]
-    numbers, sixes, joints, mixing, error_table = _split_table(table, n)
+    numbers, sixes, joints, mixing, error_table = split_table(table, n)
     x, gain, P, C, status, error_rows = split_state(state.reshape(-1), n)
     arrived = np.empty(n)
     known = True  # what the coming period begins with
     for i in range(n):
-        arrived[i] = _arrived(table, signals, i)
+        arrived[i] = arrived_momentum(table, signals, i)
         predicted = arrived[i] + signals[TAU_J, i] + signals[CTV, i] - signals[TAU_F, i]
         known = known and np.isfinite(predicted)
         for a in range(6):
             known = known and np.isfinite(J[a, i])
     if _is_measured(table, status, signals):
-        measure(x, gain, P, C, joints[_ROUND], arrived)
+        measure(x, gain, P, C, joints[ROUND], arrived)
         status[1] += 1.0
     if status[0] != _RUNNING:
         for i in range(n):
             x[i] = arrived[i]
             P[i], P[:, i], C[i] = 0.0, 0.0, 0.0
-            P[i, i] = joints[_ROUND, i]
+            P[i, i] = joints[ROUND, i]
 
-    smooth, white, slow = np.empty(n), np.empty(n), np.empty(n)
-    _errors(numbers, joints, error_table, error_rows, signals, smooth, white, slow)
+    smooth, white, slow, kept = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    error_parts(numbers, joints, error_table, error_rows, signals, smooth, white, slow, kept)
     if known:
-        T = numbers[_PERIOD]
+        T = numbers[PERIOD]
         for i in range(n):
             u = signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i] + signals[TAU_J, i]
             x[i] += T * u
-        advance(T, J, smooth, white, slow, sixes, joints[_KEPT_X], mixing, x, P, C)
-        find_gain(P, C, joints[_ROUND], gain)
+        advance(T, J, smooth, white, slow, sixes, kept, mixing, x, P, C)
+        find_gain(P, C, joints[ROUND], gain)
         status[0] = _RUNNING
     else:
         for a in range(6):  # without a motion only time goes by
-            P[n + a, n + a] += sixes[_NOISE_F, a]
+            P[n + a, n + a] += sixes[NOISE_F, a]
         status[0] = _LOST
 
 
 @njit(cache=True, error_model="numpy")
-def _errors(numbers, joints, error_table, rows, signals, smooth, white, slow):  # type: ignore[no-untyped-def]
-    """Writes s (N m), the white noise's variance in a period (N^2 m^2 s^2) and b (N m)."""
+def error_parts(  # type: ignore[no-untyped-def]
+    numbers, joints, error_table, rows, signals, smooth, white, slow, kept
+):
+    """Writes s (N m), the white noise's variance in a period (N^2 m^2 s^2), b (N m) and a_x."""
     n = signals.shape[1]
     sd, stiction, load = np.empty(n), np.zeros(n), np.empty(n)
     for i in range(n):
@@ -254,8 +258,11 @@ def _errors(numbers, joints, error_table, rows, signals, smooth, white, slow):  
         drift = joints[_SLOW_VISCOUS, i] * speed
         moving = max(sd[i] ** 2 - stiction[i] ** 2 - drift**2, 0.0)
         slow[i] = drift + joints[_LASTING, i] * np.sqrt(moving)
-        smooth[i] = np.sqrt(joints[_SMOOTH, i] * moving + stiction[i] ** 2)
-        white[i] = joints[_WHITE, i] * moving * numbers[_PERIOD]
+        fading = joints[_SMOOTH, i] * moving
+        smooth[i] = np.sqrt(fading + stiction[i] ** 2)
+        share = fading / (fading + stiction[i] ** 2) if fading > 0.0 else 0.0
+        kept[i] = np.exp(-share * joints[_RATE_X, i] * numbers[PERIOD])
+        white[i] = joints[_WHITE, i] * moving * numbers[PERIOD]
 
 
 @njit(cache=True, error_model="numpy")
@@ -314,7 +321,7 @@ def advance(T, J, smooth, white, slow, sixes, kept, mixing, x, P, C):  # type: i
                 total += T * J[a, i] * P[b, n + a]
             P[b, i] += total
     for a in range(n, N):
-        factor = sixes[_KEPT_F, a - n] if a < n + 6 else kept[a - n - 6]
+        factor = sixes[KEPT_F, a - n] if a < n + 6 else kept[a - n - 6]
         x[a] *= factor
         for m in range(n):
             C[a, m] *= factor
@@ -325,9 +332,10 @@ def advance(T, J, smooth, white, slow, sixes, kept, mixing, x, P, C):  # type: i
     for i in range(n):
         P[i, i] += white[i]
         for j in range(n):
-            P[n + 6 + i, n + 6 + j] += mixing[i, j]
+            fade = (1.0 - kept[i] * kept[i]) * (1.0 - kept[j] * kept[j])
+            P[n + 6 + i, n + 6 + j] += mixing[i, j] * np.sqrt(fade)
     for a in range(6):
-        P[n + a, n + a] += sixes[_NOISE_F, a]
+        P[n + a, n + a] += sixes[NOISE_F, a]
     for a in range(N):
         for b in range(a):
             P[a, b] = 0.5 * (P[a, b] + P[b, a])
@@ -422,7 +430,7 @@ class KalmanObserver:
         N = 2 * n + 6
         size = N + 2 * N * n + N * N + 2 + TORQUE_ERROR_ROWS * n
         state = np.zeros((-(-size // n), n))
-        start = self.table[_NUMBERS : _NUMBERS + 6 * _SIXES].reshape(_SIXES, 6)[_START_F]
+        start = self.table[_NUMBERS : _NUMBERS + 6 * _SIXES].reshape(_SIXES, 6)[START_F]
         P = split_state(state.reshape(-1), n)[2]
         P[range(n, N), range(n, N)] = np.concatenate([start, np.ones(n)])
         if self._knowledge is not None and self._knowledge.torque_error is not None:
@@ -436,15 +444,15 @@ class KalmanObserver:
         error = None if knowledge is None else knowledge.torque_error
         K_0: Any = np.full(n, _PLAIN_K_0) if error is None else error.K_0
         times: Any = np.full(n, _PLAIN_TIME) if error is None else error.correlation_time
-        numbers[_PERIOD] = T
+        numbers[PERIOD] = T
         numbers[_BEFORE] = 0.5 * T if self.reads_present_torque else 0.0
         numbers[_SETTLED] = np.ceil(SETTLING / float(np.min(K_0)) / T)
         prior = WrenchPrior(1.0, 1.0, 1.0, 1.0) if knowledge is None else knowledge.prior
         if prior is None:
             raise ValueError("a Kalman observer reads by bayesian, force_only or inverse")
         kept, steps, start = changing_wrench(prior, self.config.bandwidth_hz, T)
-        sixes[_KEPT_F], sixes[_NOISE_F], sixes[_START_F] = kept, steps, start
-        joints[_KEPT_X] = np.exp(-T / times)
+        sixes[KEPT_F], sixes[NOISE_F], sixes[START_F] = kept, steps, start
+        joints[_RATE_X] = 1.0 / times
         joints[_SMOOTH] = (1.0 - WHITE_SHARE) * (1.0 + K_0 * times) / (K_0 * times)
         joints[_WHITE] = WHITE_SHARE * 2.0 / K_0
         sd = np.ones(n) if knowledge is None else knowledge.torque_sd
@@ -457,9 +465,7 @@ class KalmanObserver:
             joints[_LASTING] = np.sqrt(error.lasting)
             rest = error.table(knowledge.friction, T, error.K_0, knowledge.resolution)
             sd = error.constant
-        joints[_ROUND] = (_ROUNDING * T * np.asarray(sd)) ** 2
-        fade = np.sqrt(1.0 - joints[_KEPT_X] ** 2)
-        mixing = mixing * np.outer(fade, fade)
+        joints[ROUND] = (_ROUNDING * T * np.asarray(sd)) ** 2
         return np.concatenate([part.ravel() for part in (numbers, sixes, joints, mixing, rest)])
 
 

@@ -46,7 +46,7 @@ from models.observers.observer import (
     ObserverKernels,
 )
 
-RATE = 30.0  # 1/s, of the torque's own sd: L where none is stated; the UR10e's three fitted runs
+RATE = 60.0  # 1/s, of the torque's own sd: L where none is stated; the UR10e's three fitted runs
 LEVANT_1, LEVANT_2 = 1.5, 1.1
 _SETTLING = 20.0  # sds of torque that an observer may have to cover at its start
 

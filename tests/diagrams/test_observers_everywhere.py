@@ -20,6 +20,7 @@ from models.identification.identified_model import IdentifiedModel
 from models.identification.torque_error_model import TorqueErrorModel
 from models.observers.kalman_observer import KalmanObserverConfig
 from models.observers.observer_kinds import OBSERVERS
+from models.observers.super_twisting_observer import SuperTwistingObserverConfig
 from models.robot.robot import Robot
 from systems.recording_player import RecordingPlayer, Samples
 
@@ -85,7 +86,10 @@ def test_every_engine_reads_the_same(
     sts: Robot, kind: type, with_error: bool, torque_samples: str
 ) -> None:
     own = kind.Config(time_step=T, torque_samples=torque_samples)  # type: ignore[attr-defined]
-    config = WrenchEstimatorConfig(own)
+    if isinstance(own, SuperTwistingObserverConfig):
+        own = replace(own, torque_rate=[5000.0])  # the log starts with tens of newton metres
+    reading = WrenchReconstructionConfig(max_force_sd=1e3, max_phantom=1e3)
+    config = WrenchEstimatorConfig(own, reading)
     model, log = model_of(sts, with_error), samples(sts)
     estimator = WrenchEstimator(sts, model, config)
     state = estimator.initial_state()

@@ -37,6 +37,7 @@ class EstimateConfig:
     not read as noise; or two numbers, N and N m: "30,2"."""
     engine: str = "batch"  # "batch": the kernels; "diagram": the same chain as a Drake diagram
     estimator: WrenchEstimatorConfig = field(default_factory=_estimator_of_logs)
+    smooth: bool = False  # each sample read with what comes after it, too: no lag
     max_gap: float = 0.0  # s, longest gap that is bridged; 0: 0.1 s or three steps
     check: bool = True  # hold the log against the robot's limits and gravity
 
@@ -119,6 +120,12 @@ def checked_config(config: EstimateConfig, robot: Robot) -> EstimateConfig:
         made = make_observer(replace(observer, time_step=step), robot.num_joints)
     except ValueError as error:
         raise refuse("observer", str(error), "see the command's --help") from None
+    if config.smooth and config.engine != "batch":
+        found = f"is {config.engine}, which knows nothing of what comes after a sample"
+        raise refuse("engine", found, "smooth with the batch engine")
+    if config.smooth and known_of_wrench(reconstruction) is None:
+        found = f"is {reconstruction.method}, for which smoothing has no prior"
+        raise refuse("method", found, "give bayesian, force_only or inverse")
     if made.kernels.wrench is not None and known_of_wrench(reconstruction) is None:
         name = kind_name(type(made))
         found = f"is {reconstruction.method}, for which the {name} observer has no prior"

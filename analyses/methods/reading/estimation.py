@@ -29,13 +29,14 @@ from analyses.output.stream_summary import EvenSample
 from models.arrays import Array
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.evidence_prior import evidence_prior
+from models.estimation.smoothing import WrenchSmoother
 from models.estimation.wrench import live_prior
 from models.estimation.wrench_table import WrenchTableWriter
 from models.identification.identified_model import IdentifiedModel
 from models.observers.momentum_observer import MomentumObserverConfig
 from models.observers.observer_kinds import kind_of, make_observer
 from models.recordings.position_resolution import position_resolution
-from models.recordings.recording import Recording
+from models.recordings.recording import Recording, concatenated
 from models.recordings.recording_reader import RecordingReader
 from models.recordings.resampling import plausible_step, resample_chunks
 from models.robot.robot import Robot
@@ -171,19 +172,25 @@ def estimate(
     chunks = _uniform(reader, config, max_gap, part)
     first = next(chunks)
     config = _timed(config, first)
-    engine: _Engine = _ENGINES[settings.estimate.engine](robot, model, config)
+    estimates: Iterator[tuple[Recording, EstimateBatch]]
+    if settings.estimate.smooth:
+        estimates = _smoothed(WrenchEstimator(robot, model, config), chain([first], chunks))
+    else:
+        engine: _Engine = _ENGINES[settings.estimate.engine](robot, model, config)
+        estimates = (
+            (chunk, engine.run(chunk.q, chunk.v, chunk.current)) for chunk in chain([first], chunks)
+        )
     observer = make_observer(config.observer, robot.num_joints)
     summary = EstimateSummary(model, observer.settling_time)
     with WrenchTableWriter(out / "wrench.csv") as table:
-        for chunk in chain([first], chunks):
-            batch = engine.run(chunk.q, chunk.v, chunk.current)
+        for chunk, batch in estimates:
             sd, valid = batch.standard_deviation, summary.judge(chunk, batch, config)
             table.write(chunk.t, batch.wrench, sd, batch.condition_number, valid)
             summary.add(chunk, batch, sd, valid, _torque(chunk, robot))
-    metrics = summary.metrics(config, rule)
+    metrics = {**summary.metrics(config, rule), "smoothed": settings.estimate.smooth}
     warnings += summary.warnings()
     reads_moments = config.reconstruction.method != "force_only"
-    out.write_figure("wrench", summary.figure(reads_moments))
+    out.write_figure("wrench", summary.figure(reads_moments, settings.estimate.smooth))
     used = replace(settings.estimate, estimator=config)
     out.write_settings("config.yaml", replace(settings, estimate=used))
     out.write_json("metrics.json", metrics)
@@ -243,6 +250,22 @@ _ENGINES: dict[str, type[_BatchEngine | _DiagramEngine]] = {
     "batch": _BatchEngine,
     "diagram": _DiagramEngine,
 }
+
+
+def _smoothed(
+    estimator: WrenchEstimator, chunks: Iterator[Recording]
+) -> Iterator[tuple[Recording, EstimateBatch]]:
+    """The log's samples with their smoothed readings, which come some seconds late."""
+    smoother = WrenchSmoother(estimator)
+    waiting: Recording | None = None
+    for chunk in chunks:
+        waiting = chunk if waiting is None else concatenated([waiting, chunk])
+        ready = smoother.take(chunk.q, chunk.v, chunk.current)
+        if len(ready.valid):
+            yield waiting[: len(ready.valid)], ready
+            waiting = waiting[len(ready.valid) :]
+    if waiting is not None:
+        yield waiting, smoother.finish()
 
 
 def _torque(chunk: Recording, robot: Robot) -> Array:

@@ -112,7 +112,8 @@ def plain_filter(
     )
     white = WHITE_SHARE * 2.0 / K_0 * moving
     kept, added, start = changing_wrench(prior, CONFIG.bandwidth_hz, STEP)
-    a = np.exp(-STEP / times)
+    share = 1.0 - stiction**2 / smooth**2
+    a = np.exp(-STEP * share / times)
     size = 3 * n + 6
     p, F, x, beta = (slice(*ends) for ends in ((0, n), (n, n + 6), (n + 6, 2 * n + 6), (-n, None)))
     H = np.eye(n, size)
@@ -141,10 +142,10 @@ def plain_filter(
             np.diag(STEP * smooth[k]),
             np.diag(STEP * slow[k]),
         )
-        A[F, F], A[x, x] = np.diag(kept), np.diag(a)
+        A[F, F], A[x, x] = np.diag(kept), np.diag(a[k])
         noise = np.zeros((size, size))
         noise[p, p], noise[F, F] = np.diag(STEP * white[k]), np.diag(added)
-        noise[x, x] = error.correlation * np.sqrt(np.outer(1.0 - a**2, 1.0 - a**2))
+        noise[x, x] = error.correlation * np.sqrt(np.outer(1.0 - a[k] ** 2, 1.0 - a[k] ** 2))
         m = A @ m
         m[p] += STEP * u
         P = A @ P @ A.T + noise
@@ -167,7 +168,7 @@ def test_it_is_a_plain_kalman_filter(prior: WrenchPrior) -> None:
     observer = KalmanObserver(CONFIG, N).informed(knowledge(prior, error))
     wrench, covariance, fresh = read(observer, signals, J)
     expected, expected_covariance = plain_filter(signals, J, prior, error)
-    # A start of a hundred live sds, 6 kN, against noise of N m s / 1e5: rounding.
+    # A start of thirty live sds, 2 kN, against noise of N m s / 1e5: rounding.
     size = np.sqrt(np.diagonal(expected_covariance, axis1=1, axis2=2)).max()
     close = {"rtol": 1e-6, "atol": 1e-8 * size}
     np.testing.assert_allclose(wrench, expected, **close)
