@@ -63,7 +63,8 @@ class WrenchEstimatorConfig:
     observer: AnyObserverConfig = field(default_factory=MomentumObserverConfig)
     reconstruction: WrenchReconstructionConfig = field(default_factory=WrenchReconstructionConfig)
     force_bandwidth_hz: float = 3.0  # up to which the band holds the observer's lag
-    position_resolution: list[float] | None = None  # rad, per joint; None: what the model says
+    position_resolution: list[float] | None = None
+    # rad, per joint; None: what robot.yaml says of all joints, else the model
 
 
 class Taught(NamedTuple):
@@ -181,6 +182,8 @@ class WrenchEstimator:
             self.config.reconstruction, model.residual_covariance
         )
         resolution = self.config.position_resolution
+        if resolution is None and np.isfinite(robot.position_resolution).all():
+            resolution = robot.position_resolution.tolist()
         self.friction = model.friction.sampled(self.observer.time_step, resolution)
         reading = self.config.reconstruction.with_live(*live_prior(robot.payload))
         self.knowledge = ModelKnowledge(

@@ -21,6 +21,7 @@ from models.robot.robot import Robot
 
 _TOLERANCE = 1e-9  # m and rad, of the pose that a solution reaches
 _ROUNDING = 1e-12  # of that pose; not worth another step
+_PARALLEL = 1e-8  # rad; axes nearer than this are meant to be parallel
 _SAME = 1e-6  # rad or m; solutions closer than this are one
 _STEP = 0.35  # rad or m; a larger step of a joint between two samples is looked into
 _BISECTIONS = 7  # of the path between two samples, before the step counts as a jump
@@ -169,8 +170,27 @@ def closed_form(robot: Robot) -> Any:
         axes.append(R @ axis)
     R_WE, p_WE = chain.pose(np.zeros(6))
     steps.append(p_WE - p)
-    solver = EaikRobot(np.array(axes).T, np.array(steps).T, R_WE, [], True)
+    directions = _same_directions(np.array(axes))
+    try:
+        solver = EaikRobot(directions.T, np.array(steps).T, R_WE, [], True)
+    except RuntimeError:  # a geometry that it takes for another one, and finds impossible
+        return None
     return solver if solver.has_known_decomposition() else None
+
+
+def _same_directions(axes: Array) -> Array:
+    """Unit axes (n, 3), those that are parallel but for rounding made exactly so.
+
+    EAIK looks at its zeros bit by bit: with axes 1e-13 off it takes one kind of arm for another.
+    What the solutions miss by it, polishing makes up for.
+    """
+    same = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    for i in range(1, len(same)):
+        for j in range(i):
+            if np.linalg.norm(np.cross(same[i], same[j])) < _PARALLEL:
+                same[i] = math.copysign(1.0, same[i] @ same[j]) * same[j]
+                break
+    return np.asarray(same)
 
 
 def _seeds(robot: Robot) -> list[Array]:

@@ -217,6 +217,39 @@ def resolve_layout(
     return ColumnLayout(tuple(signals), shown)
 
 
+def further_signals(
+    further: dict[str, SignalColumns],
+    asked_by: str,
+    log: Path,
+    names: Sequence[str] | None,
+    num_columns: int,
+) -> tuple[Signal, ...]:
+    """Signals that no description names, but whoever reads the log.
+
+    Args:
+        further: by name.
+        asked_by: for error lines: the option that names the columns.
+        log, names, num_columns: as `resolve_layout`.
+
+    Raises:
+        InputError: the log lacks a column.
+    """
+    shown = tuple(names) if names else tuple(f"column {i + 1}" for i in range(num_columns))
+    return tuple(
+        _signal(entry, name, name, _ANY_UNIT, asked_by, log, shown, names)
+        for name, entry in further.items()
+    )
+
+
+def column_items(text: str, place: str, source: str) -> list[str]:
+    """The columns that a text names, one by one: "1, 3-5", or "t, q{1..3}".
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    return _expanded(text, place, source)
+
+
 def _check_sizes(signals: list[Signal], source: str) -> None:
     if len(signals[0].columns) != 1:
         raise InputError(

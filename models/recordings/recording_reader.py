@@ -19,8 +19,10 @@ from models.recordings.recording_checks import RecordingChecks
 from models.recordings.recording_format import (
     ColumnLayout,
     RecordingFormat,
+    Signal,
     SignalColumns,
     bundled_formats,
+    further_signals,
     load_format,
     resolve_layout,
     rows_for,
@@ -62,6 +64,8 @@ class RecordingReader:
 
     Args:
         path, description, robot, check: as in `read_recording`.
+        further: signals besides those of the description, by name; they stand in `extra`.
+        asked_by: who names these, for error lines.
 
     Raises:
         InputError: the log cannot be opened, or its columns do not fit.
@@ -73,6 +77,8 @@ class RecordingReader:
         description: str | Path | None = None,
         robot: Robot | None = None,
         check: bool = True,
+        further: dict[str, SignalColumns] | None = None,
+        asked_by: str = "",
     ) -> None:
         path = Path(path)
         if path.suffix.lower() in (".yaml", ".yml"):
@@ -85,6 +91,7 @@ class RecordingReader:
         self._notices: list[str] = []
         self._robot = robot
         self._check = check
+        self._further, self._asked_by = further or {}, asked_by
         form, form_source, table = self._opened(description)
         self.format = form
         self._table = table
@@ -94,6 +101,7 @@ class RecordingReader:
         self.layout: ColumnLayout = resolve_layout(
             form, form_source, path, names, table.num_columns
         )
+        self.layout = replace(self.layout, signals=self.layout.signals + self._more(table))
         self._rows = rows_for(form, path)
         self._fit_to_robot()
 
@@ -220,6 +228,12 @@ class RecordingReader:
                 "give the robot that the log comes from, " + _DESCRIBE,
             )
 
+    def _more(self, table: LogTable) -> tuple[Signal, ...]:
+        """The signals that no description names."""
+        return further_signals(
+            self._further, self._asked_by, self.path, table.names, table.num_columns
+        )
+
     def _opened(self, description: str | Path | None) -> tuple[RecordingFormat, str, LogTable]:
         path = self.path
         container = container_of(path)
@@ -249,7 +263,10 @@ class RecordingReader:
         if "" in table.names:
             self._notices.append("a column without a name is left out")
         num_joints = self._robot.num_joints if self._robot is not None else None
-        return header_format(_in_lower_case(table.names), path, num_joints), str(path), table
+        # Those are not unknown, however the log calls them; a wrong one is told first.
+        mine = {table.names[column] for signal in self._more(table) for column in signal.columns}
+        names = _in_lower_case([name for name in table.names if name not in mine])
+        return header_format(names, path, num_joints), str(path), table
 
     def _known_format(self, table: LogTable) -> tuple[RecordingFormat, str, LogTable] | None:
         """The bundled description that fits a log: by its name, or by the names of its columns."""

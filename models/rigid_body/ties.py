@@ -53,6 +53,11 @@ def better(cost: float, than: float, tolerance: float = SAME) -> bool:
     return cost < than - tolerance * (abs(than) if math.isfinite(than) else 0.0)
 
 
+def beyond_rounding(error: float, rounding: float) -> float:
+    """An error, or 0 where it is no more than rounding: of that each machine has its own."""
+    return float(error) if error > rounding else 0.0
+
+
 def whole_turns(angle: ArrayLike) -> Array:
     """Whole turns (...) in angles (...) in rad: what is left of each lies within (-pi, pi].
 

@@ -114,7 +114,7 @@ def findings(metrics: dict[str, Any], from_turn: Mapping[str, float]) -> list[st
         "when and which way friction points. Such points may be what the article removed.",
         "A push also changes friction, which the first cycle's torque does not know: the true "
         "arm's grows with the load, and a joint near rest carries part of a push within its "
-        "stiction. The stated band leaves both and the lag out; it holds "
+        "stiction. The stated band leaves both out, and holds the lag behind K_0; inside are "
         f"{100 * before['share_in_95_band']:.0f} % (initial), "
         f"{100 * after['share_in_95_band']:.0f} % (optimised) and "
         f"{100 * ours['share_in_95_band']:.0f} % (path found here, K_0 = 20, bayesian) of the "

@@ -35,7 +35,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analyses.methods.arms.ur10e_logs import FITTED, FOLDER, VALIDATED, identify_ur10e
+from analyses.methods.arms.ur10e_logs import (
+    FITTED,
+    FOLDER,
+    LOADED,
+    VALIDATED,
+    identify_ur10e,
+)
 from analyses.methods.learning.identification_config import IdentificationConfig
 from analyses.methods.reading.known_payload import (
     AXES,
@@ -72,7 +78,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-LOADED = "ur-20_02_19_14harm50secLoad.csv"
 UNLOADED = VALIDATED["14harm50sec"]
 # Whether the force at the point of action has a mean, and the noise a scale of its own.
 POINT_RULES = {

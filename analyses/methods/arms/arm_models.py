@@ -85,7 +85,8 @@ class ArmModels:
         model = self.models[law]
         tau_ext, v = self.held_out_errors(law, K_0)
         covariance = covariance_at_speed(tau_ext, v, speed)
-        return WrenchEstimator(self.robot, replace(model, residual_covariance=covariance), config)
+        model = replace(model, residual_covariance=covariance, torque_error=None)
+        return WrenchEstimator(self.robot, model, config)
 
     def held_out_errors(self, law: str, K_0: float) -> tuple[Array, Array]:
         """tau_ext (N, n) N m that an observer reads of the held-out logs, and v (N, n) rad/s.

@@ -32,10 +32,13 @@ def semi_parametric_model(
     separated: SeparatedFriction,
     training: TrainingConfig | None = None,
 ) -> tuple[IdentifiedModel, TrainedNetworks]:
-    """The article's way: symmetric friction by reversal; odd networks on the plain law."""
+    """The article's way: symmetric friction by reversal; odd networks on the plain law.
+
+    What the plain law was seen to err by says nothing of this one: the model has no torque error.
+    """
     v, torque = separated.table(symmetric=True)
     law = plain.model.friction.coulomb_viscous
     config = training or TrainingConfig(seed=plain.config.seed, odd=True)
     trained = train_networks(v, torque, law, config=config, joint_names=robot.joint_names)
     friction = SemiParametricFriction(law, trained.networks, trained.v_crit)
-    return replace(plain.model, friction=friction), trained
+    return replace(plain.model, friction=friction, torque_error=None), trained

@@ -71,7 +71,7 @@ from models.identification.physical_consistency import unphysical_links
 from models.identification.torque_regression import TorqueEstimate
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
-from models.rigid_body.ties import first_of_least
+from models.rigid_body.ties import beyond_rounding, first_of_least
 from models.robot.robot import Robot
 
 ProgressCallback = Callable[[float, str], None]
@@ -130,7 +130,7 @@ class IdentificationResult:
                 "without_effect": list(base.without_effect),
                 "condition_number": base.condition_number,
                 "smallest_pivot_kept": base.smallest_kept,
-                "largest_pivot_dropped": base.largest_dropped,
+                "largest_pivot_dropped": beyond_rounding(base.largest_dropped, 1e-12),
             },
             "friction": {
                 "law": self.law,

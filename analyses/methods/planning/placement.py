@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from analyses.methods.planning.particle_swarm import SwarmConfig, place_by_swarm
 from analyses.methods.planning.place_settings import PlaceSettings
@@ -39,11 +40,12 @@ from models.placement.placement_search import (
     SearchResult,
 )
 from models.placement.placement_task import PlacementTask, check_task, load_task
-from models.rigid_body.ties import first_of_least
+from models.rigid_body.ties import beyond_rounding, first_of_least
 from models.robot.robot import Robot
 
 OBJECTIVES = ("jcn", "force-sd")
 PLACE_SOLVERS = (*SOLVERS, "pso-ga")
+_ROUNDING = 1e-9  # m and rad; constraints are kept to 1e-7
 _HALF_TURN = 1e-9  # of a quaternion's w: a rotation by half a turn
 FINE = 10  # points between two of the path's, where it is looked at closely
 
@@ -91,13 +93,13 @@ class Profile:
             "mean_jcn_along_path": float(
                 np.trapezoid(self.fine_jcn, np.linspace(0.0, 1.0, len(self.fine_jcn)))
             ),
-            "direction": self.placement.n_W,
-            "midpoint_m": self.placement.p_WM,
-            "rotation": self.placement.R_WE,
-            "angle_deg": math.degrees(theta),
-            "axis": axis / length if length > 1e-12 else np.array([0.0, 0.0, 1.0]),
+            "direction": _digits(self.placement.n_W),
+            "midpoint_m": _digits(self.placement.p_WM),
+            "rotation": _digits(self.placement.R_WE),
+            "angle_deg": float(_digits(math.degrees(theta))),
+            "axis": _digits(axis / length if length > 1e-12 else np.array([0.0, 0.0, 1.0])),
             "midpoint_radius_m": float(np.hypot(*self.placement.p_WM[:2])),
-            "joints_at_midpoint_rad": self.fine.q[len(self.fine.q) // 2],
+            "joints_at_midpoint_rad": _digits(self.fine.q[len(self.fine.q) // 2]),
             "max_joint_step_rad": float(np.max(np.abs(np.diff(self.placement.q, axis=0)))),
         }
         if key != "jcn":
@@ -135,23 +137,39 @@ class PlacementResult:
     notices: tuple[str, ...] = field(default_factory=tuple)
 
     def metrics(self) -> dict[str, Any]:
-        """Nested figures; no times among them."""
-        key = self.measure.key
-        metrics: dict[str, Any] = {
-            "optimised": self.best.metrics(key),
-            "optima": [
-                {f"mean_{key}": optimum.cost, "starts": optimum.starts}
-                for optimum in self.search.optima
-            ],
+        """Nested figures and the search's counts; no times among them."""
+        metrics = self.figures()
+        counts = self.counts()
+        for optimum, starts in zip(metrics["optima"], counts.pop("starts_of_optima"), strict=True):
+            optimum["starts"] = starts
+        return metrics | counts
+
+    def counts(self) -> dict[str, Any]:
+        """What the search has tried: counts that another machine's last bits may change."""
+        return {
+            "starts_of_optima": [optimum.starts for optimum in self.search.optima],
             "starts": self.search.num_starts,
             "starts_elsewhere": self.search.num_unassigned,
             "candidates": self.search.num_candidates,
             "candidates_reached": self.search.num_reached,
-            "largest_violation": self.largest_violation,
+        }
+
+    def figures(self) -> dict[str, Any]:
+        """What was found, the same on every machine to the digits that anyone prints."""
+        key = self.measure.key
+        figures: dict[str, Any] = {
+            "optimised": self.best.metrics(key),
+            "optima": [{f"mean_{key}": optimum.cost} for optimum in self.search.optima],
+            "largest_violation": beyond_rounding(self.largest_violation, _ROUNDING),
         }
         if self.initial is not None:
-            metrics["initial"] = self.initial.metrics(key)
-        return metrics
+            figures["initial"] = self.initial.metrics(key)
+        return figures
+
+
+def _digits(values: ArrayLike) -> Array:
+    """Numbers to six decimals, and no zero with a sign: finer, only the solver's way is told."""
+    return np.asarray(np.round(np.asarray(values, dtype=np.float64), 6) + 0.0)
 
 
 def place(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from analyses.methods.reading.contact_friction import FrictionRows, friction_rows
 from analyses.methods.reading.contact_runs import ContactRun
-from analyses.methods.reading.judged_force import ForceReading
+from analyses.methods.sensors.judged_force import ForceReading
 from models.arrays import Array, Flags
 from models.contact.contact_force import (
     SIGMA_95,
@@ -91,11 +91,11 @@ def averaged(reading: ForceReading, windows: NDArray[np.int64]) -> ForceReading:
     """
     force = reading.force[windows].mean(axis=1)
     sd = None if reading.sd is None else reading.sd[windows].mean(axis=1)
-    valid = None
+    valid: Flags | None = None
     if reading.valid is not None:
         valid = np.asarray(reading.valid[windows].all(axis=1))
         if sd is not None:
-            valid &= np.abs(force) > SIGMA_95 * sd
+            valid = valid & (np.abs(force) > SIGMA_95 * sd)
     return ForceReading(force, sd, valid)
 
 

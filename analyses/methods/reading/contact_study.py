@@ -36,7 +36,7 @@ from analyses.methods.reading.contact_runs import (
     read_run,
     tool_chain,
 )
-from analyses.methods.reading.judged_force import ForceReading, Judgement, pooled_judgement
+from analyses.methods.sensors.judged_force import ForceReading, Judgement, pooled_judgement
 from models.arrays import Array
 from models.calibration.specimen_friction import SpecimenFit
 from models.contact.contact_force import ContactForceConfig, FrictionErrorConfig

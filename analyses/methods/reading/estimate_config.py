@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
+from analyses.methods.sensors.reference_config import ReferenceConfig, checked_reference
 from models.estimation.estimator import WrenchEstimatorConfig
 from models.estimation.wrench import METHODS, known_of_wrench, live_prior
 from models.files.input_error import InputError
@@ -40,6 +41,7 @@ class EstimateConfig:
     smooth: bool = False  # each sample read with what comes after it, too: no lag
     max_gap: float = 0.0  # s, longest gap that is bridged; 0: 0.1 s or three steps
     check: bool = True  # hold the log against the robot's limits and gravity
+    reference: ReferenceConfig = field(default_factory=ReferenceConfig)  # a force sensor in the log
 
 
 @dataclass
@@ -74,6 +76,7 @@ def checked_config(config: EstimateConfig, robot: Robot) -> EstimateConfig:
     def refuse(option: str, problem: str, remedy: str) -> InputError:
         return InputError("estimate", option, problem, remedy)
 
+    checked_reference(config.reference)
     observer, reconstruction = config.estimator.observer, config.estimator.reconstruction
     for name, value, known in (
         ("engine", config.engine, ENGINES),

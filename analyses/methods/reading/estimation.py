@@ -23,20 +23,25 @@ from analyses.methods.reading.estimate_config import (
     stated_prior,
 )
 from analyses.methods.reading.estimate_summary import EstimateSummary
+from analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
+from analyses.methods.sensors.reference_config import ReferenceConfig, check_columns, check_tare
+from analyses.methods.sensors.sensor_log import SensorLogCollector
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from analyses.output.stream_summary import EvenSample
-from models.arrays import Array
+from models.arrays import Array, Flags
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.evidence_prior import evidence_prior
 from models.estimation.smoothing import WrenchSmoother
 from models.estimation.wrench import live_prior
 from models.estimation.wrench_table import WrenchTableWriter
+from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
 from models.observers.momentum_observer import MomentumObserverConfig
 from models.observers.observer_kinds import kind_of, make_observer
 from models.recordings.position_resolution import position_resolution
 from models.recordings.recording import Recording, concatenated
+from models.recordings.recording_format import SignalColumns, column_items
 from models.recordings.recording_reader import RecordingReader
 from models.recordings.resampling import plausible_step, resample_chunks
 from models.robot.robot import Robot
@@ -45,6 +50,7 @@ ProgressCallback = Callable[[float, str], None]
 
 CHUNK_SAMPLES = 1 << 16  # samples that are worked on at a time
 _PRIOR_SAMPLES = 1 << 12
+REFERENCE = "--reference"  # the sensor's signal in a recording; no description can name one so
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +64,7 @@ class EstimateResult:
         warnings: what makes the result doubtful, one sentence each.
         config: as used, with the time step and the prior filled in.
         table: wrench.csv.
+        comparison: with the log's force sensor, where one is named.
     """
 
     num_samples: int
@@ -67,6 +74,7 @@ class EstimateResult:
     config: EstimateConfig
     table: Path
     _metrics: dict[str, Any]
+    comparison: SensorComparison | None = None
 
     def metrics(self) -> dict[str, Any]:
         """All figures, as written to metrics.json."""
@@ -91,7 +99,7 @@ def estimate_log(
     """The command `estimate`: streams a log and writes what acted at the tool into `out`.
 
     Writes wrench.csv (see `models.estimation.wrench_table`), metrics.json, config.yaml and
-    figures/wrench.png.
+    figures/wrench.png; with a force sensor in the log also figures/reference.png.
 
     Args:
         log: as `read_recording`.
@@ -112,7 +120,9 @@ def estimate_log(
             model = IdentifiedModel.load(Path(model_path), robot)
 
         def read() -> RecordingReader:
-            reader = RecordingReader(log, log_format, robot, config.check)
+            reader = RecordingReader(
+                log, log_format, robot, config.check, _further(config.reference), "estimate"
+            )
             reader.require_joint_signals()
             return reader
 
@@ -157,6 +167,8 @@ def estimate(
     config, max_gap = settings.estimate.estimator, settings.estimate.max_gap
     if config.position_resolution is None:
         step = position_resolution(next(iter(read().chunks())).q)
+        stated = robot.position_resolution
+        step = np.where(np.isfinite(stated), stated, step)
         config = replace(config, position_resolution=step.tolist())
     rule = "given"
     stated = stated_prior(settings.estimate, robot)
@@ -182,12 +194,23 @@ def estimate(
         )
     observer = make_observer(config.observer, robot.num_joints)
     summary = EstimateSummary(model, observer.settling_time)
+    reference = settings.estimate.reference
+    beside = SensorLogCollector(config.observer.time_step) if reference.columns else None
     with WrenchTableWriter(out / "wrench.csv") as table:
         for chunk, batch in estimates:
             sd, valid = batch.standard_deviation, summary.judge(chunk, batch, config)
             table.write(chunk.t, batch.wrench, sd, batch.condition_number, valid)
             summary.add(chunk, batch, sd, valid, _torque(chunk, robot))
+            if beside is not None:
+                settled = int(np.searchsorted(chunk.t, first.t[0] + observer.settling_time))
+                _collect(beside, chunk, batch, sd, valid, robot, settled)
     metrics = {**summary.metrics(config, rule), "smoothed": settings.estimate.smooth}
+    comparison = None if beside is None else _compared(beside, reference)
+    notices = reader.notices
+    if comparison is not None:
+        metrics["reference"] = comparison.metrics()
+        notices += comparison.notices
+        out.write_figure("reference", comparison.figure())
     warnings += summary.warnings()
     reads_moments = config.reconstruction.method != "force_only"
     out.write_figure("wrench", summary.figure(reads_moments, settings.estimate.smooth))
@@ -198,12 +221,56 @@ def estimate(
     return EstimateResult(
         num_samples=summary.count,
         valid_share=summary.num_valid / summary.count,
-        notices=reader.notices,
+        notices=notices,
         warnings=tuple(warnings),
         config=used,
         table=out / "wrench.csv",
         _metrics=metrics,
+        comparison=comparison,
     )
+
+
+def _further(reference: ReferenceConfig) -> dict[str, SignalColumns]:
+    """The sensor's columns, which the log's description need not know."""
+    if not reference.columns:
+        return {}
+    items = column_items(reference.columns, REFERENCE, "estimate")
+    check_columns(len(items))
+    check_tare(reference, len(items))
+    return {REFERENCE: SignalColumns(reference.columns)}
+
+
+def _collect(
+    beside: SensorLogCollector,
+    chunk: Recording,
+    batch: EstimateBatch,
+    sd: Array,
+    valid: Flags,
+    robot: Robot,
+    settled: int,
+) -> None:
+    """Hands over the samples from the one on at which the observer has settled."""
+    R_WE, _ = robot.chain.pose(chunk.q)
+    force_first = [3, 4, 5, 0, 1, 2]
+    signals = (
+        chunk.t,
+        batch.wrench[:, force_first],
+        sd[:, force_first],
+        np.asarray(valid, float),
+        R_WE,
+        chunk.v,
+        chunk.extra[REFERENCE],
+    )
+    beside.add(*(signal[settled:] for signal in signals))
+
+
+def _compared(beside: SensorLogCollector, reference: ReferenceConfig) -> SensorComparison:
+    log = beside.log()
+    if log is None:
+        raise InputError(
+            "estimate", "--reference", "the log is too short to compare with", "record a longer one"
+        )
+    return compare_with_sensor(log, reference)
 
 
 def _has_prior(config: WrenchEstimatorConfig) -> bool:

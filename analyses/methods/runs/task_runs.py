@@ -38,12 +38,14 @@ from models.estimation.estimator import WrenchEstimator
 from models.estimation.wrench import WrenchReconstruction
 from models.identification.identified_model import IdentifiedModel
 from models.motion.paths import StraightPath
+from models.observers.lag import LagModel, lag_log
 from models.recordings.recording import Recording
 from models.robot.robot import Robot
 
 ProgressCallback = Callable[[float, str], None]
 
 PATHS = ("initial", "optimised", "found")
+HAND_HZ = 3.0  # up to which the stated band holds a low-pass's lag behind a hand
 _BLOCK = 50_000  # rows read at a time: a covariance a row is much memory
 _FRAMES = 200  # of a pass in a recording
 _STRETCH = 0.5  # s between two reports of progress
@@ -277,17 +279,22 @@ def read_repetition(
         run: of two cycles.
         period: samples of a cycle.
         reconstruction: with the covariance of the repetition's error.
-        K_0: as `repetition_torque`.
+        K_0: as `repetition_torque`; the stated sds hold its lag behind a force of HAND_HZ.
     """
     tau_ext = repetition_torque(run.recording, robot, period, K_0)
+    bandwidth = 0.0 if K_0 is None else HAND_HZ
+    lag = LagModel.of(K_0, robot.num_joints, run.recording.time_step, bandwidth, 0.0)
+    slow = np.full(6, np.nan)
     second = slice(period, period + len(tau_ext))
     q = run.recording.q[second]
     force, sd = np.empty((2, len(q), 3))
     for start in range(0, len(q), _BLOCK):
         rows = slice(start, start + _BLOCK)
         part = reconstruction.reconstruct(robot.chain.jacobian(q[rows]), tau_ext[rows])
+        covariance = part.covariance.copy()
+        lag_log(lag.settings, slow, part.wrench, part.valid, covariance)
         force[rows] = part.wrench[:, 3:]
-        sd[rows] = part.standard_deviation[:, 3:]
+        sd[rows] = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))[:, 3:]
     t = run.recording.t[second]
     return ForceReading(
         name, t - t[0], force, sd, run.reference[second], run.condition_number[second]

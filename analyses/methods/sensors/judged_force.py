@@ -93,6 +93,19 @@ class Judgement:
             count=len(error),
         )
 
+    def metrics(self, unit: str = "n") -> dict[str, Any]:
+        """Under the keys of a study's metrics; `unit` is that of what is judged: n or nm."""
+        share = {"inside_95_pct": self.inside_95, "share_valid_pct": self.share_valid}
+        return {
+            f"bias_{unit}": self.bias,
+            f"sd_{unit}": self.sd,
+            f"rmse_{unit}": self.rmse,
+            **{key: None if value is None else 100.0 * value for key, value in share.items()},
+            f"stated_sd_{unit}": self.stated_sd,
+            f"mean_{unit}": self.force,
+            "correlation": self.correlation,
+        }
+
 
 def _correlation(a: Array, b: Array) -> float | None:
     if np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
