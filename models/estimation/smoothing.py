@@ -23,42 +23,29 @@ later says nothing of it any more, but for its share in beta.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from models.arrays import Array, Flags
 from models.estimation.estimator import EstimateBatch, WrenchEstimator
+from models.observers.fixed_interval import NUM_KINDS, NUM_PERIOD, backward_log, forward_log
 from models.observers.kalman_observer import (
-    KEPT_F,
-    NOISE_F,
-    PERIOD,
-    ROUND,
     START_F,
     KalmanObserver,
     KalmanObserverConfig,
-    arrived_momentum,
-    error_parts,
     split_table,
 )
-from models.observers.observer import CTV, GRAVITY, NUM_SIGNALS, TAU_F, TAU_J
+from models.observers.observer import NUM_SIGNALS
 
 DRIFT_TIME = 600.0  # s
 LOOK_AHEAD, MOST_AHEAD = 10.0, 16384  # s, samples: what bounds the memory
 PASS = 8192  # samples that are read backward at a time, beside those ahead
-
-# Kinds of a sample: whether it was measured, and whether the coming period is known.
-_MEASURED, _KNOWN = range(2)
-# Rows of what is kept of a period.
-_SMOOTH, _SLOW, _KEEPS, _MISS = range(4)
 
 
 class _Kept(NamedTuple):
     """What the forward pass leaves of N samples.
 
     Attributes:
-        z, P: (N, M), (N, M, M) before the sample was measured.
-        period: (N, 4, n) s and b of the period after it, N m, and a_x; what it missed z by, N m s.
-        kinds: (N, 2).
+        z, P, period, kinds: of `models.observers.fixed_interval.forward_log`.
         batch: causal.
     """
 
@@ -136,7 +123,7 @@ class WrenchSmoother:
         signals = np.empty((N, NUM_SIGNALS, n))
         batch = self._estimator.run(self._state, q, v, current, seen=signals)
         z, P = np.empty((N, M)), np.empty((N, M, M))
-        period, kinds = np.empty((N, 4, n)), np.empty((N, 2), np.bool_)
+        period, kinds = np.empty((N, NUM_PERIOD, n)), np.empty((N, NUM_KINDS), np.bool_)
         forward_log(
             *(self._table, self._kept_drift, self._z, self._P, self._running, self._errors),
             *(signals, batch.J, z, P, period, kinds),
@@ -186,280 +173,3 @@ def _joined(batches: list[EstimateBatch]) -> EstimateBatch:
     if len(batches) == 1:
         return batches[0]
     return EstimateBatch(*(np.concatenate(parts) for parts in zip(*batches, strict=True)))
-
-
-@njit(cache=True, error_model="numpy")
-def _factor(P, rounding, L):  # type: ignore[no-untyped-def]
-    """Cholesky of S = H P H^T + R into L (n, n), lower."""
-    n = L.shape[0]
-    for i in range(n):
-        for j in range(i + 1):
-            total = P[i, j] + (rounding[i] if i == j else 0.0)
-            for k in range(j):
-                total -= L[i, k] * L[j, k]
-            L[i, j] = np.sqrt(max(total, rounding[i])) if i == j else total / L[j, j]
-
-
-@njit(cache=True, error_model="numpy")
-def _solve(L, x):  # type: ignore[no-untyped-def]
-    """S^-1 x in place."""
-    n = L.shape[0]
-    for i in range(n):
-        for k in range(i):
-            x[i] -= L[i, k] * x[k]
-        x[i] /= L[i, i]
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            x[i] -= L[k, i] * x[k]
-        x[i] /= L[i, i]
-
-
-@njit(cache=True, error_model="numpy")
-def _gain(P, rounding, L, K):  # type: ignore[no-untyped-def]
-    _factor(P, rounding, L)
-    n = L.shape[0]
-    for a in range(P.shape[0]):
-        for i in range(n):
-            K[a, i] = P[a, i]
-        _solve(L, K[a])
-
-
-@njit(cache=True, error_model="numpy")
-def _step_matrix(numbers, sixes, kept_drift, J, period, A):  # type: ignore[no-untyped-def]
-    """Writes what is not 1 of A (M, M): its first n rows beyond p, and the other diagonals."""
-    n = J.shape[1]
-    T = numbers[PERIOD]
-    for i in range(n):
-        for a in range(6):
-            A[i, n + a] = T * J[a, i]
-        A[i, n + 6 + i] = T * period[_SMOOTH, i]
-        A[i, 2 * n + 6 + i] = T * period[_SLOW, i]
-        A[n + 6 + i, n + 6 + i] = period[_KEEPS, i]
-        A[2 * n + 6 + i, 2 * n + 6 + i] = kept_drift
-    for a in range(6):
-        A[n + a, n + a] = sixes[KEPT_F, a]
-
-
-@njit(cache=True, error_model="numpy")
-def forward_log(  # type: ignore[no-untyped-def]
-    table, kept_drift, z, P, running, errors, signals, J, z_log, P_log, period, kinds
-):
-    """The filter over N samples; z (M,), P (M, M), running (1,) and errors go on from it.
-
-    Args:
-        table: KalmanObserver.table.
-        errors: rows of the torque error's state.
-        signals, J: (N, NUM_SIGNALS, n), (N, 6, n).
-        z_log, P_log, period, kinds: written, see `_Kept`.
-    """
-    N, _, n = signals.shape
-    M = 3 * n + 6
-    numbers, sixes, joints, mixing, error_table = split_table(table, n)
-    rounding, T = joints[ROUND], numbers[PERIOD]
-    L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
-    arrived, white = np.empty(n), np.empty(n)
-    for k in range(N):
-        own = signals[k]
-        z_log[k], P_log[k] = z, P
-        seen, known = True, True
-        for i in range(n):
-            arrived[i] = arrived_momentum(numbers, own, i)
-            u = own[TAU_J, i] + own[CTV, i] - own[GRAVITY, i] - own[TAU_F, i]
-            seen = seen and np.isfinite(arrived[i])
-            known = known and np.isfinite(arrived[i] + u)
-            for a in range(6):
-                known = known and np.isfinite(J[k, a, i])
-            period[k, _MISS, i] = 0.0
-        measured = seen and running[0]
-        kinds[k, _MEASURED], kinds[k, _KNOWN] = measured, known
-        if measured:
-            _gain(P, rounding, L, K)
-            above = P[:n].copy()
-            for i in range(n):
-                period[k, _MISS, i] = arrived[i] - z[i]
-            for a in range(M):
-                for i in range(n):
-                    z[a] += K[a, i] * period[k, _MISS, i]
-            for a in range(M):
-                for b in range(a + 1):
-                    for i in range(n):
-                        P[a, b] -= K[a, i] * above[i, b]
-                    P[b, a] = P[a, b]
-        else:
-            for i in range(n):
-                z[i] = arrived[i] if np.isfinite(arrived[i]) else 0.0
-                P[i], P[:, i] = 0.0, 0.0
-                P[i, i] = rounding[i]
-        error_parts(
-            *(numbers, joints, error_table, errors, own),
-            *(period[k, _SMOOTH], white, period[k, _SLOW], period[k, _KEEPS]),
-        )
-        running[0] = known
-        if not known:
-            for a in range(6):
-                P[n + a, n + a] += sixes[NOISE_F, a]
-            continue
-        _step_matrix(numbers, sixes, kept_drift, J[k], period[k], A)
-        z[:] = _times(A, z, n)
-        for i in range(n):
-            z[i] += T * (own[TAU_J, i] + own[CTV, i] - own[GRAVITY, i] - own[TAU_F, i])
-        _congruent(A, P, n)
-        for i in range(n):
-            P[i, i] += white[i]
-            P[2 * n + 6 + i, 2 * n + 6 + i] += 1.0 - kept_drift * kept_drift
-            for j in range(n):
-                fade = (1.0 - period[k, _KEEPS, i] ** 2) * (1.0 - period[k, _KEEPS, j] ** 2)
-                P[n + 6 + i, n + 6 + j] += mixing[i, j] * np.sqrt(fade)
-        for a in range(6):
-            P[n + a, n + a] += sixes[NOISE_F, a]
-
-
-@njit(cache=True, error_model="numpy")
-def _times(A, z, n):  # type: ignore[no-untyped-def]
-    """A z."""
-    out = np.empty_like(z)
-    for a in range(z.shape[0]):
-        out[a] = A[a, a] * z[a]
-        if a < n:
-            for b in range(n, z.shape[0]):
-                out[a] += A[a, b] * z[b]
-    return out
-
-
-@njit(cache=True, error_model="numpy")
-def _congruent(A, P, n):  # type: ignore[no-untyped-def]
-    """P <- A P A^T, in place; below its first n rows A is diagonal."""
-    M = P.shape[0]
-    for i in range(n):
-        for b in range(M):
-            total = P[i, b]
-            for c in range(n, M):
-                if A[i, c] != 0.0:
-                    total += A[i, c] * P[c, b]
-            P[i, b] = total
-    for i in range(n):
-        for b in range(M):
-            total = P[b, i]
-            for c in range(n, M):
-                if A[i, c] != 0.0:
-                    total += A[i, c] * P[b, c]
-            P[b, i] = total
-    for a in range(M):
-        for b in range(a + 1):
-            P[a, b] = 0.5 * (P[a, b] + P[b, a]) * A[a, a] * A[b, b]
-            P[b, a] = P[a, b]
-
-
-@njit(cache=True, error_model="numpy")
-def backward_log(  # type: ignore[no-untyped-def]
-    table, kept_drift, z_log, P_log, period, kinds, J, wrench, covariance
-):
-    """Reads the first rows of N that `forward_log` has left, with all N.
-
-    Args:
-        wrench, covariance: (K, 6), (K, 6, 6) with K at most N, written.
-        others: as `forward_log`.
-    """
-    N, _, n = period.shape
-    M = 3 * n + 6
-    numbers, sixes, joints, _, _ = split_table(table, n)
-    rounding = joints[ROUND]
-    L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
-    small, large = np.zeros(M), np.zeros((M, M))  # lambda, Lambda
-    inverse, product = np.empty((n, n)), np.empty((M, n))
-    for k in range(N - 1, -1, -1):
-        if kinds[k, _KNOWN]:
-            _step_matrix(numbers, sixes, kept_drift, J[k], period[k], A)
-            _adjoint(A, small, large, n)
-        else:  # the momentum of the next sample has nothing of this one's
-            small[:n], large[:n], large[:, :n] = 0.0, 0.0, 0.0
-        if kinds[k, _MEASURED]:
-            _gain(P_log[k], rounding, L, K)
-            for i in range(n):
-                for j in range(n):
-                    inverse[i, j] = 1.0 if i == j else 0.0
-                _solve(L, inverse[i])
-            for i in range(n):
-                total = 0.0
-                for a in range(M):
-                    total -= K[a, i] * small[a]
-                for j in range(n):
-                    total -= inverse[i, j] * period[k, _MISS, j]
-                product[0, i] = total
-            for i in range(n):
-                small[i] += product[0, i]
-            for a in range(M):
-                for i in range(n):
-                    total = 0.0
-                    for b in range(M):
-                        total += large[a, b] * K[b, i]
-                    product[a, i] = total
-            for a in range(M):
-                for i in range(n):
-                    large[a, i] -= product[a, i]
-            for i in range(n):
-                for b in range(M):
-                    total = 0.0
-                    for a in range(M):
-                        total += K[a, i] * large[a, b]
-                    product[b, i] = total
-            for i in range(n):
-                for b in range(M):
-                    large[i, b] -= product[b, i]
-                for j in range(n):
-                    large[i, j] += inverse[i, j]
-            for a in range(M):
-                for b in range(a):
-                    large[a, b] = 0.5 * (large[a, b] + large[b, a])
-                    large[b, a] = large[a, b]
-        else:
-            small[:n], large[:n], large[:, :n] = 0.0, 0.0, 0.0
-        if k < wrench.shape[0]:
-            _smoothed(z_log[k], P_log[k], small, large, n, wrench[k], covariance[k])
-
-
-@njit(cache=True, error_model="numpy")
-def _adjoint(A, small, large, n):  # type: ignore[no-untyped-def]
-    """lambda <- A^T lambda, Lambda <- A^T Lambda A, in place."""
-    M = small.shape[0]
-    for b in range(n, M):
-        total = A[b, b] * small[b]
-        for i in range(n):
-            total += A[i, b] * small[i]
-        small[b] = total
-    for a in range(M):
-        for b in range(n, M):
-            total = large[a, b] * A[b, b]
-            for i in range(n):
-                if A[i, b] != 0.0:
-                    total += large[a, i] * A[i, b]
-            large[a, b] = total
-    for b in range(n, M):
-        for c in range(M):
-            total = A[b, b] * large[b, c]
-            for i in range(n):
-                if A[i, b] != 0.0:
-                    total += A[i, b] * large[i, c]
-            large[b, c] = total
-
-
-@njit(cache=True, error_model="numpy")
-def _smoothed(z, P, small, large, n, wrench, covariance):  # type: ignore[no-untyped-def]
-    """F and its covariance given all, from what was known before a sample and the adjoint."""
-    M = z.shape[0]
-    half = np.empty((6, M))
-    for a in range(6):
-        total = z[n + a]
-        for b in range(M):
-            total -= P[n + a, b] * small[b]
-            half[a, b] = 0.0
-            for c in range(M):
-                half[a, b] += P[n + a, c] * large[c, b]
-        wrench[a] = total
-    for a in range(6):
-        for b in range(a + 1):
-            total = P[n + a, n + b]
-            for c in range(M):
-                total -= half[a, c] * P[c, n + b]
-            covariance[a, b] = total
-            covariance[b, a] = total

@@ -24,7 +24,10 @@ period brings beyond what was foreseen,
     beyond:          sqrt(|e|) = (-T k_1 + sqrt(T^2 k_1^2 + 4 (|b| - T^2 k_2))) / 2,
                      tau_ext_hat <- tau_ext_hat + T k_2 sign(b)
 
-a constant torque is then held exactly. u is averaged over a period as in `momentum_observer`.
+a constant torque is then held exactly. What acts faster than L leaves an impulse e behind that has
+not been read yet: beyond MISSED times the torque's sd the estimate counts as not fresh.
+
+u is averaged over a period as in `momentum_observer`.
 """
 
 from dataclasses import dataclass, field, replace
@@ -47,11 +50,12 @@ from models.observers.observer import (
 )
 
 RATE = 60.0  # 1/s, of the torque's own sd: L where none is stated; the UR10e's three fitted runs
+MISSED = 3.0 / 20.0  # s: an impulse of it times the torque's sd is three of them behind 20 /s
 LEVANT_1, LEVANT_2 = 1.5, 1.1
 _SETTLING = 20.0  # sds of torque that an observer may have to cover at its start
 
 # Columns of the table.
-_PERIOD, _BEFORE, _ROOT, _SLOPE = range(4)
+_PERIOD, _BEFORE, _ROOT, _SLOPE, _MISSED = range(5)
 # Rows of the state: momentum foreseen, tau_ext_hat, the last b's sign, 1 once e has been zero.
 _FORESEEN, _TAU, _SIGN, _REACHED = range(4)
 
@@ -76,6 +80,17 @@ def _measured(row, signals, i):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
+def _left(row, b):  # type: ignore[no-untyped-def]
+    """e after a sample."""
+    bound = row[_PERIOD] * row[_PERIOD] * row[_SLOPE]
+    if not abs(b) > bound:
+        return 0.0
+    a = row[_PERIOD] * row[_ROOT]
+    root = 0.5 * (np.sqrt(a * a + 4.0 * (abs(b) - bound)) - a)
+    return np.copysign(root * root, b)
+
+
+@njit(cache=True, error_model="numpy")
 def super_twisting_output(table: Array, state: Array, signals: Array, J: Array) -> bool:
     """Writes the estimate right after a sample; see `observer`."""
     fresh = True
@@ -89,6 +104,7 @@ def super_twisting_output(table: Array, state: Array, signals: Array, J: Array) 
             tau_ext += min(max(step, -most), most)
             turned = state[_SIGN, i] * b < 0.0
             fresh = fresh and (state[_REACHED, i] == 1.0 or turned or abs(step) <= most)
+            fresh = fresh and abs(_left(row, b)) <= row[_MISSED]
         else:
             fresh = False
         signals[TAU_EXT, i] = tau_ext
@@ -107,13 +123,9 @@ def super_twisting_update(table: Array, state: Array, signals: Array, J: Array) 
         b = arrived - state[_FORESEEN, i]
         error = 0.0
         if np.isfinite(b):
-            bound = row[_PERIOD] * row[_PERIOD] * row[_SLOPE]
-            if abs(b) <= bound or state[_SIGN, i] * b < 0.0:
+            error = _left(row, b)
+            if error == 0.0 or state[_SIGN, i] * b < 0.0:
                 state[_REACHED, i] = 1.0
-            if abs(b) > bound:
-                a = row[_PERIOD] * row[_ROOT]
-                root = 0.5 * (np.sqrt(a * a + 4.0 * (abs(b) - bound)) - a)
-                error = np.copysign(root * root, b)
             state[_SIGN, i] = np.sign(b)
         u = signals[TAU_J, i] + signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i]
         foreseen = arrived - error + row[_PERIOD] * (u + signals[TAU_EXT, i])
@@ -160,11 +172,12 @@ class SuperTwistingObserver:
         self.reads_present_torque = config.torque_samples != "held"
         self.settling_time = float(np.max(_SETTLING * sd / (LEVANT_2 * self.torque_rate)))
         self._torque_sd = torque_sd
-        self.table = np.empty((num_joints, 4))
+        self.table = np.empty((num_joints, 5))
         self.table[:, _PERIOD] = T
         self.table[:, _BEFORE] = 0.5 * T if self.reads_present_torque else 0.0
         self.table[:, _ROOT] = LEVANT_1 * np.sqrt(self.torque_rate)
         self.table[:, _SLOPE] = LEVANT_2 * self.torque_rate
+        self.table[:, _MISSED] = MISSED * sd
 
     def informed(self, knowledge: ModelKnowledge) -> Self:
         """Returns the observer with the rates that a model's torque error suggests."""

@@ -101,7 +101,8 @@ def test_what_changes_slower_than_its_bound_is_read_without_a_lag(share: float) 
 def test_what_changes_faster_is_read_late() -> None:
     t = T * np.arange(3000)[:, None]
     pushed = np.maximum(t - 1.0, 0.0)
-    found, _ = read(SuperTwistingObserver(CONFIG, 1), 20.0 * pushed)
+    found, fresh = read(SuperTwistingObserver(CONFIG, 1), 20.0 * pushed)
+    assert fresh[900:1000].all() and not fresh[1020:1200].any()  # and it knows
     k_2 = LEVANT_2 * L
     np.testing.assert_allclose(found[1200, 0], 0.2 * k_2, rtol=0.01)  # a step is a ramp of k_2
 
