@@ -67,8 +67,7 @@ class TrustedWrenchReading(LeafSystem):
         self._observed = self.DeclareVectorInputPort("observed", OBSERVED_SIZE)
         state: DiscreteStateIndex = self.DeclareDiscreteState(trusted.initial_state().ravel())
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
-        ports = (self._q, self._v, self._terms, self._tau_ext, self._tau_ext_valid)
-        ports += (self._observed,)
+        ports = [self._q, self._v, self._terms, self._tau_ext, self._tau_ext_valid, self._observed]
         tickets = {port.ticket() for port in ports} | {self.discrete_state_ticket(state)}
         # The reading and the state after it, so that the update need not read again.
         self._tick = self.DeclareCacheEntry(

@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike
 
 from models.arrays import Array, Flags
 from models.estimation.estimator import EstimateBatch, WrenchEstimator
+from models.identification.torque_error_model import TORQUE_ERROR_ROWS
 from models.observers.fixed_interval import NUM_KINDS, NUM_PERIOD, backward_log, forward_log
 from models.observers.kalman_observer import (
     START_F,
@@ -54,6 +55,12 @@ class _Kept(NamedTuple):
     period: Array
     kinds: Flags
     batch: EstimateBatch
+
+    def part(self, rows: slice) -> "_Kept":
+        """Some of the samples, as a copy."""
+        z, P, period, kinds, batch = self
+        own = (part[rows].copy() for part in (z, P, period, kinds))
+        return _Kept(*own, _rows(batch, rows))  # type: ignore[arg-type]
 
 
 class WrenchSmoother:
@@ -87,7 +94,9 @@ class WrenchSmoother:
         self._ahead = min(int(np.ceil(LOOK_AHEAD / step)), MOST_AHEAD)
         self._state = estimator.initial_state()
         error = estimator.model.torque_error
-        rows = np.zeros((7, n)) if error is None else error.initial_state()
+        rows = np.zeros((TORQUE_ERROR_ROWS + 1, n))
+        if error is not None:
+            rows[:TORQUE_ERROR_ROWS] = error.initial_state()
         self._scale = 0.0 if error is None else error.scale
         self._errors = rows
         sixes = split_table(self._table, n)[1]
@@ -132,10 +141,9 @@ class WrenchSmoother:
 
     def _read(self, ahead: int) -> EstimateBatch:
         """Reads all that is kept but the last `ahead` samples, and lets go of it."""
-        kept = _Kept(
-            *(np.concatenate(parts) for parts in list(zip(*self._kept, strict=True))[:-1]),
-            _joined([own.batch for own in self._kept]),
-        )
+        columns = list(zip(*self._kept, strict=True))[:-1]
+        z, P, period, kinds = (np.concatenate(parts) for parts in columns)
+        kept = _Kept(z, P, period, kinds, _joined([own.batch for own in self._kept]))
         ready = len(kept.z) - ahead
         wrench, covariance = np.empty((ready, 6)), np.empty((ready, 6, 6))
         backward_log(
@@ -144,12 +152,8 @@ class WrenchSmoother:
         )
         if self._scale:
             covariance += self._scale**2 * wrench[:, :, None] * wrench[:, None, :]
-        rest = _Kept(
-            *(part[ready:].copy() for part in kept[:-1]),
-            EstimateBatch(*(part[ready:].copy() for part in kept.batch)),
-        )
-        self._kept = [rest] if ahead else []
-        causal = EstimateBatch(*(part[:ready] for part in kept.batch))
+        self._kept = [kept.part(slice(ready, None))] if ahead else []
+        causal = _rows(kept.batch, slice(0, ready))
         tau_ext = np.einsum("kai,ka->ki", causal.J, wrench)
         finite = np.isfinite(tau_ext).all(axis=1)
         return causal._replace(
@@ -167,6 +171,14 @@ def smoothed_estimate(
     """
     smoother = WrenchSmoother(estimator)
     return _joined([smoother.take(q, v, current), smoother.finish()])
+
+
+def _rows(batch: EstimateBatch, rows: slice) -> EstimateBatch:
+    tau_ext, wrench, covariance, condition_number, valid, J, torque_sd = batch
+    return EstimateBatch(
+        *(tau_ext[rows], wrench[rows], covariance[rows], condition_number[rows]),
+        *(valid[rows], J[rows], torque_sd[rows]),
+    )
 
 
 def _joined(batches: list[EstimateBatch]) -> EstimateBatch:

@@ -70,7 +70,6 @@ def _step_matrix(numbers, sixes, kept_drift, J, period, A):  # type: ignore[no-u
             A[i, n + a] = T * J[a, i]
         A[i, n + 6 + i] = T * period[_SMOOTH, i]
         A[i, 2 * n + 6 + i] = T * period[_SLOW, i]
-        A[n + 6 + i, n + 6 + i] = period[_KEEPS, i]
         A[2 * n + 6 + i, 2 * n + 6 + i] = kept_drift
     for a in range(6):
         A[n + a, n + a] = sixes[KEPT_F, a]
@@ -136,6 +135,7 @@ def forward_log(  # type: ignore[no-untyped-def]
             for a in range(6):
                 P[n + a, n + a] += sixes[NOISE_F, a]
             continue
+        _renew(period[k, _KEEPS], mixing, z, P, n)
         _step_matrix(numbers, sixes, kept_drift, J[k], period[k], A)
         z[:] = _times(A, z, n)
         for i in range(n):
@@ -144,11 +144,24 @@ def forward_log(  # type: ignore[no-untyped-def]
         for i in range(n):
             P[i, i] += white[i]
             P[2 * n + 6 + i, 2 * n + 6 + i] += 1.0 - kept_drift * kept_drift
-            for j in range(n):
-                fade = (1.0 - period[k, _KEEPS, i] ** 2) * (1.0 - period[k, _KEEPS, j] ** 2)
-                P[n + 6 + i, n + 6 + j] += mixing[i, j] * np.sqrt(fade)
         for a in range(6):
             P[n + a, n + a] += sixes[NOISE_F, a]
+
+
+@njit(cache=True, error_model="numpy")
+def _renew(kept, mixing, z, P, n):  # type: ignore[no-untyped-def]
+    """Renews the error's smooth part in z and P, in place."""
+    for i in range(n):
+        e = n + 6 + i
+        z[e] *= kept[i]
+        for b in range(P.shape[0]):
+            P[e, b] *= kept[i]
+        for b in range(P.shape[0]):
+            P[b, e] *= kept[i]
+    for i in range(n):
+        for j in range(n):
+            fade = (1.0 - kept[i] * kept[i]) * (1.0 - kept[j] * kept[j])
+            P[n + 6 + i, n + 6 + j] += mixing[i, j] * np.sqrt(fade)
 
 
 @njit(cache=True, error_model="numpy")
@@ -208,6 +221,13 @@ def backward_log(  # type: ignore[no-untyped-def]
         if kinds[k, _KNOWN]:
             _step_matrix(numbers, sixes, kept_drift, J[k], period[k], A)
             _adjoint(A, small, large, n)
+            for i in range(n):
+                e = n + 6 + i
+                small[e] *= period[k, _KEEPS, i]
+                for b in range(M):
+                    large[e, b] *= period[k, _KEEPS, i]
+                for b in range(M):
+                    large[b, e] *= period[k, _KEEPS, i]
         else:  # the momentum of the next sample has nothing of this one's
             small[:n], large[:n], large[:, :n] = 0.0, 0.0, 0.0
         if kinds[k, _MEASURED]:

@@ -8,11 +8,13 @@ F; the error's states are those of the model's own torque error):
 
     p_k+1 = p_k + T (u + J^T F + s x + b beta) + w,   y_k = p_k + r      n each, N m s
     F_k+1 = a F_k + ...                               first-order prior, see below
-    x_k+1 = a_x x_k + ...,  a_x = exp(-g T / T_c)     error's smooth part, of sd 1: it lasts the
-                                                      error's correlation time T_c where a joint
-                                                      moves, and as long as it rests where it rests
-                                                      (g: share of s^2 that is not stiction)
+    x_k = a_x x_k-1 + ...                             error's smooth part, of sd 1
     beta                                              slow bias of sd 1, the same all along
+
+x lasts the error's correlation time T_c where a joint moves, and for as long as a joint rests:
+a_x = exp(-g T / T_c) r, with g the share of s^2 that is not stiction. Where s changes by a factor,
+x is renewed in part, r = min(s' / s, s / s'): else a constant error of a joint at rest, whose s
+varies by an encoder's step, could be told from a force by its not varying.
 
 The torque error model (`models.identification.torque_error_model`) states the sd of what an
 observer with pole K_0 reads where nothing touches the arm: sd^2 = moving^2 + stiction^2 + slow^2,
@@ -85,7 +87,8 @@ class KalmanObserverConfig:
 
 @njit(cache=True, error_model="numpy")
 def split_state(flat, n):  # type: ignore[no-untyped-def]
-    """x (N,), gain (N, n), P (N, N), C (N, n), status (2,), torque error's rows; N = 2 n + 6.
+    """x (N,), gain (N, n), P (N, N), C (N, n), status (2,), torque error's rows and s of the sample
+    before (zero: there was none) as (TORQUE_ERROR_ROWS + 1, n); N = 2 n + 6.
 
     x = [p, F, x]; P, C and gain are those of the coming sample, before it is measured.
     """
@@ -100,7 +103,7 @@ def split_state(flat, n):  # type: ignore[no-untyped-def]
         flat[b:c].reshape(N, N),
         flat[c:d].reshape(N, n),
         flat[d:e],
-        flat[e : e + TORQUE_ERROR_ROWS * n].reshape(TORQUE_ERROR_ROWS, n),
+        flat[e : e + (TORQUE_ERROR_ROWS + 1) * n].reshape(TORQUE_ERROR_ROWS + 1, n),
     )
 
 
@@ -232,7 +235,8 @@ def kalman_update(table: Array, state: Array, signals: Array, J: Array) -> None:
         for i in range(n):
             u = signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i] + signals[TAU_J, i]
             x[i] += T * u
-        advance(T, J, smooth, white, slow, sixes, kept, mixing, x, P, C)
+        renew(kept, mixing, x, P, C)
+        advance(T, J, smooth, white, slow, sixes, x, P, C)
         find_gain(P, C, joints[ROUND], gain)
         status[0] = _RUNNING
     else:
@@ -245,14 +249,18 @@ def kalman_update(table: Array, state: Array, signals: Array, J: Array) -> None:
 def error_parts(  # type: ignore[no-untyped-def]
     numbers, joints, error_table, rows, signals, smooth, white, slow, kept
 ):
-    """Writes s (N m), the white noise's variance in a period (N^2 m^2 s^2), b (N m) and a_x."""
+    """Writes s (N m), the white noise's variance in a period (N^2 m^2 s^2), b (N m) and a_x.
+
+    `rows` (TORQUE_ERROR_ROWS + 1, n), the torque error's state and the s before, is changed.
+    """
     n = signals.shape[1]
     sd, stiction, load = np.empty(n), np.zeros(n), np.empty(n)
     for i in range(n):
         sd[i] = signals[TORQUE_SD, i]
         load[i] = signals[TAU_J, i] - signals[TAU_F, i]
     if numbers[_HAS_ERROR] != 0.0:
-        torque_sd_tick(error_table, rows, signals[Q], signals[V], load, sd, stiction)
+        own = rows[:TORQUE_ERROR_ROWS]
+        torque_sd_tick(error_table, own, signals[Q], signals[V], load, sd, stiction)
     for i in range(n):
         speed = signals[V, i] if np.isfinite(signals[V, i]) else 0.0
         drift = joints[_SLOW_VISCOUS, i] * speed
@@ -262,6 +270,10 @@ def error_parts(  # type: ignore[no-untyped-def]
         smooth[i] = np.sqrt(fading + stiction[i] ** 2)
         share = fading / (fading + stiction[i] ** 2) if fading > 0.0 else 0.0
         kept[i] = np.exp(-share * joints[_RATE_X, i] * numbers[PERIOD])
+        before = rows[TORQUE_ERROR_ROWS, i]
+        if before > 0.0 and smooth[i] > 0.0:
+            kept[i] *= min(smooth[i] / before, before / smooth[i])
+        rows[TORQUE_ERROR_ROWS, i] = smooth[i]
         white[i] = joints[_WHITE, i] * moving * numbers[PERIOD]
 
 
@@ -294,7 +306,27 @@ def measure(x, gain, P, C, rounding, arrived):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def advance(T, J, smooth, white, slow, sixes, kept, mixing, x, P, C):  # type: ignore[no-untyped-def]
+def renew(kept, mixing, x, P, C):  # type: ignore[no-untyped-def]
+    """Renews the error's smooth part in x, P and C, in place."""
+    n = kept.shape[0]
+    first = n + 6
+    for i in range(n):
+        e = first + i
+        x[e] *= kept[i]
+        for m in range(n):
+            C[e, m] *= kept[i]
+        for b in range(P.shape[0]):
+            P[e, b] *= kept[i]
+        for b in range(P.shape[0]):
+            P[b, e] *= kept[i]
+    for i in range(n):
+        for j in range(n):
+            fade = (1.0 - kept[i] * kept[i]) * (1.0 - kept[j] * kept[j])
+            P[first + i, first + j] += mixing[i, j] * np.sqrt(fade)
+
+
+@njit(cache=True, error_model="numpy")
+def advance(T, J, smooth, white, slow, sixes, x, P, C):  # type: ignore[no-untyped-def]
     """Takes x, P and C over a period, in place; u is added elsewhere."""
     n = J.shape[1]
     N = 2 * n + 6
@@ -320,8 +352,8 @@ def advance(T, J, smooth, white, slow, sixes, kept, mixing, x, P, C):  # type: i
             for a in range(6):
                 total += T * J[a, i] * P[b, n + a]
             P[b, i] += total
-    for a in range(n, N):
-        factor = sixes[KEPT_F, a - n] if a < n + 6 else kept[a - n - 6]
+    for a in range(n, n + 6):
+        factor = sixes[KEPT_F, a - n]
         x[a] *= factor
         for m in range(n):
             C[a, m] *= factor
@@ -331,9 +363,6 @@ def advance(T, J, smooth, white, slow, sixes, kept, mixing, x, P, C):  # type: i
             P[b, a] *= factor
     for i in range(n):
         P[i, i] += white[i]
-        for j in range(n):
-            fade = (1.0 - kept[i] * kept[i]) * (1.0 - kept[j] * kept[j])
-            P[n + 6 + i, n + 6 + j] += mixing[i, j] * np.sqrt(fade)
     for a in range(6):
         P[n + a, n + a] += sixes[NOISE_F, a]
     for a in range(N):
@@ -428,13 +457,14 @@ class KalmanObserver:
         """Returns the state before the first sample; its layout is `split_state`'s."""
         n = self.num_joints
         N = 2 * n + 6
-        size = N + 2 * N * n + N * N + 2 + TORQUE_ERROR_ROWS * n
+        size = N + 2 * N * n + N * N + 2 + (TORQUE_ERROR_ROWS + 1) * n
         state = np.zeros((-(-size // n), n))
         start = self.table[_NUMBERS : _NUMBERS + 6 * _SIXES].reshape(_SIXES, 6)[START_F]
         P = split_state(state.reshape(-1), n)[2]
         P[range(n, N), range(n, N)] = np.concatenate([start, np.ones(n)])
         if self._knowledge is not None and self._knowledge.torque_error is not None:
-            split_state(state.reshape(-1), n)[5][:] = self._knowledge.torque_error.initial_state()
+            rows = split_state(state.reshape(-1), n)[5]
+            rows[:TORQUE_ERROR_ROWS] = self._knowledge.torque_error.initial_state()
         return state
 
     def _table(self, knowledge: ModelKnowledge | None) -> Array:

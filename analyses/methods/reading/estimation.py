@@ -167,8 +167,8 @@ def estimate(
     config, max_gap = settings.estimate.estimator, settings.estimate.max_gap
     if config.position_resolution is None:
         step = position_resolution(next(iter(read().chunks())).q)
-        stated = robot.position_resolution
-        step = np.where(np.isfinite(stated), stated, step)
+        own = robot.position_resolution
+        step = np.where(np.isfinite(own), own, step)
         config = replace(config, position_resolution=step.tolist())
     rule = "given"
     stated = stated_prior(settings.estimate, robot)

@@ -97,6 +97,7 @@ def dense_posterior(
     smooth = np.sqrt((1 - WHITE_SHARE) * (1 + K_0 * times) / (K_0 * times) * moving + held**2)
     kept, added, start = changing_wrench(prior, own.config.observer.bandwidth_hz, STEP)
     a, drift = np.exp(-STEP * (1.0 - held**2 / smooth**2) / times), np.exp(-STEP / DRIFT_TIME)
+    a[1:] *= np.minimum(smooth[1:] / smooth[:-1], smooth[:-1] / smooth[1:])
     R = (1e-3 * STEP * error.constant) ** 2
     M = 3 * n + 6
     model = signals[:, CTV] - signals[:, GRAVITY] - signals[:, TAU_F]
@@ -108,16 +109,20 @@ def dense_posterior(
     roots = [np.diag(np.sqrt(np.concatenate([R, start, np.ones(2 * n)])))]
     steps = []
     for k in range(N - 1):
-        A = np.diag(np.concatenate([np.ones(n), kept, a[k], np.full(n, drift)]))
+        A = np.diag(np.concatenate([np.ones(n), kept, np.ones(n), np.full(n, drift)]))
         A[:n, n : n + 6] = STEP * J[k].T
         A[:n, n + 6 : 2 * n + 6] = np.diag(STEP * smooth[k])
         A[:n, 2 * n + 6 :] = np.diag(STEP * slow[k])
-        steps.append(A)
-        mean[k + 1] = A @ mean[k]
+        fade = np.eye(M)
+        fade[n + 6 : 2 * n + 6, n + 6 : 2 * n + 6] = np.diag(a[k])
+        steps.append(A @ fade)
+        mean[k + 1] = steps[k] @ mean[k]
         mean[k + 1, :n] += STEP * u[k]
         white = STEP * WHITE_SHARE * 2.0 / K_0 * moving[k]
-        variances = [white, added, 1.0 - a[k] ** 2, np.full(n, 1.0 - drift**2)]
-        roots.append(np.diag(np.sqrt(np.concatenate(variances))))
+        variances = [white, added, np.zeros(n), np.full(n, 1.0 - drift**2)]
+        own_root = np.diag(np.sqrt(np.concatenate(variances)))
+        own_root[:, n + 6 : 2 * n + 6] = A[:, n + 6 : 2 * n + 6] * np.sqrt(1.0 - a[k] ** 2)
+        roots.append(own_root)
     root = np.zeros((N, M, N * M))
     for k in range(N):
         if k:

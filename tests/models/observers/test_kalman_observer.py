@@ -114,6 +114,7 @@ def plain_filter(
     kept, added, start = changing_wrench(prior, CONFIG.bandwidth_hz, STEP)
     share = 1.0 - stiction**2 / smooth**2
     a = np.exp(-STEP * share / times)
+    a[1:] *= np.minimum(smooth[1:] / smooth[:-1], smooth[:-1] / smooth[1:])
     size = 3 * n + 6
     p, F, x, beta = (slice(*ends) for ends in ((0, n), (n, n + 6), (n + 6, 2 * n + 6), (-n, None)))
     H = np.eye(n, size)
@@ -136,16 +137,19 @@ def plain_filter(
             keep = np.eye(size) - gain @ H
             P = keep @ P @ keep.T + gain @ R @ gain.T
         wrench[k], covariance[k] = m[F], P[F, F]
+        fade = np.eye(size)
+        fade[x, x] = np.diag(a[k])
+        m, P = fade @ m, fade @ P @ fade.T
+        P[x, x] += error.correlation * np.sqrt(np.outer(1.0 - a[k] ** 2, 1.0 - a[k] ** 2))
         A = np.eye(size)
         A[p, F], A[p, x], A[p, beta] = (
             STEP * J[k].T,
             np.diag(STEP * smooth[k]),
             np.diag(STEP * slow[k]),
         )
-        A[F, F], A[x, x] = np.diag(kept), np.diag(a[k])
+        A[F, F] = np.diag(kept)
         noise = np.zeros((size, size))
         noise[p, p], noise[F, F] = np.diag(STEP * white[k]), np.diag(added)
-        noise[x, x] = error.correlation * np.sqrt(np.outer(1.0 - a[k] ** 2, 1.0 - a[k] ** 2))
         m = A @ m
         m[p] += STEP * u
         P = A @ P @ A.T + noise
