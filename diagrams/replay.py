@@ -9,10 +9,12 @@ from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from diagrams.estimator import add_estimator
 from models.arrays import Array
+from models.detection.contact_detector import ContactDetectionConfig, Detection
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
 from models.identification.identified_model import IdentifiedModel
 from models.rigid_body.serial_chain import SerialChain
 from models.robot.robot import Robot
+from systems.contact_detection import DETECTION
 from systems.recording_player import RecordingPlayer, Samples
 
 _LOGGED = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
@@ -43,6 +45,7 @@ class Replay:
         chain: the model's kinematics.
         time_step: s between rows.
         torque_sd: (n,) N m, of tau_ext where nothing touches the arm.
+        detects: whether contact is looked for.
     """
 
     diagram: Diagram
@@ -52,6 +55,7 @@ class Replay:
     chain: SerialChain
     time_step: float
     torque_sd: Array
+    detects: bool = False
 
     def load(self, context: Context, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> None:
         """Puts the next stretch of the log into `context`, the diagram's.
@@ -85,15 +89,7 @@ class Replay:
         """
         samples = self.player.samples(self.player.GetMyContextFromRoot(context))
         N = len(samples.q)
-        columns = {}
-        for name, sink in self.sinks.items():
-            log = sink.FindMutableLog(context)
-            if log.num_samples() != N:
-                raise RuntimeError(
-                    f"replay: {log.num_samples()} of {N} rows are played; advance to stop_time"
-                )
-            columns[name] = log.data().T.copy()
-            log.Clear()
+        columns = {name: self._taken(context, name, N) for name in _LOGGED}
         return EstimateBatch(
             tau_ext=columns["tau_ext"],
             wrench=columns["wrench"],
@@ -104,16 +100,43 @@ class Replay:
             torque_sd=np.tile(self.torque_sd, (N, 1)),
         )
 
+    def take_detection(self, context: Context) -> Detection:
+        """Returns what the same stretch says of contact, and empties these logs; before `take`.
+
+        Raises:
+            RuntimeError: as `take`, or contact is not looked for.
+        """
+        if not self.detects:
+            raise RuntimeError("replay: contact is not looked for")
+        samples = self.player.samples(self.player.GetMyContextFromRoot(context))
+        columns = [self._taken(context, name, len(samples.q))[:, 0] for name in DETECTION]
+        return Detection.of(np.stack(columns, axis=1))
+
+    def _taken(self, context: Context, name: str, N: int) -> Array:
+        """The log (N, size) of one output, which it empties."""
+        log = self.sinks[name].FindMutableLog(context)
+        if log.num_samples() != N:
+            raise RuntimeError(
+                f"replay: {log.num_samples()} of {N} rows are played; advance to stop_time"
+            )
+        data = log.data().T.copy()
+        log.Clear()
+        return np.asarray(data)
+
 
 def make_replay(
-    robot: Robot, model: IdentifiedModel, config: WrenchEstimatorConfig | None = None
+    robot: Robot,
+    model: IdentifiedModel,
+    config: WrenchEstimatorConfig | None = None,
+    detection: ContactDetectionConfig | None = None,
 ) -> Replay:
     """Builds a diagram in which a log plays through the estimator; nothing is loaded yet.
 
         player (q, v, current) --> estimator --> logs
 
     Args:
-        robot, model, config: as `make_estimator`; the log must have the observer's time step.
+        robot, model, config, detection: as `make_estimator`; the log must have the observer's time
+            step.
 
     Raises:
         InputError: the model belongs to another robot.
@@ -124,13 +147,15 @@ def make_replay(
     builder = DiagramBuilder()
     player = builder.AddNamedSystem("player", RecordingPlayer(robot.num_joints, time_step))
     ports = {name: player.GetOutputPort(name) for name in ("q", "v", "current")}
-    estimator = add_estimator(builder, robot, model, reference.config, **ports)
+    estimator = add_estimator(builder, robot, model, reference.config, **ports, detection=detection)
+    detects = detection is not None
     sinks = {
-        name: LogVectorOutput(estimator.GetOutputPort(name), builder, time_step) for name in _LOGGED
+        name: LogVectorOutput(estimator.GetOutputPort(name), builder, time_step)
+        for name in (*_LOGGED, *(DETECTION if detects else ()))
     }
     for name, sink in sinks.items():
         sink.set_name(f"{name}_log")
     diagram = builder.Build()
     diagram.set_name("replay")
     sd = np.sqrt(np.diag(reference.reconstruction.torque_covariance))
-    return Replay(diagram, player, estimator, sinks, reference.chain, time_step, sd)
+    return Replay(diagram, player, estimator, sinks, reference.chain, time_step, sd, detects)

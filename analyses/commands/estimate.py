@@ -47,6 +47,9 @@ PLACES = {
     "reference_sign": "estimate.reference.sign",
     "reference_tare": "estimate.reference.tare",
     "reference_delay": "estimate.reference.delay",
+    "false_alarms_per_hour": "estimate.detection.false_alarms_per_hour",
+    "covariance": "estimate.covariance",
+    "table": "estimate.table",
 }
 OBSERVER_PLACES = {  # of whichever observer it is
     "k0": "estimate.estimator.observer.K_0",
@@ -170,6 +173,13 @@ def command(
     reference_delay: Annotated[
         str, typer.Option(help="s that it is later than the motion, or found.")
     ] = REFERENCE.delay,
+    false_alarms_per_hour: Annotated[
+        float, typer.Option(help="How often contact may be reported where nothing touches the arm.")
+    ] = DEFAULTS.detection.false_alarms_per_hour,
+    covariance: Annotated[
+        bool, typer.Option("--covariance", help="Add the 21 entries of the covariance.")
+    ] = DEFAULTS.covariance,
+    table: Annotated[str, typer.Option(help="csv or parquet.")] = DEFAULTS.table,
     config: Annotated[
         Path | None, config_option(EstimateSettings, {**PLACES, **OBSERVER_PLACES})
     ] = None,
@@ -211,6 +221,8 @@ def _print(result: "EstimateResult", out: Path) -> None:
         f"{result.num_samples} samples, {100 * result.valid_share:.1f} % valid; prior: force sd "
         f"{prior['force_sd_n']:.3g} N, moment sd {prior['moment_sd_nm']:.3g} N m ({prior['rule']})",
     )
+    for line in result.contacts:
+        say(console, line)
     for notice in (*result.notices, *result.warnings):
         say(console, f"note: {notice}")
     if result.comparison is not None:

@@ -105,6 +105,9 @@ class EstimateBatch(NamedTuple):
             one before it was not finite, so that tau_ext is held.
         J: (N, 6, n) rows [angular; linear] at E in axes of W.
         torque_sd: (N, n) N m, of tau_ext where nothing touches the arm.
+        transmitted: (N, n) N m, what the gears transmit: motor torque less friction; empty where
+            it is not kept.
+        fresh: (N,) whether tau_ext is of the sample; empty where it is not kept.
     """
 
     tau_ext: Array
@@ -114,6 +117,8 @@ class EstimateBatch(NamedTuple):
     valid: Flags
     J: Array
     torque_sd: Array
+    transmitted: Array = np.empty((0, 0))
+    fresh: Flags = np.empty(0, np.bool_)
 
     @property
     def standard_deviation(self) -> Array:
@@ -365,6 +370,7 @@ class WrenchEstimator:
         signals = np.empty((min(N, _PASS), NUM_SIGNALS, n))
         observed = np.empty((min(N, _PASS), self.observed_size))
         torque_sd = np.tile(np.sqrt(np.diag(self.reconstruction.torque_covariance)), (N, 1))
+        transmitted = np.empty((N, n))
         for start in range(0, N, _PASS):
             rows = slice(start, min(N, start + _PASS))
             part = signals[: rows.stop - start] if seen is None else seen[rows]
@@ -393,6 +399,7 @@ class WrenchEstimator:
                 counts[rows],
                 own,
             )
+            transmitted[rows] = part[:, TAU_J] - part[:, TAU_F]
             if self.trusted is not None:
                 (
                     F[rows],
@@ -404,7 +411,7 @@ class WrenchEstimator:
                     state[self.tick_rows :],
                     q[rows],
                     v[rows],
-                    part[:, TAU_J] - part[:, TAU_F],
+                    transmitted[rows],
                     J[rows],
                     tau_ext[rows],
                     counts[rows],
@@ -419,7 +426,9 @@ class WrenchEstimator:
             if self.observed_size:
                 F[rows], covariance[rows] = own[:, :6], own[:, 6:].reshape(-1, 6, 6)
         valid = (quality[:, 1] == 1.0) & counts
-        return EstimateBatch(tau_ext, F, covariance, quality[:, 0], valid, J, torque_sd)
+        return EstimateBatch(
+            *(tau_ext, F, covariance, quality[:, 0], valid, J, torque_sd, transmitted, counts)
+        )
 
     def observe(self, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> Observation:
         """The chain of a whole log up to tau_ext, from its start, without a reading of the wrench.

@@ -20,7 +20,7 @@ A log streams: a sample is read when LOOK_AHEAD after it has been seen, or the l
 later says nothing of it any more, but for its share in beta.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -59,8 +59,10 @@ class _Kept(NamedTuple):
     def part(self, rows: slice) -> "_Kept":
         """Some of the samples, as a copy."""
         z, P, period, kinds, batch = self
-        own = (part[rows].copy() for part in (z, P, period, kinds))
-        return _Kept(*own, _rows(batch, rows))  # type: ignore[arg-type]
+        return _Kept(
+            *(z[rows].copy(), P[rows].copy(), period[rows].copy(), kinds[rows].copy()),
+            _rows(batch, rows),
+        )
 
 
 class WrenchSmoother:
@@ -174,11 +176,8 @@ def smoothed_estimate(
 
 
 def _rows(batch: EstimateBatch, rows: slice) -> EstimateBatch:
-    tau_ext, wrench, covariance, condition_number, valid, J, torque_sd = batch
-    return EstimateBatch(
-        *(tau_ext[rows], wrench[rows], covariance[rows], condition_number[rows]),
-        *(valid[rows], J[rows], torque_sd[rows]),
-    )
+    columns: Any = (column[rows] for column in batch)
+    return EstimateBatch(*columns)
 
 
 def _joined(batches: list[EstimateBatch]) -> EstimateBatch:

@@ -51,6 +51,12 @@ _BLOCK = 256  # rows a thread takes at a time
 
 def output_size(num_joints: int) -> int:
     """Entries of what `tick_output` writes."""
+    return int(counts_entry(num_joints)) + 1
+
+
+@njit(cache=True, error_model="numpy")
+def counts_entry(num_joints: int) -> int:
+    """Entry of the same that is 1 where tau_ext counts, else 0; the signals and J lie before."""
     return num_joints + NUM_READING + (NUM_SIGNALS + 6) * num_joints
 
 
@@ -401,6 +407,7 @@ def tick_output(
     parts = state.reshape(state.shape[0] // n, n)
     fresh = _output(choice, slip, observer, rows, parts, known, signals, J)
     counts = _corrected(known, signals, out[:n], fresh)
+    out[counts_entry(n)] = 1.0 if counts else 0.0
     _read(choice, wrench, observer, parts[:rows], signals, J, counts, out, work)
 
 
@@ -466,7 +473,8 @@ def trusted_output(
     seen, doubt = work[OBSERVED, :6], work[OBSERVED + 1 : OBSERVED + 7, :6]
     observes = _observe_wrench(choice, observer, parts[:rows], signals, J, seen, doubt)
     counts = _corrected(known, signals, out[:n], fresh)
-    own = out[n + NUM_READING + (NUM_SIGNALS + 6) * n :]
+    out[counts_entry(n)] = 1.0 if counts else 0.0
+    own = out[counts_entry(n) + 1 :]
     for k in range(own.shape[0]):
         own[k] = state[tick_rows * n + k]
     nothing = work[TRUSTED_WORK_ROWS - 1, :n]
@@ -494,7 +502,7 @@ def trusted_update(
     n = current.shape[0]
     tick_update(choice, drives, slip, observer, rows, state[: tick_rows * n], current, known, out)
     signals, _ = _split(out[n + NUM_READING :], n)
-    own = out[n + NUM_READING + (NUM_SIGNALS + 6) * n :]
+    own = out[counts_entry(n) + 1 :]
     for k in range(own.shape[0]):
         state[tick_rows * n + k] = own[k]
     first = (tick_rows + TRANSMITTED_ROW) * n

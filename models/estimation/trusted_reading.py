@@ -187,9 +187,21 @@ class TrustedReading:
 
 
 @njit(cache=True, error_model="numpy")
-def trusted_reading_tick(  # type: ignore[no-untyped-def]
-    error, lag, wrench, state, q, v, transmitted, J, tau_ext, counts, observes, reading, work
-):
+def trusted_reading_tick(
+    error: Array,
+    lag: Array,
+    wrench: Array,
+    state: Array,
+    q: Array,
+    v: Array,
+    transmitted: Array,
+    J: Array,
+    tau_ext: Array,
+    counts: bool,
+    observes: bool,
+    reading: Array,
+    work: Array,
+) -> None:
     """Single-sample kernel: one sample of `TrustedReading.run`.
 
     Args:

@@ -319,7 +319,15 @@ def _settings(config: WrenchReconstructionConfig) -> list[float]:
 
 
 @njit(cache=True, error_model="numpy")
-def reconstruct(table, J, tau_ext, wrench, covariance, quality, work):  # type: ignore[no-untyped-def]
+def reconstruct(
+    table: Array,
+    J: Array,
+    tau_ext: Array,
+    wrench: Array,
+    covariance: Array,
+    quality: Array,
+    work: Array,
+) -> None:
     """Single-sample kernel of `WrenchReconstruction`, of errors whose covariance is constant.
 
     Args:
@@ -339,9 +347,18 @@ def reconstruct(table, J, tau_ext, wrench, covariance, quality, work):  # type: 
 
 
 @njit(cache=True, error_model="numpy")
-def reconstruct_with(  # type: ignore[no-untyped-def]
-    table, J_now, J, tau_ext, sd, stiction, wrench, covariance, quality, work
-):
+def reconstruct_with(
+    table: Array,
+    J_now: Array,
+    J: Array,
+    tau_ext: Array,
+    sd: Array,
+    stiction: Array,
+    wrench: Array,
+    covariance: Array,
+    quality: Array,
+    work: Array,
+) -> None:
     """As `reconstruct`, of errors with sds of this sample.
 
     Args:
@@ -357,7 +374,16 @@ def reconstruct_with(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _reading(table, J, tau_ext, sd, stiction, wrench, covariance, work):  # type: ignore[no-untyped-def]
+def _reading(
+    table: Array,
+    J: Array,
+    tau_ext: Array,
+    sd: Array,
+    stiction: Array,
+    wrench: Array,
+    covariance: Array,
+    work: Array,
+) -> bool:
     """Writes wrench and covariance and returns whether they are valid."""
     n = J.shape[1]
     settings = table[2 * n]
@@ -386,7 +412,7 @@ def _reading(table, J, tau_ext, sd, stiction, wrench, covariance, work):  # type
 
 
 @njit(cache=True, error_model="numpy")
-def whiten(table, J, tau_ext, sd, work):  # type: ignore[no-untyped-def]
+def whiten(table: Array, J: Array, tau_ext: Array, sd: Array, work: Array) -> None:
     """Writes A = J W^T into the first six rows of `work`, A A^T into those of the gram (lower
     triangle), and A W tau_ext into its last row; W whitens the torque noise.
     """
@@ -417,7 +443,9 @@ def whiten(table, J, tau_ext, sd, work):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _posterior_covariance(moment_sd, force_sd, first, covariance, work):  # type: ignore[no-untyped-def]
+def _posterior_covariance(
+    moment_sd: float, force_sd: float, first: int, covariance: Array, work: Array
+) -> None:
     """Rows `first`.. of (gram + P^-1)^-1 into `covariance`, both triangles; P of these sds.
 
     With the wrench in units of its prior sds, x = S^-1 F, cov(x) = (1 + S gram S)^-1. Every pivot
@@ -445,7 +473,16 @@ def _posterior_covariance(moment_sd, force_sd, first, covariance, work):  # type
 
 
 @njit(cache=True, error_model="numpy")
-def _posterior(table, J, tau_ext, sd, stiction, wrench, covariance, work):  # type: ignore[no-untyped-def]
+def _posterior(
+    table: Array,
+    J: Array,
+    tau_ext: Array,
+    sd: Array,
+    stiction: Array,
+    wrench: Array,
+    covariance: Array,
+    work: Array,
+) -> None:
     """The Gaussian posterior; leaves in `work` what `valid` rests on."""
     n = J.shape[1]
     settings = table[2 * n]
@@ -490,7 +527,7 @@ def _posterior(table, J, tau_ext, sd, stiction, wrench, covariance, work):  # ty
 
 
 @njit(cache=True, error_model="numpy")
-def _feign(gain, stiction, work):  # type: ignore[no-untyped-def]
+def _feign(gain: Array, stiction: Array, work: Array) -> None:
     """Covariance (3, 3) of the force that stiction alone gives through a gain (3, n)."""
     for i in range(3):
         for j in range(i + 1):
@@ -502,7 +539,16 @@ def _feign(gain, stiction, work):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _pseudo_inverse(table, J, tau_ext, sd, stiction, wrench, covariance, work):  # type: ignore[no-untyped-def]
+def _pseudo_inverse(
+    table: Array,
+    J: Array,
+    tau_ext: Array,
+    sd: Array,
+    stiction: Array,
+    wrench: Array,
+    covariance: Array,
+    work: Array,
+) -> bool:
     """The readings by singular values: inverse, damped, truncated.
 
     Leaves in `work` what `valid` rests on, of the plain inverse; returns whether J has full rank.
@@ -568,13 +614,21 @@ def _pseudo_inverse(table, J, tau_ext, sd, stiction, wrench, covariance, work): 
         for j in range(n):
             total += H[i, j] * tau_ext[j]
         wrench[i] = total
-    return smallest > floor
+    return bool(smallest > floor)
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def reconstruct_log(  # type: ignore[no-untyped-def]
-    table, J_now, J, tau_ext, sd, stiction, wrench, covariance, quality
-):
+def reconstruct_log(
+    table: Array,
+    J_now: Array,
+    J: Array,
+    tau_ext: Array,
+    sd: Array,
+    stiction: Array,
+    wrench: Array,
+    covariance: Array,
+    quality: Array,
+) -> None:
     """`reconstruct_with` for N samples, in parallel."""
     N = J.shape[0]
     for block in prange((N + _BLOCK - 1) // _BLOCK):

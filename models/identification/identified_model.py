@@ -20,6 +20,7 @@ from models.friction.friction_network import FrictionNetworks
 from models.friction.friction_terms import TERMS, term_of
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, Handover, SemiParametricFriction
+from models.identification.contact_noise import ContactNoise, check_contact_noise
 from models.identification.torque_error_model import (
     BEYOND_LOAD,
     BEYOND_SPEED,
@@ -177,6 +178,7 @@ class _ModelFile:
     validity: Validity = field(default_factory=Validity, metadata=REQUIRED)
     provenance: Provenance = field(default_factory=Provenance, metadata=REQUIRED)
     torque_error: _TorqueErrorBlock | None = None
+    contact_noise: ContactNoise | None = None
     complete: bool = field(default=True, metadata=REQUIRED)  # last: absent in a truncated file
 
 
@@ -201,6 +203,7 @@ class IdentifiedModel:
         provenance: logs, filter and method.
         torque_error: how far what an observer reads may be off, state by state; None for a model of
             which only residual_covariance is known, the same at rest and in motion.
+        contact_noise: what a contact statistic reads without contact; None: taken as Gaussian.
     """
 
     robot: str
@@ -215,6 +218,7 @@ class IdentifiedModel:
     validity: Validity = field(default_factory=Validity)
     provenance: Provenance = field(default_factory=Provenance)
     torque_error: TorqueErrorModel | None = None
+    contact_noise: ContactNoise | None = None
 
     @classmethod
     def nominal(cls, robot: Robot) -> "IdentifiedModel":
@@ -321,6 +325,7 @@ class IdentifiedModel:
             validity=_read_validity(path, block.validity, n),
             provenance=block.provenance,
             torque_error=_read_torque_error(path, block.torque_error, n),
+            contact_noise=check_contact_noise(path, block.contact_noise, n),
         )
         model.check_robot(robot, path)
         return model
@@ -343,6 +348,7 @@ class IdentifiedModel:
             torque_error=None
             if self.torque_error is None
             else _TorqueErrorBlock(**self.torque_error.to_dict()),
+            contact_noise=self.contact_noise,
         )
 
 

@@ -22,7 +22,6 @@ from analyses.methods.arms.ur10e_logs import (
 )
 from analyses.methods.learning.identification_config import IdentificationConfig
 from analyses.methods.reading.known_payload import (
-    AXES,
     LEARNING_STRIDE,
     LEARNING_TIME,
     MARGIN,
@@ -41,6 +40,7 @@ from analyses.study.experiment import (
 from models.estimation.point_of_action import find_point_of_action
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
+from models.rigid_body.spatial_vectors import AXES
 from models.robot.robot import Robot
 
 if TYPE_CHECKING:

@@ -31,7 +31,6 @@ from analyses.methods.reading.contact_study import (
     read_runs,
     torque_residuals,
 )
-from analyses.output.figures import save_figure
 from analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -39,11 +38,12 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from analyses.study.figure_files import saved_figure
 from models.contact.contact_force import ContactForceConfig
 from models.robot.robot import Robot
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 _CHECK = "the data set's own check"  # K (i - i_target) of joints 2 and 3, over all 67 runs
 
@@ -115,29 +115,23 @@ def _run_metrics(study: ContactStudy) -> dict[str, Any]:
 def _figures(study: ContactStudy, metrics: dict[str, Any], out: Path) -> list[FigureFile]:
     groups = [f"{scene}_{controller}" for scene in SCENES for controller in CONTROLLERS]
     return [
-        _saved(
+        saved_figure(
             force_figure(one_run_a_group(study)),
             out,
             "forces",
             "Force along the tool from motor currents, without a sensor, against the sensor: one "
             "run of each kind.",
         ),
-        _saved(
+        saved_figure(
             error_figure(metrics, groups), out, "errors", "Error of the force over 0.1 s by method."
         ),
-        _saved(
+        saved_figure(
             parts_figure(metrics["parts"]),
             out,
             "parts",
             "What the errors are made of: error with one piece of knowledge left out or wrong.",
         ),
     ]
-
-
-def _saved(figure: "Figure", out: Path, name: str, caption: str) -> FigureFile:
-    path = Path("figures") / f"{name}.png"
-    save_figure(figure, out / path)
-    return FigureFile(path, caption)
 
 
 def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:

@@ -48,12 +48,16 @@ from analyses.methods.learning.low_passed_logs import (
     median_step,
 )
 from analyses.methods.learning.repeated_motion import motion_groups, repeated_motion_notes
-from analyses.methods.learning.torque_error_learning import learn_torque_error
+from analyses.methods.learning.torque_error_learning import (
+    held_out_readings,
+    learn_torque_error,
+)
 from analyses.methods.learning.torque_fit import TorqueFit, pooled_rmse
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from analyses.study.shared_results import digest, shared
 from models.arrays import Array
+from models.detection.contact_noise_fit import fit_contact_noise
 from models.files.input_error import InputError
 from models.friction.extended_friction import ExtendedFriction
 from models.friction.friction_law import FrictionLaw
@@ -282,12 +286,11 @@ def _identify(
     )
     if config.cross_validate:
         progress(0.95, "what the observer errs by")
-        model = replace(
-            model,
-            torque_error=learn_torque_error(
-                recordings, fitted, given.regressions, fits.held_out_models(chosen), robot, model
-            ),
+        readings = held_out_readings(
+            recordings, fitted, given.regressions, fits.held_out_models(chosen), robot, model
         )
+        model = replace(model, torque_error=learn_torque_error(readings))
+        model = replace(model, contact_noise=fit_contact_noise(readings, model, chain))
     result = IdentificationResult(
         model=model,
         base=base,

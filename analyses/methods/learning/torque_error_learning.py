@@ -28,15 +28,15 @@ SETTLING = 5.0  # 1 / K_0 after the start of a log: the observer begins at zero
 _LEAST_SHARE = 1e-6  # of the largest torque: a floor for logs without any noise
 
 
-def learn_torque_error(
+def held_out_readings(
     recordings: Sequence[Recording],
     runs: Sequence[LowPassedLog],
     regressions: Sequence[RegressionRows],
     held_out: Sequence[HeldOutModel],
     robot: Robot,
     model: IdentifiedModel,
-) -> TorqueErrorModel | None:
-    """The torque error of `model`.
+) -> list[HeldOutReading]:
+    """What the observer reads of each log with a model of the others.
 
     Args:
         recordings: as logged.
@@ -44,9 +44,6 @@ def learn_torque_error(
         held_out: a model for each fold.
         robot: whose logs they are.
         model: fitted on all; its residual covariance is not looked at.
-
-    Returns:
-        None where all logs are too short.
     """
     time_step = model.provenance.time_step
     readings = []
@@ -87,6 +84,11 @@ def learn_torque_error(
                     resolution=step,
                 )
             )
+    return readings
+
+
+def learn_torque_error(readings: Sequence[HeldOutReading]) -> TorqueErrorModel | None:
+    """The torque error that held-out readings show; None where all logs are too short."""
     largest = max(float(np.abs(own.transmitted).max()) for own in readings)
     try:
         return fit_torque_error(readings, _LEAST_SHARE * max(largest, 1e-3))

@@ -8,6 +8,7 @@ import numpy as np
 from analyses.methods.reading.contact_reading import block_mean
 from analyses.methods.reading.contact_runs import JUDGED
 from analyses.methods.reading.contact_study import ContactStudy, ReadRun
+from analyses.output.axes import limit_y
 from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
 from models.contact.contact_force import SIGMA_95
 
@@ -64,7 +65,7 @@ def force_figure(reads: Sequence[ReadRun]) -> "Figure":
         axis.plot(t, by_hand, color=COLOUR["article"], lw=0.7, label=LABELS["two_joints"])
         axis.plot(t, ours.force, color=colour, lw=1.2, label=LABELS["no_sensor"])
         axis.plot(t, read.prepared.truth, color=COLOUR["truth"], lw=1.0, label="sensor")
-        axis.set_ylim(-40.0, _FULL_SCALE)
+        limit_y(axis, -40.0, _FULL_SCALE, "N")
         axis.set_ylabel("force [N]")
         axis.set_title(run.name.stem)
     panels[-1].set_xlabel("time from the first contact [s]; shaded: where it is judged")
@@ -119,5 +120,5 @@ def parts_figure(parts: dict[str, Any]) -> "Figure":
     axis.set_yticks(places, [name.replace("_", " ") for name in names])
     axis.invert_yaxis()
     axis.set_xlabel("RMSE of the force along the tool [N]")
-    axis.legend()
+    figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure

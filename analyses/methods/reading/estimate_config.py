@@ -5,8 +5,10 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 
 from analyses.methods.sensors.reference_config import ReferenceConfig, checked_reference
+from models.detection.contact_detector import LARGEST_RATE, LEAST_RATE, ContactDetectionConfig
 from models.estimation.estimator import WrenchEstimatorConfig
 from models.estimation.wrench import METHODS, known_of_wrench, live_prior
+from models.estimation.wrench_table import TABLES
 from models.files.input_error import InputError
 from models.observers.momentum_observer import LEAST_K_0, MomentumObserverConfig
 from models.observers.observer_kinds import OBSERVERS, kind_name, make_observer
@@ -42,6 +44,9 @@ class EstimateConfig:
     max_gap: float = 0.0  # s, longest gap that is bridged; 0: 0.1 s or three steps
     check: bool = True  # hold the log against the robot's limits and gravity
     reference: ReferenceConfig = field(default_factory=ReferenceConfig)  # a force sensor in the log
+    detection: ContactDetectionConfig = field(default_factory=ContactDetectionConfig)
+    covariance: bool = False  # whether the table has columns for it
+    table: str = "csv"  # "csv" or "parquet"
 
 
 @dataclass
@@ -81,6 +86,7 @@ def checked_config(config: EstimateConfig, robot: Robot) -> EstimateConfig:
     for name, value, known in (
         ("engine", config.engine, ENGINES),
         ("method", reconstruction.method, METHODS),
+        ("table", config.table, TABLES),
     ):
         if value not in known:
             raise refuse(name, f'unknown {name} "{value}"', f"give {' or '.join(known)}")
@@ -92,6 +98,10 @@ def checked_config(config: EstimateConfig, robot: Robot) -> EstimateConfig:
         if not all(LEAST_SD <= sd <= LARGEST_SD for sd in (force_sd, moment_sd)):
             found = f'is "{config.prior}", expected live, log or two numbers from {LEAST_SD:g}'
             raise refuse("prior", found, "give N and N m, such as 30,2")
+    rate = config.detection.false_alarms_per_hour
+    if not LEAST_RATE <= rate <= LARGEST_RATE:
+        found = f"is {rate:g}, expected {LEAST_RATE:g} to {LARGEST_RATE:g}"
+        raise refuse("false_alarms_per_hour", found, "1 is the default")
     for name in ("prior_force_sd", "prior_moment_sd", "max_force_sd"):
         number = getattr(reconstruction, name)
         if number is not None and not LEAST_SD <= number <= LARGEST_SD:

@@ -6,7 +6,7 @@ spread, of external torque and Jacobian; the prior is what explains those best
 (`models.estimation.evidence_prior.evidence_prior`). The second one writes the wrenches.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -14,6 +14,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from analyses.methods.reading.contact_episodes import ContactEpisodes
 from analyses.methods.reading.estimate_config import (
     FLOOR_SHARE,
     PRIORS,
@@ -30,6 +31,7 @@ from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from analyses.output.stream_summary import EvenSample
 from models.arrays import Array, Flags
+from models.detection.contact_detector import ContactDetectionConfig, ContactDetector, Detection
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.evidence_prior import evidence_prior
 from models.estimation.smoothing import WrenchSmoother
@@ -38,7 +40,7 @@ from models.estimation.wrench_table import WrenchTableWriter
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
 from models.observers.momentum_observer import MomentumObserverConfig
-from models.observers.observer_kinds import kind_of, make_observer
+from models.observers.observer_kinds import kind_name, kind_of, make_observer
 from models.recordings.position_resolution import position_resolution
 from models.recordings.recording import Recording, concatenated
 from models.recordings.recording_format import SignalColumns, column_items
@@ -63,7 +65,8 @@ class EstimateResult:
         notices: what reading the log involved, one sentence each.
         warnings: what makes the result doubtful, one sentence each.
         config: as used, with the time step and the prior filled in.
-        table: wrench.csv.
+        table: wrench.csv, or wrench.parquet.
+        contacts: one sentence each, or one that there is none.
         comparison: with the log's force sensor, where one is named.
     """
 
@@ -73,6 +76,7 @@ class EstimateResult:
     warnings: tuple[str, ...]
     config: EstimateConfig
     table: Path
+    contacts: tuple[str, ...]
     _metrics: dict[str, Any]
     comparison: SensorComparison | None = None
 
@@ -84,7 +88,7 @@ class EstimateResult:
 class _Engine(Protocol):
     """Runs successive chunks of a log through the estimator's chain."""
 
-    def run(self, q: Array, v: Array, current: Array) -> EstimateBatch: ...
+    def run(self, q: Array, v: Array, current: Array) -> tuple[EstimateBatch, Detection]: ...
 
 
 def estimate_log(
@@ -98,7 +102,7 @@ def estimate_log(
 ) -> EstimateResult:
     """The command `estimate`: streams a log and writes what acted at the tool into `out`.
 
-    Writes wrench.csv (see `models.estimation.wrench_table`), metrics.json, config.yaml and
+    Writes the table (see `models.estimation.wrench_table`), metrics.json, config.yaml and
     figures/wrench.png; with a force sensor in the log also figures/reference.png.
 
     Args:
@@ -167,9 +171,15 @@ def estimate(
     config, max_gap = settings.estimate.estimator, settings.estimate.max_gap
     if config.position_resolution is None:
         step = position_resolution(next(iter(read().chunks())).q)
-        own = robot.position_resolution
-        step = np.where(np.isfinite(own), own, step)
+        known = robot.position_resolution
+        step = np.where(np.isfinite(known), known, step)
         config = replace(config, position_resolution=step.tolist())
+    kind = kind_of(config.observer)
+    if kind is not None and kind.kernels.wrench is not None and model.torque_error is not None:
+        warnings.append(
+            f"contact and misfit are judged by what the {kind_name(kind)} observer reads; their "
+            "levels were learnt from the momentum observer's readings"
+        )
     rule = "given"
     stated = stated_prior(settings.estimate, robot)
     if stated is not None and not _has_prior(config):
@@ -184,27 +194,31 @@ def estimate(
     chunks = _uniform(reader, config, max_gap, part)
     first = next(chunks)
     config = _timed(config, first)
-    estimates: Iterator[tuple[Recording, EstimateBatch]]
-    if settings.estimate.smooth:
-        estimates = _smoothed(WrenchEstimator(robot, model, config), chain([first], chunks))
-    else:
-        engine: _Engine = _ENGINES[settings.estimate.engine](robot, model, config)
-        estimates = (
-            (chunk, engine.run(chunk.q, chunk.v, chunk.current)) for chunk in chain([first], chunks)
-        )
+    detection = settings.estimate.detection
+    estimates = _estimates(settings.estimate, robot, model, config, chain([first], chunks))
     observer = make_observer(config.observer, robot.num_joints)
     summary = EstimateSummary(model, observer.settling_time)
     reference = settings.estimate.reference
     beside = SensorLogCollector(config.observer.time_step) if reference.columns else None
-    with WrenchTableWriter(out / "wrench.csv") as table:
-        for chunk, batch in estimates:
+    episodes = ContactEpisodes(robot.num_joints)
+    path = out / f"wrench.{settings.estimate.table}"
+    with_covariance = settings.estimate.covariance
+    with WrenchTableWriter(path, robot.num_joints, with_covariance) as table:
+        for chunk, batch, found in estimates:
+            found = found.without(chunk.dropout)
             sd, valid = batch.standard_deviation, summary.judge(chunk, batch, config)
-            table.write(chunk.t, batch.wrench, sd, batch.condition_number, valid)
-            summary.add(chunk, batch, sd, valid, _torque(chunk, robot))
+            table.write(
+                *(chunk.t, batch.wrench, sd, batch.condition_number, valid, batch.tau_ext),
+                *(found.statistic, found._asdict(), batch.covariance),
+            )
+            episodes.add(chunk.t, found, batch.wrench[:, 3:], valid)
+            summary.add(chunk, batch, sd, valid, _torque(chunk, robot), found.contact)
             if beside is not None:
                 settled = int(np.searchsorted(chunk.t, first.t[0] + observer.settling_time))
                 _collect(beside, chunk, batch, sd, valid, robot, settled)
+    episodes.finish()
     metrics = {**summary.metrics(config, rule), "smoothed": settings.estimate.smooth}
+    metrics["contact"] = episodes.metrics(detection.false_alarms_per_hour)
     comparison = None if beside is None else _compared(beside, reference)
     notices = reader.notices
     if comparison is not None:
@@ -224,7 +238,8 @@ def estimate(
         notices=notices,
         warnings=tuple(warnings),
         config=used,
-        table=out / "wrench.csv",
+        table=path,
+        contacts=tuple(episodes.lines()) if model.torque_error is not None else (),
         _metrics=metrics,
         comparison=comparison,
     )
@@ -287,30 +302,46 @@ def _timed(config: WrenchEstimatorConfig, chunk: Recording) -> WrenchEstimatorCo
 class _BatchEngine:
     """The kernels, chunk after chunk."""
 
-    def __init__(self, robot: Robot, model: IdentifiedModel, config: WrenchEstimatorConfig) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        model: IdentifiedModel,
+        config: WrenchEstimatorConfig,
+        detection: ContactDetectionConfig,
+    ) -> None:
         self._estimator = WrenchEstimator(robot, model, config)
         self._state = self._estimator.initial_state()
+        self._detector = ContactDetector.of(self._estimator, detection)
+        self._detector_state = self._detector.initial_state()
 
-    def run(self, q: Array, v: Array, current: Array) -> EstimateBatch:
-        return self._estimator.run(self._state, q, v, current)
+    def run(self, q: Array, v: Array, current: Array) -> tuple[EstimateBatch, Detection]:
+        batch = self._estimator.run(self._state, q, v, current)
+        return batch, self._detector.run(self._detector_state, q, v, batch)
 
 
 class _DiagramEngine:
     """The same chain as a Drake diagram that replays the log, stretch after stretch."""
 
-    def __init__(self, robot: Robot, model: IdentifiedModel, config: WrenchEstimatorConfig) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        model: IdentifiedModel,
+        config: WrenchEstimatorConfig,
+        detection: ContactDetectionConfig,
+    ) -> None:
         from pydrake.systems.analysis import Simulator
 
         from diagrams.replay import make_replay
 
-        self._replay = make_replay(robot, model, config)
+        self._replay = make_replay(robot, model, config, detection)
         self._simulator = Simulator(self._replay.diagram)
 
-    def run(self, q: Array, v: Array, current: Array) -> EstimateBatch:
+    def run(self, q: Array, v: Array, current: Array) -> tuple[EstimateBatch, Detection]:
         context = self._simulator.get_mutable_context()
         self._replay.load(context, q, v, current)
         self._simulator.AdvanceTo(self._replay.stop_time(context))
-        return self._replay.take(context)
+        detection = self._replay.take_detection(context)
+        return self._replay.take(context), detection
 
 
 _ENGINES: dict[str, type[_BatchEngine | _DiagramEngine]] = {
@@ -319,20 +350,41 @@ _ENGINES: dict[str, type[_BatchEngine | _DiagramEngine]] = {
 }
 
 
-def _smoothed(
-    estimator: WrenchEstimator, chunks: Iterator[Recording]
-) -> Iterator[tuple[Recording, EstimateBatch]]:
-    """The log's samples with their smoothed readings, which come some seconds late."""
-    smoother = WrenchSmoother(estimator)
+def _estimates(
+    settings: EstimateConfig,
+    robot: Robot,
+    model: IdentifiedModel,
+    config: WrenchEstimatorConfig,
+    chunks: Iterable[Recording],
+) -> Iterator[tuple[Recording, EstimateBatch, Detection]]:
+    """The log's samples, what is read of them, and contact as a controller would see it."""
+    engine = _ENGINES[settings.engine](robot, model, config, settings.detection)
+    if not settings.smooth:
+        for chunk in chunks:
+            yield chunk, *engine.run(chunk.q, chunk.v, chunk.current)
+        return
+    smoother = WrenchSmoother(WrenchEstimator(robot, model, config))
     waiting: Recording | None = None
     for chunk in chunks:
+        _, now = engine.run(chunk.q, chunk.v, chunk.current)
+        found = now if waiting is None else _joined(found, now)
         waiting = chunk if waiting is None else concatenated([waiting, chunk])
         ready = smoother.take(chunk.q, chunk.v, chunk.current)
-        if len(ready.valid):
-            yield waiting[: len(ready.valid)], ready
-            waiting = waiting[len(ready.valid) :]
+        count = len(ready.valid)
+        if count:
+            yield waiting[:count], ready, _part(found, slice(0, count))
+            waiting, found = waiting[count:], _part(found, slice(count, None))
     if waiting is not None:
-        yield waiting, smoother.finish()
+        yield waiting, smoother.finish(), found
+
+
+def _joined(one: Detection, other: Detection) -> Detection:
+    return Detection(*(np.concatenate(parts) for parts in zip(one, other, strict=True)))
+
+
+def _part(found: Detection, rows: slice) -> Detection:
+    columns: Any = (column[rows] for column in found)
+    return Detection(*columns)
 
 
 def _torque(chunk: Recording, robot: Robot) -> Array:
@@ -362,7 +414,7 @@ def _with_evidence(
 ) -> tuple[WrenchEstimatorConfig, str]:
     """The configuration with the prior that explains the log best, and the rule's name."""
     J, tau_ext = EvenSample(_PRIOR_SAMPLES), EvenSample(_PRIOR_SAMPLES)
-    engine: _BatchEngine | None = None
+    estimator: WrenchEstimator | None = None
     kind = kind_of(config.observer)
     plain = config
     if kind is not None and kind.kernels.wrench is not None:
@@ -372,9 +424,10 @@ def _with_evidence(
         )
         plain = replace(config, observer=observer)
     for chunk in _uniform(reader, config, max_gap, part):
-        if engine is None:
-            engine = _BatchEngine(robot, model, _timed(plain, chunk))
-        batch = engine.run(chunk.q, chunk.v, chunk.current)
+        if estimator is None:
+            estimator = WrenchEstimator(robot, model, _timed(plain, chunk))
+            state = estimator.initial_state()
+        batch = estimator.run(state, chunk.q, chunk.v, chunk.current)
         measured = ~chunk.dropout
         sd = np.ones_like(batch.tau_ext) if model.torque_error is None else batch.torque_sd
         J.add((batch.J / sd[:, None, :])[measured])

@@ -24,7 +24,7 @@ from analyses.methods.reading.estimate_summary import EstimateSummary
 from analyses.methods.reading.estimation import EstimateResult, estimate_log
 from analyses.output.outputs import OutputFolder
 from models.estimation.wrench import live_prior
-from models.estimation.wrench_table import COLUMNS
+from models.estimation.wrench_table import COLUMNS, columns_of
 from models.files.configuration import load_configuration
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel, Validity
@@ -129,7 +129,7 @@ def test_a_constant_wrench_is_read_back(
     config = _config(**_PRIOR, method=method, K_0=[200.0])
     result = _estimate(log, model_file, tmp_path / "out", config)
     table = _table(result)
-    assert table.shape == (recording.num_samples, len(COLUMNS))
+    assert table.shape == (recording.num_samples, len(columns_of(6)))
     np.testing.assert_array_equal(table[:, 0], recording.t)
     settled = recording.t > 0.1  # 20 time constants
     error = table[settled, 1:7] - _WRENCH
