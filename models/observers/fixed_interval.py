@@ -7,6 +7,7 @@ has the parts of `models.observers.kalman_observer`, and beta.
 import numpy as np
 from numba import njit
 
+from models.arrays import Array, Flags
 from models.observers.kalman_observer import (
     KEPT_F,
     NOISE_F,
@@ -25,7 +26,11 @@ _SMOOTH, _SLOW, _KEEPS, _MISS, NUM_PERIOD = range(5)
 
 
 @njit(cache=True, error_model="numpy")
-def _factor(P, rounding, L):  # type: ignore[no-untyped-def]
+def _factor(
+    P: Array,
+    rounding: Array,
+    L: Array,
+) -> None:
     """Cholesky of S = H P H^T + R into L (n, n), lower."""
     n = L.shape[0]
     for i in range(n):
@@ -37,7 +42,10 @@ def _factor(P, rounding, L):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _solve(L, x):  # type: ignore[no-untyped-def]
+def _solve(
+    L: Array,
+    x: Array,
+) -> None:
     """S^-1 x in place."""
     n = L.shape[0]
     for i in range(n):
@@ -51,7 +59,12 @@ def _solve(L, x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _gain(P, rounding, L, K):  # type: ignore[no-untyped-def]
+def _gain(
+    P: Array,
+    rounding: Array,
+    L: Array,
+    K: Array,
+) -> None:
     _factor(P, rounding, L)
     n = L.shape[0]
     for a in range(P.shape[0]):
@@ -61,7 +74,14 @@ def _gain(P, rounding, L, K):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _step_matrix(numbers, sixes, kept_drift, J, period, A):  # type: ignore[no-untyped-def]
+def _step_matrix(
+    numbers: Array,
+    sixes: Array,
+    kept_drift: float,
+    J: Array,
+    period: Array,
+    A: Array,
+) -> None:
     """Writes what is not 1 of A (M, M): its first n rows beyond p, and the other diagonals."""
     n = J.shape[1]
     T = numbers[PERIOD]
@@ -76,9 +96,20 @@ def _step_matrix(numbers, sixes, kept_drift, J, period, A):  # type: ignore[no-u
 
 
 @njit(cache=True, error_model="numpy")
-def forward_log(  # type: ignore[no-untyped-def]
-    table, kept_drift, z, P, running, errors, signals, J, z_log, P_log, period, kinds
-):
+def forward_log(
+    table: Array,
+    kept_drift: float,
+    z: Array,
+    P: Array,
+    running: Flags,
+    errors: Array,
+    signals: Array,
+    J: Array,
+    z_log: Array,
+    P_log: Array,
+    period: Array,
+    kinds: Flags,
+) -> None:
     """The filter over N samples; z (M,), P (M, M), running (1,) and errors go on from it.
 
     Args:
@@ -149,7 +180,13 @@ def forward_log(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _renew(kept, mixing, z, P, n):  # type: ignore[no-untyped-def]
+def _renew(
+    kept: Array,
+    mixing: Array,
+    z: Array,
+    P: Array,
+    n: int,
+) -> None:
     """Renews the error's smooth part in z and P, in place."""
     for i in range(n):
         e = n + 6 + i
@@ -165,7 +202,11 @@ def _renew(kept, mixing, z, P, n):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _times(A, z, n):  # type: ignore[no-untyped-def]
+def _times(
+    A: Array,
+    z: Array,
+    n: int,
+) -> Array:
     """A z."""
     out = np.empty_like(z)
     for a in range(z.shape[0]):
@@ -177,7 +218,11 @@ def _times(A, z, n):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _congruent(A, P, n):  # type: ignore[no-untyped-def]
+def _congruent(
+    A: Array,
+    P: Array,
+    n: int,
+) -> None:
     """P <- A P A^T, in place; below its first n rows A is diagonal."""
     M = P.shape[0]
     for i in range(n):
@@ -201,9 +246,17 @@ def _congruent(A, P, n):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def backward_log(  # type: ignore[no-untyped-def]
-    table, kept_drift, z_log, P_log, period, kinds, J, wrench, covariance
-):
+def backward_log(
+    table: Array,
+    kept_drift: float,
+    z_log: Array,
+    P_log: Array,
+    period: Array,
+    kinds: Flags,
+    J: Array,
+    wrench: Array,
+    covariance: Array,
+) -> None:
     """Reads the first rows of N that `forward_log` has left, with all N.
 
     Args:
@@ -276,7 +329,12 @@ def backward_log(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _adjoint(A, small, large, n):  # type: ignore[no-untyped-def]
+def _adjoint(
+    A: Array,
+    small: Array,
+    large: Array,
+    n: int,
+) -> None:
     """lambda <- A^T lambda, Lambda <- A^T Lambda A, in place."""
     M = small.shape[0]
     for b in range(n, M):
@@ -301,7 +359,15 @@ def _adjoint(A, small, large, n):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _smoothed(z, P, small, large, n, wrench, covariance):  # type: ignore[no-untyped-def]
+def _smoothed(
+    z: Array,
+    P: Array,
+    small: Array,
+    large: Array,
+    n: int,
+    wrench: Array,
+    covariance: Array,
+) -> None:
     """F and its covariance given all, from what was known before a sample and the adjoint."""
     M = z.shape[0]
     half = np.empty((6, M))

@@ -86,7 +86,10 @@ class KalmanObserverConfig:
 
 
 @njit(cache=True, error_model="numpy")
-def split_state(flat, n):  # type: ignore[no-untyped-def]
+def split_state(
+    flat: Array,
+    n: int,
+) -> tuple[Array, Array, Array, Array, Array, Array]:
     """x (N,), gain (N, n), P (N, N), C (N, n), status (2,), torque error's rows and s of the sample
     before (zero: there was none) as (TORQUE_ERROR_ROWS + 1, n); N = 2 n + 6.
 
@@ -108,7 +111,10 @@ def split_state(flat, n):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def split_table(table, n):  # type: ignore[no-untyped-def]
+def split_table(
+    table: Array,
+    n: int,
+) -> tuple[Array, Array, Array, Array, Array]:
     a = _NUMBERS + 6 * _SIXES
     b = a + n * _JOINTS
     c = b + n * n
@@ -122,25 +128,38 @@ def split_table(table, n):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def arrived_momentum(table, signals, i):  # type: ignore[no-untyped-def]
+def arrived_momentum(
+    table: Array,
+    signals: Array,
+    i: int,
+) -> float:
     """y of joint i."""
     model = signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i]
-    arrived = signals[MOMENTUM, i] - 0.5 * table[PERIOD] * model
+    arrived: float = signals[MOMENTUM, i] - 0.5 * table[PERIOD] * model
     if table[_BEFORE] != 0.0:
         arrived -= table[_BEFORE] * signals[TAU_J, i]
     return arrived
 
 
 @njit(cache=True, error_model="numpy")
-def _is_measured(table, status, signals):  # type: ignore[no-untyped-def]
-    finite = status[0] == _RUNNING
+def _is_measured(
+    table: Array,
+    status: Array,
+    signals: Array,
+) -> bool:
+    finite: bool = status[0] == _RUNNING
     for i in range(signals.shape[1]):
         finite = finite and np.isfinite(arrived_momentum(table, signals, i))
     return finite
 
 
 @njit(cache=True, error_model="numpy")
-def _read_force(table, state, signals, wrench):  # type: ignore[no-untyped-def]
+def _read_force(
+    table: Array,
+    state: Array,
+    signals: Array,
+    wrench: Array,
+) -> bool:
     """Writes F right after a sample; returns whether the sample was measured."""
     n = signals.shape[1]
     x, gain, _, _, status, _ = split_state(state.reshape(-1), n)
@@ -169,7 +188,14 @@ def kalman_output(table: Array, state: Array, signals: Array, J: Array) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
-def kalman_wrench(table, state, signals, J, wrench, covariance):  # type: ignore[no-untyped-def]
+def kalman_wrench(
+    table: Array,
+    state: Array,
+    signals: Array,
+    J: Array,
+    wrench: Array,
+    covariance: Array,
+) -> None:
     """Writes F (6,) and its covariance (6, 6) right after a sample; see `observer`."""
     n = signals.shape[1]
     measured = _read_force(table, state, signals, wrench)
@@ -198,8 +224,13 @@ def kalman_wrench(table, state, signals, J, wrench, covariance):  # type: ignore
 
 
 @njit(cache=True, error_model="numpy")
-def _rounding(table, n, i):  # type: ignore[no-untyped-def]
-    return table[_NUMBERS + 6 * _SIXES + ROUND * n + i]
+def _rounding(
+    table: Array,
+    n: int,
+    i: int,
+) -> float:
+    rounding: float = table[_NUMBERS + 6 * _SIXES + ROUND * n + i]
+    return rounding
 
 
 @njit(cache=True, error_model="numpy")
@@ -246,9 +277,17 @@ def kalman_update(table: Array, state: Array, signals: Array, J: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def error_parts(  # type: ignore[no-untyped-def]
-    numbers, joints, error_table, rows, signals, smooth, white, slow, kept
-):
+def error_parts(
+    numbers: Array,
+    joints: Array,
+    error_table: Array,
+    rows: Array,
+    signals: Array,
+    smooth: Array,
+    white: Array,
+    slow: Array,
+    kept: Array,
+) -> None:
     """Writes s (N m), the white noise's variance in a period (N^2 m^2 s^2), b (N m) and a_x.
 
     `rows` (TORQUE_ERROR_ROWS + 1, n), the torque error's state and the s before, is changed.
@@ -278,7 +317,14 @@ def error_parts(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def measure(x, gain, P, C, rounding, arrived):  # type: ignore[no-untyped-def]
+def measure(
+    x: Array,
+    gain: Array,
+    P: Array,
+    C: Array,
+    rounding: Array,
+    arrived: Array,
+) -> None:
     """Takes y into x, P and C by the gain, in place (Joseph's form, as the gain is C's too)."""
     N, n = gain.shape
     innovation = np.empty(n)
@@ -306,7 +352,13 @@ def measure(x, gain, P, C, rounding, arrived):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def renew(kept, mixing, x, P, C):  # type: ignore[no-untyped-def]
+def renew(
+    kept: Array,
+    mixing: Array,
+    x: Array,
+    P: Array,
+    C: Array,
+) -> None:
     """Renews the error's smooth part in x, P and C, in place."""
     n = kept.shape[0]
     first = n + 6
@@ -326,7 +378,17 @@ def renew(kept, mixing, x, P, C):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def advance(T, J, smooth, white, slow, sixes, x, P, C):  # type: ignore[no-untyped-def]
+def advance(
+    T: float,
+    J: Array,
+    smooth: Array,
+    white: Array,
+    slow: Array,
+    sixes: Array,
+    x: Array,
+    P: Array,
+    C: Array,
+) -> None:
     """Takes x, P and C over a period, in place; u is added elsewhere."""
     n = J.shape[1]
     N = 2 * n + 6
@@ -372,7 +434,12 @@ def advance(T, J, smooth, white, slow, sixes, x, P, C):  # type: ignore[no-untyp
 
 
 @njit(cache=True, error_model="numpy")
-def find_gain(P, C, rounding, gain):  # type: ignore[no-untyped-def]
+def find_gain(
+    P: Array,
+    C: Array,
+    rounding: Array,
+    gain: Array,
+) -> None:
     """Writes the gain (N, n) of the coming sample."""
     N, n = gain.shape
     L = np.empty((n, n))

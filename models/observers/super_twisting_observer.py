@@ -71,23 +71,31 @@ class SuperTwistingObserverConfig:
 
 
 @njit(cache=True, error_model="numpy")
-def _measured(row, signals, i):  # type: ignore[no-untyped-def]
+def _measured(
+    row: Array,
+    signals: Array,
+    i: int,
+) -> float:
     model = signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i]
-    arrived = signals[MOMENTUM, i] - 0.5 * row[_PERIOD] * model
+    arrived: float = signals[MOMENTUM, i] - 0.5 * row[_PERIOD] * model
     if row[_BEFORE] != 0.0:
         arrived -= row[_BEFORE] * signals[TAU_J, i]
     return arrived
 
 
 @njit(cache=True, error_model="numpy")
-def _left(row, b):  # type: ignore[no-untyped-def]
+def _left(
+    row: Array,
+    b: float,
+) -> float:
     """e after a sample."""
     bound = row[_PERIOD] * row[_PERIOD] * row[_SLOPE]
     if not abs(b) > bound:
         return 0.0
     a = row[_PERIOD] * row[_ROOT]
     root = 0.5 * (np.sqrt(a * a + 4.0 * (abs(b) - bound)) - a)
-    return np.copysign(root * root, b)
+    left: float = np.copysign(root * root, b)
+    return left
 
 
 @njit(cache=True, error_model="numpy")

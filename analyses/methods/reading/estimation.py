@@ -364,18 +364,19 @@ def _estimates(
             yield chunk, *engine.run(chunk.q, chunk.v, chunk.current)
         return
     smoother = WrenchSmoother(WrenchEstimator(robot, model, config))
-    waiting: Recording | None = None
+    ahead: tuple[Recording, Detection] | None = None
     for chunk in chunks:
-        _, now = engine.run(chunk.q, chunk.v, chunk.current)
-        found = now if waiting is None else _joined(found, now)
-        waiting = chunk if waiting is None else concatenated([waiting, chunk])
+        _, found = engine.run(chunk.q, chunk.v, chunk.current)
+        whole = chunk
+        if ahead is not None:
+            whole, found = concatenated([ahead[0], chunk]), _joined(ahead[1], found)
         ready = smoother.take(chunk.q, chunk.v, chunk.current)
         count = len(ready.valid)
         if count:
-            yield waiting[:count], ready, _part(found, slice(0, count))
-            waiting, found = waiting[count:], _part(found, slice(count, None))
-    if waiting is not None:
-        yield waiting, smoother.finish(), found
+            yield whole[:count], ready, _part(found, slice(0, count))
+        ahead = whole[count:], _part(found, slice(count, None))
+    if ahead is not None:
+        yield ahead[0], smoother.finish(), ahead[1]
 
 
 def _joined(one: Detection, other: Detection) -> Detection:
