@@ -14,13 +14,8 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from models.arrays import Array, Flags
-from models.estimation.wrench import (
-    WORK_ROWS,
-    WrenchReconstruction,
-    WrenchReconstructionConfig,
-    reconstruct_log,
-    reconstruct_with,
-)
+from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
+from models.estimation.wrench_kernels import WORK_ROWS, reconstruct_log, reconstruct_with
 from models.friction.friction_law import FrictionLaw
 from models.identification.torque_error_model import (
     TORQUE_ERROR_ROWS,

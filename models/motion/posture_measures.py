@@ -18,7 +18,8 @@ from numba import njit, prange
 from numpy.typing import ArrayLike
 
 from models.arrays import Array
-from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig, reconstruct
+from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
+from models.estimation.wrench_kernels import reconstruct
 from models.files.input_error import InputError
 from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
 from models.rigid_body.serial_chain import SerialChain

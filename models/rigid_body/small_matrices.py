@@ -66,13 +66,19 @@ def factorise_in_place(A: Array, n: int, least: float) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
-def solve_factorised(L: Array, n: int, x: Array) -> None:
-    """Solves L L^T y = x in place of x (n+,), with the factor that `factorise_in_place` leaves."""
+def solve_lower(L: Array, n: int, x: Array) -> None:
+    """Solves L y = x in place of x (n+,), with the factor that `factorise_in_place` leaves."""
     for i in range(n):
         total = x[i]
         for k in range(i):
             total -= L[i, k] * x[k]
         x[i] = total / L[i, i]
+
+
+@njit(cache=True, error_model="numpy")
+def solve_factorised(L: Array, n: int, x: Array) -> None:
+    """Solves L L^T y = x in place of x (n+,), with the factor that `factorise_in_place` leaves."""
+    solve_lower(L, n, x)
     for i in range(n - 1, -1, -1):
         total = x[i]
         for k in range(i + 1, n):

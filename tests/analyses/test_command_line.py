@@ -448,6 +448,7 @@ def test_an_estimate_prints_its_table_and_its_doubts(invoke, monkeypatch, tmp_pa
         warnings=("it extrapolates [mostly]",),
         table=tmp_path / "wrench.csv",
         contacts=("contact at t = 1.20 s for 0.40 s, up to 31 N, not at E: link 4",),
+        comparison=None,
     )
     monkeypatch.setattr(estimation, "estimate_log", lambda *_: result)
     shown = invoke("estimate", "log.csv", "--robot", "r", "--out", tmp_path)

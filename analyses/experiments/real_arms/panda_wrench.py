@@ -30,7 +30,8 @@ from analyses.study.experiment import (
 from analyses.study.wording import compared
 from models.arrays import Array
 from models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
-from models.estimation.wrench import METHODS, WrenchReconstructionConfig, reconstruct_wrench
+from models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
+from models.estimation.wrench_kernels import METHODS
 from models.files.input_error import InputError
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording

@@ -7,6 +7,7 @@ spread, of external torque and Jacobian; the prior is what explains those best
 """
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -24,6 +25,7 @@ from analyses.methods.reading.estimate_config import (
     stated_prior,
 )
 from analyses.methods.reading.estimate_summary import EstimateSummary
+from analyses.methods.reading.friction_watch import FrictionWatch
 from analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
 from analyses.methods.sensors.reference_config import ReferenceConfig, check_columns, check_tare
 from analyses.methods.sensors.sensor_log import SensorLogCollector
@@ -36,6 +38,7 @@ from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEs
 from models.estimation.evidence_prior import evidence_prior
 from models.estimation.smoothing import WrenchSmoother
 from models.estimation.wrench import live_prior
+from models.estimation.wrench_bag import WrenchBagWriter
 from models.estimation.wrench_table import WrenchTableWriter
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
@@ -46,6 +49,7 @@ from models.recordings.recording import Recording, concatenated
 from models.recordings.recording_format import SignalColumns, column_items
 from models.recordings.recording_reader import RecordingReader
 from models.recordings.resampling import plausible_step, resample_chunks
+from models.rigid_body.spatial_vectors import FORCE_FIRST
 from models.robot.robot import Robot
 
 ProgressCallback = Callable[[float, str], None]
@@ -103,7 +107,8 @@ def estimate_log(
     """The command `estimate`: streams a log and writes what acted at the tool into `out`.
 
     Writes the table (see `models.estimation.wrench_table`), metrics.json, config.yaml and
-    figures/wrench.png; with a force sensor in the log also figures/reference.png.
+    figures/wrench.png; with a force sensor in the log also figures/reference.png; wrench.mcap (see
+    `models.estimation.wrench_bag`) where it is asked for.
 
     Args:
         log: as `read_recording`.
@@ -203,18 +208,28 @@ def estimate(
     episodes = ContactEpisodes(robot.num_joints)
     path = out / f"wrench.{settings.estimate.table}"
     with_covariance = settings.estimate.covariance
-    with WrenchTableWriter(path, robot.num_joints, with_covariance) as table:
-        for chunk, batch, found in estimates:
+    watch = FrictionWatch(model, model.chain(robot), observer.pole, config.observer.time_step)
+    with ExitStack() as stack:
+        table = stack.enter_context(WrenchTableWriter(path, robot.num_joints, with_covariance))
+        bag: WrenchBagWriter | None = None
+        if settings.estimate.mcap:
+            bag = stack.enter_context(WrenchBagWriter(out / "wrench.mcap", robot.config.base_link))
+        for chunk, batch, found, tau_ext in estimates:
             found = found.without(chunk.dropout)
             sd, valid = batch.standard_deviation, summary.judge(chunk, batch, config)
             table.write(
                 *(chunk.t, batch.wrench, sd, batch.condition_number, valid, batch.tau_ext),
                 *(found.statistic, found._asdict(), batch.covariance),
             )
+            if bag is not None:
+                _, p_WE = robot.chain.pose(chunk.q)
+                bag.write(chunk.t, batch.wrench, batch.covariance, p_WE)
             episodes.add(chunk.t, found, batch.wrench[:, 3:], valid)
+            settled = int(np.searchsorted(chunk.t, first.t[0] + observer.settling_time))
+            there = ~chunk.dropout & (np.arange(chunk.num_samples) >= settled)
+            watch.add(chunk.t, chunk.q, chunk.v, tau_ext, there, ~found.contact)
             summary.add(chunk, batch, sd, valid, _torque(chunk, robot), found.contact)
             if beside is not None:
-                settled = int(np.searchsorted(chunk.t, first.t[0] + observer.settling_time))
                 _collect(beside, chunk, batch, sd, valid, robot, settled)
     episodes.finish()
     metrics = {**summary.metrics(config, rule), "smoothed": settings.estimate.smooth}
@@ -226,6 +241,7 @@ def estimate(
         notices += comparison.notices
         out.write_figure("reference", comparison.figure())
     warnings += summary.warnings()
+    warnings += watch.sentences(settings.log, settings.robot, settings.model)
     reads_moments = config.reconstruction.method != "force_only"
     out.write_figure("wrench", summary.figure(reads_moments, settings.estimate.smooth))
     used = replace(settings.estimate, estimator=config)
@@ -266,11 +282,10 @@ def _collect(
 ) -> None:
     """Hands over the samples from the one on at which the observer has settled."""
     R_WE, _ = robot.chain.pose(chunk.q)
-    force_first = [3, 4, 5, 0, 1, 2]
     signals = (
         chunk.t,
-        batch.wrench[:, force_first],
-        sd[:, force_first],
+        batch.wrench[:, FORCE_FIRST],
+        sd[:, FORCE_FIRST],
         np.asarray(valid, float),
         R_WE,
         chunk.v,
@@ -356,31 +371,34 @@ def _estimates(
     model: IdentifiedModel,
     config: WrenchEstimatorConfig,
     chunks: Iterable[Recording],
-) -> Iterator[tuple[Recording, EstimateBatch, Detection]]:
-    """The log's samples, what is read of them, and contact as a controller would see it."""
+) -> Iterator[tuple[Recording, EstimateBatch, Detection, Array]]:
+    """The log's samples, what is read of them, contact and tau_ext as a controller would see it."""
     engine = _ENGINES[settings.engine](robot, model, config, settings.detection)
     if not settings.smooth:
         for chunk in chunks:
-            yield chunk, *engine.run(chunk.q, chunk.v, chunk.current)
+            batch, found = engine.run(chunk.q, chunk.v, chunk.current)
+            yield chunk, batch, found, batch.tau_ext
         return
     smoother = WrenchSmoother(WrenchEstimator(robot, model, config))
-    ahead: tuple[Recording, Detection] | None = None
+    ahead: tuple[Recording, Detection, Array] | None = None
     for chunk in chunks:
-        _, found = engine.run(chunk.q, chunk.v, chunk.current)
-        whole = chunk
+        causal, found = engine.run(chunk.q, chunk.v, chunk.current)
+        whole, tau_ext = chunk, causal.tau_ext
         if ahead is not None:
             whole, found = concatenated([ahead[0], chunk]), _joined(ahead[1], found)
+            tau_ext = np.concatenate([ahead[2], tau_ext])
         ready = smoother.take(chunk.q, chunk.v, chunk.current)
         count = len(ready.valid)
         if count:
-            yield whole[:count], ready, _part(found, slice(0, count))
-        ahead = whole[count:], _part(found, slice(count, None))
+            yield whole[:count], ready, _part(found, slice(0, count)), tau_ext[:count]
+        ahead = whole[count:], _part(found, slice(count, None)), tau_ext[count:]
     if ahead is not None:
-        yield ahead[0], smoother.finish(), ahead[1]
+        yield ahead[0], smoother.finish(), *ahead[1:]
 
 
 def _joined(one: Detection, other: Detection) -> Detection:
-    return Detection(*(np.concatenate(parts) for parts in zip(one, other, strict=True)))
+    pairs: Any = zip(one, other, strict=True)
+    return Detection(*(np.concatenate(pair) for pair in pairs))
 
 
 def _part(found: Detection, rows: slice) -> Detection:

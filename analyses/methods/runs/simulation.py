@@ -190,9 +190,8 @@ class SimulationResult:
 
         Every peak is drawn, however long the run. Moments are left out where the method reads none.
         """
-        shown: tuple[str, ...] = WRENCH_AXES
-        if self.scenario.estimator.reconstruction.method == "force_only":
-            shown = WRENCH_AXES[:3]
+        reads_moments = self.scenario.estimator.reconstruction.method != "force_only"
+        shown = WRENCH_AXES if reads_moments else WRENCH_AXES[:3]
         figure, axes = new_figure(3, len(shown) // 3, share_x=True)
         for k, axis in enumerate(shown):
             panel: Any = axes[k % 3, k // 3]

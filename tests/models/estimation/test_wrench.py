@@ -15,13 +15,12 @@ from models.estimation.evidence_prior import (
     evidence_prior_and_noise,
 )
 from models.estimation.wrench import (
-    METHODS,
     WrenchReconstruction,
     WrenchReconstructionConfig,
     live_prior,
-    reconstruct,
     reconstruct_wrench,
 )
+from models.estimation.wrench_kernels import METHODS, reconstruct
 from models.rigid_body.conditioning import condition_number
 
 

@@ -8,6 +8,7 @@ from analyses.methods.learning.identification_config import LAWS
 from analyses.output.outputs import plain_metrics
 from analyses.study.experiment import ExperimentContext
 from analyses.study.outcome import look_up
+from analyses.study.shared_results import sharing_in
 from models.identification.identified_model import IdentifiedModel
 
 RECORDINGS = (
@@ -20,20 +21,21 @@ RECORDINGS = (
 
 
 @pytest.fixture(scope="module")
-def outcome(tmp_path_factory, data_holding):
+def outcome(tmp_path_factory, data_holding, common_work):
     out = tmp_path_factory.mktemp("ur10e-identification")
     told = []
-    result = EXPERIMENT.run(
-        ExperimentContext(
-            out=out,
-            data=data_holding(*RECORDINGS),
-            progress=lambda share, what: told.append(share),
-        )
+    context = ExperimentContext(
+        out=out,
+        data=data_holding(*RECORDINGS),
+        progress=lambda share, what: told.append(share),
     )
+    with sharing_in(common_work):
+        result = EXPERIMENT.run(context)
     assert told == sorted(told)
     return out, result
 
 
+@pytest.mark.slow
 def test_predicts_torque_as_well_as_plain_least_squares(outcome):
     _, result = outcome
     found = result.metrics["validation"]["14harm50sec"]["rmse_nm"]

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from analyses.methods.reading.contact_reading import block_mean
-from analyses.methods.reading.contact_runs import JUDGED
-from analyses.methods.reading.contact_study import ContactStudy, ReadRun
+from analyses.methods.contact.contact_reading import block_mean
+from analyses.methods.contact.contact_runs import JUDGED
+from analyses.methods.contact.contact_study import ContactStudy, ReadRun
 from analyses.output.axes import limit_y
 from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
 from models.contact.contact_force import SIGMA_95
@@ -107,7 +107,7 @@ def error_figure(metrics: dict[str, Any], groups: Sequence[str]) -> "Figure":
 
 def parts_figure(parts: dict[str, Any]) -> "Figure":
     """RMSE with one piece of knowledge left out at a time."""
-    figure, axes = new_figure(1, 1, height=3.8)
+    figure, axes = new_figure(1, 1, height=0.4 * len(parts) + 0.8)
     axis: Any = axes[0, 0]
     names = list(parts)
     places = np.arange(len(names))
