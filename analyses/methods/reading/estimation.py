@@ -241,7 +241,8 @@ def estimate(
         notices += comparison.notices
         out.write_figure("reference", comparison.figure())
     warnings += summary.warnings()
-    warnings += watch.sentences(settings.log, settings.robot, settings.model)
+    if kind is None or kind.kernels.wrench is None:  # else tau_ext holds no friction
+        warnings += watch.sentences(settings.log, settings.robot, settings.model)
     reads_moments = config.reconstruction.method != "force_only"
     out.write_figure("wrench", summary.figure(reads_moments, settings.estimate.smooth))
     used = replace(settings.estimate, estimator=config)
