@@ -414,7 +414,7 @@ EXPERIMENT = Experiment(
     run=run,
     needs=(FOLDER,),
     uses=(MORE,),
-    order=157,
+    order=158,
     seconds=150,
     readme=(),
 )
