@@ -86,6 +86,8 @@ def make_estimator(
         ValueError: as `models.estimation.estimator.WrenchEstimator` and `ContactDetector`.
     """
     estimator = WrenchEstimator(robot, model, config)
+    if taught and estimator.observed_size:
+        raise ValueError("an observer that reads the wrench itself has no use for an air pass")
     if fused:
         return _fused(estimator, name, taught, detection)
     builder = DiagramBuilder()
@@ -142,6 +144,9 @@ def make_estimator(
         (tau_ext_valid, reconstruction, "tau_ext_valid"),
     ):
         builder.Connect(output, target.GetInputPort(input_port))
+
+    if estimator.observed_size:
+        builder.Connect(observer.GetOutputPort("wrench"), reconstruction.GetInputPort("observed"))
 
     position = builder.ExportInput(terms.GetInputPort("q"), "q")
     velocity = builder.ExportInput(terms.GetInputPort("v"), "v")

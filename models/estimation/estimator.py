@@ -31,12 +31,24 @@ from models.estimation.tick import (
     trusted_tick,
 )
 from models.estimation.trusted_reading import TrustedReading
-from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig, live_prior
+from models.estimation.wrench import (
+    WrenchReconstruction,
+    WrenchReconstructionConfig,
+    known_of_wrench,
+    live_prior,
+)
 from models.estimation.wrench_kernels import reconstruct_log
 from models.friction.friction_law import FrictionLaw
 from models.identification.identified_model import IdentifiedModel
 from models.observers.momentum_observer import MomentumObserverConfig
-from models.observers.observer import NUM_SIGNALS, TAU_F, TAU_J, Observer
+from models.observers.observer import (
+    NUM_SIGNALS,
+    TAU_F,
+    TAU_J,
+    InformedObserver,
+    ModelKnowledge,
+    Observer,
+)
 from models.observers.observer_kinds import AnyObserverConfig, make_observer
 from models.robot.motors import motor_gain
 from models.robot.robot import Robot
@@ -178,6 +190,17 @@ class WrenchEstimator:
         if resolution is None and np.isfinite(robot.position_resolution).all():
             resolution = robot.position_resolution.tolist()
         self.friction = model.friction.sampled(self.observer.time_step, resolution)
+        reading = self.config.reconstruction.with_live(*live_prior(robot.payload))
+        self.knowledge = ModelKnowledge(
+            model.torque_error,
+            np.sqrt(np.diag(self.reconstruction.torque_covariance)),
+            self.friction,
+            resolution,
+            known_of_wrench(reading),
+        )
+        if isinstance(self.observer, InformedObserver):
+            self.observer = self.observer.informed(self.knowledge)
+        self.observed_size = 0 if self.observer.kernels.wrench is None else 42
         self.choice = kernel_choice(self.observer.kernels, self.friction.kernels)
         self.tables = self.tables_of(
             robot.torque_per_ampere, self.friction, self.observer, self.reconstruction
@@ -189,7 +212,7 @@ class WrenchEstimator:
             self.trusted = TrustedReading(
                 model.torque_error,
                 self.friction,
-                self.config.reconstruction.with_live(*live_prior(robot.payload)),
+                reading,
                 getattr(self.observer, "K_0", None),
                 self.observer.time_step,
                 resolution,
@@ -295,6 +318,7 @@ class WrenchEstimator:
         *,
         taught: Taught | None = None,
         tau_f: ArrayLike | None = None,
+        seen: Array | None = None,
     ) -> EstimateBatch:
         """Takes a log, or the next part of one: chunk by chunk gives what one pass gives.
 
@@ -306,6 +330,8 @@ class WrenchEstimator:
                 planned speeds, without memory, and tau_ext is corrected.
             tau_f: (N, n) N m, friction known from elsewhere, in the place of the law's: it is taken
                 off the motor torque, sample by sample.
+            seen: (N, NUM_SIGNALS, n), written: what is known of the samples, as
+                `models.observers.observer` has it.
 
         Raises:
             ValueError: shapes that disagree; taught and tau_f together.
@@ -329,11 +355,13 @@ class WrenchEstimator:
         tau_ext, J, F = np.empty((N, n)), np.empty((N, 6, n)), np.empty((N, 6))
         covariance, quality, counts = np.empty((N, 6, 6)), np.empty((N, 2)), np.empty(N, np.bool_)
         signals = np.empty((min(N, _PASS), NUM_SIGNALS, n))
+        observed = np.empty((min(N, _PASS), self.observed_size))
         torque_sd = np.tile(np.sqrt(np.diag(self.reconstruction.torque_covariance)), (N, 1))
         transmitted = np.empty((N, n))
         for start in range(0, N, _PASS):
             rows = slice(start, min(N, start + _PASS))
-            part = signals[: rows.stop - start]
+            part = signals[: rows.stop - start] if seen is None else seen[rows]
+            own = observed[: rows.stop - start]
             terms_log(
                 chain,
                 drives,
@@ -356,6 +384,7 @@ class WrenchEstimator:
                 J[rows],
                 tau_ext[rows],
                 counts[rows],
+                own,
             )
             transmitted[rows] = part[:, TAU_J] - part[:, TAU_F]
             if self.trusted is not None:
@@ -373,6 +402,7 @@ class WrenchEstimator:
                     J[rows],
                     tau_ext[rows],
                     counts[rows],
+                    own,
                 )
                 continue
             ones = np.ones_like(tau_ext[rows])
@@ -380,6 +410,8 @@ class WrenchEstimator:
                 *(wrench, J[rows], J[rows], tau_ext[rows], ones, np.zeros_like(ones)),
                 *(F[rows], covariance[rows], quality[rows]),
             )
+            if self.observed_size:
+                F[rows], covariance[rows] = own[:, :6], own[:, 6:].reshape(-1, 6, 6)
         valid = (quality[:, 1] == 1.0) & counts
         return EstimateBatch(
             *(tau_ext, F, covariance, quality[:, 0], valid, J, torque_sd, transmitted, counts)
@@ -400,7 +432,7 @@ class WrenchEstimator:
         state = np.vstack([self.observer.initial_state(), self.friction.initial_state()])
         serial_log(
             *(self.choice, slip, observer, self.observer_rows, state, known, signals, J),
-            *(tau_ext, fresh),
+            *(tau_ext, fresh, np.empty((N, 0))),
         )
         return Observation(tau_ext, signals[:, TAU_J].copy(), signals[:, TAU_F].copy(), fresh, J)
 
@@ -411,6 +443,8 @@ class WrenchEstimator:
         n = self.num_joints
         if taught is not None and tau_f is not None:
             raise ValueError("taught says which friction is taken: tau_f has no place beside it")
+        if taught is not None and self.observed_size:
+            raise ValueError("an observer that reads the wrench itself has no use for an air pass")
         known = np.zeros((*lead, 3, n))
         known[..., KNOWN_COUNTS, :] = 1.0
         if taught is None:

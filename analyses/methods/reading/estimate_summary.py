@@ -204,11 +204,12 @@ class EstimateSummary:
             )
         return found
 
-    def figure(self, reads_moments: bool = True) -> "Figure":
+    def figure(self, reads_moments: bool = True, smoothed: bool = False) -> "Figure":
         """Reading and band over the log's own time, with the range of the valid samples.
 
         Args:
             reads_moments: whether the method reads moments; without, only forces are drawn.
+            smoothed: whether each sample was read with what comes after it.
         """
         low, high, mean = self._envelope.values()
         t, is_invalid, touches = mean[:, 0], mean[:, 1] > 0.5, mean[:, 2] > 0.0
@@ -248,7 +249,8 @@ class EstimateSummary:
                 panel.set_xlabel(f"time{origin} [s]")
         handles, labels = axes[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=4)
-        figure.suptitle("Wrench of the environment on the robot, at E in axes of W")
+        title = "Wrench of the environment on the robot, at E in axes of W"
+        figure.suptitle(title + (", smoothed" if smoothed else ""))
         return figure
 
     def _limits(self, k: int, low: Array, high: Array) -> tuple[float, float]:

@@ -6,7 +6,7 @@ spread, of external torque and Jacobian; the prior is what explains those best
 (`models.estimation.evidence_prior.evidence_prior`). The second one writes the wrenches.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -36,14 +36,16 @@ from models.arrays import Array, Flags
 from models.detection.contact_detector import ContactDetectionConfig, ContactDetector, Detection
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.evidence_prior import evidence_prior
+from models.estimation.smoothing import WrenchSmoother
 from models.estimation.wrench import live_prior
 from models.estimation.wrench_bag import WrenchBagWriter
 from models.estimation.wrench_table import WrenchTableWriter
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
-from models.observers.observer_kinds import make_observer
+from models.observers.momentum_observer import MomentumObserverConfig
+from models.observers.observer_kinds import kind_name, kind_of, make_observer
 from models.recordings.position_resolution import position_resolution
-from models.recordings.recording import Recording
+from models.recordings.recording import Recording, concatenated
 from models.recordings.recording_format import SignalColumns, column_items
 from models.recordings.recording_reader import RecordingReader
 from models.recordings.resampling import plausible_step, resample_chunks
@@ -177,6 +179,12 @@ def estimate(
         known = robot.position_resolution
         step = np.where(np.isfinite(known), known, step)
         config = replace(config, position_resolution=step.tolist())
+    kind = kind_of(config.observer)
+    if kind is not None and kind.kernels.wrench is not None and model.torque_error is not None:
+        warnings.append(
+            f"contact and misfit are judged by what the {kind_name(kind)} observer reads; their "
+            "levels were learnt from the momentum observer's readings"
+        )
     rule = "given"
     stated = stated_prior(settings.estimate, robot)
     if stated is not None and not _has_prior(config):
@@ -192,7 +200,7 @@ def estimate(
     first = next(chunks)
     config = _timed(config, first)
     detection = settings.estimate.detection
-    engine: _Engine = _ENGINES[settings.estimate.engine](robot, model, config, detection)
+    estimates = _estimates(settings.estimate, robot, model, config, chain([first], chunks))
     observer = make_observer(config.observer, robot.num_joints)
     summary = EstimateSummary(model, observer.settling_time)
     reference = settings.estimate.reference
@@ -206,8 +214,7 @@ def estimate(
         bag: WrenchBagWriter | None = None
         if settings.estimate.mcap:
             bag = stack.enter_context(WrenchBagWriter(out / "wrench.mcap", robot.config.base_link))
-        for chunk in chain([first], chunks):
-            batch, found = engine.run(chunk.q, chunk.v, chunk.current)
+        for chunk, batch, found, tau_ext in estimates:
             found = found.without(chunk.dropout)
             sd, valid = batch.standard_deviation, summary.judge(chunk, batch, config)
             table.write(
@@ -220,12 +227,12 @@ def estimate(
             episodes.add(chunk.t, found, batch.wrench[:, 3:], valid)
             settled = int(np.searchsorted(chunk.t, first.t[0] + observer.settling_time))
             there = ~chunk.dropout & (np.arange(chunk.num_samples) >= settled)
-            watch.add(chunk.t, chunk.q, chunk.v, batch.tau_ext, there, ~found.contact)
+            watch.add(chunk.t, chunk.q, chunk.v, tau_ext, there, ~found.contact)
             summary.add(chunk, batch, sd, valid, _torque(chunk, robot), found.contact)
             if beside is not None:
                 _collect(beside, chunk, batch, sd, valid, robot, settled)
     episodes.finish()
-    metrics = summary.metrics(config, rule)
+    metrics = {**summary.metrics(config, rule), "smoothed": settings.estimate.smooth}
     metrics["contact"] = episodes.metrics(detection.false_alarms_per_hour)
     comparison = None if beside is None else _compared(beside, reference)
     notices = reader.notices
@@ -234,9 +241,10 @@ def estimate(
         notices += comparison.notices
         out.write_figure("reference", comparison.figure())
     warnings += summary.warnings()
-    warnings += watch.sentences(settings.log, settings.robot, settings.model)
+    if kind is None or kind.kernels.wrench is None:  # else tau_ext holds no friction
+        warnings += watch.sentences(settings.log, settings.robot, settings.model)
     reads_moments = config.reconstruction.method != "force_only"
-    out.write_figure("wrench", summary.figure(reads_moments))
+    out.write_figure("wrench", summary.figure(reads_moments, settings.estimate.smooth))
     used = replace(settings.estimate, estimator=config)
     out.write_settings("config.yaml", replace(settings, estimate=used))
     out.write_json("metrics.json", metrics)
@@ -358,6 +366,47 @@ _ENGINES: dict[str, type[_BatchEngine | _DiagramEngine]] = {
 }
 
 
+def _estimates(
+    settings: EstimateConfig,
+    robot: Robot,
+    model: IdentifiedModel,
+    config: WrenchEstimatorConfig,
+    chunks: Iterable[Recording],
+) -> Iterator[tuple[Recording, EstimateBatch, Detection, Array]]:
+    """The log's samples, what is read of them, contact and tau_ext as a controller would see it."""
+    engine = _ENGINES[settings.engine](robot, model, config, settings.detection)
+    if not settings.smooth:
+        for chunk in chunks:
+            batch, found = engine.run(chunk.q, chunk.v, chunk.current)
+            yield chunk, batch, found, batch.tau_ext
+        return
+    smoother = WrenchSmoother(WrenchEstimator(robot, model, config))
+    ahead: tuple[Recording, Detection, Array] | None = None
+    for chunk in chunks:
+        causal, found = engine.run(chunk.q, chunk.v, chunk.current)
+        whole, tau_ext = chunk, causal.tau_ext
+        if ahead is not None:
+            whole, found = concatenated([ahead[0], chunk]), _joined(ahead[1], found)
+            tau_ext = np.concatenate([ahead[2], tau_ext])
+        ready = smoother.take(chunk.q, chunk.v, chunk.current)
+        count = len(ready.valid)
+        if count:
+            yield whole[:count], ready, _part(found, slice(0, count)), tau_ext[:count]
+        ahead = whole[count:], _part(found, slice(count, None)), tau_ext[count:]
+    if ahead is not None:
+        yield ahead[0], smoother.finish(), *ahead[1:]
+
+
+def _joined(one: Detection, other: Detection) -> Detection:
+    pairs: Any = zip(one, other, strict=True)
+    return Detection(*(np.concatenate(pair) for pair in pairs))
+
+
+def _part(found: Detection, rows: slice) -> Detection:
+    columns: Any = (column[rows] for column in found)
+    return Detection(*columns)
+
+
 def _torque(chunk: Recording, robot: Robot) -> Array:
     """(N, n) motor torque on the joint side, N m."""
     return np.asarray(chunk.current * (robot.current_sign * robot.torque_per_ampere))
@@ -386,9 +435,17 @@ def _with_evidence(
     """The configuration with the prior that explains the log best, and the rule's name."""
     J, tau_ext = EvenSample(_PRIOR_SAMPLES), EvenSample(_PRIOR_SAMPLES)
     estimator: WrenchEstimator | None = None
+    kind = kind_of(config.observer)
+    plain = config
+    if kind is not None and kind.kernels.wrench is not None:
+        # What reads the wrench by a prior says nothing of which prior explains the torque.
+        observer = MomentumObserverConfig(
+            time_step=config.observer.time_step, torque_samples=config.observer.torque_samples
+        )
+        plain = replace(config, observer=observer)
     for chunk in _uniform(reader, config, max_gap, part):
         if estimator is None:
-            estimator = WrenchEstimator(robot, model, _timed(config, chunk))
+            estimator = WrenchEstimator(robot, model, _timed(plain, chunk))
             state = estimator.initial_state()
         batch = estimator.run(state, chunk.q, chunk.v, chunk.current)
         measured = ~chunk.dropout
