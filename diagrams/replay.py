@@ -16,7 +16,7 @@ from systems.recording_player import RecordingPlayer, Samples
 
 Array = NDArray[np.float64]
 
-_LOGGED = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
+_LOGGED = ("tau_ext", "wrench", "covariance", "condition_number", "valid", "fault")
 
 
 @dataclass(frozen=True)
@@ -103,6 +103,7 @@ class Replay:
             valid=columns["valid"][:, 0] == 1.0,
             J=self.chain.jacobian(samples.q),
             torque_sd=np.tile(self.torque_sd, (N, 1)),
+            fault=columns["fault"][:, 0].astype(np.int64),
         )
 
 

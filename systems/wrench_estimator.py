@@ -16,6 +16,7 @@ from pydrake.systems.framework import (
 )
 
 from models.estimation.estimator import EstimatorTables, WrenchEstimator
+from models.estimation.sample_check import check_current, check_motion, check_sample
 from models.estimation.tick import (
     KNOWN_CORRECTION,
     KNOWN_COUNTS,
@@ -40,14 +41,18 @@ class WrenchEstimatorSystem(LeafSystem):
       current      -->  | WrenchEstimatorSystem | --> condition_number
                         |                       | --> valid
                         |                       | --> terms
+                        |                       | --> fault
+                        |                       | --> checked_current
                         +-----------------------+ --> reading
 
     Inputs:     as make_estimator's, those of `taught` among them
-    Outputs:    as make_estimator's: tau_ext, wrench, covariance, condition_number, valid, terms;
+    Outputs:    as make_estimator's: tau_ext, wrench, covariance, condition_number, valid, terms,
+                fault; checked_current (n,) A, NaN where it cannot be;
                 reading  (n + 44 + 15 n,) the first five one after the other, in this order, then
                          what the update takes: who wants several has them from one port, split up
                          by Drake's Demultiplexer with `reading_sizes`
-    State:      the observer's rows, then the friction law's, flat
+    State:      the observer's rows, then the friction law's, then those of the check of samples,
+                flat
     Parameters: `parameters` has their indices, by the name that they have in the diagram:
                 motor.torque_per_ampere, friction.* of the law, observer.* of the observer,
                 reconstruction.prior_sd, .torque_covariance, .damping, .truncation
@@ -81,6 +86,10 @@ class WrenchEstimatorSystem(LeafSystem):
         initial = estimator.observer.initial_state()
         if not taught:
             initial = estimator.initial_state()[: estimator.tick_rows]
+        self._end = initial.size  # of what the tick's kernels take
+        self._check = estimator.check
+        if self._check is not None:
+            initial = np.vstack([initial, self._check.initial_state()])
         state: DiscreteStateIndex = self.DeclareDiscreteState(initial.ravel())
         self.DeclarePeriodicDiscreteUpdateEvent(estimator.observer.time_step, 0.0, self._update)
         self._tables = self.DeclareCacheEntry(
@@ -123,6 +132,14 @@ class WrenchEstimatorSystem(LeafSystem):
                 prerequisites,
             )
             start += size
+        motion = {self._q.ticket(), self._v.ticket(), self.discrete_state_ticket(state)}
+        self.DeclareVectorOutputPort("fault", 1, self._calc_fault, motion)
+        self.DeclareVectorOutputPort(
+            "checked_current",
+            n,
+            self._calc_checked_current,
+            {self._current.ticket(), self.discrete_state_ticket(state)},
+        )
         self.DeclareAbstractOutputPort(
             "terms",
             lambda: AbstractValue.Make(object()),
@@ -132,6 +149,7 @@ class WrenchEstimatorSystem(LeafSystem):
         # Memory that is settled once; nothing in it outlives a call.
         self._known = np.zeros((3 if taught else 0, n))
         self._unread = np.zeros(n)
+        self._checked = np.zeros((3, n))
         self._scratch = np.empty(scratch_size(n))
 
     @property
@@ -199,14 +217,25 @@ class WrenchEstimatorSystem(LeafSystem):
             )
             self._known[KNOWN_CORRECTION] = self._correction.Eval(context)
             self._known[KNOWN_COUNTS] = self._counts.Eval(context)[0]
+        state = context.get_discrete_state_vector().value()
+        q, v = self._q.Eval(context), self._v.Eval(context)
+        current = self._current.Eval(context) if self._reads_current else self._unread
+        if self._check is not None:
+            checked, memory = self._checked, state[self._end :].reshape(-1, self._n)
+            table, T = self._check.table, self._estimator.observer.time_step
+            check_motion(table, memory, T, q, v, checked)
+            if self._reads_current:
+                check_current(table, memory, T, current, checked)
+                current = checked[2]
+            q, v = checked[0], checked[1]
         tick_output(
             self._choice,
             *tables,
             self._rows,
-            context.get_discrete_state_vector().value(),
-            self._q.Eval(context),
-            self._v.Eval(context),
-            self._current.Eval(context) if self._reads_current else self._unread,
+            state[: self._end],
+            q,
+            v,
+            current,
             self._known,
             output.get_mutable_value(),
             self._scratch,
@@ -214,17 +243,46 @@ class WrenchEstimatorSystem(LeafSystem):
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         tables: EstimatorTables = self._tables.EvalAbstract(context).get_value()
+        state = discrete_state.get_mutable_value()
+        current = self._current.Eval(context)
+        reading = self._reading.Eval(context)
+        if self._check is not None:
+            sample = np.stack([self._q.Eval(context), self._v.Eval(context), current])
+            memory = state[self._end :].reshape(-1, self._n)
+            period = self._estimator.observer.time_step
+            check_sample(self._check.table, memory, period, sample, self._checked)
+            current = self._checked[2]
         tick_update(
             self._choice,
             tables.drives,
             tables.slip,
             tables.observer,
             self._rows,
-            discrete_state.get_mutable_value(),
-            self._current.Eval(context),
+            state[: self._end],
+            current,
             self._known,
-            self._reading.Eval(context),
+            reading,
         )
+
+    def _calc_fault(self, context: Context, output: BasicVector) -> None:
+        if self._check is None:
+            output.SetAtIndex(0, 0.0)
+            return
+        memory = context.get_discrete_state_vector().value()[self._end :].reshape(-1, self._n)
+        fault = check_motion(
+            *(self._check.table, memory, self._estimator.observer.time_step),
+            *(self._q.Eval(context), self._v.Eval(context), self._checked),
+        )
+        output.SetAtIndex(0, fault)
+
+    def _calc_checked_current(self, context: Context, output: BasicVector) -> None:
+        current = self._current.Eval(context)
+        if self._check is not None:
+            memory = context.get_discrete_state_vector().value()[self._end :].reshape(-1, self._n)
+            period = self._estimator.observer.time_step
+            check_current(self._check.table, memory, period, current, self._checked)
+            current = self._checked[2]
+        output.SetFromVector(current)
 
     def _calc_terms(self, context: Context, output: Value) -> None:
         output.set_value(self._estimator.chain.terms(self._q.Eval(context), self._v.Eval(context)))

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from models.estimation.kernel_choice import kernel_choice
+from models.estimation.sample_check import CHECK_ROWS, SampleCheck, check_sample
 from models.estimation.tick import (
     GAIN,
     KNOWN_CORRECTION,
@@ -58,6 +59,9 @@ class WrenchEstimatorConfig:
     reconstruction: WrenchReconstructionConfig = field(default_factory=WrenchReconstructionConfig)
     force_bandwidth_hz: float = 3.0  # up to which the band holds the observer's lag
     position_resolution: list[float] | None = None  # rad, per joint; None: what the model says
+    check_samples: bool = (
+        True  # against what the joints can do: see `models.estimation.sample_check`
+    )
 
 
 class Taught(NamedTuple):
@@ -83,6 +87,7 @@ class TickEstimate(NamedTuple):
     covariance: Array
     condition_number: float
     valid: bool
+    fault: int = 0
 
 
 class EstimateBatch(NamedTuple):
@@ -98,6 +103,9 @@ class EstimateBatch(NamedTuple):
             one before it was not finite, so that tau_ext is held.
         J: (N, 6, n) rows [angular; linear] at E in axes of W.
         torque_sd: (N, n) N m, of tau_ext where nothing touches the arm.
+        fault: (N,) what is wrong with q and v of the sample, and with the current of the one
+            before: a sum of BEYOND, DISAGREES and FROZEN of `models.estimation.sample_check`, or 0.
+            Such a sample counts as one that is not finite.
     """
 
     tau_ext: Array
@@ -107,6 +115,7 @@ class EstimateBatch(NamedTuple):
     valid: Flags
     J: Array
     torque_sd: Array
+    fault: NDArray[np.int64]
 
     @property
     def standard_deviation(self) -> Array:
@@ -194,8 +203,12 @@ class WrenchEstimator:
                 self.config.force_bandwidth_hz,
             )
         more = 0 if self.trusted is None else self.trusted.state_rows
-        self._state_shape = (self.tick_rows + more, n)
-        self._sample = np.empty((3, n))
+        self.check: SampleCheck | None = None
+        if self.config.check_samples:
+            self.check = SampleCheck(robot, resolution)
+        self._check_from = self.tick_rows + more  # row of the state
+        self._state_shape = (self._check_from + (CHECK_ROWS if self.check else 0), n)
+        self._sample, self._given = np.empty((3, n)), np.empty((3, n))
         self._scratch = np.empty(scratch_size(n))
 
     def tables_of(
@@ -226,11 +239,14 @@ class WrenchEstimator:
 
     def initial_state(self) -> Array:
         """Returns the state before the first sample: the observer's rows, the friction law's,
-        (tick_rows, n) together, then those of the reading that knows the torque error, if any.
+        (tick_rows, n) together, then those of the reading that knows the torque error, if any, and
+        of the check of samples.
         """
         parts = [self.observer.initial_state(), self.friction.initial_state()]
         if self.trusted is not None:
             parts.append(self.trusted.initial_state())
+        if self.check is not None:
+            parts.append(self.check.initial_state())
         return np.vstack(parts)
 
     def step(
@@ -255,14 +271,6 @@ class WrenchEstimator:
             ValueError: shapes that disagree.
         """
         n = self.num_joints
-        # The kernel reads memory as it was compiled to: shape and layout are settled here.
-        sample = self._sample
-        sample[0], sample[1], sample[2] = q, v, current
-        if taught is not None or tau_f is not None:
-            known = self._known(taught, tau_f, ())
-            sample = np.vstack([sample, known])
-            if tau_f is not None:
-                sample[2] -= np.asarray(tau_f, float) / self.tables.drives[GAIN]
         if state.shape != self._state_shape:
             raise ValueError(f"state must be {self._state_shape}, not {state.shape}")
         if self.trusted is not None:
@@ -274,14 +282,27 @@ class WrenchEstimator:
             batch = self.run(state, *one, taught=taught, tau_f=tau_f)
             return TickEstimate(
                 *(batch.tau_ext[0], batch.wrench[0], batch.covariance[0]),
-                *(float(batch.condition_number[0]), bool(batch.valid[0])),
+                *(float(batch.condition_number[0]), bool(batch.valid[0]), int(batch.fault[0])),
             )
+        # The kernel reads memory as it was compiled to: shape and layout are settled here.
+        sample, given, fault = self._sample, self._given, 0
+        given[0], given[1], given[2] = q, v, current
+        if self.check is None:
+            sample[:] = given
+        else:
+            own = state[self._check_from :]
+            fault = check_sample(self.check.table, own, self.observer.time_step, given, sample)
+        if taught is not None or tau_f is not None:
+            known = self._known(taught, tau_f, ())
+            sample = np.vstack([sample, known])
+            if tau_f is not None:
+                sample[2] -= np.asarray(tau_f, float) / self.tables.drives[GAIN]
         out = np.empty(n + NUM_READING)
         estimate_tick(
             self.choice,
             *self.tables,
             self.observer_rows,
-            state,
+            state[: self.tick_rows],
             sample,
             out,
             self._scratch,
@@ -292,6 +313,7 @@ class WrenchEstimator:
             out[n + 6 : n + 42].reshape(6, 6),
             out.item(n + 42),
             out.item(n + 43) == 1.0,
+            fault,
         )
 
     def run(
@@ -327,6 +349,10 @@ class WrenchEstimator:
         if state.shape != self._state_shape:
             raise ValueError(f"state must be {self._state_shape}, not {state.shape}")
         N = q.shape[0]
+        fault = np.zeros(N, np.int64)
+        if self.check is not None:
+            own, T = state[self._check_from :], self.observer.time_step
+            (q, v, current), fault = self.check.run(own, q, v, current, T)
         known = np.empty((N, 0, n))
         if taught is not None or tau_f is not None:
             known = self._known(taught, tau_f, (N,))
@@ -372,7 +398,7 @@ class WrenchEstimator:
                     quality[rows, 1],
                     torque_sd[rows],
                 ) = self.trusted.run(
-                    state[self.tick_rows :],
+                    state[self.tick_rows : self._check_from],
                     q[rows],
                     v[rows],
                     part[:, TAU_J] - part[:, TAU_F],
@@ -387,7 +413,7 @@ class WrenchEstimator:
                 *(F[rows], covariance[rows], quality[rows]),
             )
         valid = (quality[:, 1] == 1.0) & counts
-        return EstimateBatch(tau_ext, F, covariance, quality[:, 0], valid, J, torque_sd)
+        return EstimateBatch(tau_ext, F, covariance, quality[:, 0], valid, J, torque_sd, fault)
 
     def observe(self, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> Observation:
         """The chain of a whole log up to tau_ext, from its start, without a reading of the wrench.

@@ -67,6 +67,7 @@ _SD, _STICTION = _VECTOR + 3, _VECTOR + 4
 WORK_ROWS = _VECTOR + 5
 _GRAM = _MATRIX  # of the posterior; the other methods keep their matrix there
 _BLOCK = 256  # samples a thread takes at a time
+_LARGEST = 1e60  # N, N m and their squares; more is as good as not finite
 
 
 @dataclass
@@ -111,8 +112,8 @@ class WrenchEstimate(NamedTuple):
     in its worst direction, than its own prior: where the largest principal force sd of the plain
     weighted reading exceeds prior_force_sd; for `bayesian`, where prior and measurement are
     combined, the same point is passed when it exceeds prior_force_sd / sqrt(2). With max_force_sd
-    that bound takes the place of all. Input that is not finite gives a wrench of zero, the prior's
-    covariance and False.
+    that bound takes the place of all. Input that is not finite, or whose reading is not,
+    gives a wrench of zero, the prior's covariance and False.
 
     Attributes:
         wrench: (..., 6) F_E_W, N m and N, rotation first.
@@ -349,12 +350,7 @@ def _reading(table, J, tau_ext, sd, stiction, wrench, covariance, work):  # type
         for i in range(6):
             total += J[i, j]
     if not np.isfinite(total):
-        for i in range(6):
-            wrench[i] = 0.0
-            for j in range(6):
-                covariance[i, j] = 0.0
-            known = settings[_MOMENT_SD] if i < 3 else settings[_FORCE_SD]
-            covariance[i, i] = known * known
+        _nothing(settings, wrench, covariance)
         return False
     method = int(settings[_METHOD])
     if method in (_FORCE_ONLY, _BAYESIAN):
@@ -362,9 +358,26 @@ def _reading(table, J, tau_ext, sd, stiction, wrench, covariance, work):  # type
         seen = True
     else:
         seen = _pseudo_inverse(table, J, tau_ext, sd, stiction, wrench, covariance, work)
+    total = 0.0
+    for i in range(6):
+        total += abs(wrench[i]) + covariance[i, i]
+    if not total < _LARGEST:
+        _nothing(settings, wrench, covariance)
+        return False
     worst = largest_eigenvalue_3x3(work[_PLAIN + 3 : _PLAIN + 6, 3:])
     feigned = 3.0 * largest_eigenvalue_3x3(work[_FEIGNED : _FEIGNED + 3])
     return seen and worst <= settings[_MAX_FORCE_SD] ** 2 and feigned <= settings[_MAX_PHANTOM] ** 2
+
+
+@njit(cache=True, error_model="numpy")
+def _nothing(settings, wrench, covariance):  # type: ignore[no-untyped-def]
+    """Writes what is known where nothing is read: zero, within the prior."""
+    for i in range(6):
+        wrench[i] = 0.0
+        for j in range(6):
+            covariance[i, j] = 0.0
+        known = settings[_MOMENT_SD] if i < 3 else settings[_FORCE_SD]
+        covariance[i, i] = known * known
 
 
 @njit(cache=True, error_model="numpy")
