@@ -8,19 +8,33 @@ STUDY_OPTIONS = $(if $(QUICK),--quick) $(if $(FRESH),--fresh)
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
-.PHONY: study test test-generic lint bench docs readme clean
+# A file's tests stay together, as they share what is made for them; tests/conftest.py orders the files.
+SIDE_BY_SIDE = -n $(JOBS) --dist loadfile --no-loadscope-reorder
+
+# The arithmetic of another processor, on this one: numba's kernels, BLAS, numpy's, libm's and torch's
+# functions without the instructions that processors have since 2006 or so. Each differs in last bits.
+OTHER_PROCESSOR = NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=$(CURDIR)/out/numba-generic \
+  OPENBLAS_CORETYPE=Prescott NPY_DISABLE_CPU_FEATURES="X86_V3 X86_V4 AVX512_ICL AVX512_SPR" \
+  GLIBC_TUNABLES=glibc.cpu.hwcaps=-AVX,-AVX2,-FMA,-FMA4,-AVX512F \
+  ATEN_CPU_CAPABILITY=default MKL_CBWR=COMPATIBLE ONEDNN_MAX_CPU_ISA=SSE41
+
+.PHONY: study study-generic test test-generic lint bench docs readme clean
 .DELETE_ON_ERROR:
 
 study: .venv/.ready
 	$(BIN)/wrenchsight study --out $(OUT) --data $(DATA) --jobs $(JOBS) $(STUDY_OPTIONS)
 
 test: .venv/.ready-test
-	$(BIN)/python -m pytest -n $(JOBS)
+	$(BIN)/python -m pytest $(SIDE_BY_SIDE)
 
-# As another processor would: no instruction but the oldest, another BLAS kernel.
+# The same tests, and the same study, as another processor computes them. The last line says what the
+# two studies' reports print differently: nothing, to the digits that they print.
 test-generic: .venv/.ready-test
-	NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=out/numba-generic \
-	OPENBLAS_CORETYPE=Prescott $(BIN)/python -m pytest -n $(JOBS)
+	$(OTHER_PROCESSOR) $(BIN)/python -m pytest $(SIDE_BY_SIDE)
+
+study-generic: study
+	$(OTHER_PROCESSOR) $(BIN)/wrenchsight study --out $(OUT)-generic --data $(DATA) --jobs $(JOBS) $(STUDY_OPTIONS)
+	$(BIN)/python -m analyses.study.compare_studies $(OUT) $(OUT)-generic
 
 lint: .venv/.ready-lint
 	$(BIN)/ruff check .

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.geometry import Box, Role
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
@@ -14,9 +14,8 @@ from pydrake.systems.framework import DiagramBuilder
 
 from diagrams.scenario import BladeConfig, PlateConfig
 from diagrams.workpiece import add_blade, add_plate
+from models.arrays import Array
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 INFLUENCE = 0.12  # m, beyond which a pair of shapes does not count
 SHARPNESS = 400.0  # 1/m, of the smooth minimum: below the true one by 2 mm for two pairs alike

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, OutputPort
 from pydrake.systems.primitives import (
@@ -22,6 +21,7 @@ from diagrams.machining import add_machining_reference, make_machining_path
 from diagrams.pages.run_page import add_wrench_arrows
 from diagrams.robot_cell import RobotCell, make_robot_cell
 from diagrams.scenario import ForceSetpoint, Scenario, check_scenario, make_trajectory
+from models.arrays import Array
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
 from models.machining.air_pass import TaughtTorque
@@ -35,8 +35,6 @@ from systems.path_reference import PathReference
 from systems.pose_reference import PoseReference
 from systems.rigid_body_terms import RigidBodyTermsSystem
 from systems.taught_torque import TaughtTorqueSource
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -203,8 +201,8 @@ def make_closed_loop(
                 "force true": out("wrench_true"),
                 "force estimated": estimator.GetOutputPort("wrench"),
             },
-            scenario.recording.fps,
-            scenario.recording.metres_per_newton,
+            scenario.page.fps,
+            scenario.page.metres_per_newton,
         )
     diagram = builder.Build()
     diagram.set_name("closed_loop")

@@ -13,12 +13,13 @@ from pydrake.systems.primitives import (
     PassThrough,
 )
 
+from models.detection.contact_detector import ContactDetectionConfig, ContactDetector
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.tick import ERROR_SD
-from models.estimation.trusted_reading import TrustedReading
 from models.identification.identified_model import IdentifiedModel
 from models.observers.observer import NUM_SIGNALS, TAU_F, Q, V
 from models.robot.robot import Robot
+from systems.contact_detection import DETECTION, ContactDetection
 from systems.external_torque_observer import ExternalTorqueObserver
 from systems.friction_law import FrictionLawSystem
 from systems.jacobian_wrench_reconstruction import READING_SIZES, JacobianWrenchReconstruction
@@ -36,6 +37,7 @@ def make_estimator(
     name: str = "estimator",
     taught: bool = False,
     fused: bool = False,
+    detection: ContactDetectionConfig | None = None,
 ) -> Diagram:
     """Builds the estimator: what a controller measures in, the wrench at the tool out.
 
@@ -79,17 +81,22 @@ def make_estimator(
     With `fused` all of them are one block, `block`, with the same parameters
     (`systems.wrench_estimator.WrenchEstimatorSystem`): the same numbers in a third of the time.
 
+    With `detection` there is one block more, `detection`
+    (`systems.contact_detection.ContactDetection`), and outputs (1,) each: contact_statistic,
+    contact, misfit, link, rest, out_of_range.
+
     Args:
         taught: whether there are inputs tau_correction, v_planned and counts.
         fused: whether it is one block instead of its stages.
+        detection: when a reading counts as contact; None: not asked.
 
     Raises:
         InputError: the model belongs to another robot.
-        ValueError: as `models.estimation.estimator.WrenchEstimator`.
+        ValueError: as `models.estimation.estimator.WrenchEstimator` and `ContactDetector`.
     """
     estimator = WrenchEstimator(robot, model, config)
     if fused:
-        return _fused(estimator, name, taught)
+        return _fused(estimator, name, taught, detection)
     builder = DiagramBuilder()
     terms = builder.AddNamedSystem("terms", RigidBodyTermsSystem(estimator.chain))
     motor = builder.AddNamedSystem(
@@ -166,6 +173,20 @@ def make_estimator(
         builder.ExportOutput(reading.get_output_port(i), name_of_part)
     builder.ExportOutput(terms.GetOutputPort("terms"), "terms")
     builder.ExportOutput(fault, "fault")
+    if detection is not None:
+        _detect(
+            builder,
+            ContactDetector.of(estimator, detection),
+            {
+                "q": position,
+                "v": velocity,
+                "terms": terms.GetOutputPort("terms"),
+                "tau_ext": tau_ext,
+                "tau_ext_valid": tau_ext_valid,
+                "tau_J": motor.GetOutputPort("tau_J"),
+                "tau_f": friction.GetOutputPort("tau_f"),
+            },
+        )
     diagram = builder.Build()
     diagram.set_name(name)
     return diagram
@@ -194,7 +215,27 @@ def _checked_inputs(
     return q, v, check.GetOutputPort("checked_current"), fault
 
 
-def _fused(estimator: WrenchEstimator, name: str, taught: bool) -> Diagram:
+def _detect(
+    builder: DiagramBuilder,
+    detector: ContactDetector,
+    sources: dict[str, OutputPort],
+) -> None:
+    """Adds the detector and exports what it says, signal by signal."""
+    own = builder.AddNamedSystem("detection", ContactDetection(detector))
+    for port, source in sources.items():
+        builder.Connect(source, own.GetInputPort(port))
+    parts = builder.AddNamedSystem("detected", Demultiplexer([1] * len(DETECTION)))
+    builder.Connect(own.GetOutputPort("detection"), parts.get_input_port())
+    for k, signal in enumerate(DETECTION):
+        builder.ExportOutput(parts.get_output_port(k), signal)
+
+
+def _fused(
+    estimator: WrenchEstimator,
+    name: str,
+    taught: bool,
+    detection: ContactDetectionConfig | None,
+) -> Diagram:
     builder = DiagramBuilder()
     block = builder.AddNamedSystem("block", WrenchEstimatorSystem(estimator, taught))
     # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
@@ -205,50 +246,41 @@ def _fused(estimator: WrenchEstimator, name: str, taught: bool) -> Diagram:
         builder.ExportInput(port, port.get_name())
     signals = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
     ports = [reading.get_output_port(k) for k in range(len(signals))]
-    if estimator.trusted is not None:
-        ports[1:] = _trusted_ports(builder, estimator, estimator.trusted, block, reading)
     for signal, source in zip(signals, ports, strict=True):
         builder.ExportOutput(source, signal)
     builder.ExportOutput(block.GetOutputPort("terms"), "terms")
     builder.ExportOutput(block.GetOutputPort("fault"), "fault")
+    if detection is not None:
+        robot = estimator.robot
+        motor = builder.AddNamedSystem(
+            "detection_motor",
+            MotorCurrentTorqueSource(robot.torque_per_ampere, robot.current_sign),
+        )
+        n = estimator.num_joints
+        # The block's signals, row by row, J, whether tau_ext counts, and what else it keeps.
+        sizes = [n] * NUM_SIGNALS + [6 * n, 1]
+        more = block.reading_sizes[-1] - sum(sizes)
+        rest = builder.AddNamedSystem(
+            "detection_signals", Demultiplexer(sizes + ([more] if more else []))
+        )
+        builder.Connect(reading.get_output_port(len(signals)), rest.get_input_port())
+        builder.Connect(block.GetOutputPort("checked_current"), motor.GetInputPort("current"))
+        _detect(
+            builder,
+            ContactDetector.of(estimator, detection),
+            {
+                "q": rest.get_output_port(Q),
+                "v": rest.get_output_port(V),
+                "terms": block.GetOutputPort("terms"),
+                "tau_ext": ports[0],
+                "tau_ext_valid": rest.get_output_port(NUM_SIGNALS + 1),
+                "tau_J": motor.GetOutputPort("tau_J"),
+                "tau_f": rest.get_output_port(TAU_F),
+            },
+        )
     diagram = builder.Build()
     diagram.set_name(name)
     return diagram
-
-
-def _trusted_ports(
-    builder: DiagramBuilder,
-    estimator: WrenchEstimator,
-    trusted: TrustedReading,
-    block: WrenchEstimatorSystem,
-    reading: Demultiplexer,
-) -> list[OutputPort]:
-    """Wrench, covariance, condition number and valid of the block's tau_ext, with the torque error
-    of each sample."""
-    n = estimator.num_joints
-    robot = estimator.robot
-    system = TrustedWrenchReading(trusted, estimator.observer.time_step)
-    own = builder.AddNamedSystem("trusted", system)
-    motor = builder.AddNamedSystem(
-        "motor", MotorCurrentTorqueSource(robot.torque_per_ampere, robot.current_sign)
-    )
-    # The block's signals, row by row, and J.
-    rest = builder.AddNamedSystem("signals", Demultiplexer([n] * NUM_SIGNALS + [6 * n]))
-    builder.Connect(reading.get_output_port(5), rest.get_input_port())
-    builder.Connect(rest.get_output_port(Q), own.GetInputPort("q"))
-    builder.Connect(rest.get_output_port(V), own.GetInputPort("v"))
-    builder.Connect(block.GetOutputPort("checked_current"), motor.GetInputPort("current"))
-    for output, port in (
-        (block.GetOutputPort("terms"), "terms"),
-        (reading.get_output_port(0), "tau_ext"),
-        (reading.get_output_port(4), "tau_ext_valid"),
-        (motor.GetOutputPort("tau_J"), "tau_J"),
-        (rest.get_output_port(TAU_F), "tau_f"),
-    ):
-        builder.Connect(output, own.GetInputPort(port))
-    parts = builder.AddNamedSystem("trusted_reading", Demultiplexer(READING_SIZES))
-    builder.Connect(own.GetOutputPort("reading"), parts.get_input_port())
-    return [parts.get_output_port(k) for k in range(len(READING_SIZES))]
 
 
 def add_estimator(
@@ -263,13 +295,14 @@ def add_estimator(
     name: str = "estimator",
     taught: bool = False,
     fused: bool = False,
+    detection: ContactDetectionConfig | None = None,
 ) -> Diagram:
     """Adds `make_estimator` to `builder` and wires its inputs to the ports that are given.
 
     Args:
         q, v, current: output ports of systems in `builder`, (n,) each; None is left unconnected.
         taught: as `make_estimator`; these inputs are left unconnected.
-        fused: as `make_estimator`.
+        fused, detection: as `make_estimator`.
 
     Returns:
         the estimator, a subsystem of `builder`.
@@ -290,7 +323,9 @@ def add_estimator(
                 f"{name}: {signal} must have {robot.num_joints} entries, one a joint of "
                 f"{robot.name}, and {label} has {port.size()}"
             )
-    estimator = builder.AddSystem(make_estimator(robot, model, config, name, taught, fused))
+    estimator = builder.AddSystem(
+        make_estimator(robot, model, config, name, taught, fused, detection)
+    )
     for signal, port in sources.items():
         if port is not None:
             builder.Connect(port, estimator.GetInputPort(signal))

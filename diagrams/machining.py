@@ -3,13 +3,13 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Demultiplexer
 
 from diagrams.robot_cell import tip_radius
 from diagrams.scenario import MachiningConfig, Scenario
 from diagrams.workpiece import pose_of_workpiece, surface_of
+from models.arrays import Array
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
@@ -23,8 +23,6 @@ from models.motion.surface_path import SurfacePath
 from models.rigid_body.ties import better
 from models.robot.robot import Robot
 from systems.machining_reference import MachiningReference
-
-Array = NDArray[np.float64]
 
 NUM_ANGLES = 36
 _MAX_STEP = math.radians(8.0)  # of a joint from one sample to the next

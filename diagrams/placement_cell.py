@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.geometry import Box, CollisionFilterDeclaration, GeometrySet, Role
 from pydrake.math import RigidTransform
@@ -22,13 +21,12 @@ from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, Multibody
 from pydrake.multibody.tree import SpatialInertia, UnitInertia
 from pydrake.systems.framework import DiagramBuilder
 
+from models.arrays import Array
 from models.placement.placement_descent import PlacementBatch
 from models.placement.placement_program import quaternion_from, rotation_of
 from models.placement.placement_task import ClearanceConfig, ObstacleConfig
 from models.robot.robot import Robot
 from models.robot.robot_config import pose_of
-
-Array = NDArray[np.float64]
 
 _TOUCHING = 1e-3  # m from E within which a shape of the tool counts as the one that works
 _INFLUENCE = 0.04  # m beyond the distance to keep, where the smooth margin begins to fall

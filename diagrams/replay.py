@@ -3,18 +3,19 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from diagrams.estimator import add_estimator
+from models.arrays import Array
+from models.detection.contact_detector import ContactDetectionConfig, Detection
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
 from models.identification.identified_model import IdentifiedModel
 from models.rigid_body.serial_chain import SerialChain
 from models.robot.robot import Robot
+from systems.contact_detection import DETECTION
 from systems.recording_player import RecordingPlayer, Samples
-
-Array = NDArray[np.float64]
 
 _LOGGED = ("tau_ext", "wrench", "covariance", "condition_number", "valid", "fault")
 
@@ -44,6 +45,7 @@ class Replay:
         chain: the model's kinematics.
         time_step: s between rows.
         torque_sd: (n,) N m, of tau_ext where nothing touches the arm.
+        detects: whether contact is looked for.
     """
 
     diagram: Diagram
@@ -53,6 +55,7 @@ class Replay:
     chain: SerialChain
     time_step: float
     torque_sd: Array
+    detects: bool = False
 
     def load(self, context: Context, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> None:
         """Puts the next stretch of the log into `context`, the diagram's.
@@ -86,15 +89,7 @@ class Replay:
         """
         samples = self.player.samples(self.player.GetMyContextFromRoot(context))
         N = len(samples.q)
-        columns = {}
-        for name, sink in self.sinks.items():
-            log = sink.FindMutableLog(context)
-            if log.num_samples() != N:
-                raise RuntimeError(
-                    f"replay: {log.num_samples()} of {N} rows are played; advance to stop_time"
-                )
-            columns[name] = log.data().T.copy()
-            log.Clear()
+        columns = {name: self._taken(context, name, N) for name in _LOGGED}
         return EstimateBatch(
             tau_ext=columns["tau_ext"],
             wrench=columns["wrench"],
@@ -106,16 +101,43 @@ class Replay:
             fault=columns["fault"][:, 0].astype(np.int64),
         )
 
+    def take_detection(self, context: Context) -> Detection:
+        """Returns what the same stretch says of contact, and empties these logs; before `take`.
+
+        Raises:
+            RuntimeError: as `take`, or contact is not looked for.
+        """
+        if not self.detects:
+            raise RuntimeError("replay: contact is not looked for")
+        samples = self.player.samples(self.player.GetMyContextFromRoot(context))
+        columns = [self._taken(context, name, len(samples.q))[:, 0] for name in DETECTION]
+        return Detection.of(np.stack(columns, axis=1))
+
+    def _taken(self, context: Context, name: str, N: int) -> Array:
+        """The log (N, size) of one output, which it empties."""
+        log = self.sinks[name].FindMutableLog(context)
+        if log.num_samples() != N:
+            raise RuntimeError(
+                f"replay: {log.num_samples()} of {N} rows are played; advance to stop_time"
+            )
+        data = log.data().T.copy()
+        log.Clear()
+        return np.asarray(data)
+
 
 def make_replay(
-    robot: Robot, model: IdentifiedModel, config: WrenchEstimatorConfig | None = None
+    robot: Robot,
+    model: IdentifiedModel,
+    config: WrenchEstimatorConfig | None = None,
+    detection: ContactDetectionConfig | None = None,
 ) -> Replay:
     """Builds a diagram in which a log plays through the estimator; nothing is loaded yet.
 
         player (q, v, current) --> estimator --> logs
 
     Args:
-        robot, model, config: as `make_estimator`; the log must have the observer's time step.
+        robot, model, config, detection: as `make_estimator`; the log must have the observer's time
+            step.
 
     Raises:
         InputError: the model belongs to another robot.
@@ -126,13 +148,15 @@ def make_replay(
     builder = DiagramBuilder()
     player = builder.AddNamedSystem("player", RecordingPlayer(robot.num_joints, time_step))
     ports = {name: player.GetOutputPort(name) for name in ("q", "v", "current")}
-    estimator = add_estimator(builder, robot, model, reference.config, **ports)
+    estimator = add_estimator(builder, robot, model, reference.config, **ports, detection=detection)
+    detects = detection is not None
     sinks = {
-        name: LogVectorOutput(estimator.GetOutputPort(name), builder, time_step) for name in _LOGGED
+        name: LogVectorOutput(estimator.GetOutputPort(name), builder, time_step)
+        for name in (*_LOGGED, *(DETECTION if detects else ()))
     }
     for name, sink in sinks.items():
         sink.set_name(f"{name}_log")
     diagram = builder.Build()
     diagram.set_name("replay")
     sd = np.sqrt(np.diag(reference.reconstruction.torque_covariance))
-    return Replay(diagram, player, estimator, sinks, reference.chain, time_step, sd)
+    return Replay(diagram, player, estimator, sinks, reference.chain, time_step, sd, detects)

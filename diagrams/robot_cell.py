@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.geometry import (
     Box,
     CollisionFilterDeclaration,
@@ -36,6 +36,7 @@ from pydrake.systems.primitives import (
 
 from diagrams.scenario import BladeConfig, PlateConfig, Scenario
 from diagrams.workpiece import add_blade, add_plate, contact_material, soft_tip
+from models.arrays import Array
 from models.control.wrench_script import WrenchScript
 from models.files.input_error import InputError
 from models.friction.true_friction import DryFriction
@@ -51,8 +52,6 @@ from systems.joint_friction import JointFriction, add_holding_actuators
 from systems.machining_process import MachiningProcessSystem
 from systems.motor_current_sensor import MotorCurrentSensor, add_motor_current_sensor
 from systems.rigid_body_terms import RigidBodyTermsSystem
-
-Array = NDArray[np.float64]
 
 FLOOR_STIFFNESS = 1e6  # N/m
 _FLOOR_COLOUR = np.array([0.86, 0.87, 0.88, 1.0])
@@ -168,7 +167,7 @@ def make_robot_cell(
     if scenario.force_torque_sensor is not None:
         _add_force_torque_sensor(builder, plant, parts, scenario, robot, terms.get_output_port())
     if meshcat is not None and scene_graph is not None:
-        parameters = MeshcatVisualizerParams(publish_period=1.0 / scenario.recording.fps)
+        parameters = MeshcatVisualizerParams(publish_period=1.0 / scenario.page.fps)
         MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, parameters)
     diagram = builder.Build()
     diagram.set_name("robot_cell")

@@ -4,17 +4,15 @@ from collections.abc import Collection
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue, Value
 from pydrake.geometry import GeometryId
 from pydrake.multibody.plant import ContactResults
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from models.arrays import Array
 from models.rigid_body.serial_chain import RigidBodyTerms
 from models.signals.tool_contact import CONTACT_SIZE, NORMAL_SIZE, add_contact, sum_with_contact
-
-Array = NDArray[np.float64]
 
 _NO_MOMENT = np.zeros(3)
 

@@ -3,7 +3,7 @@
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
@@ -15,6 +15,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from models.arrays import Array
 from models.observers.observer import (
     CTV,
     GRAVITY,
@@ -29,8 +30,6 @@ from models.observers.observer import (
     V,
 )
 from models.rigid_body.serial_chain import RigidBodyTerms
-
-Array = NDArray[np.float64]
 
 
 class ExternalTorqueObserver(LeafSystem):

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue, Value
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import MultibodyPlant
@@ -17,12 +16,11 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
+from models.arrays import Array
 from models.files.input_error import InputError
 from models.rigid_body.serial_chain import RigidBodyTerms
 from models.signals.low_pass import LowPass
 from models.signals.tool_wrench import measure_contact_wrench, tool_table
-
-Array = NDArray[np.float64]
 
 _SILENCE = np.zeros(6)
 

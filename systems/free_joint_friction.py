@@ -1,14 +1,11 @@
 """Dry friction of the true robot's joints, where nothing touches the robot."""
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from models.friction.true_friction import DryFriction, free_friction
 from systems.joint_friction import HOLDING_DAMPING
-
-Array = NDArray[np.float64]
 
 
 class FreeJointFriction(LeafSystem):

@@ -1,7 +1,6 @@
 """A friction law as a block, whatever its kind."""
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
@@ -15,8 +14,6 @@ from pydrake.systems.framework import (
 
 from models.friction.friction_law import FrictionLaw
 from models.friction.velocity_friction import friction_torque
-
-Array = NDArray[np.float64]
 
 
 class FrictionLawSystem(LeafSystem):

@@ -4,7 +4,7 @@ from dataclasses import replace
 from typing import cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
@@ -14,10 +14,9 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig, reconstruct
+from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
+from models.estimation.wrench_kernels import reconstruct
 from models.rigid_body.serial_chain import RigidBodyTerms
-
-Array = NDArray[np.float64]
 
 READING_SIZES = (6, 36, 1, 1)
 """Entries of the port `reading`: wrench, covariance, condition number, valid."""

@@ -4,15 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
+from models.arrays import Array
 from models.control.joint_tracking import advance_integral, tracking_torque
 from models.files.input_error import InputError
 from models.friction.velocity_friction import SemiParametricFriction
-
-Array = NDArray[np.float64]
 
 LAWS = ("computed_torque", "feedforward_pd")
 

@@ -3,7 +3,7 @@
 from typing import cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue, Value
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
@@ -15,6 +15,7 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
+from models.arrays import Array
 from models.machining.machining_process import (
     FEED,
     PROCESS_STATE_SIZE,
@@ -25,8 +26,6 @@ from models.machining.machining_process import (
 )
 from models.rigid_body.serial_chain import RigidBodyTerms
 from models.signals.tool_contact import NORMAL_SIZE
-
-Array = NDArray[np.float64]
 
 
 class MachiningProcessSystem(LeafSystem):

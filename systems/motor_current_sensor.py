@@ -3,7 +3,7 @@
 from typing import cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
@@ -15,10 +15,9 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from models.arrays import Array
 from models.signals.current_measurement import measure_current, update_lag
 from systems.gaussian_noise_source import GaussianNoiseSource
-
-Array = NDArray[np.float64]
 
 
 class MotorCurrentSensor(LeafSystem):

@@ -3,7 +3,6 @@
 from typing import NamedTuple, cast
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     AbstractParameterIndex,
@@ -12,7 +11,7 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-Array = NDArray[np.float64]
+from models.arrays import Array
 
 
 class Samples(NamedTuple):

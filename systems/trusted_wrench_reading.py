@@ -3,22 +3,19 @@
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
-from pydrake.common.value import AbstractValue
+from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
     Context,
     DiscreteStateIndex,
     DiscreteValues,
     LeafSystem,
+    ValueProducer,
 )
 
 from models.estimation.trusted_reading import TrustedReading
 from models.rigid_body.serial_chain import RigidBodyTerms
 from systems.jacobian_wrench_reconstruction import READING_SIZES
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 class TrustedWrenchReading(LeafSystem):
@@ -57,7 +54,6 @@ class TrustedWrenchReading(LeafSystem):
         self._trusted = trusted
         n = trusted.num_joints
         self._shape = (trusted.state_rows, n)
-        self._nothing = np.zeros((1, n))
         self._q = self.DeclareVectorInputPort("q", n)
         self._v = self.DeclareVectorInputPort("v", n)
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
@@ -69,25 +65,37 @@ class TrustedWrenchReading(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
         ports = (self._q, self._v, self._terms, self._tau_ext, self._tau_ext_valid)
         tickets = {port.ticket() for port in ports} | {self.discrete_state_ticket(state)}
-        self.DeclareVectorOutputPort("reading", sum(READING_SIZES), self._calc_reading, tickets)
+        # The reading and the state after it, so that the update need not read again.
+        self._tick = self.DeclareCacheEntry(
+            "reading and state",
+            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_tick),
+            tickets,
+        )
+        self.DeclareVectorOutputPort(
+            "reading", sum(READING_SIZES), self._calc_reading, {self._tick.ticket()}
+        )
 
-    def _run(
-        self, context: Context, state: Array, transmitted: Array
-    ) -> tuple[Array, Array, Array, Flags, Array]:
-        q, v = self._q.Eval(context)[np.newaxis], self._v.Eval(context)[np.newaxis]
-        J = cast(RigidBodyTerms, self._terms.Eval(context)).J[np.newaxis]
-        tau_ext = self._tau_ext.Eval(context)[np.newaxis]
-        counts = self._tau_ext_valid.Eval(context) == 1.0
-        return self._trusted.run(state, q, v, transmitted, J, tau_ext, counts)
+    def _calc_tick(self, context: Context, value: Value) -> None:
+        state = context.get_discrete_state_vector().value().reshape(self._shape).copy()
+        reading = np.empty(sum(READING_SIZES))
+        self._trusted.tick(
+            state,
+            self._q.Eval(context),
+            self._v.Eval(context),
+            cast(RigidBodyTerms, self._terms.Eval(context)).J,
+            self._tau_ext.Eval(context),
+            bool(self._tau_ext_valid.Eval(context)[0] == 1.0),
+            reading,
+        )
+        value.set_value((reading, state))
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        state = context.get_discrete_state_vector().value().reshape(self._shape).copy()
-        wrench, covariance, condition, valid, _ = self._run(context, state, self._nothing)
-        parts = (wrench[0], covariance[0].ravel(), condition, valid)
-        output.SetFromVector(np.concatenate(parts))
+        reading, _ = self._tick.EvalAbstract(context).get_value()
+        output.SetFromVector(reading)
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        state = context.get_discrete_state_vector().value().reshape(self._shape).copy()
+        _, state = self._tick.EvalAbstract(context).get_value()
+        state = state.copy()
         transmitted = self._tau_J.Eval(context) - self._tau_f.Eval(context)
-        self._run(context, state, transmitted[np.newaxis])
+        self._trusted.transmit(state, transmitted)
         discrete_state.set_value(0, state.ravel())

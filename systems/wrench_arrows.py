@@ -4,13 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem
 
-Array = NDArray[np.float64]
+from models.arrays import Array
 
 HEAD_LENGTH = 0.045  # m
 SHORTEST = 1e-4  # m; shorter arrows have no direction to show

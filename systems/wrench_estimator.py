@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
@@ -15,6 +14,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from models.arrays import Array
 from models.estimation.estimator import EstimatorTables, WrenchEstimator
 from models.estimation.sample_check import check_current, check_motion, check_sample
 from models.estimation.tick import (
@@ -25,11 +25,11 @@ from models.estimation.tick import (
     scratch_size,
     tick_output,
     tick_update,
+    trusted_output,
+    trusted_update,
 )
-from models.estimation.wrench import UNKNOWN_SD, WrenchReconstruction
+from models.estimation.wrench import WrenchReconstruction
 from models.friction.velocity_friction import friction_torque
-
-Array = NDArray[np.float64]
 
 
 class WrenchEstimatorSystem(LeafSystem):
@@ -48,14 +48,15 @@ class WrenchEstimatorSystem(LeafSystem):
     Inputs:     as make_estimator's, those of `taught` among them
     Outputs:    as make_estimator's: tau_ext, wrench, covariance, condition_number, valid, terms,
                 fault; checked_current (n,) A, NaN where it cannot be;
-                reading  (n + 44 + 15 n,) the first five one after the other, in this order, then
+                reading  (n + 44 + ...,) the first five one after the other, in this order, then
                          what the update takes: who wants several has them from one port, split up
                          by Drake's Demultiplexer with `reading_sizes`
-    State:      the observer's rows, then the friction law's, then those of the check of samples,
-                flat
+    State:      the observer's rows, then the friction law's, then those of the reading that knows
+                the torque error and of the check of samples, flat
     Parameters: `parameters` has their indices, by the name that they have in the diagram:
                 motor.torque_per_ampere, friction.* of the law, observer.* of the observer,
-                reconstruction.prior_sd, .torque_covariance, .damping, .truncation
+                reconstruction.prior_sd, .torque_covariance, .damping, .truncation, the latter
+                for a model without a torque error
 
     The numbers are those of the diagram and of `WrenchEstimator.run`: the same kernels compute
     them. A tick takes two calls into Python, in the place of some fifteen.
@@ -73,6 +74,7 @@ class WrenchEstimatorSystem(LeafSystem):
         LeafSystem.__init__(self)
         self._estimator = estimator
         self._taught = taught
+        self._trusted = estimator.trusted
         self._n = n = estimator.num_joints
         self._choice, self._rows = estimator.choice, estimator.observer_rows
         # At planned speeds friction needs no memory: it slides.
@@ -86,6 +88,9 @@ class WrenchEstimatorSystem(LeafSystem):
         initial = estimator.observer.initial_state()
         if not taught:
             initial = estimator.initial_state()[: estimator.tick_rows]
+        self._tick_rows = len(initial)
+        if self._trusted is not None:
+            initial = np.vstack([initial, self._trusted.initial_state()])
         self._end = initial.size  # of what the tick's kernels take
         self._check = estimator.check
         if self._check is not None:
@@ -114,7 +119,7 @@ class WrenchEstimatorSystem(LeafSystem):
             for port in (self._correction, self._v_planned, self._counts):
                 prerequisites.add(port.ticket())
         self._reading = self.DeclareVectorOutputPort(
-            "reading", output_size(n), self._calc_reading, prerequisites
+            "reading", sum(self.reading_sizes), self._calc_reading, prerequisites
         )
         start = 0
         for name, size in zip(
@@ -132,14 +137,11 @@ class WrenchEstimatorSystem(LeafSystem):
                 prerequisites,
             )
             start += size
-        motion = {self._q.ticket(), self._v.ticket(), self.discrete_state_ticket(state)}
+        memory = self.discrete_state_ticket(state)
+        motion = {self._q.ticket(), self._v.ticket(), memory}
         self.DeclareVectorOutputPort("fault", 1, self._calc_fault, motion)
-        self.DeclareVectorOutputPort(
-            "checked_current",
-            n,
-            self._calc_checked_current,
-            {self._current.ticket(), self.discrete_state_ticket(state)},
-        )
+        drives = {self._current.ticket(), memory}
+        self.DeclareVectorOutputPort("checked_current", n, self._calc_checked_current, drives)
         self.DeclareAbstractOutputPort(
             "terms",
             lambda: AbstractValue.Make(object()),
@@ -156,20 +158,24 @@ class WrenchEstimatorSystem(LeafSystem):
     def reading_sizes(self) -> list[int]:
         """Of tau_ext, wrench, covariance, condition_number, valid and the rest in `reading`."""
         sizes = [self._n, 6, 36, 1, 1]
-        return [*sizes, output_size(self._n) - sum(sizes)]
+        more = 0 if self._trusted is None else self._trusted.state_rows * self._n
+        return [*sizes, output_size(self._n) - sum(sizes) + more]
 
     def _declare_parameters(self) -> None:
         estimator = self._estimator
         reconstruction = estimator.config.reconstruction
         prior = (reconstruction.prior_force_sd, reconstruction.prior_moment_sd)
-        values: dict[str, Array] = {
-            "motor.torque_per_ampere": estimator.robot.torque_per_ampere,
-            **{f"friction.{name}": value for name, value in self._law.parameters.items()},
-            **{f"observer.{name}": value for name, value in estimator.observer.parameters.items()},
+        reading = {
             "reconstruction.prior_sd": np.array([np.inf if sd is None else sd for sd in prior]),
             "reconstruction.torque_covariance": estimator.reconstruction.torque_covariance,
             "reconstruction.damping": np.array([reconstruction.damping]),
             "reconstruction.truncation": np.array([reconstruction.truncation]),
+        }
+        values: dict[str, Array] = {
+            "motor.torque_per_ampere": estimator.robot.torque_per_ampere,
+            **{f"friction.{name}": value for name, value in self._law.parameters.items()},
+            **{f"observer.{name}": value for name, value in estimator.observer.parameters.items()},
+            **(reading if self._trusted is None else {}),
         }
         for name, value in values.items():
             self._shapes[name] = value.shape
@@ -191,21 +197,22 @@ class WrenchEstimatorSystem(LeafSystem):
                 if name.startswith(part)
             }
 
-        wrench = own("reconstruction.")
-        config = replace(
-            estimator.config.reconstruction,
-            prior_force_sd=float(wrench["prior_sd"][0]),
-            prior_moment_sd=float(wrench["prior_sd"][1]),
-            damping=float(wrench["damping"][0]),
-            truncation=float(wrench["truncation"][0]),
-        )
-        if estimator.trusted is not None:  # which then says what is valid, see make_estimator
-            config = replace(config, max_force_sd=UNKNOWN_SD)
+        reconstruction = estimator.reconstruction
+        if self._trusted is None:
+            wrench = own("reconstruction.")
+            config = replace(
+                estimator.config.reconstruction,
+                prior_force_sd=float(wrench["prior_sd"][0]),
+                prior_moment_sd=float(wrench["prior_sd"][1]),
+                damping=float(wrench["damping"][0]),
+                truncation=float(wrench["truncation"][0]),
+            )
+            reconstruction = WrenchReconstruction(config, wrench["torque_covariance"])
         tables = estimator.tables_of(
             values["motor.torque_per_ampere"],
             self._law.with_parameters(own("friction.")),
             estimator.observer.with_parameters(own("observer.")),
-            WrenchReconstruction(config, wrench["torque_covariance"]),
+            reconstruction,
         )
         value.set_value(tables)
 
@@ -221,17 +228,14 @@ class WrenchEstimatorSystem(LeafSystem):
         q, v = self._q.Eval(context), self._v.Eval(context)
         current = self._current.Eval(context) if self._reads_current else self._unread
         if self._check is not None:
-            checked, memory = self._checked, state[self._end :].reshape(-1, self._n)
+            checked, memory = self._checked, self._memory(state)
             table, T = self._check.table, self._estimator.observer.time_step
             check_motion(table, memory, T, q, v, checked)
             if self._reads_current:
                 check_current(table, memory, T, current, checked)
                 current = checked[2]
             q, v = checked[0], checked[1]
-        tick_output(
-            self._choice,
-            *tables,
-            self._rows,
+        sample = (
             state[: self._end],
             q,
             v,
@@ -240,45 +244,52 @@ class WrenchEstimatorSystem(LeafSystem):
             output.get_mutable_value(),
             self._scratch,
         )
+        if self._trusted is None:
+            tick_output(self._choice, *tables, self._rows, *sample)
+        else:
+            trusted_output(
+                self._choice,
+                *tables[:-1],
+                *self._trusted.tables,
+                self._rows,
+                self._tick_rows,
+                *sample,
+            )
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         tables: EstimatorTables = self._tables.EvalAbstract(context).get_value()
-        state = discrete_state.get_mutable_value()
-        current = self._current.Eval(context)
+        parts = (self._choice, tables.drives, tables.slip, tables.observer, self._rows)
+        state, current = discrete_state.get_mutable_value(), self._current.Eval(context)
         reading = self._reading.Eval(context)
         if self._check is not None:
-            sample = np.stack([self._q.Eval(context), self._v.Eval(context), current])
-            memory = state[self._end :].reshape(-1, self._n)
+            given = np.stack([self._q.Eval(context), self._v.Eval(context), current])
             period = self._estimator.observer.time_step
-            check_sample(self._check.table, memory, period, sample, self._checked)
+            check_sample(self._check.table, self._memory(state), period, given, self._checked)
             current = self._checked[2]
-        tick_update(
-            self._choice,
-            tables.drives,
-            tables.slip,
-            tables.observer,
-            self._rows,
-            state[: self._end],
-            current,
-            self._known,
-            reading,
-        )
+        sample = (state[: self._end], current, self._known, reading)
+        if self._trusted is None:
+            tick_update(*parts, *sample)
+        else:
+            trusted_update(*parts, self._tick_rows, *sample)
+
+    def _memory(self, state: Array) -> Array:
+        """The state's rows of the check of samples."""
+        return state[self._end :].reshape(-1, self._n)
 
     def _calc_fault(self, context: Context, output: BasicVector) -> None:
-        if self._check is None:
-            output.SetAtIndex(0, 0.0)
-            return
-        memory = context.get_discrete_state_vector().value()[self._end :].reshape(-1, self._n)
-        fault = check_motion(
-            *(self._check.table, memory, self._estimator.observer.time_step),
-            *(self._q.Eval(context), self._v.Eval(context), self._checked),
-        )
+        fault = 0
+        if self._check is not None:
+            memory = self._memory(context.get_discrete_state_vector().value())
+            fault = check_motion(
+                *(self._check.table, memory, self._estimator.observer.time_step),
+                *(self._q.Eval(context), self._v.Eval(context), self._checked),
+            )
         output.SetAtIndex(0, fault)
 
     def _calc_checked_current(self, context: Context, output: BasicVector) -> None:
         current = self._current.Eval(context)
         if self._check is not None:
-            memory = context.get_discrete_state_vector().value()[self._end :].reshape(-1, self._n)
+            memory = self._memory(context.get_discrete_state_vector().value())
             period = self._estimator.observer.time_step
             check_current(self._check.table, memory, period, current, self._checked)
             current = self._checked[2]

@@ -27,6 +27,9 @@ from diagrams.scenario import FourierMotion as FourierMotion
 from diagrams.scenario import Scenario as Scenario
 from diagrams.scenario import bundled_scenarios as bundled_scenarios
 from diagrams.scenario import load_scenario as load_scenario
+from models.detection.contact_detector import ContactDetectionConfig as ContactDetectionConfig
+from models.detection.contact_detector import ContactDetector as ContactDetector
+from models.detection.contact_detector import Detection as Detection
 from models.estimation.estimator import EstimateBatch as EstimateBatch
 from models.estimation.estimator import TickEstimate as TickEstimate
 from models.estimation.estimator import WrenchEstimator as WrenchEstimator

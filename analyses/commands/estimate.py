@@ -18,9 +18,11 @@ from analyses.output.console import new_console, new_table, say, showing_progres
 
 if TYPE_CHECKING:
     from analyses.methods.reading.estimation import EstimateResult
+    from analyses.methods.sensors.comparison import SensorComparison
 
 ORDER = 30
 DEFAULTS = EstimateSettings().estimate
+REFERENCE = DEFAULTS.reference
 OBSERVER, READING = DEFAULTS.estimator.observer, DEFAULTS.estimator.reconstruction
 PLACES = {
     "log": "log",
@@ -40,12 +42,27 @@ PLACES = {
     "step": "estimate.estimator.observer.time_step",
     "max_gap": "estimate.max_gap",
     "check": "estimate.check",
+    "mcap": "estimate.mcap",
+    "reference": "estimate.reference.columns",
+    "reference_frame": "estimate.reference.frame",
+    "reference_turn": "estimate.reference.turn",
+    "reference_sign": "estimate.reference.sign",
+    "reference_tare": "estimate.reference.tare",
+    "reference_delay": "estimate.reference.delay",
+    "false_alarms_per_hour": "estimate.detection.false_alarms_per_hour",
+    "covariance": "estimate.covariance",
+    "table": "estimate.table",
 }
 
 
 def command(
     ctx: typer.Context,
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="Log of q, v and motor current.")],
+    log: Annotated[
+        Path,
+        typer.Argument(
+            metavar="LOG", help="Log of q, v and motor current; a table or a ROS 2 bag."
+        ),
+    ],
     robot: RobotName,
     model: Annotated[
         Path | None,
@@ -97,6 +114,48 @@ def command(
     check: Annotated[
         bool, typer.Option(help="Hold the log against the robot's limits and gravity.")
     ] = DEFAULTS.check,
+    mcap: Annotated[
+        bool,
+        typer.Option("--mcap", help="Write the wrenches as ROS 2 messages too: wrench.mcap."),
+    ] = DEFAULTS.mcap,
+    reference: Annotated[
+        str,
+        typer.Option(
+            metavar="COLUMNS",
+            help="A force sensor's columns in the log, force first, to compare with: fx,fy,fz, "
+            "with moments, or one along an axis.",
+        ),
+    ] = REFERENCE.columns,
+    reference_frame: Annotated[
+        str, typer.Option(help="Whose axes the sensor's are: world, tool, or found.")
+    ] = REFERENCE.frame,
+    reference_turn: Annotated[
+        str, typer.Option(help="Roll, pitch, yaw of its axes in that frame, rad: 0,0,3.1416.")
+    ] = joined(REFERENCE.turn),
+    reference_sign: Annotated[
+        str,
+        typer.Option(
+            help="What it says: robot (what acts on it), environment (what the robot does), or "
+            "found."
+        ),
+    ] = REFERENCE.sign,
+    reference_tare: Annotated[
+        str,
+        typer.Option(
+            help="Its reading without load: none, start (mean of the first half second), fit, or "
+            "numbers."
+        ),
+    ] = REFERENCE.tare,
+    reference_delay: Annotated[
+        str, typer.Option(help="s that it is later than the motion, or found.")
+    ] = REFERENCE.delay,
+    false_alarms_per_hour: Annotated[
+        float, typer.Option(help="How often contact may be reported where nothing touches the arm.")
+    ] = DEFAULTS.detection.false_alarms_per_hour,
+    covariance: Annotated[
+        bool, typer.Option("--covariance", help="Add the 21 entries of the covariance.")
+    ] = DEFAULTS.covariance,
+    table: Annotated[str, typer.Option(help="csv or parquet.")] = DEFAULTS.table,
     config: Annotated[Path | None, config_option(EstimateSettings, PLACES)] = None,
     out: Out = Path("out/estimate"),
 ) -> None:
@@ -121,7 +180,7 @@ def _print(result: "EstimateResult", out: Path) -> None:
     metrics = result.metrics()
     table = new_table("valid samples", "mean", "rms", "largest", "mean sd", "")
     for axis, values in metrics["valid"]["wrench"].items():
-        unit = "n" if axis.startswith("f") else "nm"
+        unit = _unit(axis)
         keys = (f"mean_{unit}", f"rms_{unit}", f"max_abs_{unit}", f"mean_sd_{unit}")
         figures = ("–" if values[key] is None else f"{values[key]:.2f}" for key in keys)
         table.add_row(axis, *figures, "N" if unit == "n" else "N m")
@@ -133,6 +192,41 @@ def _print(result: "EstimateResult", out: Path) -> None:
         f"{result.num_samples} samples, {100 * result.valid_share:.1f} % valid; prior: force sd "
         f"{prior['force_sd_n']:.3g} N, moment sd {prior['moment_sd_nm']:.3g} N m ({prior['rule']})",
     )
+    for line in result.contacts:
+        say(console, line)
     for notice in (*result.notices, *result.warnings):
         say(console, f"note: {notice}")
+    if result.comparison is not None:
+        _print_comparison(result.comparison, out)
     say(console, f"wrench: {result.table}, figure: {out / 'figures' / 'wrench.png'}")
+
+
+def _unit(axis: str) -> str:
+    """As the metrics' keys have it."""
+    return "nm" if axis.startswith("m") else "n"
+
+
+def _print_comparison(comparison: "SensorComparison", out: Path) -> None:
+    metrics = comparison.metrics()
+    table = new_table("against the sensor", "share", "RMSE: " + " ".join(comparison.axes), "bias")
+    for phase in comparison.phases:
+        own = metrics[phase]
+        judged = {axis: own[axis] for axis in comparison.axes if own[axis] is not None}
+        if not judged:
+            continue
+        columns = [
+            " ".join(f"{one[f'{name}_{_unit(axis)}']:.2f}" for axis, one in judged.items())
+            for name in ("rmse", "bias")
+        ]
+        table.add_row(phase.replace("_", ", "), f"{own['share_pct']:.0f} %", *columns)
+    console = new_console()
+    console.print(table)
+    mounting = comparison.mounting
+    axes = "; ".join(" ".join(f"{x:.3g}" for x in row) for row in mounting.R.round(6) + 0.0)
+    says = "what acts on the robot" if mounting.sign > 0 else "what the robot does"
+    say(
+        console,
+        f"sensor: axes of the {mounting.frame} turned by [{axes}], {says}, "
+        f"{1000 * mounting.delay:.0f} ms late, tare {' '.join(f'{x:.3g}' for x in mounting.tare)}; "
+        f"figure: {out / 'figures' / 'reference.png'}",
+    )

@@ -29,7 +29,7 @@ PLACES = {
     "clearance": "excitation.limits.clearance",
     "floor": "excitation.limits.floor",
     "validation": "validation",
-    "record": "record",
+    "page": "page",
 }
 
 
@@ -49,7 +49,7 @@ def command(
         int, typer.Option(help="Of the Fourier series.")
     ] = EXCITATION.num_harmonics,
     periods: Annotated[
-        int, typer.Option(help="In the table and in the recording.")
+        int, typer.Option(help="In the table and on the page.")
     ] = EXCITATION.num_periods,
     position_margin: Annotated[
         float, typer.Option(help="Kept from the joints' position limits, rad.")
@@ -73,9 +73,9 @@ def command(
     validation: Annotated[
         bool, typer.Option(help="Find a second trajectory, for cross-validation.")
     ] = DEFAULTS.validation,
-    record: Annotated[
+    page: Annotated[
         bool, typer.Option(help="Write the page on which the robot runs it.")
-    ] = DEFAULTS.record,
+    ] = DEFAULTS.page,
     config: Annotated[Path | None, config_option(ExciteSettings, PLACES)] = None,
     out: Out = Path("out/excite"),
 ) -> None:
@@ -91,7 +91,7 @@ def command(
             out,
             settings.excitation,
             settings.validation,
-            settings.record,
+            settings.page,
             progress,
         )
     _print(results, out)

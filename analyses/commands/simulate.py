@@ -22,7 +22,7 @@ PLACES = {
     "duration": "duration_s",
     "seed": "seed",
     "quick": "quick",
-    "recording": "record",
+    "page": "page",
     "graphviz": "graph",
 }
 
@@ -49,9 +49,7 @@ def command(
         int | None, typer.Option(min=0, help="In the place of the scenario's.")
     ] = DEFAULTS.seed,
     quick: Quick = DEFAULTS.quick,
-    recording: Annotated[
-        bool, typer.Option(help="Write the moving arm as recording.html.")
-    ] = DEFAULTS.record,
+    page: Annotated[bool, typer.Option(help="Write the moving arm as page.html.")] = DEFAULTS.page,
     graphviz: Annotated[
         bool, typer.Option("--graphviz", help="Draw the diagram of all blocks.")
     ] = DEFAULTS.graph,
@@ -78,7 +76,7 @@ def command(
             seed=settings.seed,
             duration=settings.duration_s,
             quick=settings.quick,
-            record=settings.record,
+            page=settings.page,
             graph=settings.graph,
             progress=progress,
         )

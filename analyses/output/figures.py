@@ -15,7 +15,9 @@ from models.files.whole_file import whole_file, writing_to
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Meaning = Literal["truth", "estimate", "reference", "article", "before", "after", "invalid"]
+Meaning = Literal[
+    "truth", "estimate", "reference", "article", "before", "after", "invalid", "contact", "onset"
+]
 
 # Okabe and Ito's palette, which stays apart in all common colour deficiencies and in print.
 COLOUR: Final[dict[Meaning, str]] = {
@@ -26,6 +28,8 @@ COLOUR: Final[dict[Meaning, str]] = {
     "before": "#d55e00",
     "after": "#009e73",
     "invalid": "#f3d9d9",  # a background
+    "contact": "#cfe8d5",  # likewise
+    "onset": "#2c7a3f",
 }
 SERIES: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#1a1a1a")
 BAND_ALPHA: Final = 0.2  # of an uncertainty band in the colour of its estimate

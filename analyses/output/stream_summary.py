@@ -1,9 +1,8 @@
 """What to keep of a stream of samples whose length is not known beforehand."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from models.arrays import Array
 
 
 class EvenSample:

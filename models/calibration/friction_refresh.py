@@ -10,13 +10,11 @@ month to another, so a joint that hardly moves keeps its numbers, and its standa
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.calibration.prior_least_squares import fit_with_prior
 from models.calibration.residual_noise import ResidualNoise, ResidualRows
 from models.friction.velocity_friction import CoulombViscous
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

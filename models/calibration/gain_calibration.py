@@ -20,6 +20,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.calibration.friction_refresh import FrictionDrift
 from models.calibration.load_identification import REACH
 from models.calibration.load_parameters import body_parameters, load_columns
@@ -29,8 +30,6 @@ from models.friction.friction_structure import FrictionStructure
 from models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
 from models.identification.torque_regression import parameter_prior, split_terms
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 GAIN_SD = 0.3  # of u before any log: torque per ampere right within a third
 LOAD_DEPENDENCE_SD = 0.1  # N m of friction per N m

@@ -16,8 +16,8 @@ would bend: their effect on the result is added to its covariance ("considered" 
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.calibration.friction_refresh import FrictionDrift
 from models.calibration.load_parameters import (
     inertia_matrix,
@@ -27,8 +27,6 @@ from models.calibration.load_parameters import (
 from models.calibration.prior_least_squares import fit_with_prior
 from models.calibration.residual_noise import ResidualNoise, ResidualRows
 from models.friction.velocity_friction import CoulombViscous
-
-Array = NDArray[np.float64]
 
 REACH = 0.3  # m, of a centre of mass from the flange: sd of the first solution's prior
 # Radius of gyration of a load of 1 kg, m; others have the same density. A ball of this radius of

@@ -6,13 +6,11 @@ physical_consistency`): P' = X P X^T with X the homogeneous pose of the old fram
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.identification.physical_consistency import pseudo_inertia
 from models.robot.robot import Robot
 from models.robot.robot_config import pose_of
-
-Array = NDArray[np.float64]
 
 _TENSOR = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # places of the last six parameters
 

@@ -13,12 +13,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lstsq, solve_triangular
 
+from models.arrays import Array
 from models.identification.base_parameters import triangular_factor
-
-Array = NDArray[np.float64]
 
 FREEDOM = 30.0  # rows, what the stated covariance is worth
 _PASSES = 5

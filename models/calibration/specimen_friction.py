@@ -24,10 +24,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-
-Array = NDArray[np.float64]
 
 _ROUNDS = 20  # of reweighting; the weights settle within five
 _NORMAL_MAD = 1.4826  # sd of a normal distribution over its median absolute deviation

@@ -16,13 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from models.arrays import Array, Flags
 from models.contact.contact_force import TorqueBlocks
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.sliding_level import sliding_level, sliding_torque, slip_sides
 from models.rigid_body.serial_chain import SerialChain
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 LOAD_TIME = 0.1  # s
 LEAST_PART = 3  # samples of a stretch with a known motion, for its acceleration

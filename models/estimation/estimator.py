@@ -11,13 +11,14 @@ numbers. A friction law with load dependence takes the motor torque of the tick 
 """
 
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from models.arrays import Array, Flags
 from models.estimation.kernel_choice import kernel_choice
-from models.estimation.sample_check import CHECK_ROWS, SampleCheck, check_sample
+from models.estimation.sample_check import CHECK_ROWS, Codes, SampleCheck, check_sample
 from models.estimation.tick import (
     GAIN,
     KNOWN_CORRECTION,
@@ -28,25 +29,18 @@ from models.estimation.tick import (
     scratch_size,
     serial_log,
     terms_log,
+    trusted_tick,
 )
 from models.estimation.trusted_reading import TrustedReading
-from models.estimation.wrench import (
-    WrenchReconstruction,
-    WrenchReconstructionConfig,
-    live_prior,
-    reconstruct_log,
-)
+from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig, live_prior
+from models.estimation.wrench_kernels import reconstruct_log
 from models.friction.friction_law import FrictionLaw
 from models.identification.identified_model import IdentifiedModel
 from models.observers.momentum_observer import MomentumObserverConfig
 from models.observers.observer import NUM_SIGNALS, TAU_F, TAU_J, Observer
 from models.observers.observer_kinds import AnyObserverConfig, make_observer
-from models.rigid_body.serial_chain import kernels_are_compiled
 from models.robot.motors import motor_gain
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 _PASS = 16384  # rows between two turns of the serial part: bounds the memory of a long log
 
@@ -58,10 +52,9 @@ class WrenchEstimatorConfig:
     observer: AnyObserverConfig = field(default_factory=MomentumObserverConfig)
     reconstruction: WrenchReconstructionConfig = field(default_factory=WrenchReconstructionConfig)
     force_bandwidth_hz: float = 3.0  # up to which the band holds the observer's lag
-    position_resolution: list[float] | None = None  # rad, per joint; None: what the model says
-    check_samples: bool = (
-        True  # against what the joints can do: see `models.estimation.sample_check`
-    )
+    position_resolution: list[float] | None = None
+    # rad, per joint; None: what robot.yaml says of all joints, else the model
+    check_samples: bool = True  # against what the joints can do: see `sample_check`
 
 
 class Taught(NamedTuple):
@@ -103,9 +96,12 @@ class EstimateBatch(NamedTuple):
             one before it was not finite, so that tau_ext is held.
         J: (N, 6, n) rows [angular; linear] at E in axes of W.
         torque_sd: (N, n) N m, of tau_ext where nothing touches the arm.
+        transmitted: (N, n) N m, what the gears transmit: motor torque less friction; empty where
+            it is not kept.
+        fresh: (N,) whether tau_ext is of the sample; empty where it is not kept.
         fault: (N,) what is wrong with q and v of the sample, and with the current of the one
             before: a sum of BEYOND, DISAGREES and FROZEN of `models.estimation.sample_check`, or 0.
-            Such a sample counts as one that is not finite.
+            Such a sample counts as one that is not finite. Empty where it is not kept.
     """
 
     tau_ext: Array
@@ -115,7 +111,9 @@ class EstimateBatch(NamedTuple):
     valid: Flags
     J: Array
     torque_sd: Array
-    fault: NDArray[np.int64]
+    transmitted: Array = np.empty((0, 0))
+    fresh: Flags = np.empty(0, np.bool_)
+    fault: Codes = np.empty(0, np.int64)
 
     @property
     def standard_deviation(self) -> Array:
@@ -184,6 +182,8 @@ class WrenchEstimator:
             self.config.reconstruction, model.residual_covariance
         )
         resolution = self.config.position_resolution
+        if resolution is None and np.isfinite(robot.position_resolution).all():
+            resolution = robot.position_resolution.tolist()
         self.friction = model.friction.sampled(self.observer.time_step, resolution)
         self.choice = kernel_choice(self.observer.kernels, self.friction.kernels)
         self.tables = self.tables_of(
@@ -202,6 +202,11 @@ class WrenchEstimator:
                 resolution,
                 self.config.force_bandwidth_hz,
             )
+        # What the kernel of `step` is given at each tick, put together once.
+        self._constants: list[Any] = [self.choice, *self.tables, self.observer_rows]
+        if self.trusted is not None:
+            tables = (*self.tables[:-1], *self.trusted.tables)
+            self._constants = [self.choice, *tables, self.observer_rows, self.tick_rows]
         more = 0 if self.trusted is None else self.trusted.state_rows
         self.check: SampleCheck | None = None
         if self.config.check_samples:
@@ -271,20 +276,9 @@ class WrenchEstimator:
             ValueError: shapes that disagree.
         """
         n = self.num_joints
+        # The kernel reads memory as it was compiled to: shape and layout are settled here.
         if state.shape != self._state_shape:
             raise ValueError(f"state must be {self._state_shape}, not {state.shape}")
-        if self.trusted is not None:
-            one = [np.asarray(x, float).reshape(1, n) for x in (q, v, current)]
-            if taught is not None:
-                taught = Taught(*(np.asarray(part, float)[None] for part in taught))
-            if tau_f is not None:
-                tau_f = np.asarray(tau_f, float)[None]
-            batch = self.run(state, *one, taught=taught, tau_f=tau_f)
-            return TickEstimate(
-                *(batch.tau_ext[0], batch.wrench[0], batch.covariance[0]),
-                *(float(batch.condition_number[0]), bool(batch.valid[0]), int(batch.fault[0])),
-            )
-        # The kernel reads memory as it was compiled to: shape and layout are settled here.
         sample, given, fault = self._sample, self._given, 0
         given[0], given[1], given[2] = q, v, current
         if self.check is None:
@@ -298,15 +292,11 @@ class WrenchEstimator:
             if tau_f is not None:
                 sample[2] -= np.asarray(tau_f, float) / self.tables.drives[GAIN]
         out = np.empty(n + NUM_READING)
-        estimate_tick(
-            self.choice,
-            *self.tables,
-            self.observer_rows,
-            state[: self.tick_rows],
-            sample,
-            out,
-            self._scratch,
-        )
+        rest: list[Any] = [state[: self._check_from], sample, out, self._scratch]
+        if self.trusted is None:
+            estimate_tick(*self._constants, *rest)
+        else:
+            trusted_tick(*self._constants, *rest)
         return TickEstimate(
             out[:n],
             out[n : n + 6],
@@ -364,6 +354,7 @@ class WrenchEstimator:
         covariance, quality, counts = np.empty((N, 6, 6)), np.empty((N, 2)), np.empty(N, np.bool_)
         signals = np.empty((min(N, _PASS), NUM_SIGNALS, n))
         torque_sd = np.tile(np.sqrt(np.diag(self.reconstruction.torque_covariance)), (N, 1))
+        transmitted = np.empty((N, n))
         for start in range(0, N, _PASS):
             rows = slice(start, min(N, start + _PASS))
             part = signals[: rows.stop - start]
@@ -390,6 +381,7 @@ class WrenchEstimator:
                 tau_ext[rows],
                 counts[rows],
             )
+            transmitted[rows] = part[:, TAU_J] - part[:, TAU_F]
             if self.trusted is not None:
                 (
                     F[rows],
@@ -401,7 +393,7 @@ class WrenchEstimator:
                     state[self.tick_rows : self._check_from],
                     q[rows],
                     v[rows],
-                    part[:, TAU_J] - part[:, TAU_F],
+                    transmitted[rows],
                     J[rows],
                     tau_ext[rows],
                     counts[rows],
@@ -413,7 +405,10 @@ class WrenchEstimator:
                 *(F[rows], covariance[rows], quality[rows]),
             )
         valid = (quality[:, 1] == 1.0) & counts
-        return EstimateBatch(tau_ext, F, covariance, quality[:, 0], valid, J, torque_sd, fault)
+        return EstimateBatch(
+            *(tau_ext, F, covariance, quality[:, 0], valid, J, torque_sd, transmitted, counts),
+            fault,
+        )
 
     def observe(self, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> Observation:
         """The chain of a whole log up to tau_ext, from its start, without a reading of the wrench.
@@ -455,8 +450,3 @@ class WrenchEstimator:
         known[..., KNOWN_CORRECTION, :] = taught.tau_correction
         known[..., KNOWN_COUNTS, :] = np.asarray(taught.counts, float)[..., None]
         return known
-
-
-def estimator_is_compiled() -> bool:
-    """Whether the first estimate comes at once; False announces a wait of some seconds."""
-    return kernels_are_compiled(estimate_tick, terms_log, serial_log, reconstruct_log)

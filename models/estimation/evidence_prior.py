@@ -2,14 +2,13 @@
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from models.arrays import Array
 from models.estimation.wrench import whitening_matrix
 from models.rigid_body.bounded_minimum import bounded_minimum
 from models.rigid_body.small_matrices import factorise
 from models.rigid_body.ties import in_order
-
-Array = NDArray[np.float64]
 
 FORCE_SD_RANGE = (1.0, 1e4)  # N
 MOMENT_SD_RANGE = (0.01, 1e3)  # N m
@@ -102,7 +101,9 @@ def _most_evident(
 
 
 @njit(cache=True, error_model="numpy")
-def _log_evidence(gram, seen, moment_sd, force_sd, weight):  # type: ignore[no-untyped-def]
+def _log_evidence(
+    gram: Array, seen: Array, moment_sd: float, force_sd: float, weight: float
+) -> tuple[float, float, float, float]:
     """What depends on the sds in the mean log likelihood of a sample; `weight` scales `seen`.
 
     By the matrix determinant and inversion lemmas only the 6x6 matrix A = 1 + S gram S appears:

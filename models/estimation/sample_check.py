@@ -29,9 +29,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from models.arrays import Array
 from models.robot.robot import Robot
 
-Array = NDArray[np.float64]
 Codes = NDArray[np.int64]
 
 LIMIT_MARGIN = 0.2  # rad or m beyond a position limit: logs exceed soft limits a little

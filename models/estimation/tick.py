@@ -15,11 +15,17 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 from numba.extending import overload
-from numpy.typing import NDArray
 
+from models.arrays import Array, Flags
 from models.estimation.kernel_choice import KernelChoice, chosen
-from models.estimation.wrench import WORK_ROWS, reconstruct
+from models.estimation.trusted_reading import (
+    READING,
+    TRUSTED_WORK_ROWS,
+    trusted_reading_tick,
+)
+from models.estimation.wrench_kernels import reconstruct
 from models.friction.velocity_friction import friction_torque
+from models.identification.torque_error_model import TRANSMITTED_ROW
 from models.observers.observer import (
     CTV,
     GRAVITY,
@@ -35,25 +41,28 @@ from models.observers.observer import (
 from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, observer_terms
 from models.robot.motors import motor_torque
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-
 GAIN, ERROR_SD = range(2)  # rows of `drives`
 KNOWN_TAU_F, KNOWN_CORRECTION, KNOWN_COUNTS = range(3)  # rows of `known`
-NUM_READING = 44  # entries after tau_ext: wrench, covariance, condition number, valid
+NUM_READING = READING  # entries after tau_ext: wrench, covariance, condition number, valid
 
 _BLOCK = 256  # rows a thread takes at a time
 
 
 def output_size(num_joints: int) -> int:
     """Entries of what `tick_output` writes."""
+    return int(counts_entry(num_joints)) + 1
+
+
+@njit(cache=True, error_model="numpy")
+def counts_entry(num_joints: int) -> int:
+    """Entry of the same that is 1 where tau_ext counts, else 0; the signals and J lie before."""
     return num_joints + NUM_READING + (NUM_SIGNALS + 6) * num_joints
 
 
 def scratch_size(num_joints: int) -> int:
     """Entries of the memory that a tick works in: one array, as each one more costs time."""
     n = num_joints
-    return 12 + n * SCRATCH_COLUMNS + WORK_ROWS * max(n, 6) + (NUM_SIGNALS + 6) * n
+    return 12 + n * SCRATCH_COLUMNS + TRUSTED_WORK_ROWS * max(n, 6) + (NUM_SIGNALS + 6) * n
 
 
 # ----------------------------------------------------------------------------------------------
@@ -229,11 +238,11 @@ def _split(tail: Array, n: int) -> tuple[Array, Array]:
 def _split_scratch(scratch: Array, n: int) -> tuple[Array, Array, Array, Array]:
     """Memory for a pose (4, 3), the chain, the reconstruction and `_split`."""
     end_of_bodies = 12 + n * SCRATCH_COLUMNS
-    end_of_work = end_of_bodies + WORK_ROWS * max(n, 6)
+    end_of_work = end_of_bodies + TRUSTED_WORK_ROWS * max(n, 6)
     return (
         scratch[:12].reshape(4, 3),
         scratch[12:end_of_bodies].reshape(n, SCRATCH_COLUMNS),
-        scratch[end_of_bodies:end_of_work].reshape(WORK_ROWS, max(n, 6)),
+        scratch[end_of_bodies:end_of_work].reshape(TRUSTED_WORK_ROWS, max(n, 6)),
         scratch[end_of_work:],
     )
 
@@ -281,6 +290,50 @@ def estimate_tick(
 
 
 @njit(cache=True, error_model="numpy")
+def trusted_tick(
+    choice: KernelChoice,
+    chain: Array,
+    drives: Array,
+    friction: Array,
+    slip: Array,
+    observer: Array,
+    error: Array,
+    lag: Array,
+    wrench: Array,
+    rows: int,
+    tick_rows: int,
+    state: Array,
+    sample: Array,
+    out: Array,
+    scratch: Array,
+) -> None:
+    """The chain for one sample, read by `models.estimation.trusted_reading`.
+
+    Args:
+        error, lag, wrench: TrustedReading.tables.
+        tick_rows: of the state, that are the observer's and the friction law's; the reading's
+            follow.
+        others: as `estimate_tick`.
+    """
+    n = sample.shape[1]
+    X, bodies, work, tail = _split_scratch(scratch, n)
+    signals, J = _split(tail, n)
+    known, parts = sample[3:], state[:tick_rows]
+    _terms(chain, drives, friction, sample[0], sample[1], sample[2], known, signals, J, X, bodies)
+    fresh = _output(choice, slip, observer, rows, parts, known, signals, J)
+    _update(choice, slip, observer, rows, parts, known, signals, J)
+    counts = _corrected(known, signals, out[:n], fresh)
+    transmitted = signals[TAU_J]
+    for i in range(n):
+        transmitted[i] -= signals[TAU_F, i]
+    own = state[tick_rows:]
+    trusted_reading_tick(
+        *(error, lag, wrench, own, sample[0], sample[1], transmitted, J),
+        *(out[:n], counts, out[n:], work),
+    )
+
+
+@njit(cache=True, error_model="numpy")
 def tick_output(
     choice: KernelChoice,
     chain: Array,
@@ -316,6 +369,7 @@ def tick_output(
     parts = state.reshape(state.shape[0] // n, n)
     fresh = _output(choice, slip, observer, rows, parts, known, signals, J)
     counts = _corrected(known, signals, out[:n], fresh)
+    out[counts_entry(n)] = 1.0 if counts else 0.0
     _read(wrench, J, counts, out, work)
 
 
@@ -343,6 +397,79 @@ def tick_update(
     motor_torque(drives[GAIN], current, signals[TAU_J])
     parts = state.reshape(state.shape[0] // n, n)
     _update(choice, slip, observer, rows, parts, known, signals, J)
+
+
+@njit(cache=True, error_model="numpy")
+def trusted_output(
+    choice: KernelChoice,
+    chain: Array,
+    drives: Array,
+    friction: Array,
+    slip: Array,
+    observer: Array,
+    error: Array,
+    lag: Array,
+    wrench: Array,
+    rows: int,
+    tick_rows: int,
+    state: Array,
+    q: Array,
+    v: Array,
+    current: Array,
+    known: Array,
+    out: Array,
+    scratch: Array,
+) -> None:
+    """`tick_output`, read as in `trusted_tick`.
+
+    Args:
+        out: as of `tick_output`, then the reading's rows of the state after the sample, flat.
+        others: as `tick_output` and `trusted_tick`.
+    """
+    n = q.shape[0]
+    X, bodies, work, _ = _split_scratch(scratch, n)
+    signals, J = _split(out[n + NUM_READING :], n)
+    _terms(chain, drives, friction, q, v, current, known, signals, J, X, bodies)
+    parts = state.reshape(state.shape[0] // n, n)
+    fresh = _output(choice, slip, observer, rows, parts[:tick_rows], known, signals, J)
+    counts = _corrected(known, signals, out[:n], fresh)
+    out[counts_entry(n)] = 1.0 if counts else 0.0
+    own = out[counts_entry(n) + 1 :]
+    for k in range(own.shape[0]):
+        own[k] = state[tick_rows * n + k]
+    nothing = work[TRUSTED_WORK_ROWS - 1, :n]
+    nothing[:] = np.nan
+    trusted_reading_tick(
+        *(error, lag, wrench, own.reshape(own.shape[0] // n, n), q, v, nothing, J),
+        *(out[:n], counts, out[n : n + READING], work),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def trusted_update(
+    choice: KernelChoice,
+    drives: Array,
+    slip: Array,
+    observer: Array,
+    rows: int,
+    tick_rows: int,
+    state: Array,
+    current: Array,
+    known: Array,
+    out: Array,
+) -> None:
+    """`tick_update` after `trusted_output`."""
+    n = current.shape[0]
+    tick_update(choice, drives, slip, observer, rows, state[: tick_rows * n], current, known, out)
+    signals, _ = _split(out[n + NUM_READING :], n)
+    own = out[counts_entry(n) + 1 :]
+    for k in range(own.shape[0]):
+        state[tick_rows * n + k] = own[k]
+    first = (tick_rows + TRANSMITTED_ROW) * n
+    for i in range(n):
+        transmitted = signals[TAU_J, i] - signals[TAU_F, i]
+        if np.isfinite(transmitted):
+            state[first + i] = transmitted
 
 
 # ----------------------------------------------------------------------------------------------

@@ -12,9 +12,9 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from models.arrays import Array
 
 EDGES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)  # rad/s, between which errors are taken together
 FEWEST = 200  # samples in a class of speeds; with fewer the joint's sd is that of all its samples

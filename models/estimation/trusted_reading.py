@@ -10,23 +10,37 @@ For models that have a torque error; others read with one covariance for rest an
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numba import njit
+from numpy.typing import ArrayLike
 
-from models.estimation.wrench import (
-    WrenchReconstruction,
-    WrenchReconstructionConfig,
-    reconstruct_log,
-)
+from models.arrays import Array, Flags
+from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
+from models.estimation.wrench_kernels import WORK_ROWS, reconstruct_log, reconstruct_with
 from models.friction.friction_law import FrictionLaw
 from models.identification.torque_error_model import (
     TORQUE_ERROR_ROWS,
+    TRANSMITTED_ROW,
     TorqueErrorModel,
     torque_sd_log,
+    torque_sd_tick,
 )
-from models.observers.lag import JACOBIAN_ROWS, LagModel, jacobian_seen_log, lag_log
+from models.observers.lag import (
+    JACOBIAN_ROWS,
+    LagModel,
+    jacobian_seen_log,
+    lag_log,
+    lag_tick,
+    lag_update,
+    see_jacobian,
+    take_jacobian,
+)
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+READING = 44  # entries of a reading: wrench, covariance, condition number, valid
+
+# Rows of the memory that a sample is read in, after the reconstruction's.
+_SEEN = WORK_ROWS
+_SD, _STICTION, _LATENESS, _SLOW = range(_SEEN + 6, _SEEN + 10)
+TRUSTED_WORK_ROWS = _SEEN + 11  # and one for the caller
 
 
 class TrustedReading:
@@ -62,6 +76,13 @@ class TrustedReading:
         self._table = error.table(friction, time_step, rates, resolution)
         self._lag = LagModel.of(K_0, n, time_step, force_bandwidth_hz, error.scale)
         self._slow_rows = -(-6 // n)
+        self.tables = (  # of `trusted_reading_tick`
+            self._table,
+            np.concatenate([self._lag.poles, self._lag.settings]),
+            self.reconstruction.table,
+        )
+        self._nothing = np.full(n, np.nan)
+        self._work = np.zeros((TRUSTED_WORK_ROWS, max(n, 6)))
 
     @property
     def state_rows(self) -> int:
@@ -78,6 +99,34 @@ class TrustedReading:
                 np.full((self._slow_rows, n), np.nan),
             ]
         )
+
+    def tick(
+        self,
+        state: Array,
+        q: Array,
+        v: Array,
+        J: Array,
+        tau_ext: Array,
+        counts: bool,
+        reading: Array,
+    ) -> None:
+        """Reads one sample; what it transmitted is left for `transmit`.
+
+        Args:
+            state: (state_rows, n), changed in place.
+            q, v, J, tau_ext: (n,), (6, n) for J, as `run`.
+            counts: whether it does.
+            reading: (READING,), written: wrench, covariance, condition number, valid.
+        """
+        J = np.require(J, float, ("C", "W"))
+        trusted_reading_tick(
+            *self.tables, state, q, v, self._nothing, J, tau_ext, counts, reading, self._work
+        )
+
+    def transmit(self, state: Array, transmitted: Array) -> None:
+        """Takes (n,) N m that the gears transmitted, for the sample after, into `state`."""
+        known = np.isfinite(transmitted)
+        state[TRANSMITTED_ROW, known] = transmitted[known]
 
     def run(
         self,
@@ -118,3 +167,54 @@ class TrustedReading:
         valid = (quality[:, 1] == 1.0) & fresh
         lag_log(self._lag.settings, slow, wrench, valid, covariance)
         return wrench, covariance, quality[:, 0], valid, sd
+
+
+@njit(cache=True, error_model="numpy")
+def trusted_reading_tick(
+    error: Array,
+    lag: Array,
+    wrench: Array,
+    state: Array,
+    q: Array,
+    v: Array,
+    transmitted: Array,
+    J: Array,
+    tau_ext: Array,
+    counts: bool,
+    reading: Array,
+    work: Array,
+) -> None:
+    """Single-sample kernel: one sample of `TrustedReading.run`.
+
+    Args:
+        error, lag, wrench: `TrustedReading.tables`: of the torque error, of the lag (its poles,
+            then its settings), of the reconstruction.
+        state: (state_rows, n), changed.
+        q, v, transmitted: (n,); what is not finite of `transmitted` leaves that of the state.
+        J: (6, n).
+        tau_ext: (n,).
+        counts: whether the sample does.
+        reading: (READING,), written.
+        work: (TRUSTED_WORK_ROWS, max(n, 6)), overwritten.
+    """
+    n = J.shape[1]
+    poles, settings = lag[:n], lag[n:]
+    sd, stiction, slow = work[_SD, :n], work[_STICTION, :n], work[_SLOW, :6]
+    seen = work[_SEEN : _SEEN + 6, :n]
+    covariance, quality = reading[6:42].reshape(6, 6), reading[42:44]
+    jacobian = state[TORQUE_ERROR_ROWS : TORQUE_ERROR_ROWS + JACOBIAN_ROWS]
+    first = TORQUE_ERROR_ROWS + JACOBIAN_ROWS
+    torque_sd_tick(error, state[:TORQUE_ERROR_ROWS], q, v, transmitted, sd, stiction)
+    see_jacobian(poles, jacobian, J, seen)
+    take_jacobian(poles, jacobian, J, seen)
+    reconstruct_with(
+        wrench, J, seen, tau_ext, sd, stiction, reading[:6], covariance, quality, work[:WORK_ROWS]
+    )
+    valid = counts and quality[1] == 1.0
+    quality[1] = 1.0 if valid else 0.0
+    for k in range(6):
+        slow[k] = state[first + k // n, k % n]
+    lag_tick(settings, slow, reading[:6], covariance, work[_LATENESS])
+    lag_update(settings, slow, reading[:6], valid)
+    for k in range(6):
+        state[first + k // n, k % n] = slow[k]

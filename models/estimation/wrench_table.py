@@ -1,53 +1,78 @@
-"""The table of wrenches that an estimate leaves: wrench.csv, written as a stream."""
+"""The table of wrenches that an estimate leaves, written as a stream: CSV or Parquet."""
 
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pa_csv
+import pyarrow.parquet as pa_parquet
 from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.files.input_error import InputError
 from models.files.whole_file import whole_file, writing_to
 from models.recordings.text_table import write_csv_header
+from models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
 
-Array = NDArray[np.float64]
-
-_AXES = ("fx", "fy", "fz", "mx", "my", "mz")
-_FORCE_FIRST = [3, 4, 5, 0, 1, 2]  # columns of a wrench whose rotation comes first
-
-COLUMNS = ("t", *_AXES, *(f"sd_{axis}" for axis in _AXES), "condition_number", "valid")
-"""The columns of wrench.csv: s; N and N m at E in axes of W, environment on robot; their standard
+COLUMNS = ("t", *WRENCH_AXES, *(f"sd_{axis}" for axis in WRENCH_AXES), "condition_number", "valid")
+"""The first columns: s; N and N m at E in axes of W, environment on robot; their standard
 deviations; condition number of the Jacobian (inf where it is singular); 1 where the row may be
 trusted, else 0."""
+FLAGS = ("contact", "misfit", "link", "rest", "out_of_range")
+"""Columns after tau_ext_1 to tau_ext_n (N m, positive along the motion it causes) and
+contact_statistic (1: contact begins), as `models.detection.contact_detector.Detection`: 1 or 0, and
+the number of the link where a contact is that no force at E explains, 0 where that is not told."""
+COVARIANCE = tuple(f"cov_{a}_{b}" for k, a in enumerate(WRENCH_AXES) for b in WRENCH_AXES[k:])
+"""Columns after these, on request: N^2, N^2 m and N^2 m^2; the upper triangle, row by row."""
+TABLES = ("csv", "parquet")
+
+_UPPER = np.triu_indices(6)
+_INTEGER = ("valid", *FLAGS)
+
+
+def columns_of(num_joints: int, covariance: bool = False) -> tuple[str, ...]:
+    """The columns of a table, in their order."""
+    torques = (f"tau_ext_{j + 1}" for j in range(num_joints))
+    more = COVARIANCE if covariance else ()
+    return (*COLUMNS, *torques, "contact_statistic", *FLAGS, *more)
 
 
 class WrenchTableWriter:
-    """Writes wrench.csv row by row; the file appears when the `with` block ends without error.
+    """Writes the table row by row; the file appears when the `with` block ends without error.
 
     The rows go to a temporary file beside it, which an error or an interrupt removes.
 
     Args:
-        path: of the table.
+        path: of the table; the suffix .parquet makes it a Parquet file, any other one CSV.
+        num_joints: n.
+        covariance: whether there are columns for it.
 
     Raises:
         InputError: on entry or on exit, the file cannot be written.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, num_joints: int, covariance: bool = False) -> None:
         self.path = Path(path)
         self.num_rows = 0
+        self._covariance = covariance
+        self._columns = columns_of(num_joints, covariance)
         self._schema = pa.schema(
-            [(name, pa.int8() if name == "valid" else pa.float64()) for name in COLUMNS]
+            [(name, pa.int8() if name in _INTEGER else pa.float64()) for name in self._columns]
         )
         self._whole_file: AbstractContextManager[Path] | None = None
 
     def __enter__(self) -> "WrenchTableWriter":
         self._whole_file = whole_file(self.path)
         self._file = self._whole_file.__enter__().open("wb")
-        write_csv_header(self._file, COLUMNS)
+        self._writer: Any
+        if self.path.suffix == ".parquet":
+            self._writer = pa_parquet.ParquetWriter(self._file, self._schema)
+            return self
+        write_csv_header(self._file, self._columns)
         options = pa_csv.WriteOptions(include_header=False)
         self._writer = pa_csv.CSVWriter(self._file, self._schema, write_options=options)
         return self
@@ -59,6 +84,10 @@ class WrenchTableWriter:
         standard_deviation: Array,
         condition_number: Array,
         valid: NDArray[np.bool_],
+        tau_ext: Array,
+        statistic: Array,
+        flags: Mapping[str, NDArray[Any]],
+        covariance: Array | None = None,
     ) -> None:
         """Appends N rows.
 
@@ -68,9 +97,19 @@ class WrenchTableWriter:
             standard_deviation: (N, 6) N m and N.
             condition_number: (N,).
             valid: (N,).
+            tau_ext: (N, n) N m.
+            statistic: (N,) of contact.
+            flags: (N,) each, of FLAGS.
+            covariance: (N, 6, 6), rotation first, where the table has its columns.
         """
-        columns = [t, *wrench[:, _FORCE_FIRST].T, *standard_deviation[:, _FORCE_FIRST].T]
-        columns += [condition_number, valid.astype(np.int8)]
+        columns = [t, *wrench[:, FORCE_FIRST].T, *standard_deviation[:, FORCE_FIRST].T]
+        columns += [condition_number, valid.astype(np.int8), *tau_ext.T, statistic]
+        columns += [np.asarray(flags[name]).astype(np.int8) for name in FLAGS]
+        if self._covariance:
+            if covariance is None:
+                raise ValueError("wrench table: the covariance is missing")
+            ordered = covariance[:, FORCE_FIRST][:, :, FORCE_FIRST]
+            columns += list(ordered[:, *_UPPER].T)
         arrays = [pa.array(np.ascontiguousarray(column)) for column in columns]
         with writing_to(self.path):
             self._writer.write_table(pa.Table.from_arrays(arrays, schema=self._schema))

@@ -10,13 +10,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from models.arrays import Array
 from models.files.configuration import REQUIRED, load_configuration
 from models.files.input_error import InputError
 from models.motion.paths import JointTrajectory
-
-Array = NDArray[np.float64]
 
 
 @dataclass

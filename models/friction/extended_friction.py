@@ -6,14 +6,13 @@ from typing import Any, Self
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from models.arrays import Array
 from models.friction.friction_law import FrictionLaw
 from models.friction.friction_terms import FrictionTerm
 from models.friction.slip_elements import FrictionKernels
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,13 +23,11 @@ Both are compiled by `numba.njit(error_model="numpy")`.
 
 from typing import Protocol, Self
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from models.arrays import Array
 from models.friction.slip_elements import FrictionKernels
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-
-Array = NDArray[np.float64]
 
 
 class FrictionLaw(Protocol):

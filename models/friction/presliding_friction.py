@@ -38,8 +38,9 @@ from typing import Self
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from models.arrays import Array
 from models.friction.slip_elements import (
     COULOMB,
     CUBIC,
@@ -62,8 +63,6 @@ from models.friction.velocity_friction import (
     CoulombViscous,
     SemiParametricFriction,
 )
-
-Array = NDArray[np.float64]
 
 RELAXATION = 1.0  # s in which the slip of a joint at rest fades to 1/e
 

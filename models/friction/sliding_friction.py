@@ -8,14 +8,12 @@ numbers a joint, also with a network near zero velocity, which is carried along 
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.friction.extended_friction import ExtendedFriction
 from models.friction.friction_law import FrictionLaw
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-
-Array = NDArray[np.float64]
 
 TERMS = ("coulomb", "viscous", "offset")
 

@@ -1,11 +1,9 @@
 """Parts of a presliding law that an error model asks for: sliding level and side of the slip."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.friction.presliding_friction import PreslidingFriction, slip_path
-
-Array = NDArray[np.float64]
 
 
 def sliding_level(law: PreslidingFriction, v: Array, load: Array) -> Array:

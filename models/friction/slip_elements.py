@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from models.arrays import Array
 
 # Columns of the slip table; then K weights and K displacements. The first seven are what slides:
 # level C, S, 1 / v_s, load; cubic, fitted speed, slope of the cubic part beyond it.

@@ -10,12 +10,11 @@ from typing import Literal, Self, cast, get_args
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from models.arrays import Array
 from models.friction.friction_network import FrictionNetworks
 from models.friction.slip_elements import SLIP_KERNELS, FrictionKernels
-
-Array = NDArray[np.float64]
 
 Handover = Literal["continuous", "literal"]
 

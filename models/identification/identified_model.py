@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, cast, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.files.configuration import REQUIRED, load_configuration, save_configuration
 from models.files.input_error import InputError
 from models.friction.extended_friction import ExtendedFriction
@@ -20,6 +20,7 @@ from models.friction.friction_network import FrictionNetworks
 from models.friction.friction_terms import TERMS, term_of
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, Handover, SemiParametricFriction
+from models.identification.contact_noise import ContactNoise, check_contact_noise
 from models.identification.torque_error_model import (
     BEYOND_LOAD,
     BEYOND_SPEED,
@@ -31,8 +32,6 @@ from models.identification.torque_error_model import (
 )
 from models.rigid_body.serial_chain import SerialChain
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 FORMAT = "wrenchsight-model"
 VERSION = 1
@@ -179,6 +178,7 @@ class _ModelFile:
     validity: Validity = field(default_factory=Validity, metadata=REQUIRED)
     provenance: Provenance = field(default_factory=Provenance, metadata=REQUIRED)
     torque_error: _TorqueErrorBlock | None = None
+    contact_noise: ContactNoise | None = None
     complete: bool = field(default=True, metadata=REQUIRED)  # last: absent in a truncated file
 
 
@@ -203,6 +203,7 @@ class IdentifiedModel:
         provenance: logs, filter and method.
         torque_error: how far what an observer reads may be off, state by state; None for a model of
             which only residual_covariance is known, the same at rest and in motion.
+        contact_noise: what a contact statistic reads without contact; None: taken as Gaussian.
     """
 
     robot: str
@@ -217,6 +218,7 @@ class IdentifiedModel:
     validity: Validity = field(default_factory=Validity)
     provenance: Provenance = field(default_factory=Provenance)
     torque_error: TorqueErrorModel | None = None
+    contact_noise: ContactNoise | None = None
 
     @classmethod
     def nominal(cls, robot: Robot) -> "IdentifiedModel":
@@ -323,6 +325,7 @@ class IdentifiedModel:
             validity=_read_validity(path, block.validity, n),
             provenance=block.provenance,
             torque_error=_read_torque_error(path, block.torque_error, n),
+            contact_noise=check_contact_noise(path, block.contact_noise, n),
         )
         model.check_robot(robot, path)
         return model
@@ -345,6 +348,7 @@ class IdentifiedModel:
             torque_error=None
             if self.torque_error is None
             else _TorqueErrorBlock(**self.torque_error.to_dict()),
+            contact_noise=self.contact_noise,
         )
 
 

@@ -3,12 +3,10 @@
 import xml.etree.ElementTree as ET
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.identification.physical_consistency import unphysical_links
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 def identified_urdf(robot: Robot, inertial: Array, reflected_inertia: Array) -> str:

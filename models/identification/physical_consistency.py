@@ -21,14 +21,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
+from models.arrays import Array
 from models.friction.friction_structure import LARGEST_LOAD, FrictionStructure
 from models.friction.friction_terms import term_of
 from models.identification.base_parameters import triangular_factor
-
-Array = NDArray[np.float64]
 
 MARGIN = 1e-4  # least eigenvalue of a scaled pseudo-inertia: inside, whatever rounding does
 DRIVE_PRIOR = 1e-3  # weight of the prior on rotor inertia and friction

@@ -13,9 +13,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
+from models.arrays import Array, Flags
 from models.friction.friction_law import FrictionLaw
 from models.identification.torque_error_model import (
     NUM_FEATURES,
@@ -24,9 +25,6 @@ from models.identification.torque_error_model import (
     initial_torque_error_state,
     torque_error_features,
 )
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 FEWEST_SAMPLES = 200  # of a joint, over all logs
 WINDOWS = (0.1, 0.3, 1.0, 3.0, 10.0)  # s, over which means are taken to find what lasts

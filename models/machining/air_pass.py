@@ -14,14 +14,13 @@ their stiction.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from models.arrays import Array
 from models.files.input_error import InputError
 from models.motion.inverse_kinematics import follow_path
 from models.motion.paths import JointTrajectory
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 LEAD = 0.5  # s at rest before the motion: the observer settles
 

@@ -12,14 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
+from models.arrays import Array
 from models.files.input_error import InputError
 from models.machining.machining_phases import PhasesConfig, check_phases
 from models.motion.inverse_kinematics import follow_path
 from models.motion.paths import JointTrajectory, steady_speed
 from models.motion.surface_path import SurfacePath
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 _STEP = 0.01  # s between the times that the trajectory holds
 _SETTLED = 0.4  # s of even feed, after which joints slide and an observer has settled

@@ -14,14 +14,13 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from models.arrays import Array
 from models.motion.posture_measures import ConditionNumber, PostureMeasure, check_joints, contract
 from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
 from models.rigid_body.serial_chain import SerialChain
 from models.rigid_body.small_matrices import orthogonalise_rows
-
-Array = NDArray[np.float64]
 
 _UNREADABLE = 1e12  # stands for infinity, where a solver needs a number
 
@@ -72,7 +71,7 @@ def smoothed(chain: SerialChain, measure: PostureMeasure, sharpness: float) -> P
 
 
 @njit(cache=True, error_model="numpy")
-def _rows(table, sharpness, q, values, gradients):  # type: ignore[no-untyped-def]
+def _rows(table: Array, sharpness: float, q: Array, values: Array, gradients: Array) -> None:
     n = q.shape[1]
     scratch = np.empty((n, SCRATCH_COLUMNS))
     J, B, G = np.empty((6, n)), np.empty((6, n)), np.empty((6, n))

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from models.arrays import Array
 from models.files.files_read import about_to_read
 from models.files.input_error import InputError
 from models.motion.workpieces import Surface
-
-Array = NDArray[np.float64]
 
 COLUMNS = ("x", "y", "z", "nx", "ny", "nz")
 _UNIT = 1e-3  # how far from 1 the length of a normal may be: CAM prints four digits or more

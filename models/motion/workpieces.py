@@ -13,9 +13,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from models.arrays import Array
 from models.files.input_error import InputError
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
 _Complex = NDArray[np.complex128]
 

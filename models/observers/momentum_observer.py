@@ -33,8 +33,8 @@ from typing import ClassVar, Self
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from models.arrays import Array, Flags
 from models.observers.observer import (
     CTV,
     GRAVITY,
@@ -45,9 +45,6 @@ from models.observers.observer import (
     TAU_J,
     ObserverKernels,
 )
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 TORQUE_SAMPLES = ("held", "trapezoidal")
 

@@ -23,10 +23,7 @@ Both are compiled by `numba.njit(error_model="numpy")`; what a kernel does not r
 
 from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
-import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from models.arrays import Array
 
 # Rows of `signals`.
 Q, V = 0, 1  # rad, rad/s

@@ -17,8 +17,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.motion.branches import all_branches
 from models.motion.path_postures import track_paths
 from models.motion.posture_measures import PathMeasure
@@ -31,8 +31,6 @@ from models.placement.placement_program import (
 )
 from models.rigid_body.ties import SAME, first_of_least
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 SHARPNESS = (1e2, 1e3, 1e4, 1e5)  # of the smoothed measure, one solve each
 _NO_WORSE = 1e-6  # relative; what an exact optimum may lose by the smoothing that is left

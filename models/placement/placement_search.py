@@ -34,6 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from models.arrays import Array, Flags
 from models.motion.branches import all_branches, is_closed_form
 from models.motion.path_postures import solve_poses, track_paths, wrap_within
 from models.placement.placement_descent import PlacementBatch, PlacementDescent
@@ -47,9 +48,6 @@ from models.placement.placement_program import (
 from models.placement.placement_refinement import finished
 from models.rigid_body.ties import in_order
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 FEASIBLE = 1e-7  # m and rad, of every constraint; postures are then corrected to rounding
 BETWEEN = 1e-3  # rad and m, of joint limits between the points; clearance there is kept in full

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.files.configuration import REQUIRED, load_configuration
 from models.files.input_error import InputError
 from models.files.task_files import task_file
@@ -15,8 +15,6 @@ from models.motion.posture_measures import check_joints
 from models.placement.placement_program import PlacementBounds
 from models.robot.robot import Robot
 from models.robot.robot_config import PoseConfig
-
-Array = NDArray[np.float64]
 
 
 @dataclass

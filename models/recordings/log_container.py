@@ -12,9 +12,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.recordings.recording_format import RecordingFormat
 
-Array = NDArray[np.float64]
 RowNumbers = NDArray[np.int64]
 
 

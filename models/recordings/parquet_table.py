@@ -9,11 +9,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.files.input_error import InputError
 from models.files.whole_file import whole_file, writing_to
 from models.recordings.recording_format import RecordingFormat
 
-Array = NDArray[np.float64]
 Lines = NDArray[np.int64]
 
 _BATCH_ROWS = 1 << 16

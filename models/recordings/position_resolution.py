@@ -1,9 +1,9 @@
 """The step of the encoders, as a log shows it."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from models.arrays import Array
 
 _LARGEST = 1e-2  # rad (m); a log whose smallest change is larger jumps, it does not round
 _SMALLEST = 1e-9  # below, it is the rounding of a float64, and no encoder's

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize
 
+from models.arrays import Array
 from models.rigid_body.ties import SAME
-
-Array = NDArray[np.float64]
 
 _DIFFERENCE = 1e-5  # of the variables, for the second derivatives
 _NEWTON_STEPS = 8

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from models.arrays import Array
 
 SAME = 1e-9  # relative: a million times what sums and solvers round by, and no one's preference
 _HALF_TURN = 1e-9  # of a turn
@@ -51,6 +51,11 @@ def in_order(costs: ArrayLike, tolerance: float = SAME) -> NDArray[np.intp]:
 def better(cost: float, than: float, tolerance: float = SAME) -> bool:
     """Whether a cost is smaller than another by more than the tolerance."""
     return cost < than - tolerance * (abs(than) if math.isfinite(than) else 0.0)
+
+
+def beyond_rounding(error: float, rounding: float) -> float:
+    """An error, or 0 where it is no more than rounding: of that each machine has its own."""
+    return float(error) if error > rounding else 0.0
 
 
 def whole_turns(angle: ArrayLike) -> Array:

@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JointIndex, ModelInstanceIndex
 
+from models.arrays import Array
 from models.files.configuration import load_configuration, nearest
 from models.files.input_error import InputError
 from models.rigid_body.serial_chain import SerialChain
@@ -31,8 +31,6 @@ from models.robot.robot_config import (
     ToolConfig,
 )
 from models.robot.urdf import EffectiveUrdf, JointLimits, read_urdf
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -83,6 +81,9 @@ class Robot:
         self.current_sign = _frozen([float(d.current_sign) for d in drives])
         self.current_resolution = _frozen([d.current_resolution for d in drives])
         self.current_noise_sd = _frozen([d.current_noise_sd for d in drives])
+        self.position_resolution = _frozen(  # nan: not known
+            [math.nan if d.position_resolution is None else d.position_resolution for d in drives]
+        )
         self.current_bandwidth = _frozen([d.current_bandwidth or math.inf for d in drives])
         self.effort_limit = _frozen(
             [
@@ -298,6 +299,10 @@ def _ordered_drives(
             ),
             "current_resolution": (0 <= drive.current_resolution < math.inf, "expected A"),
             "current_noise_sd": (0 <= drive.current_noise_sd < math.inf, "expected A"),
+            "position_resolution": (
+                drive.position_resolution is None or 0 <= drive.position_resolution < 0.1,
+                "expected rad (m) below 0.1, the step of the encoder at the joint",
+            ),
             "gear_ratio": (drive.gear_ratio is None or 0 < drive.gear_ratio < math.inf, "> 0"),
             "current_bandwidth": (
                 drive.current_bandwidth is None or drive.current_bandwidth > 0,

@@ -13,17 +13,15 @@ from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
+from models.arrays import Array
 from models.files.configuration import nearest
 from models.files.files_read import about_to_read
 from models.files.input_error import InputError
 from models.robot.gltf import gltf_fault
 from models.robot.robot_config import RobotConfig, ShapeConfig, ToolConfig
-
-Array = NDArray[np.float64]
 
 _MOVING = ("revolute", "continuous", "prismatic")
 _KNOWN_TYPES = (*_MOVING, "fixed", "floating", "planar")

@@ -6,16 +6,15 @@ contact to its centre, exact on any smooth surface.
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from models.arrays import Array
 
 CONTACT_SIZE, NORMAL_SIZE = 10, 4
 WRENCH, NORMAL_FORCE, NORMAL = slice(6), 6, slice(7, 10)  # of the array
 _SHORTEST = 1e-9  # m, of a way that has a direction
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_contact(
     p_WE: Array,
     R_WE: Array,
@@ -50,7 +49,7 @@ def add_contact(
     contact[6] += max(0.0, push)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def sum_with_contact(
     applied: Array, contact: Array, J: Array, tau_contact: Array, out: Array
 ) -> None:

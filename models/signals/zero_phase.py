@@ -4,10 +4,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-Array = NDArray[np.float64]
+from models.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -447,6 +447,7 @@ def test_an_estimate_prints_its_table_and_its_doubts(invoke, monkeypatch, tmp_pa
         notices=("a drop-out was bridged",),
         warnings=("it extrapolates [mostly]",),
         table=tmp_path / "wrench.csv",
+        contacts=("contact at t = 1.20 s for 0.40 s, up to 31 N, not at E: link 4",),
     )
     monkeypatch.setattr(estimation, "estimate_log", lambda *_: result)
     shown = invoke("estimate", "log.csv", "--robot", "r", "--out", tmp_path)
@@ -456,6 +457,7 @@ def test_an_estimate_prints_its_table_and_its_doubts(invoke, monkeypatch, tmp_pa
     assert lines[1].split() == ["fz", "-24.68", "25.50", "40.34", "–", "N"]
     assert "5010 samples, 67.6 % valid; prior: force sd 15.7 N, moment sd 2.58 N m" in lines[2]
     assert "note: it extrapolates [mostly]" in lines
+    assert "contact at t = 1.20 s for 0.40 s, up to 31 N, not at E: link 4" in lines
     assert str(tmp_path / "wrench.csv") in lines[-1]
 
 
@@ -482,7 +484,7 @@ def test_options_reach_the_simulation(invoke, monkeypatch, tmp_path, scenario, a
 
     monkeypatch.setattr(simulation, "simulate_scenario", note)
     arguments = ("--robot", "r", "--model", "m", "--out", tmp_path, "--duration", 2.5, "--seed", 4)
-    arguments += ("--quick", "--no-recording", "--graphviz")
+    arguments += ("--quick", "--no-page", "--graphviz")
     assert invoke("simulate", *scenario, *arguments).exit_code == 130
     del seen["progress"]
     assert seen == {
@@ -490,7 +492,7 @@ def test_options_reach_the_simulation(invoke, monkeypatch, tmp_path, scenario, a
         "duration": 2.5,
         "seed": 4,
         "quick": True,
-        "record": False,
+        "page": False,
         "graph": True,
     }
 

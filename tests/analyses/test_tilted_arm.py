@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from typer.testing import CliRunner
 
@@ -28,6 +27,7 @@ from analyses.methods.planning.excitation_config import ExcitationConfig
 from analyses.methods.runs.simulation import simulate
 from analyses.output.outputs import OutputFolder
 from diagrams.scenario import HoldMotion, Scenario, make_trajectory
+from models.arrays import Array
 from models.control.wrench_script import WrenchStep
 from models.estimation.estimator import WrenchEstimatorConfig
 from models.estimation.wrench import WrenchReconstructionConfig
@@ -38,8 +38,6 @@ from models.observers.momentum_observer import MomentumObserverConfig
 from models.robot.robot import Robot
 from systems.force_torque_sensor import ForceTorqueSensorConfig
 from systems.impedance_controller import ImpedanceConfig
-
-Array = NDArray[np.float64]
 
 # tests/robots/tilted_arm, once more. Poses: xyz in m, rpy in rad.
 _BRACKET = (0.35, -0.5, 0.2)  # rpy of the base in the room
@@ -496,7 +494,7 @@ Swing:
 """
     )
     out = tmp_path / "simulated"
-    _run("simulate", "--scenario", scenario, "--no-recording", "--out", out)
+    _run("simulate", "--scenario", scenario, "--no-page", "--out", out)
     metrics = json.loads((out / "metrics.json").read_text())
     tables = []
     for engine in ("batch", "diagram"):

@@ -10,17 +10,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from analyses.methods.planning.jcn_map import sample
 from analyses.methods.planning.placement import place
 from analyses.methods.planning.redundancy import find_redundancy
 from analyses.methods.planning.redundancy_task import RedundancyTask
+from models.arrays import Array
 from models.placement.placement_search import SearchEffort
 from models.placement.placement_task import load_task
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 _SMALL = SearchEffort(
     num_samples=2000, num_poses=6, num_starts=10, num_rounds=1, num_kinds=4, num_steps=12,

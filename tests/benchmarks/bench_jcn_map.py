@@ -10,13 +10,11 @@ import time
 import numba
 import numpy as np
 import pinocchio
-from numpy.typing import NDArray
 
 from analyses.methods.planning.jcn_map import sample, slice_plane
 from analyses.methods.planning.jcn_map_settings import SliceConfig
+from models.arrays import Array
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 NUM_SAMPLES = 500_000
 PART = 10_000  # of them, for the loop

@@ -12,14 +12,12 @@ from typing import Any
 import numba
 import numpy as np
 import pinocchio
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, all_terms, observer_terms
 from models.rigid_body.conditioning import condition_number
 from models.rigid_body.serial_chain import SerialChain
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 REPETITIONS = 5
 

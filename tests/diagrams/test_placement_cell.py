@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from diagrams.placement_cell import (
@@ -9,13 +8,12 @@ from diagrams.placement_cell import (
     workpiece_corners,
     workpiece_rotation,
 )
+from models.arrays import Array
 from models.placement.placement_descent import PlacementBatch
 from models.placement.placement_program import quaternion_from, rotation_of
 from models.placement.placement_task import ClearanceConfig, ObstacleConfig, WorkpieceConfig
 from models.robot.robot import Robot
 from models.robot.robot_config import PoseConfig
-
-Array = NDArray[np.float64]
 
 # A posture with the tool straight down, well clear of itself.
 Q_DOWN = np.array([0.3, -1.07999, -0.12099, 0.0, -0.3698163267948966, 0.2])

@@ -34,6 +34,8 @@ def replayed(robot, model, configuration, log, stretches):
 def assert_agrees(played, batch):
     """To 1e-9 of each signal's own size, row by row."""
     for name, found, expected in zip(batch._fields, played, batch, strict=True):
+        if name in ("transmitted", "fresh"):  # kept in a log alone
+            continue
         assert found.shape == expected.shape, name
         if name == "valid":
             np.testing.assert_array_equal(found, expected)

@@ -1,5 +1,6 @@
 """A model that knows its own error reads the same as a log, as stages and as one block."""
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,8 @@ from pydrake.systems.primitives import LogVectorOutput
 
 from diagrams.estimator import add_estimator, make_estimator
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.wrench import METHODS, WrenchReconstructionConfig
+from models.estimation.wrench import WrenchReconstructionConfig
+from models.estimation.wrench_kernels import METHODS
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
@@ -139,3 +141,19 @@ def test_what_an_air_pass_taught_is_read_so_too(sts, model, fused):
             + [estimator.get_output_port(i).get_name() for i in range(estimator.num_output_ports())]
         )
     assert names[0] == names[1]
+
+
+def test_the_encoders_step_comes_from_robot_yaml_unless_the_configuration_says_it(sts, model, log):
+    own = copy(sts)
+    own.position_resolution = np.full(N, 2e-4)
+    said = WrenchEstimatorConfig(position_resolution=[2e-4] * N)
+    by_robot, by_configuration, by_model = (
+        one.run(one.initial_state(), *log).torque_sd
+        for one in (
+            WrenchEstimator(own, model, WrenchEstimatorConfig()),
+            WrenchEstimator(sts, model, said),
+            WrenchEstimator(sts, model, WrenchEstimatorConfig()),
+        )
+    )
+    np.testing.assert_array_equal(by_robot, by_configuration)
+    assert not np.array_equal(by_robot, by_model)

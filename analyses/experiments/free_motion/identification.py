@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.arms.simulated_identification import (
     identify_simulated_arm,
@@ -27,9 +26,8 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from models.arrays import Array
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 ARTICLE_RMSE = [3.2926, 3.5804, 2.2578, 0.5272, 0.7846, 0.3602]  # N m, section 4.1
 

@@ -7,11 +7,9 @@ what friction does not repeat, is read as a force that grows with the condition 
 As the article has it, eq. 4 takes the drives' torque as it comes, without the observer's low-pass.
 """
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.arms.simulated_logs import ROBOT
 from analyses.methods.planning.article_paths import branch_start
@@ -32,10 +30,10 @@ from analyses.methods.runs.repeated_cycles import (
 )
 from analyses.methods.runs.task_runs import (
     PATHS,
-    record_runs,
     task_path,
+    write_runs_page,
 )
-from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
+from analyses.output.figures import COLOUR, SERIES, new_figure
 from analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -43,7 +41,9 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from analyses.study.figure_files import saved_figure
 from analyses.study.wording import change, change_between, listed
+from models.arrays import Array
 from models.motion.inverse_kinematics import follow_path
 from models.motion.paths import TimeLaw, constant_speed, steady_speed, thirds, uniform_acceleration
 from models.robot.robot import Robot
@@ -51,7 +51,6 @@ from models.robot.robot import Robot
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 
 SCENARIO = "RepeatCycle"
 ARTICLE, ARTICLE_LARGEST = 37.12, 69.71  # %, reduction of the RMSE and of the largest error in Y
@@ -122,8 +121,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=_figures(context, cycles, metrics),
-        recordings=[
-            record_runs(
+        pages=[
+            write_runs_page(
                 Robot.load(ROBOT), cycles.runs, 4, context.out, "Repeated cycles without contact"
             )
         ],
@@ -273,7 +272,6 @@ def torque_figure(cycles: RepeatedCycles) -> "Figure":
 def _figures(
     context: ExperimentContext, cycles: RepeatedCycles, metrics: dict[str, Any]
 ) -> list[FigureFile]:
-    folder = Path("figures")
     largest = metrics[BEFORE]["max_error_y_n"]
     files = []
     for stem, figure, caption in (
@@ -299,8 +297,7 @@ def _figures(
             "Errors of every variant. Grey: where the share inside an honest 95 % band lies.",
         ),
     ):
-        save_figure(figure, context.out / folder / f"{stem}.png")
-        files.append(FigureFile(folder / f"{stem}.png", caption))
+        files.append(saved_figure(figure, context.out, stem, caption))
     return files
 
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.planning.article_paths import (
     OPTIMISED_PATH,
@@ -25,8 +24,9 @@ from analyses.methods.planning.placement import (
     draw_history,
     draw_profiles,
     place,
-    record_placement,
+    write_placement_page,
 )
+from analyses.output.axes import log_scale
 from analyses.output.figures import COLOUR, new_figure
 from analyses.output.outputs import OutputFolder
 from analyses.study.experiment import (
@@ -38,15 +38,15 @@ from analyses.study.experiment import (
 )
 from analyses.study.wording import compared
 from diagrams.placement_cell import PlacementCell
+from models.arrays import Array
 from models.motion.inverse_kinematics import follow_path
 from models.motion.paths import StraightPath
 from models.placement.placement_search import SearchEffort
 from models.placement.placement_task import ClearanceConfig, load_task
 from models.robot.robot import Robot
 
-Array = NDArray[np.float64]
-
 NUM_SEEDS, NUM_SEEDS_QUICK = 10, 2
+_OPTIMA = 2  # stated: the narrow one, and the wide one beside it
 SWARM, SWARM_QUICK = SwarmConfig(), SwarmConfig(num_iterations=15)
 # Only to compile the kernels, so that times tell of the search alone.
 _FIRST = SearchEffort(num_samples=500, num_poses=2, num_rounds=1, num_steps=2, num_solves=1)
@@ -121,7 +121,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     seeds = [result.best.metrics("jcn") for result in found.from_seeds]
     swarms = [result.best.metrics("jcn") for result in found.swarms]
     metrics: dict[str, Any] = {
-        **main.metrics(),
+        **main.figures(),
         "article": {
             "mean_jcn": float(np.mean(article)),
             "mean_jcn_by_elbow": sorted(float(np.mean(v)) for v in found.article_jcn.values()),
@@ -130,7 +130,6 @@ def run(context: ExperimentContext) -> ExperimentResult:
             "mean_jcn": [case["mean_jcn"] for case in seeds],
             "worst_mean_jcn": max(case["mean_jcn"] for case in seeds),
             "max_jcn": [case["max_jcn"] for case in seeds],
-            "optima": [len(result.search.optima) for result in found.from_seeds],
         },
         "pso_ga": {
             "mean_jcn": [case["mean_jcn"] for case in swarms],
@@ -138,8 +137,10 @@ def run(context: ExperimentContext) -> ExperimentResult:
             "median_mean_jcn": float(np.median([case["mean_jcn"] for case in swarms])),
             "evaluations": found.swarms[0].search.evaluations,
         },
-        "with_table": table.metrics(),
+        "with_table": table.figures(),
     }
+    for case in (metrics, metrics["with_table"]):  # what lies behind, not every search meets
+        case["optima"] = case["optima"][:_OPTIMA]
     metrics["optimised"]["smallest_own_distance_m"] = found.own_distance["optimised"]
     metrics["article"]["smallest_own_distance_m"] = {
         name: found.own_distance[name] for name in ("one_elbow", "other_elbow")
@@ -153,7 +154,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=_figures(out, found),
-        recordings=_recordings(context, found),
+        pages=_pages(context, found),
         comparison=_comparison(metrics),
         notes=findings(found, metrics),
         configuration={
@@ -170,13 +171,14 @@ def run(context: ExperimentContext) -> ExperimentResult:
 
 
 def _timings(found: LinearPath) -> dict[str, Any]:
-    """Seconds of computing; the first time below a cost that counts as the narrow basin."""
+    """Seconds of computing, the first time below a cost that counts as the narrow basin, counts."""
 
     def of(result: PlacementResult) -> dict[str, Any]:
         reached = [t for t, cost in result.search.history if cost <= 10.98]
         return {
             "search_seconds": round(result.seconds, 3),
             "seconds_to_10.98": round(reached[0], 3) if reached else None,
+            **result.counts(),
         }
 
     return {
@@ -191,7 +193,7 @@ def findings(found: LinearPath, metrics: dict[str, Any]) -> list[str]:
     """What the figures say, in sentences."""
     optimised, article, table = metrics["optimised"], metrics["article"], metrics["with_table"]
     seeds, swarm = metrics["from_seeds"], metrics["pso_ga"]
-    optima = ", ".join(f"{o['mean_jcn']:.4f} ({o['starts']} starts)" for o in metrics["optima"])
+    optima = " and ".join(f"{optimum['mean_jcn']:.4f}" for optimum in metrics["optima"])
     x, y, z = table["optimised"]["midpoint_m"]
     seconds = [result.seconds for result in found.from_seeds]
     swarm_seconds = [result.seconds for result in found.swarms]
@@ -209,13 +211,12 @@ def findings(found: LinearPath, metrics: dict[str, Any]) -> list[str]:
         f"{min(swarm['mean_jcn']):.4f} and {max(swarm['mean_jcn']):.4f} (median "
         f"{swarm['median_mean_jcn']:.4f}) in {min(swarm_seconds):.1f} to "
         f"{max(swarm_seconds):.1f} s.",
-        f"Distinct local optima met from the guess: {optima}. A start that only passed near is "
-        "counted with the optimum whose profile its end has within four percent.",
+        f"The best local optima met from the guess: {optima}.",
         f"The optimum's midpoint is {optimised['midpoint_radius_m']:.3f} m from the first axis, at "
         f"{optimised['midpoint_m'][2]:.3f} m height. The condition number does not depend on the "
-        "first and the last joint, so that it may be turned about the first axis and the tool "
-        "about its own, as far as joint limits and the box allow: only the largest part of what "
-        "is printed of the placement is determined.",
+        "first and the last joint: it may be turned about the first axis and the tool about its "
+        "own, as far as joint limits and the box allow. Stated is the placement in which both "
+        "joints stand in the middle of their ranges at the path's midpoint.",
         f"Restricted by the box alone, as the article's, the optimum asks links of this arm, whose "
         f"shapes are assumed, to come as near as "
         f"{1e3 * optimised['smallest_own_distance_m']:.0f} mm to each other (below 0: to overlap); "
@@ -307,13 +308,15 @@ def _figures(out: OutputFolder, found: LinearPath) -> list[FigureFile]:
         text = f" {optimum.cost:.3f}"
         ax.text(1.0, optimum.cost, text, transform=ax.get_yaxis_transform(), va="center", size=8.5)
     ax.set_xlim(left=0.03)
+    log_scale(ax, "x")
     ax.set_xlabel("time [s]")
     ax.set_ylabel("mean condition number")
     figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=3)
     add(
         out.write_figure("convergence", figure),
         "Best cost known over the time of computing (one core, kernels compiled): this program and "
-        "PSO-GA on the same cost. Dotted: the two best local optima that the first met.",
+        "PSO-GA on the same cost. The curves begin above the panel. Dotted: the two best local "
+        "optima that the first met.",
     )
     add(
         draw_profiles(out, "table", table.initial, table.best, table.measure),
@@ -322,7 +325,7 @@ def _figures(out: OutputFolder, found: LinearPath) -> list[FigureFile]:
     return files
 
 
-def _recordings(context: ExperimentContext, found: LinearPath) -> list[FigureFile]:
+def _pages(context: ExperimentContext, found: LinearPath) -> list[FigureFile]:
     files = []
     for name, result, title in (
         ("linear-path", found.optimised, "Linear path"),
@@ -330,7 +333,7 @@ def _recordings(context: ExperimentContext, found: LinearPath) -> list[FigureFil
     ):
         path = context.out / f"{name}.html"
         # A workpiece stands where the best path is; the initial one would run through it.
-        record_placement(result, path, title, with_initial=result.task.clearance is None)
+        write_placement_page(result, path, title, with_initial=result.task.clearance is None)
         files.append(
             FigureFile(
                 path.relative_to(context.out),

@@ -6,7 +6,7 @@ the article uses, and the optimum (Figs. 11-13).
 
 from typing import Any
 
-from analyses.methods.planning.redundancy import find_redundancy
+from analyses.methods.planning.redundancy import ROUNDING, find_redundancy
 from analyses.methods.planning.redundancy_results import draw
 from analyses.methods.planning.redundancy_task import RedundancyTask
 from analyses.study.experiment import (
@@ -26,11 +26,11 @@ def run(context: ExperimentContext) -> ExperimentResult:
     config = load_configuration(task_file("blade_path", "redundancy"), RedundancyTask)
     result = find_redundancy(robot, config, progress=context.progress)
     metrics = result.metrics()
-    figures, recordings = draw(result, context.out)
+    figures, pages = draw(result, context.out)
     return ExperimentResult(
         metrics=metrics,
         figures=figures,
-        recordings=recordings,
+        pages=pages,
         comparison=[
             ComparisonRow(
                 "Samples with a lower JCN", "samples_lower", "", None, "the article: every one"
@@ -66,9 +66,9 @@ def findings(metrics: dict[str, Any], num_angles: int) -> list[str]:
         "The tool is held at 45 deg to the surface's normal, as an inclined spindle is. Held "
         "along the normal, its axis would be that of joint 6, on which no JCN depends: then "
         "only the branch can be chosen.",
-        f"Position and normal hold to {found['position_error_m']:.1e} m and "
-        f"{found['normal_error_rad']:.1e} rad. On the grid of {num_angles} angles the optimum's "
-        f"mean is {metrics['grid']['mean_jcn']:.3f}; refined, {after:.3f}.",
+        f"Position and normal hold to {max(ROUNDING, found['position_error_m']):.0e} m and "
+        f"{max(ROUNDING, found['normal_error_rad']):.0e} rad. On the grid of {num_angles} angles "
+        f"the optimum's mean is {metrics['grid']['mean_jcn']:.3f}; refined, {after:.3f}.",
     ]
 
 

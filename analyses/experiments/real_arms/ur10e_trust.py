@@ -23,14 +23,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.arms.ur10e_logs import FOLDER, identify_ur10e
 from analyses.methods.calibration.friction_refreshing import refresh_model
 from analyses.methods.learning.identification_config import IdentificationConfig, RefreshConfig
 from analyses.methods.reading.known_payload import payload_reference
-from analyses.output.figures import SERIES, new_figure, save_figure
-from analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult, FigureFile
+from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
+from analyses.study.experiment import (
+    ComparisonRow,
+    Experiment,
+    ExperimentContext,
+    ExperimentResult,
+    FigureFile,
+)
+from models.arrays import Array, Flags
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.point_of_action import find_point_of_action, jacobian_at
 from models.estimation.wrench import WrenchReconstructionConfig
@@ -41,9 +47,6 @@ from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
 from models.recordings.resampling import resampled
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 MORE = "ur10e_more"  # below the data folder
 FREE = {
@@ -110,7 +113,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=[_figure(metrics, context.out)],
-        comparison=[],
+        comparison=_comparison(),
         notes=_notes(metrics),
         configuration={"free": FREE, "loaded_kg": LOADED, "rest_speed_rad_per_s": REST_SPEED},
     )
@@ -213,21 +216,55 @@ def _notes(metrics: dict[str, Any]) -> list[str]:
     return notes
 
 
+def _comparison() -> list[ComparisonRow]:
+    inside = "Inside the stated 95 % band, x y z"
+    return [
+        ComparisonRow(
+            f"{inside}, a week after the fit",
+            "ur-20_02_19_15harm50sec.all.inside_95_pct",
+            "%",
+            None,
+        ),
+        ComparisonRow(
+            f"{inside}, seven weeks before it", "ur-19_12_23_free.all.inside_95_pct", "%", None
+        ),
+        ComparisonRow(
+            f"{inside}, the same with friction refreshed from {REFRESH_SECONDS:g} s",
+            "ur-19_12_23_free.refreshed.all.inside_95_pct",
+            "%",
+            None,
+        ),
+    ]
+
+
 def _figure(metrics: dict[str, Any], out: Path) -> FigureFile:
-    figure, axes = new_figure(1, 1, height=5.0)
+    figure, axes = new_figure(1, 1, height=6.0)
     panel: Any = axes[0, 0]
+    panel.axvspan(90.0, 98.0, color=COLOUR["truth"], alpha=0.12, lw=0, zorder=0)
     places = np.arange(len(metrics))
     for i, axis in enumerate("xyz"):
+        level = places + 0.25 * (i - 1)
         shares = [own["all"]["inside_95_pct"][i] for own in metrics.values()]
-        panel.barh(places + 0.25 * (i - 1), shares, 0.23, color=SERIES[i], label=f"f{axis}")
-    panel.axvspan(90.0, 98.0, alpha=0.2, lw=0)
+        panel.barh(level, shares, 0.23, color=SERIES[i], label=f"f{axis}", zorder=2)
+        again = [
+            own["refreshed"]["all"]["inside_95_pct"][i] if "refreshed" in own else np.nan
+            for own in metrics.values()
+        ]
+        label = "with friction refreshed" if i == 0 else None
+        panel.plot(again, level, "D", color=COLOUR["truth"], ms=3.5, label=label, zorder=3)
     panel.set_yticks(places, list(metrics))
-    panel.set_xlabel("inside the 95 % band [%]")
-    panel.set_xlim(50.0, 100.0)
-    panel.legend(loc="lower left")
+    panel.set_xlabel("samples inside the 95 % band [%]; shaded: 90 to 98")
+    least = min(min(own["all"]["inside_95_pct"]) for own in metrics.values())
+    panel.set_xlim(min(50.0, 10.0 * np.floor(0.1 * least)), 100.5)
+    panel.invert_yaxis()
+    figure.legend(loc="outside upper center", ncols=4)
     path = Path("figures") / "trust.png"
     save_figure(figure, out / path)
-    return FigureFile(path, "Share of the samples inside the stated 95 % band, log by log.")
+    caption = (
+        "Share of the samples inside the stated 95 % band, log by log; diamonds: of the model "
+        f"whose friction was found again from {REFRESH_SECONDS:g} s without contact."
+    )
+    return FigureFile(path, caption)
 
 
 EXPERIMENT = Experiment(
@@ -238,5 +275,9 @@ EXPERIMENT = Experiment(
     needs=(FOLDER, MORE),
     order=155,
     seconds=90,
-    readme=(),
+    readme=(
+        "ur-20_02_19_15harm50sec.all.inside_95_pct",
+        "ur-19_12_23_free.all.inside_95_pct",
+        "ur-19_12_23_free.refreshed.all.inside_95_pct",
+    ),
 )

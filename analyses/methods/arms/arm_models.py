@@ -25,7 +25,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.arms.friction_reversal import reversal_recordings, separate_recordings
 from analyses.methods.arms.semi_parametric import POSTURES, semi_parametric_model
@@ -35,6 +34,7 @@ from analyses.methods.learning.friction_training import TrainingConfig
 from analyses.methods.learning.identification import identify
 from analyses.methods.reading.repetition import repetition_torque
 from analyses.study.shared_results import shared
+from models.arrays import Array
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.identification.identified_model import IdentifiedModel
@@ -42,7 +42,6 @@ from models.observers.momentum_observer import MomentumObserverConfig
 from models.recordings.recording import Recording
 from models.robot.robot import Robot
 
-Array = NDArray[np.float64]
 ProgressCallback = Callable[[float, str], None]
 
 LAWS = ("coulomb-viscous", "semi-parametric", "presliding")
@@ -86,7 +85,8 @@ class ArmModels:
         model = self.models[law]
         tau_ext, v = self.held_out_errors(law, K_0)
         covariance = covariance_at_speed(tau_ext, v, speed)
-        return WrenchEstimator(self.robot, replace(model, residual_covariance=covariance), config)
+        model = replace(model, residual_covariance=covariance, torque_error=None)
+        return WrenchEstimator(self.robot, model, config)
 
     def held_out_errors(self, law: str, K_0: float) -> tuple[Array, Array]:
         """tau_ext (N, n) N m that an observer reads of the held-out logs, and v (N, n) rad/s.

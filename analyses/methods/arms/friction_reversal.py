@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from analyses.methods.arms.simulated_logs import simulate_motion
 from analyses.output.figures import COLOUR, new_figure
+from models.arrays import Array
 from models.excitation.friction_reversal import ReversalSamples, reversal_motion, separate
 from models.friction.velocity_friction import CoulombViscous
 from models.identification.identified_model import IdentifiedModel
@@ -28,7 +29,6 @@ from models.signals.zero_phase import ZeroPhaseLowPass, derivative
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 ProgressCallback = Callable[[float, str], None]
 
 SPEEDS = (0.01, 0.03, 0.06, 0.11, 0.18, 0.28, 0.45, 0.8)  # rad/s, of the planned passes
@@ -122,28 +122,6 @@ def separate_recordings(
     return SeparatedFriction(robot.joint_names, tuple(_joined(j, s) for j, s in enumerate(found)))
 
 
-def reversals_of_simulated_arm(
-    robot: Robot,
-    model: IdentifiedModel,
-    postures: ArrayLike,
-    speeds: Sequence[float] = SPEEDS,
-    seed: int = 0,
-    progress: ProgressCallback = lambda fraction, what: None,
-) -> SeparatedFriction:
-    """Runs planned reversals on the simulated arm, all joints together, and separates friction.
-
-    Args:
-        robot: with its simulated truth.
-        model: identified; what the separation knows. The controller is the drives' own.
-        postures: (K, n) rad, in which the passes meet.
-        speeds: rad/s of the passes.
-        seed: of the noise.
-        progress: told the share done.
-    """
-    recordings = reversal_recordings(robot, postures, speeds, seed, progress)
-    return separate_recordings(robot, recordings, model, cutoff=7.5)
-
-
 def reversal_recordings(
     robot: Robot,
     postures: ArrayLike,
@@ -152,9 +130,14 @@ def reversal_recordings(
     progress: ProgressCallback = lambda fraction, what: None,
     period: float = PERIOD,
 ) -> list[Recording]:
-    """What the simulated arm's controller records in planned reversals; as above.
+    """What the simulated arm's controller records in planned reversals, all joints together.
 
     Args:
+        robot: with its simulated truth; the controller is the drives' own.
+        postures: (K, n) rad, in which the passes meet.
+        speeds: rad/s of the passes.
+        seed: of the noise.
+        progress: told the share done.
         period: s, of the passes; slow ones need a long one, or the drives' own compliance takes up
             the whole travel.
     """

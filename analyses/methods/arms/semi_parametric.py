@@ -2,9 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from analyses.methods.arms.friction_reversal import (
     SeparatedFriction,
 )
@@ -19,8 +16,6 @@ from analyses.methods.learning.identification import (
 from models.friction.velocity_friction import SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 # Departures from the home posture, rad; the last one is the test's.
 POSTURES = (
@@ -37,10 +32,13 @@ def semi_parametric_model(
     separated: SeparatedFriction,
     training: TrainingConfig | None = None,
 ) -> tuple[IdentifiedModel, TrainedNetworks]:
-    """The article's way: symmetric friction by reversal; odd networks on the plain law."""
+    """The article's way: symmetric friction by reversal; odd networks on the plain law.
+
+    What the plain law was seen to err by says nothing of this one: the model has no torque error.
+    """
     v, torque = separated.table(symmetric=True)
     law = plain.model.friction.coulomb_viscous
     config = training or TrainingConfig(seed=plain.config.seed, odd=True)
     trained = train_networks(v, torque, law, config=config, joint_names=robot.joint_names)
     friction = SemiParametricFriction(law, trained.networks, trained.v_crit)
-    return replace(plain.model, friction=friction), trained
+    return replace(plain.model, friction=friction, torque_error=None), trained

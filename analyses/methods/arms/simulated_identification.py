@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.arms.simulated_logs import (
     PERIODS,
@@ -18,12 +17,12 @@ from analyses.methods.arms.simulated_logs import (
 )
 from analyses.methods.learning.identification import IdentificationResult, identify
 from analyses.methods.learning.identification_config import IdentificationConfig
+from models.arrays import Array
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
 from models.robot.motors import current_to_torque
 from models.robot.robot import Robot
 
-Array = NDArray[np.float64]
 ProgressCallback = Callable[[float, str], None]
 
 CONFIG = IdentificationConfig(cutoff=7.5, friction="coulomb-viscous")  # as in the article

@@ -8,14 +8,13 @@ as a real arm's; the true friction is kept beside it.
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 
 from analyses.methods.advance import advance, even_stretches
 from analyses.study.shared_results import shared
 from diagrams.closed_loop import make_closed_loop
 from diagrams.scenario import Scenario
+from models.arrays import Array
 from models.excitation.fourier_trajectory import FourierTrajectory
 from models.identification.identified_model import IdentifiedModel
 from models.motion.paths import JointTrajectory
@@ -23,7 +22,6 @@ from models.recordings.recording import Recording
 from models.robot.robot import Robot
 from systems.joint_tracking_controller import JointTrackingConfig
 
-Array = NDArray[np.float64]
 ProgressCallback = Callable[[float, str], None]
 
 ROBOT = "sts_sre4_600"

@@ -20,6 +20,8 @@ VALIDATED = {
     "14harm50sec": "ur-20_02_19_14harm50sec.csv",
     "ptp_10_points": "ur-20_01_17-ptp_10_points.csv",
 }
+# The motion of 14harm50sec with a payload of 2.805 kg.
+LOADED = "ur-20_02_19_14harm50secLoad.csv"
 
 
 def validation_recordings(data: Path, robot: Robot) -> list[Recording]:

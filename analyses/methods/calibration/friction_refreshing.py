@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.calibration.model_residual import ModelResidual, with_friction
 from analyses.methods.learning.identification_config import IdentifySettings, RefreshConfig
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
+from models.arrays import Array
 from models.calibration.friction_refresh import (
     FrictionDrift,
     FrictionRefresh,
@@ -34,7 +34,6 @@ from models.robot.robot import Robot
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 ProgressCallback = Callable[[float, str], None]
 
 LITTLE = 0.2  # share of the prior's variance; a log that takes less away says little

@@ -27,6 +27,7 @@ from analyses.methods.learning.low_passed_logs import (
 )
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
+from models.arrays import Array
 from models.calibration.gain_calibration import (
     CalibrationLog,
     GainCalibration,
@@ -46,7 +47,6 @@ from models.robot.robot import Robot
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 ProgressCallback = Callable[[float, str], None]
 
 GAIN_TOLD = 0.1  # relative sd; a torque constant that is less sure stays as the robot's file has it

@@ -20,6 +20,7 @@ from analyses.methods.learning.low_passed_logs import (
     low_pass_log,
     median_step,
 )
+from models.arrays import Array
 from models.calibration.load_identification import LoadRows
 from models.calibration.load_parameters import load_columns
 from models.calibration.residual_noise import ResidualRows
@@ -30,8 +31,6 @@ from models.identification.torque_regression import parameter_names
 from models.recordings.recording import Recording
 from models.rigid_body.serial_chain import SerialChain
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 SHORTEST = 15.0  # periods of the cutoff: 3 s at 5 Hz, of which the filter's transients take 1 s
 # The sds in model.yaml are those of independent rows. Twice them makes the load that is read from

@@ -17,6 +17,7 @@ from analyses.methods.calibration.model_residual import ModelResidual
 from analyses.methods.calibration.payload_config import PayloadConfig, PayloadSettings
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
+from models.arrays import Array
 from models.calibration.friction_refresh import FrictionDrift
 from models.calibration.load_identification import LoadEstimate, LoadPrior, estimate_load
 from models.calibration.load_parameters import (
@@ -30,17 +31,16 @@ from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
+from models.rigid_body.spatial_vectors import AXES
 from models.robot.robot import Robot
 from models.robot.robot_config import ToolConfig
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 ProgressCallback = Callable[[float, str], None]
 
 PASSES = 4  # the load's share of friction changes by less than 1 % from the third to the fourth
-AXES = ("x", "y", "z")
 TENSOR = ("xx", "yy", "zz", "xy", "xz", "yz")  # order of ToolConfig.inertia
 COM_TOLD = 0.02  # m, sd; where a centre of mass is less sure, the motion has not told it
 INERTIA_TOLD = 0.5  # share of the prior's variance

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analyses.methods.learning.identification_config import SELECTIONS
+from models.arrays import Array
 from models.friction.friction_structure import LARGEST_LOAD, FrictionStructure
 from models.friction.presliding_friction import slip_path
 from models.identification.base_parameters import (
@@ -48,8 +49,6 @@ from models.identification.torque_regression import (
 from models.rigid_body.serial_chain import SerialChain
 from models.rigid_body.ties import SAME, first_of_least
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 DISPLACEMENTS = (3e-5, 5e-5, 7e-5, 1e-4, 1.4e-4, 2e-4, 3e-4, 5e-4, 1e-3)  # rad or m
 STRIBECK_VELOCITIES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4)  # rad/s or m/s

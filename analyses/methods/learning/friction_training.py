@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from models.arrays import Array
 from models.files.input_error import InputError
 from models.friction.friction_network import FrictionNetworks
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
@@ -29,7 +30,6 @@ from models.friction.velocity_friction import CoulombViscous, SemiParametricFric
 if TYPE_CHECKING:
     import torch
 
-Array = NDArray[np.float64]
 
 BINS = 40
 REST = 0.002  # of the highest speed
@@ -39,6 +39,7 @@ MOST_SAMPLES = 600  # of a joint that are trained on; more of the same teach not
 HELD_OUT = 0.2
 NEURONS = 10
 LEAST_RATE = 1e-4  # of Adam, at the last step
+_SAME_SPEED = 1e-9  # relative
 
 
 @dataclass
@@ -105,7 +106,7 @@ def critical_velocity(v: Array, torque: Array, law: CoulombViscous) -> Array:
         if not len(speed):
             out[j] = 0.0  # the caller reports the empty band
             continue
-        edges = np.linspace(0, len(speed), min(BINS, len(speed)) + 1).astype(int)
+        edges = _between_speeds(speed, min(BINS, len(speed)))
         means = np.array([deviation[a:b].mean() for a, b in pairwise(edges)])
         middle = 0.5 * (speed[edges[:-1]] + speed[edges[1:] - 1])
         other = means * means[0] <= 0.0
@@ -124,6 +125,18 @@ def critical_velocity(v: Array, torque: Array, law: CoulombViscous) -> Array:
         most = MOST * speed[-1]  # with fewer samples below that, the caller reports them
         out[j] = np.clip(crossing, min(least, most), most)
     return out
+
+
+def _between_speeds(speed: Array, count: int) -> NDArray[np.intp]:
+    """Bounds of `count` ranges of as many rows of ascending speeds, or fewer.
+
+    A pair of passes has one speed, forth and back: no range holds only one half of such a pair, or
+    rounding would decide which.
+    """
+    edges = np.linspace(0, len(speed), count + 1).astype(int)
+    apart = np.flatnonzero(np.diff(speed) > _SAME_SPEED * speed[1:]) + 1
+    starts = np.concatenate([[0], apart, [len(speed)]])
+    return np.unique(starts[np.searchsorted(starts, edges)])
 
 
 def train_networks(

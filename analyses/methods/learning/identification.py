@@ -27,7 +27,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.learning.friction_fit import FrictionFit, Motion, Solution
 from analyses.methods.learning.identification_checks import contradictions, doubts, repeated_logs
@@ -49,11 +48,16 @@ from analyses.methods.learning.low_passed_logs import (
     median_step,
 )
 from analyses.methods.learning.repeated_motion import motion_groups, repeated_motion_notes
-from analyses.methods.learning.torque_error_learning import learn_torque_error
+from analyses.methods.learning.torque_error_learning import (
+    held_out_readings,
+    learn_torque_error,
+)
 from analyses.methods.learning.torque_fit import TorqueFit, pooled_rmse
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from analyses.study.shared_results import digest, shared
+from models.arrays import Array
+from models.detection.contact_noise_fit import fit_contact_noise
 from models.files.input_error import InputError
 from models.friction.extended_friction import ExtendedFriction
 from models.friction.friction_law import FrictionLaw
@@ -71,10 +75,9 @@ from models.identification.physical_consistency import unphysical_links
 from models.identification.torque_regression import TorqueEstimate
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
-from models.rigid_body.ties import first_of_least
+from models.rigid_body.ties import beyond_rounding, first_of_least
 from models.robot.robot import Robot
 
-Array = NDArray[np.float64]
 ProgressCallback = Callable[[float, str], None]
 
 
@@ -131,7 +134,7 @@ class IdentificationResult:
                 "without_effect": list(base.without_effect),
                 "condition_number": base.condition_number,
                 "smallest_pivot_kept": base.smallest_kept,
-                "largest_pivot_dropped": base.largest_dropped,
+                "largest_pivot_dropped": beyond_rounding(base.largest_dropped, 1e-12),
             },
             "friction": {
                 "law": self.law,
@@ -283,12 +286,11 @@ def _identify(
     )
     if config.cross_validate:
         progress(0.95, "what the observer errs by")
-        model = replace(
-            model,
-            torque_error=learn_torque_error(
-                recordings, fitted, given.regressions, fits.held_out_models(chosen), robot, model
-            ),
+        readings = held_out_readings(
+            recordings, fitted, given.regressions, fits.held_out_models(chosen), robot, model
         )
+        model = replace(model, torque_error=learn_torque_error(readings))
+        model = replace(model, contact_noise=fit_contact_noise(readings, model, chain))
     result = IdentificationResult(
         model=model,
         base=base,

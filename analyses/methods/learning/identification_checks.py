@@ -6,11 +6,11 @@ The checks are made after the fit, two of them on its own reduced rows: none cha
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.learning.friction_fit import FrictionFit, Solution
 from analyses.methods.learning.low_passed_logs import LowPassedLog
 from analyses.methods.learning.torque_fit import TorqueFit, pooled_rmse, rms
+from models.arrays import Array
 from models.identification.base_parameters import BaseParameters, triangular_factor
 from models.identification.identified_model import (
     IdentifiedModel,
@@ -18,8 +18,6 @@ from models.identification.identified_model import (
 from models.identification.torque_regression import INERTIAL_NAMES, TorqueFactors
 from models.recordings.recording import Recording
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 _INERTIAL = len(INERTIAL_NAMES)
 RANK_TOLERANCE = 1e-7  # as models.identification.base_parameters

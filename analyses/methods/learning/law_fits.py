@@ -12,12 +12,11 @@ from analyses.methods.learning.identification_config import WITH_NETWORK, Identi
 from analyses.methods.learning.low_passed_logs import LowPassedLog
 from analyses.methods.learning.torque_fit import TorqueFit, pooled_rmse
 from analyses.study.shared_results import shared
+from models.arrays import Array
 from models.friction.friction_law import FrictionLaw
 from models.friction.friction_structure import FrictionStructure
 from models.friction.presliding_friction import PreslidingFriction
 from models.rigid_body.serial_chain import SerialChain
-
-Array = NDArray[np.float64]
 
 EXTREME = 0.8  # share of the samples by speed, beyond which a joint's are fast
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from analyses.methods.learning.identification_config import IdentificationConfig
 from analyses.methods.learning.torque_fit import TorqueFit
+from models.arrays import Array
 from models.files.input_error import InputError
 from models.friction.friction_law import FrictionLaw
 from models.identification.identified_model import (
@@ -23,7 +24,6 @@ from models.robot.motors import current_to_torque
 from models.robot.robot import Robot
 from models.signals.zero_phase import ZeroPhaseLowPass, derivative
 
-Array = NDArray[np.float64]
 ProgressCallback = Callable[[float, str], None]
 
 # A joint that moves less, or slower, than this shows neither its friction nor its inertia.

@@ -8,12 +8,10 @@ chosen promised .07 N m on the last joint and erred by 9.9 on the third.)
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from analyses.methods.learning.low_passed_logs import LowPassedLog
-
-Array = NDArray[np.float64]
+from models.arrays import Array
 
 POSITION_TOLERANCE = 0.01  # of a joint's travel over all logs
 SPEED_TOLERANCE = 0.03  # of its largest speed

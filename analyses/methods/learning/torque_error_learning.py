@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.learning.law_fits import HeldOutModel
 from analyses.methods.learning.low_passed_logs import LowPassedLog
@@ -25,21 +24,19 @@ from models.recordings.resampling import resampled
 from models.robot.motors import torque_to_current
 from models.robot.robot import Robot
 
-Array = NDArray[np.float64]
-
 SETTLING = 5.0  # 1 / K_0 after the start of a log: the observer begins at zero
 _LEAST_SHARE = 1e-6  # of the largest torque: a floor for logs without any noise
 
 
-def learn_torque_error(
+def held_out_readings(
     recordings: Sequence[Recording],
     runs: Sequence[LowPassedLog],
     regressions: Sequence[RegressionRows],
     held_out: Sequence[HeldOutModel],
     robot: Robot,
     model: IdentifiedModel,
-) -> TorqueErrorModel | None:
-    """The torque error of `model`.
+) -> list[HeldOutReading]:
+    """What the observer reads of each log with a model of the others.
 
     Args:
         recordings: as logged.
@@ -47,9 +44,6 @@ def learn_torque_error(
         held_out: a model for each fold.
         robot: whose logs they are.
         model: fitted on all; its residual covariance is not looked at.
-
-    Returns:
-        None where all logs are too short.
     """
     time_step = model.provenance.time_step
     readings = []
@@ -90,6 +84,11 @@ def learn_torque_error(
                     resolution=step,
                 )
             )
+    return readings
+
+
+def learn_torque_error(readings: Sequence[HeldOutReading]) -> TorqueErrorModel | None:
+    """The torque error that held-out readings show; None where all logs are too short."""
     largest = max(float(np.abs(own.transmitted).max()) for own in readings)
     try:
         return fit_torque_error(readings, _LEAST_SHARE * max(largest, 1e-3))

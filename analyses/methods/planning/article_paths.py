@@ -1,16 +1,15 @@
 """Straight paths (section 4.3): the article's initial and optimised one, and the one found here."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.methods.planning.placement import place
+from analyses.study.shared_results import shared
+from models.arrays import Array
 from models.identification.identified_model import IdentifiedModel
 from models.motion.inverse_kinematics import follow_path
 from models.motion.paths import StraightPath
 from models.placement.placement_task import load_task
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 INITIAL_PATH = StraightPath(
     n_W=np.array([0.0, 1.0, 0.0]),
@@ -42,6 +41,12 @@ def found_path(
         model: with it, the path whose Bayesian reading has the least force sd for this model's
             residual covariance, instead of the one with the least mean condition number.
     """
+    return shared("found_path", (robot, seed, model), lambda: _found_path(robot, seed, model))
+
+
+def _found_path(
+    robot: Robot, seed: int, model: IdentifiedModel | None
+) -> tuple[StraightPath, Array]:
     task, source = load_task("linear_path")
     objective = "jcn" if model is None else "force-sd"
     best = place(task, source, robot, objective=objective, model=model, seed=seed).best

@@ -16,9 +16,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from models.arrays import Array
 from models.motion.branches import all_branches
 from models.motion.path_postures import track_paths
 from models.placement.placement_descent import PlacementBatch
@@ -31,8 +31,6 @@ from models.placement.placement_program import (
 from models.placement.placement_search import Optimum, SearchResult, one_thread
 from models.rigid_body.ties import better, in_order
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 UNREACHED = 1e4  # of a path that cannot be followed
 

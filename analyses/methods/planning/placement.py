@@ -13,15 +13,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from analyses.methods.planning.particle_swarm import SwarmConfig, place_by_swarm
 from analyses.methods.planning.place_settings import PlaceSettings
+from analyses.output.axes import log_scale
 from analyses.output.figures import COLOUR, SERIES, new_figure
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
-from diagrams.pages.path_page import PathMotion, TriangleMesh, record_paths
+from diagrams.pages.path_page import PathMotion, TriangleMesh, write_path_page
 from diagrams.placement_cell import PlacementCell, obstacle_corners, workpiece_corners
+from models.arrays import Array
 from models.estimation.wrench import WrenchReconstructionConfig, live_prior
 from models.files.configuration import nearest
 from models.files.input_error import InputError
@@ -39,13 +41,12 @@ from models.placement.placement_search import (
     SearchResult,
 )
 from models.placement.placement_task import PlacementTask, check_task, load_task
-from models.rigid_body.ties import first_of_least
+from models.rigid_body.ties import beyond_rounding, first_of_least
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 OBJECTIVES = ("jcn", "force-sd")
 PLACE_SOLVERS = (*SOLVERS, "pso-ga")
+_ROUNDING = 1e-9  # m and rad; constraints are kept to 1e-7
 _HALF_TURN = 1e-9  # of a quaternion's w: a rotation by half a turn
 FINE = 10  # points between two of the path's, where it is looked at closely
 
@@ -93,13 +94,13 @@ class Profile:
             "mean_jcn_along_path": float(
                 np.trapezoid(self.fine_jcn, np.linspace(0.0, 1.0, len(self.fine_jcn)))
             ),
-            "direction": self.placement.n_W,
-            "midpoint_m": self.placement.p_WM,
-            "rotation": self.placement.R_WE,
-            "angle_deg": math.degrees(theta),
-            "axis": axis / length if length > 1e-12 else np.array([0.0, 0.0, 1.0]),
+            "direction": _digits(self.placement.n_W),
+            "midpoint_m": _digits(self.placement.p_WM),
+            "rotation": _digits(self.placement.R_WE),
+            "angle_deg": float(_digits(math.degrees(theta))),
+            "axis": _digits(axis / length if length > 1e-12 else np.array([0.0, 0.0, 1.0])),
             "midpoint_radius_m": float(np.hypot(*self.placement.p_WM[:2])),
-            "joints_at_midpoint_rad": self.fine.q[len(self.fine.q) // 2],
+            "joints_at_midpoint_rad": _digits(self.fine.q[len(self.fine.q) // 2]),
             "max_joint_step_rad": float(np.max(np.abs(np.diff(self.placement.q, axis=0)))),
         }
         if key != "jcn":
@@ -137,23 +138,39 @@ class PlacementResult:
     notices: tuple[str, ...] = field(default_factory=tuple)
 
     def metrics(self) -> dict[str, Any]:
-        """Nested figures; no times among them."""
-        key = self.measure.key
-        metrics: dict[str, Any] = {
-            "optimised": self.best.metrics(key),
-            "optima": [
-                {f"mean_{key}": optimum.cost, "starts": optimum.starts}
-                for optimum in self.search.optima
-            ],
+        """Nested figures and the search's counts; no times among them."""
+        metrics = self.figures()
+        counts = self.counts()
+        for optimum, starts in zip(metrics["optima"], counts.pop("starts_of_optima"), strict=True):
+            optimum["starts"] = starts
+        return metrics | counts
+
+    def counts(self) -> dict[str, Any]:
+        """What the search has tried: counts that another machine's last bits may change."""
+        return {
+            "starts_of_optima": [optimum.starts for optimum in self.search.optima],
             "starts": self.search.num_starts,
             "starts_elsewhere": self.search.num_unassigned,
             "candidates": self.search.num_candidates,
             "candidates_reached": self.search.num_reached,
-            "largest_violation": self.largest_violation,
+        }
+
+    def figures(self) -> dict[str, Any]:
+        """What was found, the same on every machine to the digits that anyone prints."""
+        key = self.measure.key
+        figures: dict[str, Any] = {
+            "optimised": self.best.metrics(key),
+            "optima": [{f"mean_{key}": optimum.cost} for optimum in self.search.optima],
+            "largest_violation": beyond_rounding(self.largest_violation, _ROUNDING),
         }
         if self.initial is not None:
-            metrics["initial"] = self.initial.metrics(key)
-        return metrics
+            figures["initial"] = self.initial.metrics(key)
+        return figures
+
+
+def _digits(values: ArrayLike) -> Array:
+    """Numbers to six decimals, and no zero with a sign: finer, only the solver's way is told."""
+    return np.asarray(np.round(np.asarray(values, dtype=np.float64), 6) + 0.0)
 
 
 def place(
@@ -322,10 +339,10 @@ def write_placement(folder: OutputFolder, result: PlacementResult, settings: Pla
     folder.write_figure("convergence", figure)
     # A workpiece stands where the best path is; the initial one would run through it.
     alone = result.task.clearance is not None
-    record_placement(result, folder / "recording.html", "Placement", with_initial=not alone)
+    write_placement_page(result, folder / "page.html", "Placement", with_initial=not alone)
 
 
-def record_placement(
+def write_placement_page(
     result: PlacementResult, path: Path, title: str, *, with_initial: bool = True
 ) -> None:
     """Writes the web page in which the arm follows the initial and the best path."""
@@ -333,7 +350,7 @@ def record_placement(
     if with_initial and result.initial is not None:
         motions.append(PathMotion("initial", result.initial.fine.q, result.initial.fine_jcn))
     motions.append(PathMotion("optimised", result.best.fine.q, result.best.fine_jcn))
-    record_paths(result.robot, motions, path, title, workpiece=_picture(result))
+    write_path_page(result.robot, motions, path, title, workpiece=_picture(result))
 
 
 def draw_profiles(
@@ -353,7 +370,7 @@ def draw_profiles(
         if profile is None:
             continue
         mean, largest = np.mean(profile.jcn), np.max(profile.fine_jcn)
-        axes[0, 0].semilogy(
+        axes[0, 0].plot(
             fine,
             profile.fine_jcn,
             color=colour,
@@ -361,11 +378,7 @@ def draw_profiles(
         )
         if rows == 3:
             axes[1, 0].plot(fine, profile.fine_measure, color=colour)
-    top = max(float(np.max(p.fine_jcn)) for _, p, _ in cases if p is not None)
-    low = min(float(np.min(p.fine_jcn)) for _, p, _ in cases if p is not None)
-    ticks = [t for t in (5, 7, 10, 15, 20, 30, 40, 60, 100, 200, 500) if low / 1.5 < t < top * 1.3]
-    axes[0, 0].set_yticks(ticks, labels=[str(t) for t in ticks])
-    axes[0, 0].minorticks_off()
+    log_scale(axes[0, 0], "y")
     axes[0, 0].set_ylabel("condition number of J")
     if rows == 3:
         axes[1, 0].set_ylabel(measure.label)

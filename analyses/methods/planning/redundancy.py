@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.math import RollPitchYaw
 
 from analyses.methods.planning.redundancy_task import PatchPathConfig, RedundancyTask
 from diagrams.pages.path_page import TriangleMesh
+from models.arrays import Array
 from models.estimation.wrench import WrenchReconstructionConfig, live_prior
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
@@ -35,12 +35,11 @@ from models.motion.redundancy import (
 )
 from models.motion.surface_path import SurfacePath
 from models.motion.workpieces import BladeSection, Plate, Surface, mesh
-from models.rigid_body.ties import better, first_of_least
+from models.rigid_body.ties import better, beyond_rounding, first_of_least
 from models.robot.robot import Robot
 
-Array = NDArray[np.float64]
-
 OBJECTIVES = ("jcn", "force-sd")
+ROUNDING = 1e-9  # m and rad, of position and normal
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +78,12 @@ class RedundancyResult:
             "grid": self._figures(self.on_grid),
             "optimised": {
                 **self._figures(self.optimised),
-                "position_error_m": float(np.max(np.linalg.norm(error[:, 2:], axis=1))),
-                "normal_error_rad": float(np.max(np.linalg.norm(error[:, :2], axis=1))),
+                "position_error_m": beyond_rounding(
+                    np.max(np.linalg.norm(error[:, 2:], axis=1)), ROUNDING
+                ),
+                "normal_error_rad": beyond_rounding(
+                    np.max(np.linalg.norm(error[:, :2], axis=1)), ROUNDING
+                ),
                 "max_joint_step_deg": math.degrees(
                     float(np.max(np.abs(np.diff(self.optimised.q, axis=0))))
                 ),

@@ -4,8 +4,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from analyses.methods.sensors.reference_config import ReferenceConfig, checked_reference
+from models.detection.contact_detector import LARGEST_RATE, LEAST_RATE, ContactDetectionConfig
 from models.estimation.estimator import WrenchEstimatorConfig
-from models.estimation.wrench import METHODS, live_prior
+from models.estimation.wrench import live_prior
+from models.estimation.wrench_kernels import METHODS
+from models.estimation.wrench_table import TABLES
 from models.files.input_error import InputError
 from models.observers.momentum_observer import LEAST_K_0, MomentumObserverConfig
 from models.observers.observer_kinds import make_observer
@@ -39,6 +43,11 @@ class EstimateConfig:
     estimator: WrenchEstimatorConfig = field(default_factory=_estimator_of_logs)
     max_gap: float = 0.0  # s, longest gap that is bridged; 0: 0.1 s or three steps
     check: bool = True  # hold the log against the robot's limits and gravity
+    mcap: bool = False  # write the wrenches as ROS 2 messages too (wrench.mcap)
+    reference: ReferenceConfig = field(default_factory=ReferenceConfig)  # a force sensor in the log
+    detection: ContactDetectionConfig = field(default_factory=ContactDetectionConfig)
+    covariance: bool = False  # whether the table has columns for it
+    table: str = "csv"  # "csv" or "parquet"
 
 
 @dataclass
@@ -73,10 +82,12 @@ def checked_config(config: EstimateConfig, robot: Robot) -> EstimateConfig:
     def refuse(option: str, problem: str, remedy: str) -> InputError:
         return InputError("estimate", option, problem, remedy)
 
+    checked_reference(config.reference)
     observer, reconstruction = config.estimator.observer, config.estimator.reconstruction
     for name, value, known in (
         ("engine", config.engine, ENGINES),
         ("method", reconstruction.method, METHODS),
+        ("table", config.table, TABLES),
     ):
         if value not in known:
             raise refuse(name, f'unknown {name} "{value}"', f"give {' or '.join(known)}")
@@ -88,6 +99,10 @@ def checked_config(config: EstimateConfig, robot: Robot) -> EstimateConfig:
         if not all(LEAST_SD <= sd <= LARGEST_SD for sd in (force_sd, moment_sd)):
             found = f'is "{config.prior}", expected live, log or two numbers from {LEAST_SD:g}'
             raise refuse("prior", found, "give N and N m, such as 30,2")
+    rate = config.detection.false_alarms_per_hour
+    if not LEAST_RATE <= rate <= LARGEST_RATE:
+        found = f"is {rate:g}, expected {LEAST_RATE:g} to {LARGEST_RATE:g}"
+        raise refuse("false_alarms_per_hour", found, "1 is the default")
     for name in ("prior_force_sd", "prior_moment_sd", "max_force_sd"):
         number = getattr(reconstruction, name)
         if number is not None and not LEAST_SD <= number <= LARGEST_SD:

@@ -3,23 +3,19 @@
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
 from analyses.output.stream_summary import Envelope, EvenSample
+from models.arrays import Array, Flags
 from models.estimation.estimator import EstimateBatch, WrenchEstimatorConfig
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
+from models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-
-AXES = ("fx", "fy", "fz", "mx", "my", "mz")  # as people read them
-_FORCE_FIRST = [3, 4, 5, 0, 1, 2]
 _MEDIAN_SAMPLES = 1 << 17
 _FIGURE_BINS = 2000  # about one a pixel
 LONG_AGO = 1e6  # s; a clock that shows more is drawn from the first sample on
@@ -51,7 +47,7 @@ class _Moments:
     def metrics(self) -> dict[str, Any]:
         """Per axis; null where there is no sample."""
         result: dict[str, Any] = {}
-        for k, axis in enumerate(AXES):
+        for k, axis in enumerate(WRENCH_AXES):
             unit = "n" if axis.startswith("f") else "nm"
             values = {
                 "mean": self._sum[k] / self.count if self.count else None,
@@ -97,7 +93,13 @@ class EstimateSummary:
         return np.asarray(batch.valid & ~chunk.dropout)
 
     def add(
-        self, chunk: Recording, batch: EstimateBatch, sd: Array, valid: Flags, torque: Array
+        self,
+        chunk: Recording,
+        batch: EstimateBatch,
+        sd: Array,
+        valid: Flags,
+        torque: Array,
+        contact: Flags,
     ) -> None:
         if not chunk.num_samples:
             return
@@ -114,7 +116,7 @@ class EstimateSummary:
         self._num_singular += int((~regular).sum())
         largest = float(condition.max(initial=0.0, where=regular))
         self._largest_condition = max(self._largest_condition, largest)
-        wrench, sd = batch.wrench[:, _FORCE_FIRST], sd[:, _FORCE_FIRST]
+        wrench, sd = batch.wrench[:, FORCE_FIRST], sd[:, FORCE_FIRST]
         self._all.add(wrench, sd)
         self._of_valid.add(wrench[valid], sd[valid])
         self._add_outside(chunk, torque)
@@ -122,7 +124,7 @@ class EstimateSummary:
         self._envelope.add(
             np.concatenate([wrench, lower], axis=1),
             np.concatenate([wrench, upper], axis=1),
-            np.stack([chunk.t - self._origin, ~valid], axis=1),
+            np.stack([chunk.t - self._origin, ~valid, contact], axis=1),
         )
         if valid.any():
             self._valid_range[0] = np.minimum(self._valid_range[0], lower[valid].min(axis=0))
@@ -209,10 +211,10 @@ class EstimateSummary:
             reads_moments: whether the method reads moments; without, only forces are drawn.
         """
         low, high, mean = self._envelope.values()
-        t, is_invalid = mean[:, 0], mean[:, 1] > 0.5
+        t, is_invalid, touches = mean[:, 0], mean[:, 1] > 0.5, mean[:, 2] > 0.0
         figure, axes = new_figure(3, 2 if reads_moments else 1, share_x=True)
         origin = f" since {self._origin:.0f} s" if self._origin else ""
-        for k, axis in enumerate(AXES if reads_moments else AXES[:3]):
+        for k, axis in enumerate(WRENCH_AXES if reads_moments else WRENCH_AXES[:3]):
             panel: Any = axes[k % 3, k // 3]
             unit = "N" if axis.startswith("f") else "N m"
             panel.fill_between(
@@ -236,6 +238,7 @@ class EstimateSummary:
             bottom, top = self._limits(k, low, high)
             panel.set_ylim(bottom, top)
             _shade(panel, t, is_invalid, COLOUR["invalid"])
+            _shade(panel, t, touches, COLOUR["contact"], "contact")
             beyond = [x for x in (low[:, k].min(), high[:, k].max()) if not bottom <= x <= top]
             if beyond:
                 reach = " and ".join(f"{x:.3g}" for x in beyond)
@@ -244,7 +247,7 @@ class EstimateSummary:
             if k % 3 == 2:
                 panel.set_xlabel(f"time{origin} [s]")
         handles, labels = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=3)
+        figure.legend(handles, labels, loc="outside lower center", ncols=4)
         figure.suptitle("Wrench of the environment on the robot, at E in axes of W")
         return figure
 
@@ -257,11 +260,13 @@ class EstimateSummary:
         return float(bottom - margin), float(top + margin)
 
 
-def _shade(panel: Any, t: Array, is_invalid: Flags, colour: str) -> None:
-    """Marks the stretches that hold invalid samples."""
-    padded = np.concatenate([[False], is_invalid, [False]]).astype(np.int8)
+def _shade(panel: Any, t: Array, flag: Flags, colour: str, what: str = "not valid") -> None:
+    """Marks the stretches in which a flag is set; those of a contact begin with a line."""
+    padded = np.concatenate([[False], flag, [False]]).astype(np.int8)
     begins, ends = np.flatnonzero(np.diff(padded) == 1), np.flatnonzero(np.diff(padded) == -1) - 1
     half = 0.5 * float(np.median(np.diff(t))) if len(t) > 1 else 0.5
     for index, (begin, end) in enumerate(zip(begins, ends, strict=True)):
-        label = "not valid" if index == 0 else None
+        label = what if index == 0 else None
+        if what == "contact":
+            panel.axvline(t[begin] - half, color=COLOUR["onset"], lw=0.8, zorder=1)
         panel.axvspan(t[begin] - half, t[end] + half, color=colour, lw=0, zorder=0, label=label)

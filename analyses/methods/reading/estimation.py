@@ -7,14 +7,15 @@ spread, of external torque and Jacobian; the prior is what explains those best
 """
 
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analyses.methods.reading.contact_episodes import ContactEpisodes
 from analyses.methods.reading.estimate_config import (
     FLOOR_SHARE,
     PRIORS,
@@ -24,27 +25,35 @@ from analyses.methods.reading.estimate_config import (
     stated_prior,
 )
 from analyses.methods.reading.estimate_summary import EstimateSummary
+from analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
+from analyses.methods.sensors.reference_config import ReferenceConfig, check_columns, check_tare
+from analyses.methods.sensors.sensor_log import SensorLogCollector
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from analyses.output.stream_summary import EvenSample
+from models.arrays import Array, Flags
+from models.detection.contact_detector import ContactDetectionConfig, ContactDetector, Detection
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.evidence_prior import evidence_prior
 from models.estimation.wrench import live_prior
+from models.estimation.wrench_bag import WrenchBagWriter
 from models.estimation.wrench_table import WrenchTableWriter
+from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
 from models.observers.observer_kinds import make_observer
 from models.recordings.position_resolution import position_resolution
 from models.recordings.recording import Recording
+from models.recordings.recording_format import SignalColumns, column_items
 from models.recordings.recording_reader import RecordingReader
 from models.recordings.resampling import plausible_step, resample_chunks
+from models.rigid_body.spatial_vectors import FORCE_FIRST
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 ProgressCallback = Callable[[float, str], None]
 
 CHUNK_SAMPLES = 1 << 16  # samples that are worked on at a time
 _PRIOR_SAMPLES = 1 << 12
+REFERENCE = "--reference"  # the sensor's signal in a recording; no description can name one so
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +66,9 @@ class EstimateResult:
         notices: what reading the log involved, one sentence each.
         warnings: what makes the result doubtful, one sentence each.
         config: as used, with the time step and the prior filled in.
-        table: wrench.csv.
+        table: wrench.csv, or wrench.parquet.
+        contacts: one sentence each, or one that there is none.
+        comparison: with the log's force sensor, where one is named.
     """
 
     num_samples: int
@@ -66,7 +77,9 @@ class EstimateResult:
     warnings: tuple[str, ...]
     config: EstimateConfig
     table: Path
+    contacts: tuple[str, ...]
     _metrics: dict[str, Any]
+    comparison: SensorComparison | None = None
 
     def metrics(self) -> dict[str, Any]:
         """All figures, as written to metrics.json."""
@@ -76,7 +89,7 @@ class EstimateResult:
 class _Engine(Protocol):
     """Runs successive chunks of a log through the estimator's chain."""
 
-    def run(self, q: Array, v: Array, current: Array) -> EstimateBatch: ...
+    def run(self, q: Array, v: Array, current: Array) -> tuple[EstimateBatch, Detection]: ...
 
 
 def estimate_log(
@@ -90,8 +103,9 @@ def estimate_log(
 ) -> EstimateResult:
     """The command `estimate`: streams a log and writes what acted at the tool into `out`.
 
-    Writes wrench.csv (see `models.estimation.wrench_table`), metrics.json, config.yaml and
-    figures/wrench.png.
+    Writes the table (see `models.estimation.wrench_table`), metrics.json, config.yaml and
+    figures/wrench.png; with a force sensor in the log also figures/reference.png; wrench.mcap (see
+    `models.estimation.wrench_bag`) where it is asked for.
 
     Args:
         log: as `read_recording`.
@@ -112,7 +126,9 @@ def estimate_log(
             model = IdentifiedModel.load(Path(model_path), robot)
 
         def read() -> RecordingReader:
-            reader = RecordingReader(log, log_format, robot, config.check)
+            reader = RecordingReader(
+                log, log_format, robot, config.check, _further(config.reference), "estimate"
+            )
             reader.require_joint_signals()
             return reader
 
@@ -157,6 +173,8 @@ def estimate(
     config, max_gap = settings.estimate.estimator, settings.estimate.max_gap
     if config.position_resolution is None:
         step = position_resolution(next(iter(read().chunks())).q)
+        known = robot.position_resolution
+        step = np.where(np.isfinite(known), known, step)
         config = replace(config, position_resolution=step.tolist())
     rule = "given"
     stated = stated_prior(settings.estimate, robot)
@@ -172,16 +190,45 @@ def estimate(
     chunks = _uniform(reader, config, max_gap, part)
     first = next(chunks)
     config = _timed(config, first)
-    engine: _Engine = _ENGINES[settings.estimate.engine](robot, model, config)
+    detection = settings.estimate.detection
+    engine: _Engine = _ENGINES[settings.estimate.engine](robot, model, config, detection)
     observer = make_observer(config.observer, robot.num_joints)
     summary = EstimateSummary(model, observer.settling_time)
-    with WrenchTableWriter(out / "wrench.csv") as table:
+    reference = settings.estimate.reference
+    beside = SensorLogCollector(config.observer.time_step) if reference.columns else None
+    episodes = ContactEpisodes(robot.num_joints)
+    path = out / f"wrench.{settings.estimate.table}"
+    with_covariance = settings.estimate.covariance
+    with ExitStack() as stack:
+        table = stack.enter_context(WrenchTableWriter(path, robot.num_joints, with_covariance))
+        bag: WrenchBagWriter | None = None
+        if settings.estimate.mcap:
+            bag = stack.enter_context(WrenchBagWriter(out / "wrench.mcap", robot.config.base_link))
         for chunk in chain([first], chunks):
-            batch = engine.run(chunk.q, chunk.v, chunk.current)
+            batch, found = engine.run(chunk.q, chunk.v, chunk.current)
+            found = found.without(chunk.dropout)
             sd, valid = batch.standard_deviation, summary.judge(chunk, batch, config)
-            table.write(chunk.t, batch.wrench, sd, batch.condition_number, valid)
-            summary.add(chunk, batch, sd, valid, _torque(chunk, robot))
+            table.write(
+                *(chunk.t, batch.wrench, sd, batch.condition_number, valid, batch.tau_ext),
+                *(found.statistic, found._asdict(), batch.covariance),
+            )
+            if bag is not None:
+                _, p_WE = robot.chain.pose(chunk.q)
+                bag.write(chunk.t, batch.wrench, batch.covariance, p_WE)
+            episodes.add(chunk.t, found, batch.wrench[:, 3:], valid)
+            summary.add(chunk, batch, sd, valid, _torque(chunk, robot), found.contact)
+            if beside is not None:
+                settled = int(np.searchsorted(chunk.t, first.t[0] + observer.settling_time))
+                _collect(beside, chunk, batch, sd, valid, robot, settled)
+    episodes.finish()
     metrics = summary.metrics(config, rule)
+    metrics["contact"] = episodes.metrics(detection.false_alarms_per_hour)
+    comparison = None if beside is None else _compared(beside, reference)
+    notices = reader.notices
+    if comparison is not None:
+        metrics["reference"] = comparison.metrics()
+        notices += comparison.notices
+        out.write_figure("reference", comparison.figure())
     warnings += summary.warnings()
     reads_moments = config.reconstruction.method != "force_only"
     out.write_figure("wrench", summary.figure(reads_moments))
@@ -192,12 +239,56 @@ def estimate(
     return EstimateResult(
         num_samples=summary.count,
         valid_share=summary.num_valid / summary.count,
-        notices=reader.notices,
+        notices=notices,
         warnings=tuple(warnings),
         config=used,
-        table=out / "wrench.csv",
+        table=path,
+        contacts=tuple(episodes.lines()) if model.torque_error is not None else (),
         _metrics=metrics,
+        comparison=comparison,
     )
+
+
+def _further(reference: ReferenceConfig) -> dict[str, SignalColumns]:
+    """The sensor's columns, which the log's description need not know."""
+    if not reference.columns:
+        return {}
+    items = column_items(reference.columns, REFERENCE, "estimate")
+    check_columns(len(items))
+    check_tare(reference, len(items))
+    return {REFERENCE: SignalColumns(reference.columns)}
+
+
+def _collect(
+    beside: SensorLogCollector,
+    chunk: Recording,
+    batch: EstimateBatch,
+    sd: Array,
+    valid: Flags,
+    robot: Robot,
+    settled: int,
+) -> None:
+    """Hands over the samples from the one on at which the observer has settled."""
+    R_WE, _ = robot.chain.pose(chunk.q)
+    signals = (
+        chunk.t,
+        batch.wrench[:, FORCE_FIRST],
+        sd[:, FORCE_FIRST],
+        np.asarray(valid, float),
+        R_WE,
+        chunk.v,
+        chunk.extra[REFERENCE],
+    )
+    beside.add(*(signal[settled:] for signal in signals))
+
+
+def _compared(beside: SensorLogCollector, reference: ReferenceConfig) -> SensorComparison:
+    log = beside.log()
+    if log is None:
+        raise InputError(
+            "estimate", "--reference", "the log is too short to compare with", "record a longer one"
+        )
+    return compare_with_sensor(log, reference)
 
 
 def _has_prior(config: WrenchEstimatorConfig) -> bool:
@@ -214,30 +305,46 @@ def _timed(config: WrenchEstimatorConfig, chunk: Recording) -> WrenchEstimatorCo
 class _BatchEngine:
     """The kernels, chunk after chunk."""
 
-    def __init__(self, robot: Robot, model: IdentifiedModel, config: WrenchEstimatorConfig) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        model: IdentifiedModel,
+        config: WrenchEstimatorConfig,
+        detection: ContactDetectionConfig,
+    ) -> None:
         self._estimator = WrenchEstimator(robot, model, config)
         self._state = self._estimator.initial_state()
+        self._detector = ContactDetector.of(self._estimator, detection)
+        self._detector_state = self._detector.initial_state()
 
-    def run(self, q: Array, v: Array, current: Array) -> EstimateBatch:
-        return self._estimator.run(self._state, q, v, current)
+    def run(self, q: Array, v: Array, current: Array) -> tuple[EstimateBatch, Detection]:
+        batch = self._estimator.run(self._state, q, v, current)
+        return batch, self._detector.run(self._detector_state, q, v, batch)
 
 
 class _DiagramEngine:
     """The same chain as a Drake diagram that replays the log, stretch after stretch."""
 
-    def __init__(self, robot: Robot, model: IdentifiedModel, config: WrenchEstimatorConfig) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        model: IdentifiedModel,
+        config: WrenchEstimatorConfig,
+        detection: ContactDetectionConfig,
+    ) -> None:
         from pydrake.systems.analysis import Simulator
 
         from diagrams.replay import make_replay
 
-        self._replay = make_replay(robot, model, config)
+        self._replay = make_replay(robot, model, config, detection)
         self._simulator = Simulator(self._replay.diagram)
 
-    def run(self, q: Array, v: Array, current: Array) -> EstimateBatch:
+    def run(self, q: Array, v: Array, current: Array) -> tuple[EstimateBatch, Detection]:
         context = self._simulator.get_mutable_context()
         self._replay.load(context, q, v, current)
         self._simulator.AdvanceTo(self._replay.stop_time(context))
-        return self._replay.take(context)
+        detection = self._replay.take_detection(context)
+        return self._replay.take(context), detection
 
 
 _ENGINES: dict[str, type[_BatchEngine | _DiagramEngine]] = {
@@ -273,11 +380,12 @@ def _with_evidence(
 ) -> tuple[WrenchEstimatorConfig, str]:
     """The configuration with the prior that explains the log best, and the rule's name."""
     J, tau_ext = EvenSample(_PRIOR_SAMPLES), EvenSample(_PRIOR_SAMPLES)
-    engine: _BatchEngine | None = None
+    estimator: WrenchEstimator | None = None
     for chunk in _uniform(reader, config, max_gap, part):
-        if engine is None:
-            engine = _BatchEngine(robot, model, _timed(config, chunk))
-        batch = engine.run(chunk.q, chunk.v, chunk.current)
+        if estimator is None:
+            estimator = WrenchEstimator(robot, model, _timed(config, chunk))
+            state = estimator.initial_state()
+        batch = estimator.run(state, chunk.q, chunk.v, chunk.current)
         measured = ~chunk.dropout
         sd = np.ones_like(batch.tau_ext) if model.torque_error is None else batch.torque_sd
         J.add((batch.J / sd[:, None, :])[measured])

@@ -1,14 +1,12 @@
 """External torque where motion repeats itself: torque one period ago minus torque now (eq. 4)."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from models.arrays import Array
 from models.recordings.recording import Recording
 from models.robot.motors import current_to_torque
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 def repetition_torque(

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 
 from analyses.methods.advance import advance, even_stretches
@@ -31,21 +30,22 @@ from analyses.methods.reading.force_errors import ForceReading
 from analyses.methods.reading.repetition import repetition_torque
 from analyses.study.experiment import FigureFile
 from diagrams.closed_loop import make_closed_loop
-from diagrams.pages.path_page import PathMotion, record_paths
+from diagrams.pages.path_page import PathMotion, write_path_page
 from diagrams.scenario import LineMotion, Scenario, load_scenario, make_trajectory
+from models.arrays import Array
 from models.control.wrench_script import HandPush, WrenchSegment
 from models.estimation.estimator import WrenchEstimator
 from models.estimation.wrench import WrenchReconstruction
 from models.identification.identified_model import IdentifiedModel
 from models.motion.paths import StraightPath
+from models.observers.lag import LagModel, lag_log
 from models.recordings.recording import Recording
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 ProgressCallback = Callable[[float, str], None]
 
 PATHS = ("initial", "optimised", "found")
+HAND_HZ = 3.0  # up to which the stated band holds a low-pass's lag behind a hand
 _BLOCK = 50_000  # rows read at a time: a covariance a row is much memory
 _FRAMES = 200  # of a pass in a recording
 _STRETCH = 0.5  # s between two reports of progress
@@ -211,10 +211,10 @@ def run_task(
     )
 
 
-def record_runs(
+def write_runs_page(
     robot: Robot, runs: Mapping[str, TaskRun], passes: int, out: Path, title: str
 ) -> FigureFile:
-    """Writes recording.html below `out`: the arm on the first pass of each run.
+    """Writes page.html below `out`: the arm on the first pass of each run.
 
     Args:
         runs: by the path's name.
@@ -226,10 +226,10 @@ def record_runs(
         length = run.recording.num_samples // passes
         rows = np.linspace(0, length - 1, min(length, _FRAMES)).astype(int)
         motions.append(PathMotion(name, run.recording.q[rows], run.condition_number[rows]))
-    record_paths(robot, motions, out / "recording.html", title)
+    write_path_page(robot, motions, out / "page.html", title)
     names = ", ".join(runs)
     caption = f"The arm as it went once along each path ({names}); the path's colour: JCN."
-    return FigureFile(Path("recording.html"), caption)
+    return FigureFile(Path("page.html"), caption)
 
 
 def read_run(
@@ -279,17 +279,22 @@ def read_repetition(
         run: of two cycles.
         period: samples of a cycle.
         reconstruction: with the covariance of the repetition's error.
-        K_0: as `repetition_torque`.
+        K_0: as `repetition_torque`; the stated sds hold its lag behind a force of HAND_HZ.
     """
     tau_ext = repetition_torque(run.recording, robot, period, K_0)
+    bandwidth = 0.0 if K_0 is None else HAND_HZ
+    lag = LagModel.of(K_0, robot.num_joints, run.recording.time_step, bandwidth, 0.0)
+    slow = np.full(6, np.nan)
     second = slice(period, period + len(tau_ext))
     q = run.recording.q[second]
     force, sd = np.empty((2, len(q), 3))
     for start in range(0, len(q), _BLOCK):
         rows = slice(start, start + _BLOCK)
         part = reconstruction.reconstruct(robot.chain.jacobian(q[rows]), tau_ext[rows])
+        covariance = part.covariance.copy()
+        lag_log(lag.settings, slow, part.wrench, part.valid, covariance)
         force[rows] = part.wrench[:, 3:]
-        sd[rows] = part.standard_deviation[:, 3:]
+        sd[rows] = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))[:, 3:]
     t = run.recording.t[second]
     return ForceReading(
         name, t - t[0], force, sd, run.reference[second], run.condition_number[second]

@@ -6,11 +6,12 @@ from functools import cache
 import numpy as np
 import pinocchio as pin
 import pytest
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.estimation.estimator import Taught, WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.sample_check import CHECK_ROWS
-from models.estimation.wrench import METHODS, WrenchReconstructionConfig, live_prior
+from models.estimation.wrench import WrenchReconstructionConfig, live_prior
+from models.estimation.wrench_kernels import METHODS
 from models.files.input_error import InputError
 from models.friction.friction_network import FrictionNetworks
 from models.friction.presliding_friction import PreslidingFriction
@@ -20,7 +21,6 @@ from models.observers.momentum_observer import MomentumObserver, MomentumObserve
 from models.robot.motors import torque_to_current
 from models.robot.robot import Robot
 
-Array = NDArray[np.float64]
 T = 0.002
 CONFIG = WrenchEstimatorConfig(MomentumObserverConfig([20.0], T))
 

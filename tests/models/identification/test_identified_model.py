@@ -11,6 +11,7 @@ from models.files.input_error import InputError
 from models.friction.friction_network import FrictionNetworks
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.identification.contact_noise import ContactNoise
 from models.identification.identified_model import (
     BaseParameterTable,
     IdentifiedModel,
@@ -19,6 +20,7 @@ from models.identification.identified_model import (
     Validity,
 )
 from models.identification.torque_error_model import TorqueErrorModel
+from models.signals.exceedance_tail import ExceedanceTail
 
 
 @pytest.fixture(scope="module")
@@ -302,3 +304,36 @@ def test_the_fitted_speed_of_a_law_makes_the_round_trip(model, sts, tmp_path):
     np.testing.assert_array_equal(loaded.speed_limit, limit)
     free = IdentifiedModel.load(saved(own, tmp_path), sts).friction
     assert np.isinf(free.speed_limit).all()
+
+
+def with_contact_noise(model):
+    tail = ExceedanceTail(level=3.7, rate_per_hour=1175.7, scale=1.0 / 3.0, shape=0.025)
+    noise = ContactNoise([0.1] * 6, [0.7] * 6, 0.01, 0.034, sample=tail, mean=tail)
+    return replace(model, contact_noise=noise)
+
+
+def test_the_contact_noise_makes_the_round_trip(model, sts, tmp_path):
+    own = with_contact_noise(model)
+    assert IdentifiedModel.load(saved(own, tmp_path), sts).contact_noise == own.contact_noise
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "problem"),
+    [
+        ("mean_scale", [0.7] * 5, r"contact_noise\.mean_scale: expected 6 numbers"),
+        ("usual_jolt", [-1.0] * 6, r"contact_noise\.usual_jolt: expected 6 numbers, 0 or more"),
+        ("hours", 0.0, r"contact_noise\.hours: expected a number above zero"),
+        (
+            "sample",
+            {"level": 1.0, "rate_per_hour": 1.0, "scale": 0.0, "shape": 0.0},
+            r"contact_noise\.sample: expected numbers of zero or more, scale above zero",
+        ),
+    ],
+)
+def test_a_contact_noise_that_cannot_be_is_one_line(model, sts, tmp_path, key, value, problem):
+    path = saved(with_contact_noise(model), tmp_path)
+    content = yaml.safe_load(path.read_text())
+    content["contact_noise"][key] = value
+    path.write_text(yaml.safe_dump(content))
+    with pytest.raises(InputError, match=problem):
+        IdentifiedModel.load(path, sts)

@@ -2,13 +2,11 @@ import math
 
 import numpy as np
 import pinocchio
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.motion.branches import all_branches, is_closed_form
 from models.motion.inverse_kinematics import inverse_kinematics
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 def pinocchio_poses(robot: Robot, q: Array) -> tuple[Array, Array]:

@@ -3,13 +3,11 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.files.input_error import InputError
 from models.motion.inverse_kinematics import follow_path, inverse_kinematics
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 ARTICLE_R = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
 ARTICLE_POSTURE = np.array([0.0, -0.26, -0.567, 0.0, 0.827, 0.0])

@@ -1,15 +1,13 @@
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from models.arrays import Array
 from models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
 from models.files.input_error import InputError
 from models.motion.posture_measures import ConditionNumber, ForceSd, PathMeasure
 from models.rigid_body.serial_chain import SerialChain
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 METHODS = ("bayesian", "force_only", "inverse")
 

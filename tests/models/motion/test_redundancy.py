@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pinocchio
 import pytest
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.files.input_error import InputError
 from models.motion.posture_measures import ConditionNumber, ForceSd
@@ -23,8 +23,6 @@ from models.motion.redundancy import (
 from models.motion.surface_path import SurfacePath
 from models.motion.workpieces import BladeSection, Plate
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 INCLINED = np.array([math.sqrt(0.5), 0.0, math.sqrt(0.5)])
 

@@ -4,16 +4,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.observers.momentum_observer import (
     START_SHARE,
     MomentumObserver,
     MomentumObserverConfig,
 )
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 def observe(momentum: Array, config: MomentumObserverConfig) -> Array:

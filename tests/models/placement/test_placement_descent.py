@@ -2,16 +2,14 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from models.arrays import Array
 from models.motion.path_postures import correct_paths, track_paths
 from models.motion.posture_measures import ConditionNumber
 from models.placement.placement_descent import PlacementBatch, PlacementDescent
 from models.placement.placement_program import PlacementBounds
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 LENGTH = 0.6
 

@@ -3,7 +3,6 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from scipy.spatial.transform import Rotation
 
@@ -18,8 +17,6 @@ from models.placement.placement_program import (
 )
 from models.placement.placement_search import FEASIBLE
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 # The article's initial path, on the branch from which the narrow optimum is downhill.
 R_WE = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])

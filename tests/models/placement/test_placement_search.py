@@ -2,7 +2,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from models.motion.posture_measures import ConditionNumber, PathMeasure
 from models.placement.placement_descent import PlacementDescent
@@ -17,8 +16,6 @@ from models.placement.placement_search import (
 )
 from models.placement.placement_task import PlacementTask, load_task
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 SMALL = SearchEffort(
     num_samples=2000, num_poses=6, num_starts=12, num_rounds=1, num_kinds=4, num_steps=12,

@@ -6,12 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numba import njit
-from numpy.typing import NDArray
 
+from models.arrays import Array
 from models.rigid_body.conditioning import condition_number, condition_number_of, singular_values
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 # LAPACK's smallest singular value is off by about 1e-16 times the condition number, here 1e-10.
 TOLERANCE = 1e-9
@@ -155,7 +153,7 @@ def test_input_is_left_alone() -> None:
 
 
 @njit
-def _from_a_kernel(J):  # type: ignore[no-untyped-def]
+def _from_a_kernel(J: Array) -> float:
     return condition_number_of(J, np.empty((6, max(6, J.shape[1]))))
 
 

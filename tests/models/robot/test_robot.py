@@ -7,16 +7,14 @@ import numpy as np
 import pinocchio
 import pytest
 import yaml
-from numpy.typing import NDArray
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
+from models.arrays import Array
 from models.files.input_error import InputError
 from models.robot.robot import Robot, bundled_robots
 from models.robot.robot_config import DriveConfig, PoseConfig, ToolConfig
-
-Array = NDArray[np.float64]
 
 # Two links of one chain, and as little else as a URDF needs.
 SMALL_URDF = """<robot name="small">
@@ -314,6 +312,7 @@ def test_drives_in_either_form_and_in_any_order(tmp_path: Path) -> None:
                 "current_sign": -1,
                 "current_resolution": 0.01,
                 "current_noise_sd": 0.02,
+                "position_resolution": 1e-4,
                 "current_bandwidth": 300.0,
             },
             {
@@ -329,6 +328,7 @@ def test_drives_in_either_form_and_in_any_order(tmp_path: Path) -> None:
     np.testing.assert_allclose(robot.torque_per_ampere, [11.0, 5.0])
     np.testing.assert_allclose(robot.reflected_inertia, [0.5, 0.05])
     np.testing.assert_array_equal(robot.current_sign, [1.0, -1.0])
+    np.testing.assert_array_equal(robot.position_resolution, [np.nan, 1e-4])
     np.testing.assert_array_equal(robot.effort_limit, [44.0, 20.0])
     np.testing.assert_array_equal(robot.current_bandwidth, [math.inf, 300.0])
     np.testing.assert_array_equal(robot.position_lower, [-2.0, -2.0])

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from analyses.experiments.real_arms.panda_wrench import (
@@ -24,7 +23,6 @@ from analyses.study.experiment import ExperimentContext
 from analyses.study.outcome import look_up
 from models.files.input_error import InputError
 
-Array = NDArray[np.float64]
 RECORDINGS = tuple(f"panda_ati_gamma/data_pos_{i}.csv" for i in range(1, 11))
 
 

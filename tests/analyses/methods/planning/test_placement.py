@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from analyses.__main__ import app
@@ -30,8 +29,6 @@ from models.placement.placement_task import (
 )
 from models.robot.robot import Robot
 from models.robot.robot_config import PoseConfig
-
-Array = NDArray[np.float64]
 
 SMALL = SearchEffort(
     num_samples=2000, num_poses=6, num_starts=10, num_rounds=1, num_kinds=4, num_steps=12,
@@ -65,7 +62,7 @@ def test_all_files_are_there_and_say_the_same(written: tuple[PlacementResult, Pa
     names = {path.name for path in out.iterdir()}
     assert names == {
         MARKER, "metrics.json", "config.yaml", "timings.json", "postures.csv", "figures",
-        "recording.html",
+        "page.html",
     }  # fmt: skip
     for figure in ("path.png", "convergence.png"):
         assert (out / "figures" / figure).stat().st_size > 10_000

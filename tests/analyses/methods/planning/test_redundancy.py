@@ -7,19 +7,17 @@ from pathlib import Path
 import numpy as np
 import pinocchio
 import pytest
-from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from analyses.__main__ import app
 from analyses.methods.planning.redundancy import find_redundancy
 from analyses.methods.planning.redundancy_task import RedundancyTask
+from models.arrays import Array
 from models.files.configuration import load_configuration, save_configuration
 from models.files.task_files import task_file
 from models.motion.surface_path import SurfacePath
 from models.motion.workpieces import BladeSection
 from models.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 def pinocchio_jcn(robot: Robot, q: Array) -> Array:
@@ -70,7 +68,7 @@ def test_a_cam_file_gives_what_its_surface_gives(sts: Robot, tmp_path: Path) -> 
     assert "optimised" in result.stdout
     for name in ("measure", "poses", "joints"):
         assert (out / "figures" / f"{name}.png").is_file()
-    assert (out / "recording.html").is_file() and (out / "config.yaml").is_file()
+    assert (out / "page.html").is_file() and (out / "config.yaml").is_file()
 
 
 def test_a_task_without_an_initial_trajectory_is_solved_and_says_so(sts: Robot) -> None:

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from analyses.methods.reading.contact_runs import ContactRun
+from analyses.methods.contact.contact_runs import ContactRun
+from models.arrays import Array, Flags
 from models.calibration.specimen_friction import (
     SlidingRows,
     SpecimenFit,
@@ -21,9 +21,6 @@ from models.calibration.specimen_friction import (
 from models.contact.torque_blocks import MotionTerms, known_parts, slip_along
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 NUM_JOINTS: Final = 6
 AIR_JOINTS: Final = (1, 2, 3)  # counted from 0: those that move where nothing touches the tool

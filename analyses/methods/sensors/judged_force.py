@@ -11,10 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from models.arrays import Array, Flags
 from models.contact.contact_force import SIGMA_95
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +92,19 @@ class Judgement:
             correlation=_correlation(reading.force[there], truth[there]),
             count=len(error),
         )
+
+    def metrics(self, unit: str = "n") -> dict[str, Any]:
+        """Under the keys of a study's metrics; `unit` is that of what is judged: n or nm."""
+        share = {"inside_95_pct": self.inside_95, "share_valid_pct": self.share_valid}
+        return {
+            f"bias_{unit}": self.bias,
+            f"sd_{unit}": self.sd,
+            f"rmse_{unit}": self.rmse,
+            **{key: None if value is None else 100.0 * value for key, value in share.items()},
+            f"stated_sd_{unit}": self.stated_sd,
+            f"mean_{unit}": self.force,
+            "correlation": self.correlation,
+        }
 
 
 def _correlation(a: Array, b: Array) -> float | None:

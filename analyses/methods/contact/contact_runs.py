@@ -16,15 +16,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from models.arrays import Array, Flags
 from models.files.input_error import InputError
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
 from models.rigid_body.serial_chain import SerialChain
 from models.robot.robot import Robot
 from models.robot.robot_config import PoseConfig, ToolConfig
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 FOLDER: Final = "ur10e_contact"  # below the data folder
 FORMAT: Final = "ur10e-contact"

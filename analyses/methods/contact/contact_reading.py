@@ -14,9 +14,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.reading.contact_friction import FrictionRows, friction_rows
-from analyses.methods.reading.contact_runs import ContactRun
-from analyses.methods.reading.judged_force import ForceReading
+from analyses.methods.contact.contact_friction import FrictionRows, friction_rows
+from analyses.methods.contact.contact_runs import ContactRun
+from analyses.methods.sensors.judged_force import ForceReading
+from models.arrays import Array, Flags
 from models.contact.contact_force import (
     SIGMA_95,
     ContactForce,
@@ -27,9 +28,6 @@ from models.contact.torque_blocks import MotionTerms, motion_terms, torque_block
 from models.friction.presliding_friction import PreslidingFriction
 from models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
 from models.rigid_body.serial_chain import SerialChain
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 BLOCK: Final = 10  # samples of 2 ms
 WINDOW: Final = 5  # blocks: a force is judged over 0.1 s
@@ -93,11 +91,11 @@ def averaged(reading: ForceReading, windows: NDArray[np.int64]) -> ForceReading:
     """
     force = reading.force[windows].mean(axis=1)
     sd = None if reading.sd is None else reading.sd[windows].mean(axis=1)
-    valid = None
+    valid: Flags | None = None
     if reading.valid is not None:
         valid = np.asarray(reading.valid[windows].all(axis=1))
         if sd is not None:
-            valid &= np.abs(force) > SIGMA_95 * sd
+            valid = valid & (np.abs(force) > SIGMA_95 * sd)
     return ForceReading(force, sd, valid)
 
 

@@ -1,0 +1,304 @@
+"""NEURA LARA 8: joint torque and wrench from motor torque, held against the sensor at the wrist.
+
+No motion of this arm is free of both load and rest but one joint's, so nothing is fitted on it:
+
+    kinematics, masses  the maker's URDF, or the controller's own rigid-body torque (`variant`)
+    friction            the controller's feed-forward law, as that day's recording holds it
+    its load share      that of the UR10e, whose drives are harmonic ones of the same size
+    its sd              stated: a share of viscous and of load-dependent friction, stiction at rest
+
+The reading is the estimator's own (`models.estimation.estimator`), causal, at K_0 = 15 /s.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
+from analyses.methods.sensors.mounting import Mounting
+from analyses.methods.sensors.reference_config import ReferenceConfig
+from analyses.methods.sensors.sensor_log import SensorLog, SensorLogCollector
+from models.arrays import Array, Flags
+from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
+from models.files.input_error import InputError
+from models.friction.presliding_friction import PreslidingFriction
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.identification.identified_model import IdentifiedModel, Provenance
+from models.identification.torque_error_model import TorqueErrorModel
+from models.observers.momentum_observer import MomentumObserverConfig
+from models.recordings.recording import Recording
+from models.recordings.recording_reader import read_recording
+from models.recordings.resampling import resampled
+from models.rigid_body.spatial_vectors import FORCE_FIRST
+from models.robot.robot import Robot
+
+FOLDER: Final = "neura_lara8"  # below the data folder
+FORMAT: Final = "neura-lara8"
+FILES: Final = (
+    "joint3_sweep",
+    "jog_joint1_unloaded",
+    "jog_joint2_loaded",
+    "jog_linear_loaded",
+    "fourier_start_loaded",
+)
+VARIANTS: Final = ("controller_model", "urdf")
+NUM_JOINTS: Final = 6
+K_0: Final = 15.0  # 1/s, as in `ur10e-payload`
+DELAY: Final = 0.0775  # s, of the sensor's own filter: 65 to 90 ms by the data set's description
+REST_SPEED: Final = 0.005  # rad/s; the velocity's noise is 2 mrad/s
+
+# The controller's friction, s c + b s (d |v| + tanh(w |v|)), of its file of parameters.
+_C = np.array([13.15, 14.01, 6.53, 9.48, 2.51, 1.60])  # N m
+_B = np.array([3.113, 5.332, 1.149, 0.954, 0.264, 0.288])  # N m
+_W = np.array([12.3, 12.3, 54.5, 54.5, 4.3, 12.8])  # s/rad
+_D = np.array([9.5, 9.5, 12.0, 12.0, 11.9, 7.0])  # s/rad
+# On the day of `joint3_sweep` its law of joint 3 held this besides: 2.215 s - 5.36 v.
+_MORE_COULOMB = {"joint3_sweep": np.array([0.0, 0.0, 2.215, 0.0, 0.0, 0.0])}
+_MORE_VISCOUS = {"joint3_sweep": np.array([0.0, 0.0, -5.36, 0.0, 0.0, 0.0])}
+# Of the UR10e, experiment `ur10e-identification`, law presliding.
+LOAD_SHARE: Final = (0.022, 0.061, 0.066, 0.011, 0.0, 0.0)  # N m per N m
+_DISPLACEMENT = 2e-4  # rad, likewise
+
+# Stated, not measured: what such a law may err by.
+_CONSTANT = (1.5, 1.5, 1.0, 0.6, 0.4, 0.3)  # N m, about a current's noise
+_LOAD_ERROR = 0.03  # N m per N m
+_DRIFT = 0.3  # of the viscous torque
+_REVERSAL = 0.5  # of the sliding level
+_ERROR_TIME, _LASTING = 0.3, 0.3  # s, share
+_RESOLUTION = 4e-6  # rad
+
+
+@dataclass(frozen=True, eq=False)
+class Lara8Log:
+    """A recording on its uniform grid.
+
+    Attributes:
+        name: of the file.
+        robot: the arm.
+        recording: N samples.
+        J: (N, 6, n) rows [angular; linear] at the flange in base axes.
+        R_WE: (N, 3, 3).
+        config: how the sensor is mounted.
+    """
+
+    name: str
+    robot: Robot
+    recording: Recording
+    J: Array
+    R_WE: Array
+    config: ReferenceConfig
+
+    @property
+    def moving(self) -> Flags:
+        """(N, n) joints in motion."""
+        return np.asarray(np.abs(self.recording.v) > REST_SPEED)
+
+    @property
+    def mounting(self) -> Mounting:
+        """Of the sensor, as stated by the data set: nothing is found."""
+        tare = np.array([float(x) for x in self.config.tare.split(",")])
+        return Mounting("tool", np.diag([-1.0, -1.0, 1.0]), -1, tare, DELAY)
+
+    @property
+    def mounting_without_tare(self) -> Mounting:
+        """The same with the sensor's zero left in."""
+        return replace(self.mounting, tare=np.zeros(6))
+
+    def sensor_wrench(self, mounting: Mounting | None = None) -> Array:
+        """(N, 6) on the robot in base axes, force first; NaN where the sensor's delay leads out."""
+        mounting = mounting if mounting is not None else self.mounting
+        return mounting.on_robot(self.recording.t, self.recording.extra["sensor"], self.R_WE)
+
+    def joint_torque(self, wrench: Array) -> Array:
+        """(N, n) J^T of a wrench (N, 6), force first."""
+        turned = np.concatenate([wrench[:, 3:], wrench[:, :3]], axis=1)
+        return np.asarray(np.einsum("kij,ki->kj", self.J, turned))
+
+
+@dataclass(frozen=True, eq=False)
+class Lara8Reading:
+    """A log's reading by one variant.
+
+    Attributes:
+        log: as read.
+        batch: of the estimator.
+        transmitted: (N, n) N m, motor torque less friction.
+    """
+
+    log: Lara8Log
+    batch: EstimateBatch
+    transmitted: Array
+
+    def torque_rmse(self, truth: Array, where: Flags) -> list[float | None]:
+        """Per joint over its own rows, N m; None for a joint with fewer than MIN_ROWS."""
+        error = self.batch.tau_ext - truth
+        return rmse_by_joint(error, where)
+
+    def against_sensor(self) -> SensorComparison:
+        """The wrench against the sensor's, over 0.1 s."""
+        return compare_with_sensor(self.sensor_log(), self.log.config)
+
+    def sensor_log(self) -> SensorLog:
+        """Both side by side; from the observer's settling on."""
+        recording, batch = self.log.recording, self.batch
+        collector = SensorLogCollector(recording.time_step)
+        first = settled_from(recording)
+        signals = (
+            recording.t,
+            batch.wrench[:, FORCE_FIRST],
+            batch.standard_deviation[:, FORCE_FIRST],
+            batch.valid,
+            self.log.R_WE,
+            recording.v,
+            recording.extra["sensor"],
+        )
+        collector.add(*(np.asarray(signal[first:], float) for signal in signals))
+        found = collector.log()
+        assert found is not None
+        return found
+
+
+MIN_ROWS: Final = 20
+
+
+def rmse_by_joint(error: Array, where: Flags) -> list[float | None]:
+    """RMS per joint over the rows where it is wanted and finite."""
+    found: list[float | None] = []
+    for j in range(error.shape[1]):
+        own = error[where[:, j], j]
+        own = own[np.isfinite(own)]
+        found.append(float(np.sqrt(np.mean(own**2))) if len(own) >= MIN_ROWS else None)
+    return found
+
+
+def settled_from(recording: Recording) -> int:
+    """First sample that the observer has settled at; zero in a log that ends before twice that."""
+    first = round(5.0 / K_0 / recording.time_step)
+    return first if recording.num_samples > 2 * first else 0
+
+
+def read_logs(data: Path) -> list[Lara8Log]:
+    """The recordings below `data` that are there.
+
+    Raises:
+        InputError: there is none, or one is damaged.
+    """
+    folder = data / FOLDER
+    names = [name for name in FILES if (folder / f"{name}.csv").is_file()]
+    if not names:
+        raise InputError(
+            folder, "", f"holds none of {', '.join(FILES)}", "give the recordings with --data"
+        )
+    robot = Robot.load(folder / "robot.yaml")
+    return [_log(folder / f"{name}.csv", robot) for name in names]
+
+
+def _log(path: Path, robot: Robot) -> Lara8Log:
+    recording = resampled(read_recording(path, FORMAT))
+    R_WE, _ = robot.chain.pose(recording.q)
+    tare = np.concatenate([_zero(recording, R_WE), np.zeros(3)])
+    config = ReferenceConfig(
+        columns="fx_sensor, fy_sensor, fz_sensor, mx_sensor, my_sensor, mz_sensor",
+        frame="tool",
+        turn=[0.0, 0.0, np.pi],
+        sign="environment",
+        tare=",".join(f"{x:.17g}" for x in tare),
+        delay=str(DELAY),
+        rest_speed=REST_SPEED,
+    )
+    return Lara8Log(path.stem, robot, recording, robot.chain.jacobian(recording.q), R_WE, config)
+
+
+def _zero(recording: Recording, R_WE: Array) -> Array:
+    """(3,) N, the sensor's zero that the data set has taken off fx, fy, fz; sensor axes."""
+    on_robot = np.einsum("kji,kj->ki", R_WE, recording.extra["wrench"][:, :3])
+    return np.asarray(np.mean(recording.extra["sensor"][:, :3] - on_robot * [1, 1, -1], axis=0))
+
+
+def controller_friction(
+    name: str, load_share: Array | None = None, of_that_day: bool = True
+) -> PreslidingFriction:
+    """The controller's law with a share of the load.
+
+    Args:
+        name: of the recording, whose day the law is of.
+        load_share: (n,) N m per N m; None: the UR10e's.
+        of_that_day: whether what that day's law held besides counts.
+    """
+    zero = np.zeros(NUM_JOINTS)
+    coulomb, viscous = _C + _B, _B * _D
+    if of_that_day:
+        coulomb = coulomb + _MORE_COULOMB.get(name, zero)
+        viscous = viscous + _MORE_VISCOUS.get(name, zero)
+    return PreslidingFriction(
+        SemiParametricFriction(CoulombViscous(zero, viscous, zero)),
+        coulomb=coulomb,
+        stribeck=-_B,  # tanh(w |v|) rises over 1 / w, as 1 - exp(-(w v)^2) does
+        stribeck_velocity=1.0 / _W,
+        load=np.array(LOAD_SHARE) if load_share is None else np.asarray(load_share),
+        cubic=zero,
+        weight=np.ones((NUM_JOINTS, 1)),
+        displacement=np.full((NUM_JOINTS, 1), _DISPLACEMENT),
+    )
+
+
+def stated_model(robot: Robot, friction: PreslidingFriction) -> IdentifiedModel:
+    """The URDF's masses, that friction, and an error that is stated."""
+    every = np.ones(NUM_JOINTS)
+    error = TorqueErrorModel(
+        constant=np.array(_CONSTANT),
+        speed=0.0 * every,
+        load=_LOAD_ERROR * every,
+        acceleration=0.0 * every,
+        reversal=_REVERSAL * every,
+        correlation=np.eye(NUM_JOINTS),
+        correlation_time=_ERROR_TIME * every,
+        lasting=_LASTING * every,
+        fitted_speed=0.0 * every,
+        fitted_load=0.0 * every,
+        K_0=K_0 * every,
+        resolution=_RESOLUTION * every,
+        drift=_DRIFT,
+        beyond_speed=0.0,
+        beyond_load=0.0,
+    )
+    provenance = Provenance(
+        method="the maker's URDF, the controller's friction, the UR10e's share of the load",
+        residual="stated, not measured",
+    )
+    nominal = IdentifiedModel.nominal(robot)
+    return replace(nominal, friction=friction, torque_error=error, provenance=provenance)
+
+
+def read_log(
+    log: Lara8Log,
+    variant: str,
+    friction: PreslidingFriction | None = None,
+    without_rotors: bool = False,
+) -> Lara8Reading:
+    """Reads a log by one of VARIANTS.
+
+    Args:
+        log: to read.
+        variant: whose rigid body: the controller's is put in the place of the URDF's by what the
+            two differ, at the target speed and acceleration that the controller's is of.
+        friction: None: `controller_friction`.
+        without_rotors: whether the rotors' inertia is left out.
+    """
+    recording, robot = log.recording, log.robot
+    law = friction if friction is not None else controller_friction(log.name)
+    observer = MomentumObserverConfig([K_0], recording.time_step, "trapezoidal")
+    model = stated_model(robot, law)
+    if without_rotors:
+        model = replace(model, reflected_inertia=np.zeros(NUM_JOINTS))
+    estimator = WrenchEstimator(robot, model, WrenchEstimatorConfig(observer=observer))
+    current = recording.current
+    if variant == "controller_model":
+        extra = recording.extra
+        rigid = robot.chain.inverse_dynamics(recording.q, extra["v_target"], extra["a_target"])
+        current = current - (extra["tau_model"] - rigid)
+    batch = estimator.run(estimator.initial_state(), recording.q, recording.v, current)
+    seen = estimator.observe(recording.q, recording.v, current)
+    return Lara8Reading(log, batch, seen.tau_J - seen.tau_f)

@@ -1,0 +1,147 @@
+"""The contacts of a log, one after another, as they stream by."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from models.arrays import Array, Flags
+from models.detection.contact_detector import Detection
+
+KEPT = 1000  # contacts told one by one; a log that is all contact and none has no more to say
+SHOWN = 8  # lines of the command
+FAR_CLOCK = 1e6  # s; of a clock that shows more only the time since the first sample is told
+
+
+@dataclass
+class Contact:
+    """One contact.
+
+    Attributes:
+        begin, end: s, first and last sample of it.
+        statistic: its largest.
+        force: N, the largest that is valid; None where none is.
+        misfit: share of its samples that no force at E explains.
+        link: that explains most of those, 1 to n; 0: the joints cannot tell.
+    """
+
+    begin: float
+    end: float
+    statistic: float
+    force: float | None
+    misfit: float
+    link: int
+
+    def sentence(self, origin: float) -> str:
+        """Returns what to tell a user; times since `origin` s."""
+        how = f"contact at t = {self.begin - origin:.2f} s for {self.end - self.begin:.2f} s"
+        force = "no valid force" if self.force is None else f"up to {self.force:.3g} N"
+        where = ""
+        if self.misfit > 0.0:
+            where = f", not at E: link {self.link}" if self.link else ", not at E"
+        return f"{how}, {force}{where}"
+
+
+class ContactEpisodes:
+    """Gathers contacts chunk by chunk.
+
+    Args:
+        num_joints: n.
+    """
+
+    def __init__(self, num_joints: int) -> None:
+        self._n = num_joints
+        self.contacts: list[Contact] = []
+        self.num_contacts = 0
+        self._count = 0
+        self._shares = dict.fromkeys(("contact", "misfit", "rest", "out_of_range"), 0)
+        self._first: float | None = None
+        self._open: Contact | None = None
+        self._samples, self._misfits = 0, 0
+        self._links = np.zeros(num_joints + 1)
+
+    def add(self, t: Array, detection: Detection, force: Array, valid: Flags) -> None:
+        """Takes the next samples.
+
+        Args:
+            t: (N,) s.
+            detection: of them.
+            force: (N, 3) N.
+            valid: (N,).
+        """
+        if not len(t):
+            return
+        self._first = float(t[0]) if self._first is None else self._first
+        self._count += len(t)
+        for name in self._shares:
+            self._shares[name] += int(getattr(detection, name).sum())
+        size = np.linalg.norm(force, axis=1)
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], detection.contact, [False]])))
+        for begin, end in edges.reshape(-1, 2):
+            rows = slice(int(begin), int(end))
+            if self._open is not None and begin > 0:
+                self._close()
+            if self._open is None:
+                self._open = Contact(float(t[begin]), float(t[begin]), 0.0, None, 0.0, 0)
+                self._samples, self._misfits = 0, 0
+                self._links[:] = 0.0
+            own = self._open
+            own.end = float(t[end - 1])
+            own.statistic = max(own.statistic, float(detection.statistic[rows].max()))
+            trusted = size[rows][valid[rows]]
+            if len(trusted):
+                own.force = max(own.force or 0.0, float(trusted.max()))
+            self._samples += rows.stop - rows.start
+            self._misfits += int(detection.misfit[rows].sum())
+            links = detection.link[rows][detection.misfit[rows]]
+            self._links += np.bincount(links, minlength=self._n + 1)
+            if end < len(t):
+                self._close()
+        if self._open is not None and not detection.contact[-1]:
+            self._close()
+
+    def finish(self) -> None:
+        """Ends a contact that lasts to the end of the log."""
+        if self._open is not None:
+            self._close()
+
+    def _close(self) -> None:
+        own = self._open
+        assert own is not None
+        own.misfit = self._misfits / self._samples
+        if self._links[1:].sum() > self._links[0]:
+            own.link = 1 + int(np.argmax(self._links[1:]))
+        self.num_contacts += 1
+        if len(self.contacts) < KEPT:
+            self.contacts.append(own)
+        self._open = None
+
+    def metrics(self, false_alarms_per_hour: float) -> dict[str, Any]:
+        """As metrics.json holds them under `contact`."""
+        share = 100.0 / max(self._count, 1)
+        return {
+            "false_alarms_per_hour": false_alarms_per_hour,
+            "count": self.num_contacts,
+            **{f"{name}_pct": share * count for name, count in self._shares.items()},
+            "contacts": [
+                {
+                    "begin_s": own.begin,
+                    "end_s": own.end,
+                    "largest_statistic": own.statistic,
+                    "largest_force_n": own.force,
+                    "misfit_pct": 100.0 * own.misfit,
+                    "link": own.link or None,
+                }
+                for own in self.contacts
+            ],
+        }
+
+    def lines(self) -> list[str]:
+        """What the command prints."""
+        if not self.contacts:
+            return ["no contact found"]
+        first = self._first or 0.0
+        origin = first if abs(first) >= FAR_CLOCK else 0.0
+        lines = [own.sentence(origin) for own in self.contacts[:SHOWN]]
+        more = self.num_contacts - len(lines)
+        return lines + ([f"and {more} contacts more, see metrics.json"] if more > 0 else [])

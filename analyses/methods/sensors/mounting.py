@@ -1,0 +1,263 @@
+"""How a force sensor is mounted: frame, sign, tare and delay, given or found from its log.
+
+Found is what makes the sensor agree best with the reading, root mean square over the log:
+
+    frame   the axes of W or of the tool, turned by quarter turns (24 ways); or given, with any turn
+    sign    whether the sensor says what acts on the robot or what the robot does
+    delay   in steps of a block, up to MAX_DELAY either way
+    tare    `fit`: the constant in the sensor's axes, whatever the rest
+
+A force that never changes its direction leaves some of that open. Of mountings that agree within
+SAME of the best the plainest is taken, the unturned before the turned; a notice says so where it
+matters. The reading errs, so a fit of the tare hides a constant error of the reading.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import permutations, product
+from typing import Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from analyses.methods.sensors.reference_config import (
+    FOUND,
+    ReferenceConfig,
+    check_tare,
+    tare_numbers,
+)
+from analyses.methods.sensors.sensor_log import SensorLog
+from models.arrays import Array
+from models.files.input_error import InputError
+
+MAX_DELAY: Final = 0.3  # s
+TARE_TIME: Final = 0.5  # s, of the tare `start`
+SAME: Final = 1.02  # times the least error: agrees as well
+_FLAT = 1.05  # times the least error over all delays: the log tells none
+_ROWS = 5000  # that a search looks at
+_POOR = 0.6  # of the sensor's force, RMS: no agreement that tells a mounting
+_DIFFERS = 0.5  # of the error: two mountings that say different things
+
+
+@dataclass(frozen=True, eq=False)
+class Mounting:
+    """How a sensor's numbers become a wrench on the robot.
+
+    Attributes:
+        frame: "world" or "tool".
+        R: (3, 3) axes of the sensor in that frame. A single column is a force along its z.
+        sign: 1: the sensor says what acts on the robot; -1: what the robot does.
+        tare: (k,) what it reads without load.
+        delay: s that it is late by.
+    """
+
+    frame: str
+    R: Array
+    sign: int
+    tare: Array
+    delay: float
+
+    def on_robot(self, t: Array, sensor: Array, R_WE: Array) -> Array:
+        """The wrench on the robot in axes of W (N, 3) or (N, 6), or (N, 1) along `direction`.
+
+        NaN where the log has ended before the sensor has followed.
+
+        Args:
+            t: (N,) s.
+            sensor: (N, k) as logged.
+            R_WE: (N, 3, 3).
+        """
+        late = np.stack([_shifted(t, column, self.delay) for column in sensor.T], axis=1)
+        own = self.sign * (late - self.tare)
+        if own.shape[1] == 1:
+            return own
+        axes = self.axes(R_WE)
+        parts = [
+            np.einsum("kij,kj->ki", axes, own[:, start : start + 3])
+            for start in range(0, own.shape[1], 3)
+        ]
+        return np.concatenate(parts, axis=1)
+
+    def axes(self, R_WE: Array) -> Array:
+        """(N, 3, 3) axes of the sensor in W."""
+        turned = np.broadcast_to(np.eye(3), R_WE.shape) if self.frame == "world" else R_WE
+        return np.asarray(turned @ self.R)
+
+    def direction(self, R_WE: Array) -> Array:
+        """(N, 3) in W, of a single force."""
+        return self.axes(R_WE)[:, :, 2]
+
+    def seen(self, wrench: Array, R_WE: Array, columns: int) -> Array:
+        """(N, columns) of a wrench (N, 6) in W what can be compared with the sensor."""
+        if columns == 1:
+            return np.asarray(np.sum(wrench[:, :3] * self.direction(R_WE), axis=1)[:, None])
+        return wrench[:, :columns]
+
+
+def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tuple[str, ...]]:
+    """The mounting that the configuration gives or leaves to be found, and notices.
+
+    Raises:
+        InputError: the tare has other numbers than the sensor; the log is too short.
+    """
+    k = log.sensor.shape[1]
+    if len(log.t) < 2:
+        raise InputError(
+            "estimate", "--reference", "the log is too short to compare with", "record a longer one"
+        )
+    plain = Mounting("world", np.eye(3), 1, _tare(log, config), 0.0)
+    coarse = log.every(max(1, len(log.t) // _ROWS))
+    candidates = _candidates(plain, config, k)
+    wants_delay = config.delay == FOUND
+    if not wants_delay:
+        candidates = [replace(one, delay=float(config.delay)) for one in candidates]
+    best, open_frame = _best(coarse, candidates, config)
+    notices = []
+    if wants_delay:
+        delay = _found_delay(coarse, best, config)
+        if delay is None:
+            notices.append("the log does not tell the sensor's delay; taken as none")
+        elif delay != 0.0:
+            candidates = [replace(one, delay=delay) for one in candidates]
+            best, open_frame = _best(coarse, candidates, config)
+    if open_frame:
+        notices.append(
+            "the forces of the log leave the sensor's axes or sign open: the plainest that agree "
+            "are taken; give --reference-frame and --reference-sign"
+        )
+    if config.tare == "fit":
+        best = replace(best, tare=_fitted_tare(coarse, best))
+    if len(candidates) > 1:
+        error, size = error_of(coarse, best, True), _size(coarse, best)
+        if error > _POOR * size:
+            notices.append(
+                f"the reading differs from the sensor by {error:.3g} N RMS of {size:.3g} N: what "
+                "was found of its mounting says little; give --reference-frame and "
+                "--reference-sign"
+            )
+    return best, tuple(notices)
+
+
+def _size(log: SensorLog, mounting: Mounting) -> float:
+    """RMS of the sensor's force, N."""
+    force = _force_vector(log, mounting)
+    return float(np.sqrt(np.nanmean(np.sum(force**2, axis=1))))
+
+
+def error_of(log: SensorLog, mounting: Mounting, with_offset: bool) -> float:
+    """RMS difference of the forces, N.
+
+    Args:
+        log: of both.
+        mounting: of the sensor.
+        with_offset: whether a constant in the sensor's axes counts.
+    """
+    error = _force_error(log, mounting)
+    if not with_offset:
+        error = error - error.mean(axis=0)
+    return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
+
+
+def _tare(log: SensorLog, config: ReferenceConfig) -> Array:
+    k = log.sensor.shape[1]
+    given = tare_numbers(config)
+    if given is not None:
+        check_tare(config, k)
+        return np.array(given)
+    if config.tare == "start":
+        return np.asarray(log.sensor[log.t <= log.t[0] + TARE_TIME].mean(axis=0))
+    return np.zeros(k)
+
+
+def _candidates(plain: Mounting, config: ReferenceConfig, columns: int) -> list[Mounting]:
+    """All mountings that the configuration leaves open, the plainest first."""
+    signs = {"found": (1, -1), "robot": (1,), "environment": (-1,)}[config.sign]
+    if config.frame == FOUND:
+        turns = _quarter_turns()
+        if columns == 1:  # only the direction of z counts
+            ways = {tuple(np.round(R[:, 2]).astype(int)): R for R in reversed(turns)}
+            turns = [R for R in turns if any(R is way for way in ways.values())]
+            signs = signs if len(signs) == 1 else (1,)
+        return [
+            replace(plain, frame=frame, R=R, sign=sign)
+            for R, frame, sign in product(turns, ("world", "tool"), signs)
+        ]
+    R = np.asarray(Rotation.from_euler("xyz", config.turn or [0.0] * 3).as_matrix())
+    return [replace(plain, frame=config.frame, R=R, sign=sign) for sign in signs]
+
+
+def _quarter_turns() -> list[Array]:
+    """The 24 rotations that take axes to axes, the smallest first."""
+    found = []
+    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+        R = np.zeros((3, 3))
+        R[list(order), range(3)] = signs
+        if np.linalg.det(R) > 0.0:
+            found.append(R)
+    return sorted(found, key=lambda R: -float(np.trace(R)))
+
+
+def _best(
+    log: SensorLog, candidates: list[Mounting], config: ReferenceConfig
+) -> tuple[Mounting, bool]:
+    """The plainest of the best, and whether another as good says something else."""
+    errors = [error_of(log, one, config.tare != "fit") for one in candidates]
+    least = min(errors)
+    good = [
+        one for one, error in zip(candidates, errors, strict=True) if error <= SAME * least + 1e-9
+    ]
+    best = good[0]
+    mine, scale = _force_vector(log, best), _DIFFERS * least + 1e-9
+    differs = [
+        float(np.sqrt(np.nanmean(np.sum((_force_vector(log, one) - mine) ** 2, axis=1)))) > scale
+        for one in good[1:]
+    ]
+    return best, any(differs)
+
+
+def _force_vector(log: SensorLog, mounting: Mounting) -> Array:
+    """(N, 3) N on the robot in axes of W, as the mounting has it."""
+    sensor = mounting.on_robot(log.t, log.sensor, log.R_WE)
+    return sensor[:, :3] if sensor.shape[1] > 1 else sensor * mounting.direction(log.R_WE)
+
+
+def _force_error(log: SensorLog, mounting: Mounting) -> Array:
+    """Reading less sensor in the sensor's axes, where both are there."""
+    k = min(log.sensor.shape[1], 3)
+    sensor = mounting.on_robot(log.t, log.sensor, log.R_WE)[:, :k]
+    error = mounting.seen(log.reading, log.R_WE, k) - sensor
+    if k == 3:
+        error = np.einsum("kji,kj->ki", mounting.axes(log.R_WE), error)
+    return np.asarray(error[np.isfinite(error).all(axis=1)])
+
+
+def _found_delay(log: SensorLog, mounting: Mounting, config: ReferenceConfig) -> float | None:
+    """s; None where the log does not tell it: no delay is better, or ever longer ones are."""
+    step = log.step
+    reach = max(1, round(MAX_DELAY / step))
+    delays = [k * step for k in sorted(range(-reach, reach + 1), key=abs)]
+    errors = [error_of(log, replace(mounting, delay=d), config.tare != "fit") for d in delays]
+    best = delays[int(np.argmin(errors))]
+    if max(errors) <= _FLAT * min(errors) or abs(best) >= reach * step:
+        return None
+    return best
+
+
+def _fitted_tare(log: SensorLog, mounting: Mounting) -> Array:
+    """What makes the mean difference zero in the sensor's axes."""
+    k = log.sensor.shape[1]
+    sensor = mounting.on_robot(log.t, log.sensor, log.R_WE)
+    error = sensor - mounting.seen(log.reading, log.R_WE, k)
+    if k > 1:
+        axes = mounting.axes(log.R_WE)
+        error = np.concatenate(
+            [np.einsum("kji,kj->ki", axes, error[:, s : s + 3]) for s in range(0, k, 3)], axis=1
+        )
+    error = error[np.isfinite(error).all(axis=1)]
+    return np.asarray(mounting.tare + mounting.sign * error.mean(axis=0))
+
+
+def _shifted(t: Array, signal: Array, delay: float) -> Array:
+    """The signal `delay` later; NaN beyond the log."""
+    if delay == 0.0:
+        return signal
+    return np.interp(t + delay, t, signal, left=np.nan, right=np.nan)

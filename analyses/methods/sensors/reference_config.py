@@ -1,0 +1,108 @@
+"""What `estimate --reference` is told of the sensor in a log."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from models.files.input_error import InputError
+
+SIZES = (1, 3, 6)  # columns: a force along an axis, a force, a force and a moment
+FRAMES = ("found", "world", "tool")
+SIGNS = ("found", "robot", "environment")
+TARES = ("none", "start", "fit")
+FOUND = "found"
+_LONGEST_DELAY = 5.0  # s
+
+
+@dataclass
+class ReferenceConfig:
+    """A force sensor among a log's columns, and how it is mounted."""
+
+    columns: str = ""  # of the sensor, force first: 1, 3 or 6; N, N m; empty: no sensor
+    frame: str = "found"  # whose axes the sensor's are, once turned: world, tool, or found
+    turn: list[float] = field(default_factory=list)  # rad, roll pitch yaw of its axes in the frame
+    sign: str = "found"  # robot: what acts on the robot; environment: what the robot does; or found
+    tare: str = "none"  # none; start: mean of the first half second; fit; or numbers with commas
+    delay: str = "found"  # s that the sensor is later than the motion; or found
+    contact_force: float = 5.0  # N, beyond which the sensor tells contact
+    rest_speed: float = 0.01  # rad/s of the fastest joint, below which the arm rests
+
+
+def check_columns(count: int) -> None:
+    """Raises InputError unless the sensor has as many columns as SIZES allow."""
+    if count not in SIZES:
+        raise InputError(
+            "estimate",
+            "--reference",
+            f"names {count} columns, expected 1 (a force along an axis), 3 (a force) or 6 (with "
+            "moments)",
+            "name the sensor's columns, force first: fx,fy,fz",
+        )
+
+
+def check_tare(config: ReferenceConfig, columns: int) -> None:
+    """Raises InputError if `tare` has other numbers than the sensor has columns."""
+    given = tare_numbers(config)
+    if given is not None and len(given) != columns:
+        raise InputError(
+            "estimate",
+            "--reference-tare",
+            f"has {len(given)} numbers for {columns} columns",
+            "give one for each",
+        )
+
+
+def tare_numbers(config: ReferenceConfig) -> list[float] | None:
+    """The numbers of `tare`; None where it is a rule."""
+    return None if config.tare in TARES else [float(word) for word in config.tare.split(",")]
+
+
+def checked_reference(config: ReferenceConfig) -> ReferenceConfig:
+    """Returns `config`.
+
+    Raises:
+        InputError: a setting that makes no sense.
+    """
+
+    def refuse(option: str, problem: str, remedy: str) -> InputError:
+        return InputError("estimate", option, problem, remedy)
+
+    for name, value, known in (
+        ("--reference-frame", config.frame, FRAMES),
+        ("--reference-sign", config.sign, SIGNS),
+    ):
+        if value not in known:
+            raise refuse(name, f'is "{value}"', f"give {', '.join(known[:-1])} or {known[-1]}")
+    if len(config.turn) not in (0, 3) or not np.isfinite(config.turn).all():
+        found = f"is {config.turn}, expected three angles"
+        raise refuse("--reference-turn", found, "give roll, pitch and yaw in rad: 0,0,3.1416")
+    if config.turn and config.frame == FOUND:
+        raise refuse(
+            "--reference-turn",
+            "is given, but not of which frame",
+            "give --reference-frame world or tool",
+        )
+    if config.delay != FOUND:
+        try:
+            delay = float(config.delay)
+        except ValueError:
+            delay = float("nan")
+        if not abs(delay) <= _LONGEST_DELAY:
+            found = f'is "{config.delay}", expected seconds, at most {_LONGEST_DELAY:g}, or found'
+            raise refuse("--reference-delay", found, "give 0.08, say")
+    try:
+        tare = tare_numbers(config)
+    except ValueError:
+        tare = [float("nan")]
+    if tare is not None and not np.isfinite(tare).all():
+        found = f'is "{config.tare}", expected {", ".join(TARES)}, or numbers'
+        raise refuse(
+            "--reference-tare", found, "give the sensor's reading without load: 0.4,2.5,9.6"
+        )
+    for name, number in (
+        ("reference.contact_force", config.contact_force),
+        ("reference.rest_speed", config.rest_speed),
+    ):
+        if not (np.isfinite(number) and number > 0.0):
+            raise refuse(name, f"is {number}, expected more than zero", "leave it out")
+    return config

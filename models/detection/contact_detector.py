@@ -1,0 +1,326 @@
+"""Contact and misfit along a log or tick by tick: `contact_statistic` for one estimator."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from models.arrays import Array, Flags
+from models.detection.contact_statistic import (
+    CONTACT,
+    FITTED_LOAD,
+    FITTED_SPEED,
+    JOLT_POLE,
+    LARGEST_RELEASE,
+    LINK,
+    MEAN_LEVEL,
+    MEAN_RELEASE,
+    MEAN_SCALE,
+    MISFIT,
+    MOMENT_SD,
+    NUM_JOINT_ROWS,
+    NUM_OUT,
+    NUM_SETTINGS,
+    NUM_UNKNOWN,
+    OUT_OF_RANGE,
+    PERIOD,
+    POLE,
+    POWER_LEVEL,
+    RELEASE,
+    REST,
+    SAMPLE_LEVEL,
+    SAMPLE_RELEASE,
+    SCALE,
+    STATISTIC,
+    UNKNOWN_MOMENT,
+    USUAL_JOLT,
+    WINDOW,
+    detect_log,
+    state_rows,
+    white_log,
+)
+from models.estimation.estimator import EstimateBatch, WrenchEstimator
+from models.estimation.wrench import WrenchReconstructionConfig
+from models.friction.friction_law import FrictionLaw
+from models.identification.contact_noise import ContactNoise
+from models.identification.identified_model import IdentifiedModel
+from models.identification.torque_error_model import (
+    TORQUE_ERROR_ROWS,
+    TorqueErrorModel,
+    initial_torque_error_state,
+)
+from models.rigid_body.serial_chain import SerialChain
+from models.signals.exceedance_tail import ExceedanceTail, gaussian_tail
+
+LEAST_RATE, LARGEST_RATE = 1e-3, 1e3  # false alarms an hour
+
+
+@dataclass
+class ContactDetectionConfig:
+    """When a reading counts as contact."""
+
+    false_alarms_per_hour: float = 1.0
+    """How often contact, and how often misfit, may be reported where nothing touches the arm."""
+
+
+class Detection(NamedTuple):
+    """What the readings right after each of N samples say; see `contact_statistic`.
+
+    Attributes:
+        statistic: (N,) in units of the level above which contact begins; 0 where the model does not
+            say what its torque errs by.
+        contact: (N,).
+        misfit: (N,) a contact that no force at E explains.
+        link: (N,) the link, 1 to n, whose contact explains a misfit; 0 where there is none or the
+            joints cannot tell.
+        rest: (N,) no joint has moved for REST_TIME.
+        out_of_range: (N,) a joint faster or more loaded than the motion the model was fitted on.
+    """
+
+    statistic: Array
+    contact: Flags
+    misfit: Flags
+    link: NDArray[np.int8]
+    rest: Flags
+    out_of_range: Flags
+
+    def without(self, unknown: Flags) -> "Detection":
+        """The same without contact where a sample (N,) is not to be believed."""
+        contact, misfit = self.contact & ~unknown, self.misfit & ~unknown
+        link = np.where(unknown, 0, self.link).astype(np.int8)
+        return self._replace(contact=contact, misfit=misfit, link=link)
+
+    @classmethod
+    def of(cls, out: Array) -> "Detection":
+        """From what the kernel wrote, (N, NUM_OUT) or more columns than are read."""
+        return cls(
+            statistic=out[:, STATISTIC].copy(),
+            contact=out[:, CONTACT] == 1.0,
+            misfit=out[:, MISFIT] == 1.0,
+            link=out[:, LINK].astype(np.int8),
+            rest=out[:, REST] == 1.0,
+            out_of_range=out[:, OUT_OF_RANGE] == 1.0,
+        )
+
+
+class ContactDetector:
+    """Contact and misfit of what one estimator reads.
+
+    A model without a torque error finds no contact: rest and range alone are told. One that has no
+    `contact_noise` is taken as Gaussian.
+
+    Args:
+        model: that the estimator reads with.
+        friction: of the model, as sampled.
+        chain: with the model's inertias.
+        reconstruction: whose method and moment prior say what a contact at E is.
+        K_0: (n,) 1/s of the observer; None for one without such a lag.
+        time_step: s.
+        resolution: (n,) rad of the encoders; None: that of the logs that were fitted.
+        config: the stated rate.
+
+    Raises:
+        ValueError: a rate beyond LEAST_RATE to LARGEST_RATE.
+    """
+
+    def __init__(
+        self,
+        model: IdentifiedModel,
+        friction: FrictionLaw,
+        chain: SerialChain,
+        reconstruction: WrenchReconstructionConfig,
+        K_0: ArrayLike | None,
+        time_step: float,
+        resolution: ArrayLike | None = None,
+        config: ContactDetectionConfig | None = None,
+    ) -> None:
+        config = config if config is not None else ContactDetectionConfig()
+        rate = config.false_alarms_per_hour
+        if not LEAST_RATE <= rate <= LARGEST_RATE:
+            raise ValueError(
+                f"false_alarms_per_hour must be {LEAST_RATE:g} to {LARGEST_RATE:g}, not {rate}"
+            )
+        self.config = config
+        self.chain = chain
+        self.time_step = time_step
+        self.knows_error = model.torque_error is not None
+        error = model.torque_error if model.torque_error is not None else _assumed_error(model)
+        self.num_joints = n = error.num_joints
+        rates = error.K_0 if K_0 is None else np.broadcast_to(np.asarray(K_0, float), (n,))
+        self._error = error.table(friction, time_step, rates, resolution)
+        self._white = upper_whitening(error.correlation)
+        self._joints = joints = np.empty((NUM_JOINT_ROWS, n))
+        joints[JOLT_POLE] = np.exp(-rates * time_step)
+        joints[POLE] = -1.0 if K_0 is None else joints[JOLT_POLE]
+        for row, fitted in ((FITTED_SPEED, error.fitted_speed), (FITTED_LOAD, error.fitted_load)):
+            joints[row] = np.where(fitted > 0.0, fitted, np.inf)
+        correlation_time = np.maximum(error.correlation_time, 1.0 / rates)
+        noise = model.contact_noise
+        if noise is None:
+            joints[USUAL_JOLT] = np.inf
+            # Of an exponentially correlated error through a low-pass.
+            joints[MEAN_SCALE] = np.sqrt(correlation_time / (correlation_time + WINDOW))
+        else:
+            # White noise of speed reads as a jolt that shrinks with the root of the period.
+            finer = np.sqrt(max(noise.time_step / time_step, 1.0))
+            joints[USUAL_JOLT] = finer * np.asarray(noise.usual_jolt)
+            joints[MEAN_SCALE] = noise.mean_scale
+        self._settings = settings = np.empty(NUM_SETTINGS)
+        settings[PERIOD] = time_step
+        settings[MOMENT_SD] = _moment_sd(reconstruction)
+        settings[SCALE] = error.scale
+        levels = SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL
+        tails = _tails(noise, n, float(correlation_time.min()))
+        for level, tail, share in zip(levels, tails, (0.5, 0.5, 1.0), strict=True):
+            settings[level] = tail.level_at(share * rate) if self.knows_error else np.inf
+        for release, level, tail in zip(
+            (SAMPLE_RELEASE, MEAN_RELEASE), levels, tails, strict=False
+        ):
+            often = min(tail.level, LARGEST_RELEASE * settings[level])
+            settings[release] = max(RELEASE * settings[level], often)
+
+    @classmethod
+    def of(
+        cls, estimator: WrenchEstimator, config: ContactDetectionConfig | None = None
+    ) -> "ContactDetector":
+        """Returns the detector that goes with an estimator."""
+        return cls(
+            estimator.model,
+            estimator.friction,
+            estimator.chain,
+            estimator.config.reconstruction,
+            estimator.observer.pole,
+            estimator.observer.time_step,
+            estimator.config.position_resolution,
+            config,
+        )
+
+    @property
+    def levels(self) -> tuple[float, float, float]:
+        """Of the lengths `sample`, `mean` and `power`."""
+        sample, mean, power = self._settings[[SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL]].tolist()
+        return sample, mean, power
+
+    def initial_state(self) -> Array:
+        """Returns the (rows, n) state before the first sample."""
+        return initial_state(self.num_joints)
+
+    def run(
+        self,
+        state: Array,
+        q: ArrayLike,
+        v: ArrayLike,
+        batch: EstimateBatch,
+    ) -> Detection:
+        """Takes N samples and what the estimator read of them.
+
+        Args:
+            state: of `initial_state`, changed in place.
+            q, v: (N, n) rad and rad/s.
+            batch: of the same samples.
+        """
+        q, v = (np.require(x, float, ("C", "W")) for x in (q, v))
+        momentum = self.chain.momentum_terms(q, v)[0]
+        return Detection.of(
+            self.judge(
+                *(state, q, v, batch.transmitted, momentum, batch.J, batch.tau_ext, batch.fresh)
+            )
+        )
+
+    def judge(
+        self,
+        state: Array,
+        q: Array,
+        v: Array,
+        transmitted: Array,
+        momentum: Array,
+        J: Array,
+        tau_ext: Array,
+        fresh: Flags,
+    ) -> Array:
+        """(N, NUM_OUT) as `detect_tick` writes it; arguments (N, n), J (N, 6, n), fresh (N,)."""
+        out = np.empty((len(q), NUM_OUT))
+        tables = (self._error, self._joints, self._settings, self._white, state)
+        moved = _ready(q), _ready(v), _ready(transmitted), _ready(momentum)
+        detect_log(*tables, *moved, _ready(J), _ready(tau_ext), np.asarray(fresh, bool), out)
+        return out
+
+    def whiten(
+        self,
+        state: Array,
+        q: Array,
+        v: Array,
+        transmitted: Array,
+        momentum: Array,
+        tau_ext: Array,
+    ) -> tuple[Array, Array, Array]:
+        """z, LP(z), (N, n) each, and as `judge` where no level is ever reached."""
+        settings = self._settings.copy()
+        settings[[SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL]] = np.inf
+        z, mean, out = np.empty_like(q), np.empty_like(q), np.empty((len(q), NUM_OUT))
+        tables = (self._error, self._joints, settings, self._white, state)
+        moved = _ready(q), _ready(v), _ready(transmitted), _ready(momentum)
+        no_jacobian = np.zeros((6, self.num_joints))
+        white_log(*tables, *moved, no_jacobian, _ready(tau_ext), out, z, mean)
+        return z, mean, out
+
+
+def _ready(x: Array) -> Array:
+    """An array as the kernels take it."""
+    return np.require(x, np.float64, ("C", "W"))
+
+
+def initial_state(num_joints: int) -> Array:
+    """Returns the (rows, n) state of `contact_statistic` before the first sample."""
+    state = np.zeros((state_rows(num_joints), num_joints))
+    state[:TORQUE_ERROR_ROWS] = initial_torque_error_state(num_joints)
+    state[TORQUE_ERROR_ROWS:NUM_UNKNOWN] = np.nan
+    return state
+
+
+def upper_whitening(R: Array) -> Array:
+    """U (n, n), upper triangular, with U R U^T = 1."""
+    flipped = np.linalg.cholesky(R[::-1, ::-1])
+    return np.ascontiguousarray(np.linalg.inv(flipped)[::-1, ::-1])
+
+
+def _tails(
+    noise: ContactNoise | None, num_joints: int, correlation_time: float
+) -> tuple[ExceedanceTail, ExceedanceTail, ExceedanceTail]:
+    """Of sample, mean and power; Gaussian where nothing was learnt."""
+    quick = gaussian_tail(num_joints, correlation_time)
+    slow = gaussian_tail(num_joints, correlation_time + WINDOW)
+    if noise is None:
+        return quick, slow, quick
+    return noise.sample or quick, noise.mean or slow, noise.power or quick
+
+
+def _moment_sd(reconstruction: WrenchReconstructionConfig) -> float:
+    """N m of a contact at E, beforehand."""
+    if reconstruction.method == "force_only":
+        return 0.0
+    if reconstruction.method == "bayesian" and reconstruction.prior_moment_sd is not None:
+        return min(reconstruction.prior_moment_sd, UNKNOWN_MOMENT)
+    return UNKNOWN_MOMENT
+
+
+def _assumed_error(model: IdentifiedModel) -> TorqueErrorModel:
+    """Stands in where there is none: no level is ever exceeded, and ranges are the model's."""
+    n = len(model.joint_names)
+    ranges = model.validity
+    zero, one = np.zeros(n), np.ones(n)
+    return TorqueErrorModel(
+        constant=one,
+        speed=zero,
+        load=zero,
+        acceleration=zero,
+        reversal=zero,
+        correlation=np.eye(n),
+        correlation_time=one,
+        lasting=zero,
+        fitted_speed=np.array(ranges.v_max) if ranges.v_max else zero,
+        fitted_load=np.array(ranges.tau_max) if ranges.tau_max else zero,
+        K_0=one,
+        resolution=zero,
+    )

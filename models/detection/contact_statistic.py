@@ -1,0 +1,379 @@
+"""Does something touch the arm, and at E? A statistic of what an observer reads, sample by sample.
+
+**Whitened torque.** What joint j reads, in units of what it errs by where nothing touches the arm:
+
+    z = sign(tau) (|tau| - w b)+ / (g s),    s^2 = sd^2 - w stiction^2 + jolt^2
+
+with sd and stiction of `models.identification.torque_error_model`, w its share of a joint at rest
+and b = sqrt(3) stiction the breakaway torque: at rest friction carries anything up to b and nothing
+beyond. Two things that the torque error does not hold:
+
+    jolt    where inertial torque jumps within a sample, as in an abrupt stop, speed and current
+            that are not of the same instant read as K_0 times the jump of momentum. Root of the
+            sum of squares of (1 - pole) |p - 2 p' + p''| / T, fading with the observer's pole; what
+            it exceeds `usual_jolt` by
+    local   g >= 1: root mean square of z over LOCAL_TIME without contact, as in a radar's constant
+            false-alarm rate. Friction that has drifted widens the threshold in place of a false
+            alarm; outliers count as OUTLIER times g, and where there is contact g stays
+
+With y = U z, U upper triangular and U R U^T = 1 for the correlation R of the joints' errors, so
+that y_j.. holds what joints j and beyond say, three lengths are held against the level that each
+exceeds so and so often an hour (`models.signals.exceedance_tail`, of the logs that the model was
+fitted on, held out):
+
+    sample  |y|                          a push that is strong, at once
+    mean    |U LP(z) / mean_scale|       one that is weak, over WINDOW; LP is a first-order low-pass
+    power   sqrt(LP(|y|^2))              not for contact, but for what follows
+
+**Contact** begins where `sample` or `mean` exceeds its level, each of half of the stated rate, and
+lasts until both have been below RELEASE of it, or what noise often reaches, for QUIET. So that the
+mean does not outlast a contact, it does not count where less than LEFT of it is left in the present
+sample. A reading that averages out over LOCAL_TIME is no contact but an error that is larger than
+ever seen: after that time g follows it, as slowly as before.
+
+**Misfit**: what no force at E, with a moment within its prior, explains,
+
+    D = min_F |y - U J^T F / (g s)|^2 + |moment / moment_sd|^2
+
+with J as the observer saw it and s widened by the model's scale error. D <= |y|^2, so that the
+level of `power`, which sqrt(LP(D)) is held against, is exceeded by noise no more often than stated.
+With six joints and an unknown moment nothing is left to tell: D = 0.
+
+**Link**: a force on link k loads joints 1 to k alone. Where the contact is not at E and joints
+beyond k are within LOUD of their errors while k and beyond exceed the level of `power`, the contact
+is on link k, or its line meets the axes of all joints beyond. Else the joints cannot tell.
+
+WINDOW, LOCAL_TIME and that neither a high-pass nor more windows pay were settled on the held-out
+readings of the UR10e's three fitted runs, into which pushes and a drift of friction were put.
+"""
+
+import numpy as np
+from numba import njit
+from scipy.signal import lfilter
+
+from models.arrays import Array, Flags
+from models.identification.torque_error_model import (
+    TORQUE_ERROR_ROWS,
+    TRANSMITTED_ROW,
+    UNKNOWN_SHARE_ROW,
+    torque_sd_tick,
+)
+from models.observers.lag import JACOBIAN_ROWS, see_jacobian, take_jacobian
+from models.rigid_body.small_matrices import factorise_in_place, solve_lower
+
+WINDOW = 0.3  # s
+LOCAL_TIME = 10.0  # s
+OUTLIER = 3.0
+RELEASE, LARGEST_RELEASE = 0.5, 0.8
+LEFT = 0.3
+QUIET = 0.1  # s
+ONE_SIDED = 0.15  # share of a reading's mean square, beyond which its mean is no accident
+LOUD = 2.0  # root mean square over WINDOW
+REST_SPEED = 0.01  # rad/s (m/s)
+REST_TIME = 0.3  # s
+
+# Rows of the state after those of the torque error and of J as the observer saw it.
+_LAST, _BEFORE, _JOLT2, _LOCAL2, _SLOW, _SQUARE, _MEAN, _POWER = range(
+    TORQUE_ERROR_ROWS + JACOBIAN_ROWS, TORQUE_ERROR_ROWS + JACOBIAN_ROWS + 8
+)
+NUM_UNKNOWN = _JOLT2  # rows before it are not known before the first sample
+_SINGLE = _POWER + 1  # first of the rows that hold single numbers
+_CONTACT, _QUIET, _MISFIT, _RESTING, _RATIO, _TOUCHED, NUM_SINGLE = range(7)
+
+# Rows of `joints`: the observer's pole for J (negative: none) and for a jolt, per tick, ...
+POLE, JOLT_POLE, USUAL_JOLT, MEAN_SCALE, FITTED_SPEED, FITTED_LOAD, NUM_JOINT_ROWS = range(7)
+# Entries of `settings`.
+PERIOD, SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL, MOMENT_SD, SCALE = range(6)
+SAMPLE_RELEASE, MEAN_RELEASE, NUM_SETTINGS = range(6, 9)
+# Entries of what is written.
+STATISTIC, CONTACT, MISFIT, LINK, REST, OUT_OF_RANGE = range(6)
+SAMPLE_LENGTH, MEAN_LENGTH, POWER_LENGTH, NUM_OUT = range(6, 10)
+
+_FORCE_SD = 1e4  # N; stands for unknown, and keeps 1 in sight beside its square
+UNKNOWN_MOMENT = 1e4  # N m, likewise
+
+
+def state_rows(num_joints: int) -> int:
+    """Rows of the state, (rows, n)."""
+    return _SINGLE - (-NUM_SINGLE // num_joints)
+
+
+@njit(cache=True, error_model="numpy")
+def misfit_square(
+    white: Array, J: Array, s: Array, tau_y: Array, moment_sd: float, M: Array
+) -> float:
+    """D of y (n,) = U z: y^T (1 + A^T P A)^-1 y with A = J diag(1 / s) U^T.
+
+    Args:
+        white: (n, n) U.
+        J: (6, n).
+        s: (n,) N m.
+        tau_y: (n,) y.
+        moment_sd: N m.
+        M: (n + 7, n), scratch.
+    """
+    n = J.shape[1]
+    A = M[n : n + 6]
+    for i in range(6):
+        known = moment_sd if i < 3 else _FORCE_SD
+        for j in range(n):
+            total = 0.0
+            for k in range(j, n):
+                total += white[j, k] * J[i, k] / s[k]
+            A[i, j] = known * total
+    x = M[n + 6]
+    for i in range(n):
+        for j in range(i + 1):
+            total = 1.0 if i == j else 0.0
+            for k in range(6):
+                total += A[k, i] * A[k, j]
+            M[i, j] = total
+        x[i] = tau_y[i]
+    factorise_in_place(M, n, 0.0)
+    solve_lower(M, n, x)
+    square = 0.0
+    for i in range(n):
+        square += x[i] * x[i]
+    return square
+
+
+@njit(cache=True, error_model="numpy")
+def detect_tick(
+    error: Array,
+    joints: Array,
+    settings: Array,
+    white: Array,
+    state: Array,
+    q: Array,
+    v: Array,
+    transmitted: Array,
+    momentum: Array,
+    J: Array,
+    tau_ext: Array,
+    fresh: bool,
+    out: Array,
+    work: Array,
+) -> None:
+    """Single-sample kernel: takes a sample into `state` and writes what it says.
+
+    Args:
+        error: `TorqueErrorModel.table`.
+        joints: (NUM_JOINT_ROWS, n).
+        settings: (NUM_SETTINGS,).
+        white: (n, n) U.
+        state: (state_rows, n), changed.
+        q, v: (n,) rad and rad/s.
+        transmitted: (n,) N m; counts for the sample after.
+        momentum: (n,) kg m^2/s, of the model.
+        J: (6, n) at E in axes of W.
+        tau_ext: (n,) N m.
+        fresh: whether tau_ext is of this sample; otherwise contact and misfit stay as they were.
+        out: (NUM_OUT,), written.
+        work: (n + 18, n), overwritten.
+    """
+    n = q.shape[0]
+    sd, stiction, s, z, y, seen = work[0], work[1], work[2], work[3], work[4], work[5:11]
+    own = state[_SINGLE:].reshape(-1)
+    beyond = False
+    for j in range(n):
+        beyond = beyond or abs(v[j]) > joints[FITTED_SPEED, j]
+        beyond = beyond or abs(state[TRANSMITTED_ROW, j]) > joints[FITTED_LOAD, j]
+    out[OUT_OF_RANGE] = 1.0 if beyond else 0.0
+    torque_sd_tick(error, state[:TORQUE_ERROR_ROWS], q, v, transmitted, sd, stiction)
+    seen_state = state[TORQUE_ERROR_ROWS : TORQUE_ERROR_ROWS + JACOBIAN_ROWS]
+    see_jacobian(joints[POLE], seen_state, J, seen)
+    take_jacobian(joints[POLE], seen_state, J, seen)
+    T = settings[PERIOD]
+    own[_RESTING] += T
+    finite = fresh
+    for j in range(n):
+        if not abs(v[j]) < REST_SPEED:
+            own[_RESTING] = 0.0
+        finite = finite and np.isfinite(tau_ext[j])
+        if np.isfinite(momentum[j]):
+            pole = joints[JOLT_POLE, j]
+            jump = 0.0
+            if np.isfinite(state[_BEFORE, j]):
+                jump = (momentum[j] - 2.0 * state[_LAST, j] + state[_BEFORE, j]) / T
+            gain = (1.0 - pole) * jump
+            state[_JOLT2, j] = pole * pole * state[_JOLT2, j] + gain * gain
+            state[_BEFORE, j], state[_LAST, j] = state[_LAST, j], momentum[j]
+    out[REST] = 1.0 if own[_RESTING] >= REST_TIME else 0.0
+    keep = np.exp(-T / WINDOW)
+    sample = power = mean = plain_mean = along = 0.0
+    if finite:
+        pace = 1.0 - np.exp(-T / LOCAL_TIME)
+        follows = own[_CONTACT] == 0.0 or own[_TOUCHED] > LOCAL_TIME
+        if own[_CONTACT] == 1.0:
+            own[_TOUCHED] += T
+            for j in range(n):
+                square = state[_SLOW, j] * state[_SLOW, j]
+                follows = follows and square <= ONE_SIDED * max(state[_SQUARE, j], 1.0)
+        for j in range(n):
+            w = state[UNKNOWN_SHARE_ROW, j]
+            jolt = max(np.sqrt(state[_JOLT2, j]) - joints[USUAL_JOLT, j], 0.0)
+            square = max(sd[j] * sd[j] - w * stiction[j] * stiction[j], 1e-6 * sd[j] * sd[j])
+            s[j] = np.sqrt(square + jolt * jolt)
+            left = max(abs(tau_ext[j]) - w * np.sqrt(3.0) * stiction[j], 0.0)
+            z[j] = (left if tau_ext[j] > 0.0 else -left) / s[j]
+            state[_SLOW, j] += pace * (z[j] - state[_SLOW, j])
+            state[_SQUARE, j] += pace * (z[j] * z[j] - state[_SQUARE, j])
+            if follows:
+                local = max(state[_LOCAL2, j], 1.0)
+                new = min(z[j] * z[j], OUTLIER * OUTLIER * local)
+                state[_LOCAL2, j] += pace * (new - state[_LOCAL2, j])
+            local = np.sqrt(max(state[_LOCAL2, j], 1.0))
+            s[j] *= local
+            z[j] /= local
+            state[_MEAN, j] = keep * state[_MEAN, j] + (1.0 - keep) * z[j]
+        for j in range(n):
+            y[j] = 0.0
+            of_mean, of_plain = 0.0, 0.0
+            for k in range(j, n):
+                y[j] += white[j, k] * z[k]
+                of_mean += white[j, k] * state[_MEAN, k] / joints[MEAN_SCALE, k]
+                of_plain += white[j, k] * state[_MEAN, k]
+            sample += y[j] * y[j]
+            mean += of_mean * of_mean
+            plain_mean += of_plain * of_plain
+            along += y[j] * of_plain
+            state[_POWER, j] = keep * state[_POWER, j] + (1.0 - keep) * y[j] * y[j]
+            power += state[_POWER, j]
+        sample, mean, power = np.sqrt(sample), np.sqrt(mean), np.sqrt(power)
+        counted = mean
+        if own[_CONTACT] == 1.0 and along < LEFT * plain_mean:
+            counted = 0.0
+        ratio = max(sample / settings[SAMPLE_LEVEL], counted / settings[MEAN_LEVEL])
+        own[_RATIO] = ratio
+        if ratio > 1.0:
+            if own[_CONTACT] == 0.0:
+                own[_MISFIT], own[_TOUCHED] = 0.0, 0.0
+            own[_CONTACT], own[_QUIET] = 1.0, 0.0
+        elif own[_CONTACT] == 1.0:
+            if counted >= settings[MEAN_RELEASE] or sample >= settings[SAMPLE_RELEASE]:
+                own[_QUIET] = 0.0
+            else:
+                own[_QUIET] += T
+            if own[_QUIET] >= QUIET:
+                own[_CONTACT] = 0.0
+                for j in range(n):
+                    state[_MEAN, j], state[_POWER, j] = z[j], y[j] * y[j]
+    out[SAMPLE_LENGTH], out[MEAN_LENGTH], out[POWER_LENGTH] = sample, mean, power
+    out[STATISTIC], out[CONTACT] = own[_RATIO], own[_CONTACT]
+    out[LINK] = 0.0
+    if own[_CONTACT] == 1.0 and finite:
+        for j in range(n):
+            wide = settings[SCALE] * tau_ext[j]
+            wider = np.sqrt(s[j] * s[j] + wide * wide)
+            z[j] *= s[j] / wider
+            s[j] = wider
+        for j in range(n):
+            y[j] = 0.0
+            for k in range(j, n):
+                y[j] += white[j, k] * z[k]
+        D = misfit_square(white, seen, s, y, settings[MOMENT_SD], work[11:])
+        own[_MISFIT] = keep * own[_MISFIT] + (1.0 - keep) * D
+    out[MISFIT] = 0.0
+    if own[_CONTACT] == 1.0 and np.sqrt(own[_MISFIT]) > settings[POWER_LEVEL]:
+        out[MISFIT] = 1.0
+        out[LINK] = _link(state[_POWER], settings[POWER_LEVEL])
+
+
+@njit(cache=True, error_model="numpy")
+def _link(power: Array, level: float) -> float:
+    """The link (1 to n) that a force away from E acts on, or 0 where the joints cannot tell."""
+    beyond = 0.0
+    for j in range(power.shape[0] - 1, -1, -1):
+        beyond += power[j]
+        if np.sqrt(beyond) > level:
+            return j + 1.0
+        if power[j] > LOUD * LOUD:
+            return 0.0
+    return 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def detect_log(
+    error: Array,
+    joints: Array,
+    settings: Array,
+    white: Array,
+    state: Array,
+    q: Array,
+    v: Array,
+    transmitted: Array,
+    momentum: Array,
+    J: Array,
+    tau_ext: Array,
+    fresh: Flags,
+    out: Array,
+) -> None:
+    """`detect_tick` for N samples, one after another; out (N, NUM_OUT)."""
+    n = q.shape[1]
+    work = np.empty((n + 18, n))
+    for k in range(q.shape[0]):
+        detect_tick(
+            error,
+            joints,
+            settings,
+            white,
+            state,
+            q[k],
+            v[k],
+            transmitted[k],
+            momentum[k],
+            J[k],
+            tau_ext[k],
+            fresh[k],
+            out[k],
+            work,
+        )
+
+
+@njit(cache=True, error_model="numpy")
+def white_log(
+    error: Array,
+    joints: Array,
+    settings: Array,
+    white: Array,
+    state: Array,
+    q: Array,
+    v: Array,
+    transmitted: Array,
+    momentum: Array,
+    J: Array,
+    tau_ext: Array,
+    out: Array,
+    z: Array,
+    mean: Array,
+) -> None:
+    """As `detect_log`, and writes z and LP(z), (N, n) each, for what learns from them."""
+    n = q.shape[1]
+    work = np.zeros((n + 18, n))
+    for k in range(q.shape[0]):
+        detect_tick(
+            error,
+            joints,
+            settings,
+            white,
+            state,
+            q[k],
+            v[k],
+            transmitted[k],
+            momentum[k],
+            J,
+            tau_ext[k],
+            True,
+            out[k],
+            work,
+        )
+        z[k] = work[3]
+        mean[k] = state[_MEAN]
+
+
+def jolts(momentum: Array, pole: Array, time_step: float) -> Array:
+    """(N, n) N m, the root of the jolt's sum of squares along a log of momentum (N, n)."""
+    jump = np.zeros_like(momentum)
+    jump[2:] = (1.0 - pole) * np.diff(momentum, 2, axis=0) / time_step
+    filtered = [lfilter([1.0], [1.0, -p * p], own) for p, own in zip(pole, jump.T**2, strict=True)]
+    return np.asarray(np.sqrt(np.stack(filtered, axis=1)))

@@ -1,0 +1,57 @@
+"""What a contact statistic reads where nothing touches the arm, as a model's file keeps it."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from models.files.configuration import REQUIRED
+from models.files.input_error import InputError
+from models.signals.exceedance_tail import ExceedanceTail
+
+
+@dataclass
+class ContactNoise:
+    """Learnt from the held-out readings that the torque error is learnt from; see
+    `models.detection.contact_statistic`.
+    """
+
+    usual_jolt: list[float] = field(default_factory=list, metadata=REQUIRED)
+    """N m, per joint: what the change of inertial torque within a sample reads as, in all but a
+    hundredth of the samples."""
+    mean_scale: list[float] = field(default_factory=list, metadata=REQUIRED)
+    """Per joint: sd of the error's mean over the window, in units of the error's sd."""
+    time_step: float = field(default=0.0, metadata=REQUIRED)  # s, of the logs
+    hours: float = field(default=0.0, metadata=REQUIRED)  # of contact-free motion
+    sample: ExceedanceTail | None = None  # of a sample's statistic; null: assumed Gaussian
+    mean: ExceedanceTail | None = None  # of that of the mean over the window
+    power: ExceedanceTail | None = None  # of the root of the mean square over the window
+
+
+def check_contact_noise(path: Path, noise: ContactNoise | None, n: int) -> ContactNoise | None:
+    """Returns what a model's file says of an arm with n joints.
+
+    Raises:
+        InputError: a number that cannot be.
+    """
+    if noise is None:
+        return None
+    remedy = "identify the model again"
+    for key, least in (("usual_jolt", 0.0), ("mean_scale", 1e-9)):
+        values = getattr(noise, key)
+        if len(values) != n or not all(np.isfinite(x) and x >= least for x in values):
+            problem = f"expected {n} numbers, {least:g} or more, found {values}"
+            raise InputError(path, f"contact_noise.{key}", problem, remedy)
+    for key in ("time_step", "hours"):
+        value = getattr(noise, key)
+        if not (np.isfinite(value) and value > 0.0):
+            problem = f"expected a number above zero, found {value}"
+            raise InputError(path, f"contact_noise.{key}", problem, remedy)
+    for key in ("sample", "mean", "power"):
+        tail = getattr(noise, key)
+        try:
+            if tail is not None:
+                tail.check()
+        except ValueError as error:
+            raise InputError(path, f"contact_noise.{key}", str(error), remedy) from None
+    return noise

@@ -1,0 +1,112 @@
+"""How often a statistic exceeds a level far above what was seen, from how it exceeds lower ones.
+
+Excesses over a high level follow a generalised Pareto law (Pickands, 1975), so that an exceedance
+of `level` + x happens
+
+    rate (1 + shape x / scale)^(-1 / shape)
+
+times an hour. Samples of one excursion are one exceedance: excursions that begin less than GAP
+after another's end belong to it, and its largest sample counts.
+
+A tail is never taken as bounded, and the shape is at least one over the number of excursions: the
+law that an exponential tail of unknown scale has for the next one to come (Lomax). So a level
+from few excursions lies higher than one from many.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.stats import chi, genpareto
+
+from models.arrays import Array
+
+GAP = 0.5  # s
+SHARES = (0.02, 0.05, 0.1)  # of the samples above the level: the first with ENOUGH excursions
+ENOUGH, FEWEST = 25, 10  # excursions
+LARGEST_SHAPE = 0.5  # beyond, the law would have no variance: a few excursions say nothing of it
+_RARE = 1e-3  # share of a Gaussian tail's level
+
+
+@dataclass
+class ExceedanceTail:
+    """The law of this module."""
+
+    level: float = 0.0  # of the statistic, above which the law holds
+    rate_per_hour: float = 0.0  # of excursions above it
+    scale: float = 0.0  # of their excess
+    shape: float = 0.0  # of the generalised Pareto law; 0: exponential
+
+    def check(self) -> None:
+        """Raises ValueError where no tail has these numbers."""
+        values = (self.level, self.rate_per_hour, self.scale, self.shape)
+        if not all(np.isfinite(x) and x >= 0.0 for x in values) or self.scale == 0.0:
+            raise ValueError(f"expected numbers of zero or more, scale above zero, not {values}")
+
+    def level_at(self, rate_per_hour: float) -> float:
+        """The level that is exceeded so often, or `level` where that is less often."""
+        ratio = np.log(max(self.rate_per_hour / rate_per_hour, 1.0))
+        if self.shape * ratio < 1e-9:
+            return float(self.level + self.scale * ratio)
+        return float(self.level + self.scale * np.expm1(self.shape * ratio) / self.shape)
+
+    def rate_above(self, level: float) -> float:
+        """How often `level` or `level` of the law, whichever is higher, is exceeded an hour."""
+        excess = max(level - self.level, 0.0) / self.scale
+        if self.shape * excess < 1e-9:
+            return float(self.rate_per_hour * np.exp(-excess))
+        return float(self.rate_per_hour * np.exp(-np.log1p(self.shape * excess) / self.shape))
+
+
+def peaks_above(statistic: ArrayLike, level: float, time_step: float) -> Array:
+    """The largest sample of each excursion above `level` of a statistic (N,)."""
+    values = np.asarray(statistic, float)
+    above = np.flatnonzero(values > level)
+    if not len(above):
+        return np.empty(0)
+    parts = np.split(above, np.flatnonzero(np.diff(above) * time_step > GAP) + 1)
+    return np.array([values[part].max() for part in parts])
+
+
+def fit_exceedances(runs: Sequence[ArrayLike], time_step: float) -> ExceedanceTail | None:
+    """The tail of a statistic along some logs, (N,) each; None where too few excursions are seen.
+
+    Args:
+        runs: every sample counts.
+        time_step: s.
+    """
+    values = [np.asarray(own, float) for own in runs]
+    pooled = np.concatenate(values)
+    if not len(pooled):
+        return None
+    for share in SHARES:
+        level = float(np.quantile(pooled, 1.0 - share))
+        excess = np.concatenate([peaks_above(own, level, time_step) for own in values]) - level
+        if len(excess) >= ENOUGH:
+            break
+    if len(excess) < FEWEST:
+        return None
+    shape, _, scale = genpareto.fit(excess, floc=0.0)
+    if shape < 1.0 / len(excess):
+        shape, scale = 1.0 / len(excess), excess.mean()
+    return ExceedanceTail(
+        level=level,
+        rate_per_hour=3600.0 * len(excess) / (len(pooled) * time_step),
+        scale=float(scale),
+        shape=float(min(shape, LARGEST_SHAPE)),
+    )
+
+
+def gaussian_tail(size: int, correlation_time: float) -> ExceedanceTail:
+    """Where nothing was learnt: of the length of `size` standard normal variables, each of
+    covariance exp(-|t| / correlation_time). Such a process stays above a high level u for
+    correlation_time / u^2 at a time (Aldous, 1989). Beyond its level the tail is exponential, which
+    is wider than Gaussian.
+    """
+    level = float(chi.isf(_RARE, size))
+    return ExceedanceTail(
+        level=level,
+        rate_per_hour=3600.0 * _RARE * level**2 / correlation_time,
+        scale=float(1.0 / (chi.pdf(level, size) / _RARE - 2.0 / level)),
+    )

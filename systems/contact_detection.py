@@ -1,0 +1,92 @@
+"""Contact, misfit and the state of the arm, from what an observer reads."""
+
+from typing import cast
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiscreteStateIndex,
+    DiscreteValues,
+    LeafSystem,
+)
+
+from models.arrays import Array
+from models.detection.contact_detector import ContactDetector
+from models.rigid_body.serial_chain import RigidBodyTerms
+
+DETECTION = ("contact_statistic", "contact", "misfit", "link", "rest", "out_of_range")
+"""Entries of the output, as `models.detection.contact_detector.Detection`; flags are 1 or 0."""
+
+
+class ContactDetection(LeafSystem):
+    """Tells whether something touches the arm, and whether at E: `ContactDetector` as a block.
+
+                         +------------------+
+      q, v          -->  |                  |
+      terms         -->  |                  |
+      tau_ext       -->  | ContactDetection | --> detection
+      tau_ext_valid -->  |                  |
+      tau_J, tau_f  -->  |                  |
+                         +------------------+
+
+    Inputs:  q, v           (n,) rad and rad/s
+             terms          RigidBodyTerms (abstract): momentum, and J at E in axes of W
+             tau_ext        (n,) N m, positive along the motion it causes
+             tau_ext_valid  (1,) 0 where tau_ext is held or unknown
+             tau_J, tau_f   (n,) N m; what the gear transmits counts for the sample after
+    Output:  detection      (6,) in the order of DETECTION; no direct feedthrough from tau_J, tau_f
+    State:   that of the detector, flat
+
+    The numbers are those of `ContactDetector.run`.
+
+    Args:
+        detector: of the estimator whose tau_ext it is.
+    """
+
+    def __init__(self, detector: ContactDetector) -> None:
+        LeafSystem.__init__(self)
+        self._detector = detector
+        n = detector.num_joints
+        initial = detector.initial_state()
+        self._shape = initial.shape
+        self._nothing = np.zeros((1, n))
+        self._q = self.DeclareVectorInputPort("q", n)
+        self._v = self.DeclareVectorInputPort("v", n)
+        self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
+        self._tau_ext = self.DeclareVectorInputPort("tau_ext", n)
+        self._tau_ext_valid = self.DeclareVectorInputPort("tau_ext_valid", 1)
+        self._tau_J = self.DeclareVectorInputPort("tau_J", n)
+        self._tau_f = self.DeclareVectorInputPort("tau_f", n)
+        state: DiscreteStateIndex = self.DeclareDiscreteState(initial.ravel())
+        self.DeclarePeriodicDiscreteUpdateEvent(detector.time_step, 0.0, self._update)
+        ports = (self._q, self._v, self._terms, self._tau_ext, self._tau_ext_valid)
+        tickets = {port.ticket() for port in ports} | {self.discrete_state_ticket(state)}
+        self.DeclareVectorOutputPort("detection", len(DETECTION), self._calc, tickets)
+
+    def _run(self, context: Context, state: Array, transmitted: Array) -> Array:
+        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        return self._detector.judge(
+            state,
+            self._q.Eval(context)[np.newaxis],
+            self._v.Eval(context)[np.newaxis],
+            transmitted,
+            terms.momentum[np.newaxis],
+            terms.J[np.newaxis],
+            self._tau_ext.Eval(context)[np.newaxis],
+            self._tau_ext_valid.Eval(context) == 1.0,
+        )
+
+    def _state(self, context: Context) -> Array:
+        return np.array(context.get_discrete_state_vector().value()).reshape(self._shape)
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        found = self._run(context, self._state(context), self._nothing)
+        output.SetFromVector(found[0, : len(DETECTION)])
+
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        state = self._state(context)
+        transmitted = self._tau_J.Eval(context) - self._tau_f.Eval(context)
+        self._run(context, state, transmitted[np.newaxis])
+        discrete_state.set_value(0, state.ravel())

@@ -1,0 +1,275 @@
+"""Contact, misfit, link, rest and range of simulated readings; the false alarms of known noise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from models.detection.contact_detector import (
+    ContactDetectionConfig,
+    ContactDetector,
+    Detection,
+    initial_state,
+)
+from models.detection.contact_noise_fit import fit_contact_noise
+from models.detection.contact_statistic import QUIET, SAMPLE_LENGTH
+from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from models.estimation.wrench import WrenchReconstructionConfig
+from models.identification.identified_model import IdentifiedModel, Validity
+from models.identification.torque_error_fit import HeldOutReading
+from models.identification.torque_error_model import TorqueErrorModel
+from models.observers.momentum_observer import MomentumObserverConfig
+from models.signals.exceedance_tail import peaks_above
+
+N, T = 6, 0.01
+SD = np.array([1.0, 1.0, 0.6, 0.2, 0.2, 0.1])
+CORRELATION_TIME = 0.2
+
+
+@pytest.fixture(scope="module")
+def model(sts):
+    """Without friction, so that nothing is stiction: what is read errs by SD."""
+    one, zero = np.ones(N), np.zeros(N)
+    error = TorqueErrorModel(
+        constant=SD,
+        speed=zero,
+        load=zero,
+        acceleration=zero,
+        reversal=zero,
+        correlation=0.1 + 0.9 * np.eye(N),
+        correlation_time=CORRELATION_TIME * one,
+        lasting=zero,
+        fitted_speed=one,
+        fitted_load=50.0 * one,
+        K_0=20.0 * one,
+        resolution=zero,
+        scale=0.0,
+    )
+    return replace(IdentifiedModel.nominal(sts), torque_error=error)
+
+
+def noise(model, samples, rng):
+    """Gaussian errors as the model says: sds, correlation of joints, exponential in time."""
+    keep = np.exp(-T / CORRELATION_TIME)
+    R = model.torque_error.correlation
+    steps = rng.normal(size=(samples, N)) @ np.linalg.cholesky(R).T * np.sqrt(1.0 - keep**2)
+    return SD * lfilter([1.0], [1.0, -keep], steps, axis=0)
+
+
+def detector_of(model, robot, rate=1.0, method="force_only"):
+    config = WrenchEstimatorConfig(
+        MomentumObserverConfig([20.0], T), WrenchReconstructionConfig(method)
+    )
+    estimator = WrenchEstimator(robot, model, config)
+    return ContactDetector.of(estimator, ContactDetectionConfig(rate))
+
+
+def still(model, robot, samples):
+    """q, v, transmitted, momentum and J of an arm that holds its home posture."""
+    q = np.tile(robot.home, (samples, 1))
+    zero = np.zeros_like(q)
+    J = np.tile(model.chain(robot).jacobian(robot.home), (samples, 1, 1))
+    return q, zero, zero.copy(), zero.copy(), J
+
+
+def judged(detector, model, robot, tau_ext):
+    samples = len(tau_ext)
+    out = detector.judge(
+        detector.initial_state(), *still(model, robot, samples), tau_ext, np.ones(samples, bool)
+    )
+    return out, Detection.of(out)
+
+
+def begins(flag):
+    return np.count_nonzero(np.diff(flag.astype(int)) == 1)
+
+
+def learnt(model, robot, samples, seed):
+    """The model with what its statistic reads of simulated noise."""
+    q, v, transmitted, _, _ = still(model, robot, samples)
+    reading = HeldOutReading(
+        tau_ext=noise(model, samples, np.random.default_rng(seed)),
+        q=q,
+        v=v,
+        transmitted=transmitted,
+        used=np.ones(samples, bool),
+        friction=model.friction,
+        time_step=T,
+        K_0=np.full(N, 20.0),
+        resolution=np.zeros(N),
+    )
+    return replace(model, contact_noise=fit_contact_noise([reading], model, model.chain(robot)))
+
+
+def test_false_alarms_of_gaussian_noise_are_as_many_as_stated(sts, model):
+    own = learnt(model, sts, 60_000, 1)  # ten minutes
+    assert own.contact_noise.hours == pytest.approx(1.0 / 6.0)
+    # A low-pass of .3 s of an error of .2 s keeps .2 / .5 of its variance.
+    np.testing.assert_allclose(own.contact_noise.mean_scale, np.sqrt(0.4), rtol=0.1)
+    tau_ext = noise(own, 720_000, np.random.default_rng(2))  # two hours
+    for rate in (60.0, 10.0, 1.0):
+        _, found = judged(detector_of(own, sts, rate), own, sts, tau_ext)
+        # A Gaussian tail is lighter than the exponential one that is the least to be assumed, so
+        # that two hours have fewer than stated, by more the further the level is out.
+        assert begins(found.contact) <= 2.0 * rate
+        if rate == 60.0:
+            assert begins(found.contact) >= 2.0 * rate / 6.0
+
+
+def test_without_learnt_tails_the_rate_is_kept_for_gaussian_noise(sts, model):
+    tau_ext = noise(model, 360_000, np.random.default_rng(3))
+    detector = detector_of(model, sts, 10.0)
+    out, found = judged(detector, model, sts, tau_ext)
+    assert begins(found.contact) <= 10
+    # The length of a sample is that of the whitened error: chi of six.
+    assert np.mean(out[1000:, SAMPLE_LENGTH] ** 2) == pytest.approx(6.0, rel=0.15)
+
+
+def test_a_higher_rate_has_lower_levels(sts, model):
+    own = learnt(model, sts, 60_000, 4)
+    levels = np.array([detector_of(own, sts, rate).levels for rate in (0.1, 1.0, 10.0, 100.0)])
+    assert (np.diff(levels, axis=0) < 0.0).all()
+    with pytest.raises(ValueError, match="false_alarms_per_hour"):
+        detector_of(own, sts, 0.0)
+
+
+def test_a_push_is_found_at_once_and_ends_when_it_ends(sts, model):
+    tau_ext = noise(model, 4000, np.random.default_rng(6))
+    detector = detector_of(model, sts)
+    J = model.chain(sts).jacobian(sts.home)
+    tau_ext[2000:2100] += J[3:].T @ [150.0, 100.0, -50.0]
+    _, found = judged(detector, model, sts, tau_ext)
+    touched = np.flatnonzero(found.contact)
+    assert touched[0] == 2000  # of 90 sds
+    # QUIET after the end, or a little more where noise looks like what is left of the mean: the
+    # mean itself would take a second to fall to half of its level.
+    assert 2100 <= touched[-1] <= 2100 + 4 * round(QUIET / T)
+    assert not found.misfit.any()
+    assert (np.diff(touched) == 1).all()
+
+
+def test_a_weak_push_is_found_by_its_mean(sts, model):
+    tau_ext = noise(model, 4000, np.random.default_rng(7))
+    detector = detector_of(model, sts)
+    direction = np.linalg.cholesky(model.torque_error.correlation) @ np.ones(N) / np.sqrt(N)
+    sample, mean, _ = detector.levels
+    scale = np.sqrt(CORRELATION_TIME / (CORRELATION_TIME + 0.3))
+    size = 1.5 * mean * scale
+    assert size < 0.95 * sample  # nothing that a sample without noise would show
+    tau_ext[2000:2300] = size * direction * SD
+    _, found = judged(detector, model, sts, tau_ext)
+    begin = np.flatnonzero(found.contact)[0]
+    # 1 - exp(-t / .3) = 1 / 1.5 at t = .33 s, from a mean that is not zero.
+    assert 2005 <= begin <= 2060
+
+
+@pytest.mark.parametrize("link", [2, 4, 5])
+def test_a_contact_on_a_link_is_not_at_e_and_the_link_is_named(sts, model, link):
+    rng = np.random.default_rng(8)
+    tau_ext = noise(model, 3000, rng)
+    tau_ext[1000:1500, :link] += 40.0 * SD[:link] * rng.choice([-1.0, 1.0], link)
+    _, found = judged(detector_of(model, sts), model, sts, tau_ext)
+    assert found.contact[1000:1500].all()
+    inside = slice(1050, 1450)
+    assert found.misfit[inside].mean() > 0.95
+    links, counts = np.unique(found.link[inside][found.misfit[inside]], return_counts=True)
+    assert links[np.argmax(counts)] == link
+    assert counts.max() > 0.8 * counts.sum()
+    assert not found.misfit[:1000].any()
+
+
+def test_a_moment_within_the_prior_is_no_misfit(sts, model):
+    tau_ext = noise(model, 3000, np.random.default_rng(9))
+    J = model.chain(sts).jacobian(sts.home)
+    tau_ext[1000:1500] += J.T @ [0.0, 4.0, 0.0, 20.0, 0.0, 30.0]
+    _, point = judged(detector_of(model, sts), model, sts, tau_ext)
+    assert point.misfit[1100:1500].mean() > 0.9  # 4 N m beside a point contact
+    _, inverse = judged(detector_of(model, sts, method="inverse"), model, sts, tau_ext)
+    assert inverse.contact[1100:1500].all()
+    assert not inverse.misfit.any()  # six joints explain any wrench
+
+
+def test_drifted_friction_widens_the_threshold_after_its_first_alarm(sts, model):
+    """An error four times what is stated all along: as a radar in rain."""
+    tau_ext = 4.0 * noise(model, 60_000, np.random.default_rng(10))
+    _, found = judged(detector_of(model, sts), model, sts, tau_ext)
+    late = found.contact[30_000:]
+    assert late.mean() < 0.01
+    assert begins(late) <= 3
+
+
+def test_held_readings_leave_everything_as_it_was(sts, model):
+    tau_ext = noise(model, 400, np.random.default_rng(11))
+    tau_ext[200:] += 50.0
+    fresh = np.ones(400, bool)
+    fresh[195:300] = False
+    detector = detector_of(model, sts)
+    state = detector.initial_state()
+    found = Detection.of(detector.judge(state, *still(model, sts, 400), tau_ext, fresh))
+    assert not found.contact[:300].any()
+    assert found.contact[300:].all()
+    assert np.unique(found.statistic[195:300]).size == 1
+
+
+def test_chunk_by_chunk_is_one_pass(sts, model):
+    tau_ext = noise(model, 900, np.random.default_rng(12))
+    tau_ext[300:400] += 10.0
+    detector = detector_of(model, sts)
+    signals = (*still(model, sts, 900), tau_ext, np.ones(900, bool))
+    whole = detector.judge(detector.initial_state(), *signals)
+    state = detector.initial_state()
+    parts = [
+        detector.judge(state, *(x[rows] for x in signals))
+        for rows in (slice(0, 1), slice(1, 350), slice(350, 900))
+    ]
+    np.testing.assert_array_equal(np.concatenate(parts), whole)
+
+
+def test_rest_and_range(sts, model):
+    q, v, transmitted, momentum, J = still(model, sts, 200)
+    v[:50, 3] = 0.5
+    v[120:130, 0] = 1.2
+    transmitted[150, 2] = -60.0
+    detector = detector_of(model, sts)
+    found = Detection.of(
+        detector.judge(
+            detector.initial_state(),
+            *(q, v, transmitted, momentum, J, np.zeros_like(q), np.ones(200, bool)),
+        )
+    )
+    assert np.flatnonzero(found.rest)[0] == 79  # .3 s after sample 49
+    assert not found.rest[120:150].any()
+    # The load counts for the sample after.
+    assert np.flatnonzero(found.out_of_range).tolist() == [*range(120, 130), 151]
+
+
+def test_a_model_without_torque_error_tells_rest_and_range_alone(sts):
+    ranges = Validity(v_max=[1.0] * N, tau_max=[10.0] * N)
+    model = replace(IdentifiedModel.nominal(sts), validity=ranges)
+    q, v, transmitted, momentum, J = still(model, sts, 100)
+    v[60:, 0] = 2.0
+    detector = detector_of(model, sts)
+    assert not detector.knows_error
+    out = detector.judge(
+        detector.initial_state(),
+        *(q, v, transmitted, momentum, J, np.full_like(q, 1e4), np.ones(100, bool)),
+    )
+    found = Detection.of(out)
+    assert not found.contact.any()
+    assert (found.statistic == 0.0).all()
+    assert found.rest[40:60].all()
+    assert found.out_of_range[60:].all()
+
+
+def test_the_state_before_the_first_sample_fits_any_arm():
+    for n in (1, 2, 6, 7):
+        assert initial_state(n).shape[1] == n
+
+
+def test_noise_without_excursions_has_no_tail(sts, model):
+    own = learnt(model, sts, 300, 13)
+    assert own.contact_noise.sample is None
+    assert peaks_above(np.zeros(3), 1.0, T).size == 0
+    levels = detector_of(own, sts).levels
+    assert np.isfinite(levels).all()

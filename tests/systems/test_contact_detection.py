@@ -1,0 +1,134 @@
+"""Contact as a block: the numbers of a log, as stages and beside the fused estimator."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from diagrams.estimator import make_estimator
+from diagrams.replay import make_replay
+from models.detection.contact_detector import ContactDetectionConfig, ContactDetector
+from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from models.estimation.wrench import WrenchReconstructionConfig
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.identification.contact_noise import ContactNoise
+from models.identification.identified_model import IdentifiedModel
+from models.identification.torque_error_model import TorqueErrorModel
+from models.observers.momentum_observer import MomentumObserverConfig
+from models.signals.exceedance_tail import ExceedanceTail
+from systems.contact_detection import DETECTION, ContactDetection
+
+T, N, ROWS = 2e-3, 6, 700
+
+
+@pytest.fixture(scope="module")
+def model(sts):
+    one, zero = np.ones(N), np.zeros(N)
+    friction = SemiParametricFriction(CoulombViscous(2.0 * one, 4.0 * one, 0.1 * one))
+    error = TorqueErrorModel(
+        constant=0.5 * one,
+        speed=0.2 * one,
+        load=0.02 * one,
+        acceleration=zero,
+        reversal=0.3 * one,
+        correlation=0.1 + 0.9 * np.eye(N),
+        correlation_time=0.3 * one,
+        lasting=zero,
+        fitted_speed=0.5 * one,
+        fitted_load=60.0 * one,
+        K_0=20.0 * one,
+        resolution=1e-4 * one,
+    )
+    tail = ExceedanceTail(level=4.0, rate_per_hour=900.0, scale=0.6, shape=0.02)
+    noise = ContactNoise([1.0] * N, [0.6] * N, 0.01, 0.1, tail, tail, tail)
+    nominal = IdentifiedModel.nominal(sts)
+    return replace(nominal, friction=friction, torque_error=error, contact_noise=noise)
+
+
+@pytest.fixture(scope="module")
+def log(sts, model):
+    """Rests, moves, is pushed at link 3 and at E, and has a hole."""
+    t = np.maximum(np.arange(ROWS)[:, None] * T - 0.6, 0.0)
+    rate = np.random.default_rng(5).uniform(3.0, 8.0, N)
+    q = sts.home + 0.05 * (1.0 - np.cos(rate * t))
+    v = 0.05 * rate * np.sin(rate * t)
+    vdot = 0.05 * rate**2 * np.cos(rate * t) * (t > 0.0)
+    chain = model.chain(sts)
+    torque = chain.inverse_dynamics(q, v, vdot) + model.friction.torque(v)
+    torque[450:550, :3] -= [60.0, -50.0, 40.0]
+    torque[600:680] -= np.einsum("kij,i->kj", chain.jacobian(q)[600:680, 3:], [0.0, 80.0, 40.0])
+    current = torque / (sts.current_sign * sts.torque_per_ampere)
+    q[250:252, 2] = np.nan
+    return q, v, current
+
+
+def config(method):
+    return WrenchEstimatorConfig(
+        MomentumObserverConfig([20.0], T), WrenchReconstructionConfig(method)
+    )
+
+
+@pytest.mark.parametrize("method", ["bayesian", "force_only"])
+def test_replay_and_log_find_the_same(sts, model, log, method):
+    estimator = WrenchEstimator(sts, model, config(method))
+    detector = ContactDetector.of(estimator)
+    batch = estimator.run(estimator.initial_state(), *log)
+    found = detector.run(detector.initial_state(), log[0], log[1], batch)
+    assert found.contact.any()
+    assert found.misfit.any()
+    assert found.rest.any()
+    assert found.out_of_range.any()
+    replay = make_replay(sts, model, config(method), ContactDetectionConfig())
+    simulator = Simulator(replay.diagram)
+    context = simulator.get_mutable_context()
+    parts = []
+    for rows in (slice(0, 300), slice(300, ROWS)):
+        replay.load(context, *(signal[rows] for signal in log))
+        simulator.AdvanceTo(replay.stop_time(context))
+        parts.append(replay.take_detection(context))
+        replay.take(context)
+    for name in found._fields:
+        played = np.concatenate([getattr(part, name) for part in parts])
+        # The chain for one sample and for many differ in the last digit of the momentum.
+        np.testing.assert_allclose(played, getattr(found, name), rtol=1e-9, atol=1e-12)
+
+
+def test_fused_has_the_same_ports_and_numbers(sts, model, log):
+    found = []
+    for fused in (False, True):
+        diagram = make_estimator(
+            sts, model, config("bayesian"), fused=fused, detection=ContactDetectionConfig()
+        )
+        simulator = Simulator(diagram)
+        context = simulator.get_mutable_context()
+        rows = []
+        for k in range(440, 520):
+            for name, signal in zip(("q", "v", "current"), log, strict=True):
+                diagram.GetInputPort(name).FixValue(context, signal[k])
+            simulator.AdvanceTo((k - 440 + 0.5) * T)
+            rows.append([diagram.GetOutputPort(name).Eval(context)[0] for name in DETECTION])
+        found.append(rows)
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-9, atol=1e-12)
+    assert np.array(found[0])[:, DETECTION.index("contact")].any()
+
+
+def test_ports(sts, model):
+    system = ContactDetection(ContactDetector.of(WrenchEstimator(sts, model, config("inverse"))))
+    names = [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
+    assert names == ["q", "v", "terms", "tau_ext", "tau_ext_valid", "tau_J", "tau_f"]
+    for late in ("tau_J", "tau_f"):
+        port = system.GetInputPort(late).get_index()
+        assert not system.HasDirectFeedthrough(int(port), 0)
+    plain = make_estimator(sts, model, config("inverse"))
+    assert not plain.HasOutputPort("contact")
+
+
+def test_contact_is_not_looked_for_unasked(sts, model, log):
+    replay = make_replay(sts, model, config("inverse"))
+    simulator = Simulator(replay.diagram)
+    context = simulator.get_mutable_context()
+    replay.load(context, *(signal[:20] for signal in log))
+    simulator.AdvanceTo(replay.stop_time(context))
+    with pytest.raises(RuntimeError, match="not looked for"):
+        replay.take_detection(context)
