@@ -168,7 +168,9 @@ def estimate(
         warnings.append(
             "the model is not identified from logs: its friction and its noise are assumed"
         )
-    elif model.torque_error is None:
+    else:
+        warnings += model.fitted_robot.doubts(robot)
+    if model.provenance.logs and model.torque_error is None:
         warnings.append(
             "the model does not say what its torque errs by at rest and in motion: one covariance "
             "stands for both; identify it again"
