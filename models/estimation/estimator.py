@@ -50,6 +50,7 @@ from models.observers.observer import (
     Observer,
 )
 from models.observers.observer_kinds import AnyObserverConfig, make_observer
+from models.observers.sample_check import CHECK_ROWS, Codes, SampleCheck, check_sample
 from models.robot.motors import motor_gain
 from models.robot.robot import Robot
 
@@ -65,6 +66,7 @@ class WrenchEstimatorConfig:
     force_bandwidth_hz: float = 3.0  # up to which the band holds the observer's lag
     position_resolution: list[float] | None = None
     # rad, per joint; None: what robot.yaml says of all joints, else the model
+    check_samples: bool = True  # against what the joints can do: see `sample_check`
 
 
 class Taught(NamedTuple):
@@ -90,6 +92,7 @@ class TickEstimate(NamedTuple):
     covariance: Array
     condition_number: float
     valid: bool
+    fault: int = 0
 
 
 class EstimateBatch(NamedTuple):
@@ -108,6 +111,9 @@ class EstimateBatch(NamedTuple):
         transmitted: (N, n) N m, what the gears transmit: motor torque less friction; empty where
             it is not kept.
         fresh: (N,) whether tau_ext is of the sample; empty where it is not kept.
+        fault: (N,) what is wrong with q and v of the sample, and with the current of the one
+            before: a sum of BEYOND, DISAGREES and FROZEN of `models.observers.sample_check`, or 0.
+            Such a sample counts as one that is not finite. Empty where it is not kept.
     """
 
     tau_ext: Array
@@ -119,6 +125,7 @@ class EstimateBatch(NamedTuple):
     torque_sd: Array
     transmitted: Array = np.empty((0, 0))
     fresh: Flags = np.empty(0, np.bool_)
+    fault: Codes = np.empty(0, np.int64)
 
     @property
     def standard_deviation(self) -> Array:
@@ -224,8 +231,12 @@ class WrenchEstimator:
             tables = (*self.tables[:-1], *self.trusted.tables)
             self._constants = [self.choice, *tables, self.observer_rows, self.tick_rows]
         more = 0 if self.trusted is None else self.trusted.state_rows
-        self._state_shape = (self.tick_rows + more, n)
-        self._sample = np.empty((3, n))
+        self.check: SampleCheck | None = None
+        if self.config.check_samples:
+            self.check = SampleCheck(robot, resolution)
+        self._check_from = self.tick_rows + more  # row of the state
+        self._state_shape = (self._check_from + (CHECK_ROWS if self.check else 0), n)
+        self._sample, self._given = np.empty((3, n)), np.empty((3, n))
         self._scratch = np.empty(scratch_size(n))
 
     def tables_of(
@@ -256,11 +267,14 @@ class WrenchEstimator:
 
     def initial_state(self) -> Array:
         """Returns the state before the first sample: the observer's rows, the friction law's,
-        (tick_rows, n) together, then those of the reading that knows the torque error, if any.
+        (tick_rows, n) together, then those of the reading that knows the torque error, if any, and
+        of the check of samples.
         """
         parts = [self.observer.initial_state(), self.friction.initial_state()]
         if self.trusted is not None:
             parts.append(self.trusted.initial_state())
+        if self.check is not None:
+            parts.append(self.check.initial_state())
         return np.vstack(parts)
 
     def step(
@@ -286,17 +300,22 @@ class WrenchEstimator:
         """
         n = self.num_joints
         # The kernel reads memory as it was compiled to: shape and layout are settled here.
-        sample = self._sample
-        sample[0], sample[1], sample[2] = q, v, current
+        if state.shape != self._state_shape:
+            raise ValueError(f"state must be {self._state_shape}, not {state.shape}")
+        sample, given, fault = self._sample, self._given, 0
+        given[0], given[1], given[2] = q, v, current
+        if self.check is None:
+            sample[:] = given
+        else:
+            own = state[self._check_from :]
+            fault = check_sample(self.check.table, own, self.observer.time_step, given, sample)
         if taught is not None or tau_f is not None:
             known = self._known(taught, tau_f, ())
             sample = np.vstack([sample, known])
             if tau_f is not None:
                 sample[2] -= np.asarray(tau_f, float) / self.tables.drives[GAIN]
-        if state.shape != self._state_shape:
-            raise ValueError(f"state must be {self._state_shape}, not {state.shape}")
         out = np.empty(n + NUM_READING)
-        rest: list[Any] = [state, sample, out, self._scratch]
+        rest: list[Any] = [state[: self._check_from], sample, out, self._scratch]
         if self.trusted is None:
             estimate_tick(*self._constants, *rest)
         else:
@@ -307,6 +326,7 @@ class WrenchEstimator:
             out[n + 6 : n + 42].reshape(6, 6),
             out.item(n + 42),
             out.item(n + 43) == 1.0,
+            fault,
         )
 
     def run(
@@ -345,6 +365,11 @@ class WrenchEstimator:
         if state.shape != self._state_shape:
             raise ValueError(f"state must be {self._state_shape}, not {state.shape}")
         N = q.shape[0]
+        fault = np.zeros(N, np.int64)
+        if self.check is not None:
+            own, T = state[self._check_from :], self.observer.time_step
+            checked, fault = self.check.run(own, q, v, current, T)
+            q, v, current = (np.asarray(part, float) for part in checked)
         known = np.empty((N, 0, n))
         if taught is not None or tau_f is not None:
             known = self._known(taught, tau_f, (N,))
@@ -395,7 +420,7 @@ class WrenchEstimator:
                     quality[rows, 1],
                     torque_sd[rows],
                 ) = self.trusted.run(
-                    state[self.tick_rows :],
+                    state[self.tick_rows : self._check_from],
                     q[rows],
                     v[rows],
                     transmitted[rows],
@@ -414,7 +439,8 @@ class WrenchEstimator:
                 F[rows], covariance[rows] = own[:, :6], own[:, 6:].reshape(-1, 6, 6)
         valid = (quality[:, 1] == 1.0) & counts
         return EstimateBatch(
-            *(tau_ext, F, covariance, quality[:, 0], valid, J, torque_sd, transmitted, counts)
+            *(tau_ext, F, covariance, quality[:, 0], valid, J, torque_sd, transmitted, counts),
+            fault,
         )
 
     def observe(self, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> Observation:

@@ -237,7 +237,10 @@ def _corrected(known: Array, signals: Array, tau_ext: Array, fresh: bool) -> boo
     for i in range(tau_ext.shape[0]):
         tau_ext[i] = signals[TAU_EXT, i]
         if known.shape[0] > 0:
-            tau_ext[i] += known[KNOWN_CORRECTION, i]
+            if np.isfinite(known[KNOWN_CORRECTION, i]):
+                tau_ext[i] += known[KNOWN_CORRECTION, i]
+            else:
+                fresh = False
     return fresh and (known.shape[0] == 0 or known[KNOWN_COUNTS, 0] == 1.0)
 
 

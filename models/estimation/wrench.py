@@ -100,8 +100,8 @@ class WrenchEstimate(NamedTuple):
     in its worst direction, than its own prior: where the largest principal force sd of the plain
     weighted reading exceeds prior_force_sd; for `bayesian`, where prior and measurement are
     combined, the same point is passed when it exceeds prior_force_sd / sqrt(2). With max_force_sd
-    that bound takes the place of all. Input that is not finite gives a wrench of zero, the prior's
-    covariance and False.
+    that bound takes the place of all. Input that is not finite, or whose reading is not,
+    gives a wrench of zero, the prior's covariance and False.
 
     Attributes:
         wrench: (..., 6) F_E_W, N m and N, rotation first.
