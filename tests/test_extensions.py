@@ -164,13 +164,14 @@ class NumpyTable:
 
 
 class NumpyContainer:
-    suffixes: tuple[str, ...] = (".npz",)
+    suffixes: tuple[str, ...] = (".nparchive",)
 
     def open(self, path: Path, form: RecordingFormat | None) -> NumpyTable:
         return NumpyTable(path)
 
     def write(self, path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
-        np.savez(path, **dict(columns))
+        with path.open("wb") as file:  # numpy appends .npz to a name
+            np.savez(file, **dict(columns))
 
 
 @pytest.fixture
@@ -349,18 +350,18 @@ def test_a_log_container_reads_back_and_is_gone_after(
 ) -> None:
     q, v, _ = motion(sts, 50)
     recording = Recording(t=T * np.arange(50), q=q, v=v, current=0.1 * q, source="made up")
-    path = tmp_path / "log.npz"
-    with pytest.raises(InputError, match=r"expected \.csv or \.parquet"):
+    path = tmp_path / "log.nparchive"
+    with pytest.raises(InputError, match=r"expected \.csv, \.parquet, \.npz, \.mcap"):
         write_recording(recording, path)
     request.getfixturevalue("container")
     write_recording(recording, path)
     again = read_recording(path, robot=sts, check=False)
     for name in ("t", "q", "v", "current"):
         np.testing.assert_array_equal(getattr(again, name), getattr(recording, name))
-    (own,) = (kind for kind in CONTAINERS if ".npz" in kind.suffixes)
+    (own,) = (kind for kind in CONTAINERS if ".nparchive" in kind.suffixes)
     CONTAINERS.remove(own)
     try:
-        with pytest.raises(InputError, match=r"expected \.csv, \.parquet or \.yaml"):
+        with pytest.raises(InputError, match=r"expected \.csv, \.parquet, \.npz, \.mcap"):
             read_recording(path)
     finally:
         CONTAINERS.append(own)

@@ -31,12 +31,8 @@ from models.estimation.tick import (
     trusted_tick,
 )
 from models.estimation.trusted_reading import TrustedReading
-from models.estimation.wrench import (
-    WrenchReconstruction,
-    WrenchReconstructionConfig,
-    live_prior,
-    reconstruct_log,
-)
+from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig, live_prior
+from models.estimation.wrench_kernels import reconstruct_log
 from models.friction.friction_law import FrictionLaw
 from models.identification.identified_model import IdentifiedModel
 from models.observers.momentum_observer import MomentumObserverConfig
@@ -200,10 +196,10 @@ class WrenchEstimator:
                 self.config.force_bandwidth_hz,
             )
         # What the kernel of `step` is given at each tick, put together once.
-        self._constants: tuple[Any, ...] = (self.choice, *self.tables, self.observer_rows)
+        self._constants: list[Any] = [self.choice, *self.tables, self.observer_rows]
         if self.trusted is not None:
             tables = (*self.tables[:-1], *self.trusted.tables)
-            self._constants = (self.choice, *tables, self.observer_rows, self.tick_rows)
+            self._constants = [self.choice, *tables, self.observer_rows, self.tick_rows]
         more = 0 if self.trusted is None else self.trusted.state_rows
         self._state_shape = (self.tick_rows + more, n)
         self._sample = np.empty((3, n))
@@ -277,10 +273,11 @@ class WrenchEstimator:
         if state.shape != self._state_shape:
             raise ValueError(f"state must be {self._state_shape}, not {state.shape}")
         out = np.empty(n + NUM_READING)
+        rest: list[Any] = [state, sample, out, self._scratch]
         if self.trusted is None:
-            estimate_tick(*self._constants, state, sample, out, self._scratch)
+            estimate_tick(*self._constants, *rest)
         else:
-            trusted_tick(*self._constants, state, sample, out, self._scratch)
+            trusted_tick(*self._constants, *rest)
         return TickEstimate(
             out[:n],
             out[n : n + 6],

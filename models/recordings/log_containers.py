@@ -3,18 +3,25 @@
 from pathlib import Path
 
 from models.recordings.log_container import LogContainer
+from models.recordings.npz_table import NpzContainer
 from models.recordings.parquet_table import ParquetContainer
+from models.recordings.rosbag.table import RosbagContainer, is_bag
 from models.recordings.text_table import TextContainer
 
 TEXT = TextContainer()
 """Also of a log with any other ending, where a description says how to read it."""
 
-CONTAINERS: list[LogContainer] = [TEXT, ParquetContainer()]
+BAG = RosbagContainer()
+"""Also of a folder that holds a rosbag2."""
+
+CONTAINERS: list[LogContainer] = [TEXT, ParquetContainer(), NpzContainer(), BAG]
 """A further kind is one line here, or one `CONTAINERS.append` in a program of one's own."""
 
 
 def container_of(path: Path) -> LogContainer | None:
     """Returns the kind of a log by its ending; None for an ending that nobody knows."""
+    if is_bag(path):
+        return BAG
     suffix = path.suffix.lower()
     return next((kind for kind in CONTAINERS if suffix in kind.suffixes), None)
 

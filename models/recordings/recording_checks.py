@@ -33,6 +33,9 @@ _SLOW = 0.25  # of the velocity limit, all joints: gravity prevails over dynamic
 _GRAVITY_SHARE = 0.03  # of the effort limit: below, friction hides gravity
 _LEAST_GRAVITY = 1.0  # N m
 _OPPOSED = -0.5  # cosine between motor and gravity torque; on real logs at least +0.5
+_FACTOR = 2.5  # torque per ampere that tells N m from A at all
+_ALIKE = 1.6  # times more or less than gravity: a load, a poor model
+_FOLLOWS = 0.7  # cosine between motor and gravity torque
 _GRAVITY_SAMPLES = 500  # of a chunk
 _LEAST_GRAVITY_SAMPLES = 50
 _SCALES = (
@@ -245,6 +248,7 @@ class RecordingChecks:
         if sums.count[0] < _LEAST_GRAVITY_SAMPLES:
             return
         limit = self._robot.effort_limit
+        word = "torque" if self._has_torque_only(chunk) else "current"
         least = np.where(np.isfinite(limit), _GRAVITY_SHARE * limit, 0.0)
         loaded = np.sqrt(sums.xx / sums.count) > np.maximum(least, _LEAST_GRAVITY)
         cosine = sums.cosine()
@@ -256,7 +260,7 @@ class RecordingChecks:
                 None,
                 "current",
                 int(wrong[0]),
-                f"the current pulls with gravity instead of against it (joints {names}: "
+                f"the {word} pulls with gravity instead of against it (joints {names}: "
                 f"correlation with the gravity torque {cosine[wrong[0]]:.2f})",
                 "its sign is wrong: turn current_sign in the robot's file, or set gain: -1 in a "
                 "description; or the robot is not mounted upright",
@@ -270,9 +274,10 @@ class RecordingChecks:
                 None,
                 "current",
                 j,
-                f"the current is zero, but gravity alone takes {gravity:.3g} N m",
-                "log the motor current, or give its column",
+                f"the {word} is zero, but gravity alone takes {gravity:.3g} N m",
+                f"log the motor {word}, or give its column",
             )
+        self._judge_unit(chunk, loaded & (cosine > _FOLLOWS))
         # Whatever friction does to the shape, gravity must be held up, and with no multiple of it.
         size = np.sqrt(sums.yy / np.where(sums.xx > 0.0, sums.xx, np.inf))
         odd = np.flatnonzero(loaded & ((size < 0.02) | (size > 50)))
@@ -288,6 +293,43 @@ class RecordingChecks:
                 f"if {unit}, set current: {{unit: ...}}; else check torque_per_ampere",
             )
 
+    def _judge_unit(self, chunk: Recording, telling: NDArray[np.bool_]) -> None:
+        """Refuses torque that was given as current, and current that was given as torque.
+
+        The ratio of motor to gravity torque is about 1 in the right unit. It is the torque per
+        ampere K where torque was taken for a current, and 1 / K where a current was taken for
+        torque. Each telling joint must say so: one alone may carry a load, or have a poor model.
+        """
+        gain = self._robot.torque_per_ampere
+        ratio = self._gravity.ratio()
+        telling = telling & (np.maximum(gain, 1.0 / gain) > _FACTOR) & (ratio > 0.0)
+        if not telling.any():
+            return
+        is_torque = self._has_torque_only(chunk)
+        unit_ratio = 1.0 / gain if is_torque else gain  # if the unit is the other one
+        other = np.abs(np.log(ratio[telling] / unit_ratio[telling]))
+        if np.max(other) > np.log(_ALIKE):
+            return
+        if np.min(np.abs(np.log(ratio[telling]))) < np.log(_FACTOR / _ALIKE):
+            return
+        j = int(np.flatnonzero(telling)[0])
+        names = ", ".join(self._robot.joint_names[k] for k in np.flatnonzero(telling))
+        found = ", ".join(f"{value:.3g}" for value in ratio[telling])
+        if is_torque:
+            problem = f"the torques look like currents in A: {found} of the gravity torque"
+            remedy = "describe the columns as current (--log-format)"
+        else:
+            problem = f"the currents look like torques in N m: {found} times the gravity torque"
+            remedy = "name the columns tau1.. (motor torque), or check torque_per_ampere"
+        signal = "tau_J" if is_torque else "current"
+        raise self._error(chunk, None, signal, j, f"{problem} (joints {names})", remedy)
+
+    def _has_torque_only(self, chunk: Recording) -> bool:
+        """Whether the currents of a chunk were made of its torques."""
+        return chunk.tau_J is not None and (
+            self._layout is None or self._layout.signal("current") is None
+        )
+
     def _is_prismatic(self, joint: int) -> bool:
         return bool(self._robot.chain.prismatic[joint])
 
@@ -300,6 +342,8 @@ class RecordingChecks:
         problem: str,
         remedy: str,
     ) -> InputError:
+        if signal == "current" and self._has_torque_only(recording):
+            signal = "tau_J"
         place = f"joint {joint + 1} ({self._robot.joint_names[joint]})"
         if self._layout is not None and self._layout.signal(signal):
             place = f"{self._layout.column_of(signal, joint)}, {place}"

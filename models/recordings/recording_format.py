@@ -62,8 +62,9 @@ class RecordingFormat:
     header: bool = True  # the first line (after skip_lines) names the columns
     num_columns: int = 0  # columns that the log must have; 0: any number
     time: SignalColumns = field(default_factory=SignalColumns, metadata=REQUIRED)
+    # one column, or two: seconds and nanoseconds
     position: SignalColumns | None = None  # q
-    velocity: SignalColumns | None = None  # v
+    velocity: SignalColumns | None = None  # v; without it, differentiated from q
     current: SignalColumns | None = None  # motor current, its sign as logged
     motor_torque: SignalColumns | None = None  # tau_J on the joint side, positive along the joint
     extra: dict[str, SignalColumns] = field(default_factory=dict)  # other signals, by name
@@ -251,9 +252,12 @@ def column_items(text: str, place: str, source: str) -> list[str]:
 
 
 def _check_sizes(signals: list[Signal], source: str) -> None:
-    if len(signals[0].columns) != 1:
+    if len(signals[0].columns) > 2:
         raise InputError(
-            source, "time", f"has {len(signals[0].columns)} columns, expected 1", "name one"
+            source,
+            "time",
+            f"has {len(signals[0].columns)} columns, expected 1, or 2: seconds and nanoseconds",
+            "name one or two",
         )
     sizes = {s.name: len(s.columns) for s in signals if s.name in ("q", "v", "current", "tau_J")}
     if len(set(sizes.values())) > 1:
@@ -296,7 +300,13 @@ def _signal(
         )
     if entry.may_be_empty and name == "t":
         raise InputError(source, place, "every sample needs its time", "remove may_be_empty")
-    shape = () if name == "t" else shape
+    if name == "t":
+        shape = ()
+        if len(columns) == 2:  # seconds and nanoseconds
+            if entry.unit or entry.gain or entry.offset:
+                problem = "of two columns is seconds and nanoseconds, without unit, gain or offset"
+                raise InputError(source, place, problem, "remove them")
+            scale[1] = 1e-9
     return Signal(name, tuple(columns), scale, offset, shape, entry.may_be_empty)
 
 

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from models.arrays import Array
 from models.files.files_read import about_to_read
 from models.files.input_error import InputError
+from models.recordings.differentiation import HALF_WINDOW_S, with_velocities
+from models.recordings.header_layouts import known_layout, time_columns
 from models.recordings.log_container import LogTable
 from models.recordings.log_containers import TEXT, container_of, usual_suffixes
 from models.recordings.recording import Recording, concatenated, place_of
@@ -28,11 +30,13 @@ from models.recordings.recording_format import (
     rows_for,
 )
 from models.recordings.resampling import plausible_step, time_error
+from models.recordings.rosbag.table import is_bag
 from models.robot.robot import Robot
 
 _BEYOND_ANY_ROBOT = 1e9  # SI; sums of squares of smaller numbers cannot overflow
 MIN_SAMPLES = 10  # less is no motion
 _DESCRIBE = "or describe the columns with --log-format"
+_ID_COLUMNS = ("frame_id", "seq", "header.frame_id", "header.seq")  # beside a stamp
 _JOINT_SIGNALS = {"q": "position", "v": "velocity", "i": "current", "tau": "motor_torque"}
 
 
@@ -46,8 +50,9 @@ def read_recording(
 
     Args:
         path: *.csv with the header t,q1..qn,v1..vn,i1..in (tau1..taun instead of or besides the
-            currents; name.1..name.k for further signals), *.parquet with such columns, or
-            the *.yaml of a description that names its file.
+            currents; without v they are differentiated from q; name.1..name.k for further
+            signals), *.parquet or *.npz with such columns, a layout of `header_layouts`, a ROS 2
+            bag (*.mcap, *.db3 or a folder), or the *.yaml of a description that names its file.
         description: of other columns: a bundled name or the path of a *.yaml.
         robot: that the log must fit: number of joints, and where `check` is set also limits,
             velocity against position, current against gravity.
@@ -103,6 +108,20 @@ class RecordingReader:
         )
         self.layout = replace(self.layout, signals=self.layout.signals + self._more(table))
         self._rows = rows_for(form, path)
+        if form.rows and path.name not in form.rows:
+            self._notices.append(
+                f"{Path(form_source).name} names the rows to use of {len(form.rows)} files, but "
+                f"not of {path.name}: all its rows are read, also those before and after the motion"
+            )
+        self._differentiated = (
+            self.layout.signal("q") is not None and self.layout.signal("v") is None
+        )
+        if self._differentiated:
+            self._notices.append(
+                "the log holds no velocities: they are the slope of a cubic through the positions "
+                f"of {2e3 * HALF_WINDOW_S:.0f} ms around each sample, without delay"
+            )
+        self._num_missing, self._first_missing = 0, ""
         self._fit_to_robot()
 
     @property
@@ -114,7 +133,13 @@ class RecordingReader:
     @property
     def notices(self) -> tuple[str, ...]:
         """What the reader did beyond the plain; complete after the last chunk."""
-        return (*self._notices, *self._table.notices)
+        missing: tuple[str, ...] = ()
+        if self._num_missing:
+            missing = (
+                f"{self._num_missing} samples lack a number (first: {self._first_missing}) and are "
+                "left out: short gaps are bridged",
+            )
+        return (*self._notices, *self._table.notices, *missing)
 
     @property
     def progress(self) -> float:
@@ -125,10 +150,10 @@ class RecordingReader:
         """Makes sure that the log holds what an estimator or an identification needs.
 
         Raises:
-            InputError: it holds no positions, velocities or currents.
+            InputError: it holds no positions or currents.
         """
         has_torque = self._robot is not None and self.layout.signal("tau_J") is not None
-        words = {"q": "joint positions", "v": "joint velocities", "current": "motor currents"}
+        words = {"q": "joint positions", "current": "motor currents"}
         for name, word in words.items():
             if self.layout.signal(name) is None and not (name == "current" and has_torque):
                 raise InputError(
@@ -145,19 +170,15 @@ class RecordingReader:
             InputError: a cell is no finite number, a line has missing or extra cells, time does not
                 increase, the rows end too early, or what `RecordingChecks` finds.
         """
-        used = sorted({column for signal in self.layout.signals for column in signal.columns})
-        gaps = {c for signal in self.layout.signals if signal.may_be_empty for c in signal.columns}
         checks = self._checks()
         num_samples = 0
         last: Recording | None = None
-        for values, rows in self._table.blocks(used, self._rows, gaps):
-            chunk = self._recording(values, rows, used)
-            self._check_size(chunk)
-            _check_time(chunk, last)
+        parts = self._read()
+        for chunk in with_velocities(parts) if self._differentiated else parts:
             if last is None and chunk.num_samples > 1:
                 plausible_step(chunk)
             if checks is not None:
-                whole = _without_gaps(chunk) if gaps else chunk
+                whole = _without_gaps(chunk)
                 if whole.num_samples:
                     checks.feed(whole)
             last = chunk[-1:]
@@ -165,9 +186,47 @@ class RecordingReader:
             yield chunk
         if num_samples < MIN_SAMPLES:
             found = f"holds {num_samples} samples" if num_samples else "holds no samples"
+            if self._num_missing:
+                found += f" without a missing number ({self._num_missing} lack one, first "
+                found += f"{self._first_missing})"
             raise InputError(
                 self.path, "", f"{found}, expected {MIN_SAMPLES} or more", "record a longer log"
             )
+
+    def _read(self) -> Iterator[Recording]:
+        """The parts of the log as they stand there; samples that lack a number are left out."""
+        used = sorted({column for signal in self.layout.signals for column in signal.columns})
+        time = self.layout.signal("t")
+        stamps = time.columns if time is not None else ()
+        allowed = {
+            c for signal in self.layout.signals if signal.may_be_empty for c in signal.columns
+        }
+        strict = np.array([column not in allowed for column in used])
+        last: Recording | None = None
+        self._num_missing = 0
+        for values, rows in self._table.blocks(used, self._rows, {*used} - {*stamps}):
+            missing = np.isnan(values) & strict
+            if missing.any():
+                values, rows = self._complete(values, rows, missing, used)
+                if not len(values):
+                    continue
+            chunk = self._recording(values, rows, used)
+            self._check_size(chunk)
+            _check_time(chunk, last)
+            last = chunk[-1:]
+            yield chunk
+
+    def _complete(
+        self, values: Array, rows: NDArray[np.int64], missing: NDArray[np.bool_], used: list[int]
+    ) -> tuple[Array, NDArray[np.int64]]:
+        """The samples that lack no number, and their rows; the others are counted."""
+        lacking = missing.any(axis=1)
+        if not self._num_missing:
+            k = int(np.argmax(lacking))
+            name = self.layout.column_names[used[int(np.argmax(missing[k]))]]
+            self._first_missing = f"{self._table.row_word} {rows[k]}, {name}"
+        self._num_missing += int(lacking.sum())
+        return values[~lacking], rows[~lacking]
 
     def _check_size(self, chunk: Recording) -> None:
         """Refuses numbers that are none: uninitialised memory, a wrong type in a logger."""
@@ -195,6 +254,8 @@ class RecordingReader:
         for signal in self.layout.signals:
             columns = values[:, [position[c] for c in signal.columns]]
             scaled = columns * signal.scale + signal.offset
+            if signal.name == "t" and scaled.shape[1] > 1:
+                scaled = scaled[:, 0] + scaled[:, 1]  # seconds and nanoseconds
             found[signal.name] = scaled.reshape(size, *signal.shape)
         joints = np.zeros((size, self.num_joints))
         tau_J = found.pop("tau_J", None)
@@ -253,6 +314,15 @@ class RecordingReader:
         known = self._known_format(table)
         if known is not None:
             return known
+        if table.names is not None and "q1" not in _in_lower_case(table.names):
+            joint_names = self._robot.joint_names if self._robot is not None else None
+            layout = known_layout(table.names, table.num_columns, path, joint_names)
+            if layout is not None:
+                self._notices += layout.notices
+                form = layout.form
+                if form.header:
+                    return form, str(path), table
+                return form, str(path), container.open(path, form)
         if table.names is None:
             raise InputError(
                 path,
@@ -304,7 +374,10 @@ def header_format(
         InputError: a column is missing, unknown or there twice.
     """
     place = "header"
-    names = [name for name in names if name]  # a table's index, or a separator at the line's end
+    stamps = time_columns(names) if "t" not in names else None
+    split = [int(column) - 1 for column in str(stamps.columns).split(",")] if stamps else []
+    # Without a name: a table's index, or a separator at the line's end.
+    names = [name for k, name in enumerate(names) if name and k not in split]
     for name in names:
         if list(names).count(name) > 1:
             what = f'the column "{name}" is there twice'
@@ -318,12 +391,12 @@ def header_format(
             joints[joint[1]].append(int(joint[2]))
         elif part and part[1] not in ("t", "q", "v", "current", "tau_J", "dropout"):
             extra.setdefault(part[1], []).append(int(part[2]))
-        elif name not in ("t", "dropout"):
+        elif name not in ("t", "dropout") and not (stamps and name in _ID_COLUMNS):
             raise _unknown(name, names, path)
     size = num_joints or max((max(v) for k, v in joints.items() if v and k in "qv"), default=1)
-    wanted = ["q", "v"] + (["tau"] if joints["tau"] else [])
+    wanted = ["q"] + (["v"] if joints["v"] else []) + (["tau"] if joints["tau"] else [])
     wanted += ["i"] if joints["i"] or not joints["tau"] else []
-    missing = ["t"] if "t" not in names else []
+    missing = ["t"] if "t" not in names and stamps is None else []
     missing += [f"{k}{j}" for k in wanted for j in range(1, size + 1) if j not in joints[k]]
     missing += [f"{k}.{j}" for k, v in extra.items() for j in range(1, max(v) + 1) if j not in v]
     if missing:
@@ -342,7 +415,7 @@ def header_format(
             "joints",
             "give the robot that the log comes from, or correct the header",
         )
-    form = RecordingFormat(time=SignalColumns("t"))
+    form = RecordingFormat(time=stamps or SignalColumns("t"))
     for letter in wanted:
         setattr(form, _JOINT_SIGNALS[letter], SignalColumns(f"{letter}{{1..{size}}}"))
     form.extra = {k: SignalColumns(f"{k}.{{1..{max(v)}}}") for k, v in extra.items()}
@@ -397,7 +470,7 @@ def _file_of(description: Path) -> Path:
 
 
 def _check_there(path: Path) -> None:
-    if path.is_dir():
+    if path.is_dir() and not is_bag(path):
         raise InputError(path, "", "is a directory, expected a log", "name a file in it")
     if path.exists():
         return

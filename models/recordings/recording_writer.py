@@ -27,7 +27,7 @@ def write_recording(recording: Recording, path: str | Path) -> None:
         raise InputError(
             path,
             "",
-            f'has the ending "{path.suffix}", expected {" or ".join(usual_suffixes())}',
+            f'has the ending "{path.suffix}", expected {", ".join(usual_suffixes())}',
             "give the log another name",
         )
     container.write(path, recording.columns())

@@ -22,6 +22,7 @@ BLOCK_BYTES = 1 << 23  # small beside any memory, large enough that a block's ov
 _LONGEST_LINE = 1 << 17  # more than any number of joints needs
 _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "spaces"}
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_NO_NUMBERS = ("nan", "NaN", "NAN", "-nan", "-nan(ind)")
 _BLANK_LINE = re.compile(rb"(?m)^[ \t]+(?=\r?$)")
 _KINDS_OF_BINARY = (
     (b"PAR1", "a Parquet file", "name it .parquet"),
@@ -29,7 +30,9 @@ _KINDS_OF_BINARY = (
     (b"PK\x03\x04", "a zip archive or a spreadsheet", "unpack it, or export it as CSV"),
     (b"\x89HDF", "an HDF5 file", "export it as CSV or Parquet"),
     (b"MATLAB", "a MATLAB file", "export it as CSV (writematrix)"),
-    (b"#ROSBAG", "a ROS bag", "export its topics as CSV"),
+    (b"#ROSBAG", "a ROS 1 bag", "convert it (rosbags-convert), or export its topics as CSV"),
+    (b"\x89MCAP", "an MCAP file", "name it .mcap"),
+    (b"SQLite format 3", "an SQLite database", "name it .db3 if it is a rosbag2"),
     (b"\xff\xfe", "text in UTF-16", "save it as UTF-8"),
     (b"\xfe\xff", "text in UTF-16", "save it as UTF-8"),
 )
@@ -245,7 +248,7 @@ class TextTable:
             convert_options=pa_csv.ConvertOptions(
                 column_types={name: pa.float64() for name in used},
                 include_columns=used,
-                null_values=[""],
+                null_values=["", *_NO_NUMBERS],
                 decimal_point=self.decimal_mark,
             ),
         )
@@ -287,7 +290,7 @@ class TextTable:
                     remedy,
                 )
             for column in columns:
-                if column in may_be_empty and not cells[column]:
+                if column in may_be_empty and cells[column] in ("", *_NO_NUMBERS):
                     continue
                 self._check_cell(cells[column], place, column)
 

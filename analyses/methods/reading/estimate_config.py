@@ -7,7 +7,8 @@ import numpy as np
 from analyses.methods.sensors.reference_config import ReferenceConfig, checked_reference
 from models.detection.contact_detector import LARGEST_RATE, LEAST_RATE, ContactDetectionConfig
 from models.estimation.estimator import WrenchEstimatorConfig
-from models.estimation.wrench import METHODS, live_prior
+from models.estimation.wrench import live_prior
+from models.estimation.wrench_kernels import METHODS
 from models.estimation.wrench_table import TABLES
 from models.files.input_error import InputError
 from models.observers.momentum_observer import LEAST_K_0, MomentumObserverConfig
@@ -42,6 +43,7 @@ class EstimateConfig:
     estimator: WrenchEstimatorConfig = field(default_factory=_estimator_of_logs)
     max_gap: float = 0.0  # s, longest gap that is bridged; 0: 0.1 s or three steps
     check: bool = True  # hold the log against the robot's limits and gravity
+    mcap: bool = False  # write the wrenches as ROS 2 messages too (wrench.mcap)
     reference: ReferenceConfig = field(default_factory=ReferenceConfig)  # a force sensor in the log
     detection: ContactDetectionConfig = field(default_factory=ContactDetectionConfig)
     covariance: bool = False  # whether the table has columns for it

@@ -7,6 +7,7 @@ spread, of external torque and Jacobian; the prior is what explains those best
 """
 
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -24,6 +25,7 @@ from analyses.methods.reading.estimate_config import (
     stated_prior,
 )
 from analyses.methods.reading.estimate_summary import EstimateSummary
+from analyses.methods.reading.friction_watch import FrictionWatch
 from analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
 from analyses.methods.sensors.reference_config import ReferenceConfig, check_columns, check_tare
 from analyses.methods.sensors.sensor_log import SensorLogCollector
@@ -35,6 +37,7 @@ from models.detection.contact_detector import ContactDetectionConfig, ContactDet
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.evidence_prior import evidence_prior
 from models.estimation.wrench import live_prior
+from models.estimation.wrench_bag import WrenchBagWriter
 from models.estimation.wrench_table import WrenchTableWriter
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
@@ -44,6 +47,7 @@ from models.recordings.recording import Recording
 from models.recordings.recording_format import SignalColumns, column_items
 from models.recordings.recording_reader import RecordingReader
 from models.recordings.resampling import plausible_step, resample_chunks
+from models.rigid_body.spatial_vectors import FORCE_FIRST
 from models.robot.robot import Robot
 
 ProgressCallback = Callable[[float, str], None]
@@ -101,7 +105,8 @@ def estimate_log(
     """The command `estimate`: streams a log and writes what acted at the tool into `out`.
 
     Writes the table (see `models.estimation.wrench_table`), metrics.json, config.yaml and
-    figures/wrench.png; with a force sensor in the log also figures/reference.png.
+    figures/wrench.png; with a force sensor in the log also figures/reference.png; wrench.mcap (see
+    `models.estimation.wrench_bag`) where it is asked for.
 
     Args:
         log: as `read_recording`.
@@ -195,7 +200,12 @@ def estimate(
     episodes = ContactEpisodes(robot.num_joints)
     path = out / f"wrench.{settings.estimate.table}"
     with_covariance = settings.estimate.covariance
-    with WrenchTableWriter(path, robot.num_joints, with_covariance) as table:
+    watch = FrictionWatch(model, model.chain(robot), observer.pole, config.observer.time_step)
+    with ExitStack() as stack:
+        table = stack.enter_context(WrenchTableWriter(path, robot.num_joints, with_covariance))
+        bag: WrenchBagWriter | None = None
+        if settings.estimate.mcap:
+            bag = stack.enter_context(WrenchBagWriter(out / "wrench.mcap", robot.config.base_link))
         for chunk in chain([first], chunks):
             batch, found = engine.run(chunk.q, chunk.v, chunk.current)
             found = found.without(chunk.dropout)
@@ -204,10 +214,15 @@ def estimate(
                 *(chunk.t, batch.wrench, sd, batch.condition_number, valid, batch.tau_ext),
                 *(found.statistic, found._asdict(), batch.covariance),
             )
+            if bag is not None:
+                _, p_WE = robot.chain.pose(chunk.q)
+                bag.write(chunk.t, batch.wrench, batch.covariance, p_WE)
             episodes.add(chunk.t, found, batch.wrench[:, 3:], valid)
+            settled = int(np.searchsorted(chunk.t, first.t[0] + observer.settling_time))
+            there = ~chunk.dropout & (np.arange(chunk.num_samples) >= settled)
+            watch.add(chunk.t, chunk.q, chunk.v, batch.tau_ext, there, ~found.contact)
             summary.add(chunk, batch, sd, valid, _torque(chunk, robot), found.contact)
             if beside is not None:
-                settled = int(np.searchsorted(chunk.t, first.t[0] + observer.settling_time))
                 _collect(beside, chunk, batch, sd, valid, robot, settled)
     episodes.finish()
     metrics = summary.metrics(config, rule)
@@ -219,6 +234,7 @@ def estimate(
         notices += comparison.notices
         out.write_figure("reference", comparison.figure())
     warnings += summary.warnings()
+    warnings += watch.sentences(settings.log, settings.robot, settings.model)
     reads_moments = config.reconstruction.method != "force_only"
     out.write_figure("wrench", summary.figure(reads_moments))
     used = replace(settings.estimate, estimator=config)
@@ -259,11 +275,10 @@ def _collect(
 ) -> None:
     """Hands over the samples from the one on at which the observer has settled."""
     R_WE, _ = robot.chain.pose(chunk.q)
-    force_first = [3, 4, 5, 0, 1, 2]
     signals = (
         chunk.t,
-        batch.wrench[:, force_first],
-        sd[:, force_first],
+        batch.wrench[:, FORCE_FIRST],
+        sd[:, FORCE_FIRST],
         np.asarray(valid, float),
         R_WE,
         chunk.v,

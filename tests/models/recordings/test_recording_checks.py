@@ -209,6 +209,41 @@ def test_currents_in_another_unit_are_seen_also_where_friction_hides_gravity_s_s
     _refused(replace(log, current=small), "times the gravity torque", "amperes, not mA")
 
 
+def test_torque_that_is_given_as_current() -> None:
+    log = _log()
+    torque = log.current * _GAIN * _SIGN
+    robot = _robot()
+    robot.effort_limit = np.array([300.0, 100.0])  # so that the size alone does not refuse it
+    robot.current_sign = np.ones(2)
+    with pytest.raises(InputError, match=r"i1.*look like torques in N m.*joints shoulder, elbow"):
+        RecordingChecks(robot, _LAYOUT).feed(replace(log, current=torque))
+    # The same numbers as torque, and amperes in their place.
+    layout = ColumnLayout(
+        (*_LAYOUT.signals[:2], replace(_LAYOUT.signals[2], name="tau_J")), _LAYOUT.column_names
+    )
+    RecordingChecks(robot, layout).feed(replace(log, current=torque / _GAIN, tau_J=torque))
+    small = replace(log, tau_J=torque / _GAIN, current=torque / _GAIN**2)
+    with pytest.raises(InputError, match=r"i1, joint 1.*torques look like currents in A"):
+        RecordingChecks(robot, layout).feed(small)
+
+
+def test_a_heavy_load_is_no_torque_in_place_of_current() -> None:
+    """Three times gravity on both joints, and ten times on one of them alone."""
+    log = _log()
+    gravity = _gravity(log.q) / (_GAIN * _SIGN)
+    robot = _robot()
+    robot.effort_limit = np.array([300.0, 100.0])
+    for factor in ([2.0, 2.0], [9.0, 1.0]):
+        RecordingChecks(robot, _LAYOUT).feed(replace(log, current=log.current + factor * gravity))
+
+
+def test_a_log_of_torques_is_refused_in_words_of_torques() -> None:
+    log = _log()
+    turned = replace(log, current=-log.current, tau_J=-log.current * _GAIN * _SIGN)
+    with pytest.raises(InputError, match="the torque pulls with gravity"):
+        RecordingChecks(_robot()).feed(turned)
+
+
 def test_a_load_does_not_turn_the_sign() -> None:
     """A payload of the arm's own weight upwards or downwards stays within what is accepted."""
     log = _log()
@@ -244,6 +279,11 @@ def test_real_logs_pass_and_their_distortions_do_not(
     with pytest.raises(InputError, match=r"dq/dt|but the joint reaches"):
         _check_plausible(replace(recording, v=np.rad2deg(recording.v)), ur10e)
     turned = replace(recording, current=-recording.current)
+    torque = recording.current * ur10e.current_sign * ur10e.torque_per_ampere
+    load = np.sqrt(np.mean(ur10e.chain.gravity_torque(recording.q) ** 2))
+    if load > 20:
+        with pytest.raises(InputError, match=r"look like torques in N m|median torque"):
+            _check_plausible(replace(recording, current=torque), ur10e)
     if np.sqrt(np.mean(ur10e.chain.gravity_torque(recording.q) ** 2)) < 5:
         return  # an upright arm carries no gravity: nothing tells the sign
     with pytest.raises(InputError, match="pulls with gravity"):

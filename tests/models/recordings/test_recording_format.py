@@ -110,7 +110,7 @@ _T = SignalColumns("t")
         (RecordingFormat(time=SignalColumns("zeit")), 'lacks the column "zeit".*time'),
         (RecordingFormat(time=SignalColumns("9")), r"has 5 columns, but.*names column 9"),
         (RecordingFormat(time=_T, num_columns=6), "has 5 columns, expected 6"),
-        (RecordingFormat(time=SignalColumns("t, q1")), "time: has 2 columns, expected 1"),
+        (RecordingFormat(time=SignalColumns("t, q1, q2")), "time: has 3 columns, expected 1"),
         (RecordingFormat(time=SignalColumns("t", "hours")), 'time: unknown unit "hours".*ms'),
         (RecordingFormat(time=_T, position=SignalColumns("q1", "A")), 'position: unknown unit "A"'),
         (RecordingFormat(time=_T, position=SignalColumns("q{2..1}")), "cannot read"),

@@ -17,6 +17,7 @@ from models.files.input_error import InputError
 from models.recordings import text_table
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import RecordingReader, read_recording
+from models.recordings.resampling import resampled
 from models.robot.robot import Robot
 
 _NUM_ROWS = 40
@@ -250,10 +251,10 @@ def _empty_cell(values: np.ndarray) -> pa.Array:
 
 def test_broken_parquet_is_one_line(tmp_path: Path) -> None:
     table = _table()
-    _refused(_parquet(tmp_path, v1=_empty_cell(table[:, 3])), "row 21, column v1", "is empty")
     bad = table[:, 2].copy()
-    bad[17] = np.nan
+    bad[17] = np.inf
     _refused(_parquet(tmp_path, q2=bad), "row 18, column q2", "not finite")
+    _refused(_parquet(tmp_path, t=_empty_cell(table[:, 0])), "row 21, column t", "is empty")
     _refused(_parquet(tmp_path, q2=["a"] * _NUM_ROWS), "column q2", "holds string")
     _refused(_parquet(tmp_path, q2=[[1.0]] * _NUM_ROWS), "column q2", "holds list")
 
@@ -367,8 +368,6 @@ def test_another_number_of_joints(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("cell", "words"),
     [
-        ("", ["line 12, column 4 (v1)", "is empty, expected a number"]),
-        ("nan", ["line 12, column 4 (v1)", "holds nan"]),
         ("-Inf", ["line 12, column 4 (v1)", "holds -Inf"]),
         ("error", ["line 12, column 4 (v1)", 'holds "error"']),
         ("1e999", ["line 12, column 4 (v1)", "beyond any number"]),
@@ -493,10 +492,72 @@ def test_an_empty_cell_is_a_dropout_where_the_description_allows_it(
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
-def test_an_empty_cell_elsewhere_is_refused_by_its_place(tmp_path: Path, suffix: str) -> None:
-    path, description, _ = _with_gaps(tmp_path, suffix)
+def test_samples_that_lack_a_number_are_left_out(tmp_path: Path, suffix: str) -> None:
+    path, description, table = _with_gaps(tmp_path, suffix)
     description.write_text(description.read_text().replace(", may_be_empty: true", ""))
-    with pytest.raises(InputError, match=r"(line|row) 6, column (2|c2).*empty"):
+    recording = read_recording(path, description)
+    _same(recording, np.delete(table, [5, 6, 7], axis=0))
+    (notice,) = recording.notices
+    assert notice.startswith("3 samples lack a number (first: ")
+    assert "6, column 2)" in notice if suffix == ".csv" else "row 6, c2)" in notice
+    on_grid = resampled(recording)  # the gap of 40 ms is bridged there, and flagged
+    np.testing.assert_array_equal(np.flatnonzero(on_grid.dropout), [5, 6, 7])
+    assert on_grid.num_samples == _NUM_ROWS
+
+
+@pytest.mark.parametrize("cell", ["", "nan", "NaN"])
+def test_a_cell_that_is_not_a_number(tmp_path: Path, cell: str) -> None:
+    lines = _lines(_table())
+    cells = lines[10].split(",")
+    lines[10] = ",".join([*cells[:3], cell, *cells[4:]])
+    recording = read_recording(_csv(tmp_path, _HEADER, *lines))
+    _same(recording, np.delete(_table(), 10, axis=0))
+    assert "1 samples lack a number (first: line 12, v1)" in recording.notices[0]
+    lines[10] = ",".join([cell, *cells[1:]])
+    _refused(_csv(tmp_path, _HEADER, *lines), "line 12, column 1 (t)")
+
+
+def test_a_column_without_any_number_is_named(tmp_path: Path) -> None:
+    rows = [row.rsplit(",", 1)[0] + "," for row in _lines(_table())]
+    _refused(_csv(tmp_path, _HEADER, *rows), "40 lack one, first line 2, i2")
+
+
+def test_rows_that_are_named_for_other_files(tmp_path: Path) -> None:
+    _csv(tmp_path, *_lines(_table()), name="numbers.csv")
+    text = "header: false\nrows: {other.csv: [3, 20], third.csv: []}\n"
+    recording = read_recording(tmp_path / "numbers.csv", _description(tmp_path, text))
+    (notice,) = recording.notices
+    assert "names the rows to use of 2 files, but not of numbers.csv" in notice
+
+
+def test_velocities_that_are_not_logged(tmp_path: Path) -> None:
+    table = _table(200)
+    names = [name for name in _HEADER.split(",") if not name.startswith("v")]
+    path = _csv(tmp_path, ",".join(names), *_lines(np.delete(table, [3, 4], axis=1)))
+    recording = read_recording(path)
+    RecordingReader(path).require_joint_signals()
+    assert "the log holds no velocities" in recording.notices[0]
+    # six decimals at 100 Hz, and 2 rad/s^4 over a window of 8 samples
+    np.testing.assert_allclose(recording.v[4:-4], table[4:-4, 3:5], atol=2e-4)
+
+
+@pytest.mark.parametrize(
+    "header", ["sec,nanosec", "header.stamp.sec,header.stamp.nanosec,header.frame_id", "t_s,t_ns"]
+)
+def test_time_in_seconds_and_nanoseconds(tmp_path: Path, header: str) -> None:
+    table = _table()
+    stamps = np.round(table[:, 0] * 1e9).astype(int) + 1_700_000_000 * 10**9
+    head = [f"{stamp // 10**9},{stamp % 10**9}" for stamp in stamps]
+    if "frame_id" in header:
+        head = [cells + ",base" for cells in head]
+    lines = [f"{a},{b}" for a, b in zip(head, _lines(table[:, 1:]), strict=True)]
+    path = _csv(tmp_path, header + "," + _HEADER.removeprefix("t,"), *lines)
+    recording = read_recording(path)
+    np.testing.assert_array_equal(recording.t, 1_700_000_000 + table[:, 0])
+    np.testing.assert_array_equal(recording.q, table[:, 1:3])
+    description = tmp_path / "two.yaml"
+    description.write_text("time: {columns: '1, 2', unit: ms}\nposition: {columns: 'q{1..2}'}\n")
+    with pytest.raises(InputError, match="two columns is seconds and nanoseconds"):
         read_recording(path, description)
 
 

@@ -24,6 +24,7 @@ from analyses.methods.reading.estimate_summary import EstimateSummary
 from analyses.methods.reading.estimation import EstimateResult, estimate_log
 from analyses.output.outputs import OutputFolder
 from models.estimation.wrench import live_prior
+from models.estimation.wrench_bag import read_wrench_bag
 from models.estimation.wrench_table import COLUMNS, columns_of
 from models.files.configuration import load_configuration
 from models.files.input_error import InputError
@@ -318,6 +319,24 @@ def test_parquet_gives_the_same(
     assert a.table.read_bytes() == b.table.read_bytes()
 
 
+def test_a_bag_gives_the_same_and_the_wrench_goes_into_one(
+    recording: Recording, model_file: Path, tmp_path: Path
+) -> None:
+    log = replace(recording, t=np.round(recording.t, 6))  # what a stamp holds
+    config = EstimateConfig(prior="live", mcap=True)
+    results = []
+    for name in ("log.csv", "log.mcap"):
+        write_recording(log, tmp_path / name)
+        out = tmp_path / f"out-{name}"
+        results.append(_estimate(tmp_path / name, model_file, out, config))
+    a, b = results
+    assert a.table.read_bytes() == b.table.read_bytes()
+    t, wrench = read_wrench_bag(b.table.with_name("wrench.mcap"))
+    table = _table(a)
+    np.testing.assert_array_equal(t, table[:, 0])
+    np.testing.assert_array_equal(wrench, table[:, [4, 5, 6, 1, 2, 3]])
+
+
 def test_a_bridged_dropout_is_not_valid(
     recording: Recording, model_file: Path, tmp_path: Path
 ) -> None:
@@ -484,11 +503,11 @@ def test_a_fault_deep_in_the_log_leaves_the_old_results(
     out = tmp_path / "out"
     _estimate(log, model_file, out)
     before = {path.name: path.read_bytes() for path in out.rglob("*") if path.is_file()}
-    _spoiled(log, 1400, 9, "NaN")
+    _spoiled(log, 1400, 9, "inf")
     monkeypatch.setattr(text_table, "BLOCK_BYTES", 20_000)
     monkeypatch.setattr(resampling, "STEP_SAMPLES", 10)
     line = _line(lambda: _estimate(log, model_file, out))
-    assert "log.csv: line 1400, column 9 (v2): holds NaN" in line
+    assert "log.csv: line 1400, column 9 (v2): holds inf" in line
     after = {path.name: path.read_bytes() for path in out.rglob("*") if path.is_file()}
     assert before == after
 

@@ -1,0 +1,120 @@
+"""Wrenches as ROS 2 messages in an MCAP file, and back.
+
+- /wrench: geometry_msgs/WrenchStamped, the environment on the robot at E, in axes of W. Its frame
+  is E_W: E's origin, W's axes.
+- /wrench/covariance: std_msgs/Float64MultiArray, 6 x 6, force first, N and N m; ROS has no stamped
+  wrench with a covariance. It bears no stamp and is recorded at the wrench's.
+- /tf: where E_W is in the base link's frame.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from models.arrays import Array
+from models.files.files_read import about_to_read
+from models.files.input_error import InputError
+from models.recordings.rosbag.messages import WRENCH, encoded, nanoseconds
+from models.recordings.rosbag.table import BagWriter, RosbagTable
+
+FRAME = "E_W"
+TOPIC = "/wrench"
+COVARIANCE_TOPIC = "/wrench/covariance"
+_COVARIANCE = "std_msgs/msg/Float64MultiArray"
+_TF = "tf2_msgs/msg/TFMessage"
+_TF_STAMP = 8  # behind the number of transforms
+_FORCE_FIRST = [3, 4, 5, 0, 1, 2]
+
+
+class WrenchBagWriter:
+    """Writes such a file as a stream; it appears when the `with` block ends without error.
+
+    Args:
+        path: of the file, *.mcap.
+        base_link: the frame that W is.
+
+    Raises:
+        InputError: the file cannot be written, or a time is none that a stamp can hold.
+    """
+
+    def __init__(self, path: str | Path, base_link: str) -> None:
+        self.path = Path(path)
+        self._base_link = base_link
+        self._writer = BagWriter(self.path)
+
+    def __enter__(self) -> "WrenchBagWriter":
+        self._writer.__enter__()
+        kinds = self._writer.types.types
+        vector = kinds["geometry_msgs/msg/Vector3"]
+        marks = np.arange(1.0, 37.0)  # to find the numbers' places by
+        wrench = kinds[WRENCH](
+            self._writer.header(FRAME),
+            kinds["geometry_msgs/msg/Wrench"](vector(*marks[:3]), vector(*marks[3:6])),
+        )
+        turn = kinds["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+        transform = kinds["geometry_msgs/msg/Transform"](vector(*marks[:3]), turn)
+        stamped = kinds["geometry_msgs/msg/TransformStamped"]
+        header = self._writer.header(self._base_link)
+        sides = [
+            kinds["std_msgs/msg/MultiArrayDimension"]("rows", 6, 36),
+            kinds["std_msgs/msg/MultiArrayDimension"]("columns", 6, 6),
+        ]
+        layout = kinds["std_msgs/msg/MultiArrayLayout"](sides, 0)
+        self._wrench = self._template(wrench, WRENCH, marks[:6])
+        tf = kinds[_TF]([stamped(header, FRAME, transform)])
+        self._tf = self._template(tf, _TF, marks[:3])
+        self._covariance = self._template(kinds[_COVARIANCE](layout, marks), _COVARIANCE, marks)
+        return self
+
+    def _template(self, message: Any, kind: str, marks: Array) -> tuple[bytes, int]:
+        """A message, and where its numbers begin."""
+        raw = bytes(self._writer.types.serialize_cdr(message, kind))
+        return raw, raw.index(marks.tobytes())
+
+    def write(self, t: Array, wrench: Array, covariance: Array, p_WE: Array) -> None:
+        """Appends N wrenches.
+
+        Args:
+            t: (N,) s; rounded to the nanosecond that a stamp holds.
+            wrench: (N, 6) ROTATION FIRST, as everywhere but in files; so is the next.
+            covariance: (N, 6, 6).
+            p_WE: (N, 3) m.
+        """
+        stamps = nanoseconds(np.asarray(t, float))
+        if len(stamps) and not 0 <= stamps.min() <= stamps.max() < 2**32 * 10**9:
+            raise InputError(
+                self.path, "", "a stamp of ROS holds 0 to 2^32 s", "shift the log's times"
+            )
+        order = np.ix_(_FORCE_FIRST, _FORCE_FIRST)
+        sigma = np.asarray(covariance)[:, order[0], order[1]].reshape(len(stamps), 36)
+        for topic, kind, (raw, begin), values, stamp_at in (
+            ("/tf", _TF, self._tf, p_WE, _TF_STAMP),
+            (TOPIC, WRENCH, self._wrench, wrench[:, _FORCE_FIRST], 4),
+            (COVARIANCE_TOPIC, _COVARIANCE, self._covariance, sigma, None),
+        ):
+            messages = encoded(raw, stamps, [(begin, np.asarray(values))], stamp_at)
+            self._writer.write(topic, kind, stamps, messages)
+
+    def __exit__(self, kind: Any, error: BaseException | None, traceback: Any) -> None:
+        self._writer.__exit__(kind, error, traceback)
+
+
+def read_wrench_bag(path: str | Path, topic: str = TOPIC) -> tuple[Array, Array]:
+    """Reads the wrenches of a bag.
+
+    Returns:
+        (N,) times in s and (N, 6) wrenches, ROTATION FIRST.
+
+    Raises:
+        InputError: no such bag, a damaged one, or one without this topic.
+    """
+    about_to_read(path)
+    table = RosbagTable(Path(path))
+    assert table.names is not None
+    wanted = [name for name in table.names if name.startswith(topic + "/")]
+    if len(wanted) != 6:
+        raise InputError(path, topic, "is no topic of wrenches in this bag", "name another topic")
+    columns = [0, *(table.names.index(name) for name in wanted)]
+    values = np.concatenate([block for block, _ in table.blocks(columns)])
+    return values[:, 0], values[:, [4, 5, 6, 1, 2, 3]]

@@ -1,0 +1,87 @@
+"""Joint velocities from positions, without delay, as a log streams by.
+
+The derivative of a cubic fitted by least squares to the samples around each one (Savitzky and
+Golay, Analytical Chemistry 36, 1964), of q and of t alike:
+
+    v_k = sum_i c_i q_{k+i} / sum_i c_i t_{k+i},   i = -m .. m
+
+c is odd, so that the filter has zero phase. Dividing by the same sum over t makes it exact for a
+joint that moves evenly, however the sampling jitters.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from models.arrays import Array
+from models.recordings.recording import Recording, concatenated
+
+HALF_WINDOW_S = 0.03
+"""Half of the stretch that a velocity is taken from. Against the drives' own velocity it errs by 3
+to 4 mrad/s on a UR10e at 100 Hz, about the noise of that velocity; 0.05 of 11.5 rad/s on a Staubli
+TX40 at full speed."""
+_LEAST_HALF_WINDOW = 4  # samples: a cubic through fewer repeats the encoder's steps
+_CUBIC = 3
+
+
+def with_velocities(chunks: Iterable[Recording]) -> Iterator[Recording]:
+    """The same samples, in other chunks, with v taken from q.
+
+    The window shrinks towards both ends of the log; the first and the last sample have the
+    velocity of their neighbours.
+
+    Args:
+        chunks: successive parts of one recording with finite positions.
+    """
+    half: int | None = None
+    waiting: Recording | None = None  # what still lacks samples after it, and those before it
+    done = 0  # samples of `waiting` that have been given out
+    for chunk in chunks:
+        waiting = chunk if waiting is None else concatenated([waiting, chunk])
+        if half is None:
+            if waiting.num_samples < 2 * _LEAST_HALF_WINDOW + 1:
+                continue
+            half = max(_LEAST_HALF_WINDOW, round(HALF_WINDOW_S / max(waiting.time_step, 1e-9)))
+        ready = waiting.num_samples - half
+        if ready <= max(done, half):
+            continue
+        v = _velocities(waiting, half)
+        yield replace(waiting[done:ready], v=v[done:ready])
+        keep = max(0, ready - half)
+        waiting, done = waiting[keep:], ready - keep
+    if waiting is None:
+        return
+    v = _velocities(waiting, half or _LEAST_HALF_WINDOW)
+    yield replace(waiting[done:], v=v[done:])
+
+
+def _velocities(part: Recording, half: int) -> Array:
+    """(T, n); near the ends of the part from as many samples as there are on both sides."""
+    q, t = part.q, part.t - part.t[0]
+    size = len(t)
+    v = np.zeros_like(q)
+    for m in range(1, min(half, (size - 1) // 2) + 1):
+        weights = _weights(m)
+        centres = np.arange(half, size - half) if m == half else np.array([m, size - 1 - m])
+        if not len(centres):
+            continue
+        if m == half:
+            slope = np.correlate(t, weights, "valid")
+            change = np.stack([np.correlate(x, weights, "valid") for x in q.T], axis=1)
+        else:
+            around = centres[:, None] + np.arange(-m, m + 1)
+            slope = t[around] @ weights
+            change = np.einsum("kij,i->kj", q[around], weights)
+        v[centres] = change / slope[:, None]
+    if size > 2:
+        v[0], v[-1] = v[1], v[-2]
+    return v
+
+
+@cache
+def _weights(m: int) -> Array:
+    i = np.arange(-m, m + 1.0)
+    powers = np.vander(i / m, min(_CUBIC, 2 * m) + 1, increasing=True)
+    return np.asarray(np.linalg.pinv(powers)[1])

@@ -1,0 +1,227 @@
+"""Tables of numbers in NumPy's npz files: arrays by name, read block by block, and written."""
+
+import zipfile
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.arrays import Array
+from models.files.input_error import InputError
+from models.files.whole_file import whole_file, writing_to
+from models.recordings.recording_format import RecordingFormat
+
+Rows = NDArray[np.int64]
+
+_BLOCK_ROWS = 1 << 16
+_JOINT_ARRAYS = {"current": "i", "tau_J": "tau", "q": "q", "v": "v", "i": "i", "tau": "tau"}
+_SUFFIX = ".npy"
+
+
+class NpzContainer:
+    """Logs in npz files; implements `log_container.LogContainer`."""
+
+    suffixes: tuple[str, ...] = (".npz",)
+
+    def open(self, path: Path, form: RecordingFormat | None) -> "NpzTable":
+        """As the protocol; the file says all by itself, so that `form` is not read."""
+        return NpzTable(path)
+
+    def write(self, path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
+        """As the protocol."""
+        # By hand, for a column may be called "file", as numpy.savez's own argument.
+        with (
+            whole_file(path) as partial,
+            writing_to(path),
+            zipfile.ZipFile(partial, "w") as archive,
+        ):
+            for name, column in columns.items():
+                with archive.open(name + _SUFFIX, "w", force_zip64=True) as member:
+                    np.lib.format.write_array(member, np.asarray(column), allow_pickle=False)
+
+
+@dataclass(frozen=True)
+class _Stored:
+    """One array of the file."""
+
+    member: str
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    by_columns: bool  # Fortran's order: rows do not follow each other
+
+    @property
+    def width(self) -> int:
+        return int(np.prod(self.shape[1:], dtype=int))
+
+
+class NpzTable:
+    """An npz file of one array per signal or per column, one sample a row; rows count from 1.
+
+    An array (T,) is a column. Arrays (T, n) that are called q, v, i or current, tau or tau_J are
+    the columns q1..qn and so on; any other one is NAME.1..NAME.k.
+
+    Raises:
+        InputError: no such file, no npz file or a damaged one, arrays of different lengths, words
+            instead of numbers.
+    """
+
+    row_word = "row"
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.notices: list[str] = []
+        self.progress = 0.0
+        stored = self._stored()
+        lengths = {name: array.shape[0] for name, array in stored.items() if array.shape}
+        self.num_rows = max(lengths.values(), default=0)
+        if self.num_rows == 0:
+            raise InputError(path, "", "has no rows", "record the log again")
+        left_out = [name for name in stored if lengths.get(name, 0) != self.num_rows]
+        if left_out:
+            self.notices.append(
+                f"arrays that have not {self.num_rows} rows are left out: {', '.join(left_out)}"
+            )
+        self._places: list[tuple[_Stored, int]] = []  # array and column in it, by column
+        names: list[str] = []
+        for name, array in stored.items():
+            if name in left_out:
+                continue
+            names += _column_names(name, array)
+            self._places += [(array, k) for k in range(array.width)]
+        self.names: tuple[str, ...] | None = tuple(names)
+        self.num_columns = len(names)
+
+    def blocks(
+        self,
+        columns: list[int],
+        rows: tuple[int, int] | None = None,
+        may_be_empty: Collection[int] = (),
+    ) -> Iterator[tuple[Array, Rows]]:
+        """As the protocol."""
+        assert self.names is not None
+        first, last = rows or (1, self.num_rows)
+        if last > self.num_rows:
+            raise InputError(
+                self.path,
+                "",
+                f"has {self.num_rows} rows, but rows {first} to {last} are wanted",
+                "correct the rows in the description",
+            )
+        optional = np.array([column in may_be_empty for column in columns])
+        arrays = list(dict.fromkeys(self._places[column][0] for column in columns))
+        try:
+            with ExitStack() as stack:
+                archive = stack.enter_context(zipfile.ZipFile(self.path))
+                parts = {
+                    array: _RowReader(stack.enter_context(archive.open(array.member)), array)
+                    for array in arrays
+                }
+                for begin in range(1, last + 1, _BLOCK_ROWS):
+                    end = min(begin + _BLOCK_ROWS - 1, last)
+                    read = {array: part.take(end - begin + 1) for array, part in parts.items()}
+                    self.progress = end / self.num_rows
+                    if end < first:
+                        continue
+                    values = np.empty((end - begin + 1, len(columns)))
+                    for i, column in enumerate(columns):
+                        array, k = self._places[column]
+                        values[:, i] = read[array][:, k]
+                    start = max(first - begin, 0)
+                    self._check(values[start:], begin + start, columns, optional)
+                    yield values[start:], np.arange(begin + start, end + 1)
+        except (zipfile.BadZipFile, ValueError, EOFError, OSError) as error:
+            raise self._damaged(error) from error
+
+    def _check(
+        self, values: Array, row: int, columns: list[int], optional: NDArray[np.bool_]
+    ) -> None:
+        wrong = ~(np.isfinite(values) | (np.isnan(values) & optional))
+        if wrong.any():
+            assert self.names is not None
+            i, k = (int(index[0]) for index in np.nonzero(wrong))
+            raise InputError(
+                self.path,
+                f"row {row + i}, column {self.names[columns[k]]}",
+                "is not finite, expected a number",
+                "correct or remove the row; a short gap is bridged",
+            )
+
+    def _stored(self) -> dict[str, _Stored]:
+        """The arrays of the file, by name."""
+        if self.path.is_dir():
+            raise InputError(self.path, "", "is a directory, expected a log", "name a file in it")
+        stored: dict[str, _Stored] = {}
+        try:
+            with zipfile.ZipFile(self.path) as archive:
+                for member in archive.namelist():
+                    if member.endswith(_SUFFIX):
+                        with archive.open(member) as file:
+                            shape, by_columns, dtype = _header(file)
+                        if dtype.kind not in "iufb":
+                            self.notices.append(
+                                f"the array {member.removesuffix(_SUFFIX)} holds no numbers "
+                                f"({dtype}): left out"
+                            )
+                            continue
+                        array = _Stored(member, shape, dtype, by_columns)
+                        stored[member.removesuffix(_SUFFIX)] = array
+        except FileNotFoundError as error:
+            raise InputError(self.path, "", "no such file", "check the path") from error
+        except (zipfile.BadZipFile, ValueError, EOFError, OSError) as error:
+            raise self._damaged(error) from error
+        if not stored:
+            remedy = "write it with numpy.savez(path, t=t, q=q, v=v, i=current)"
+            raise InputError(self.path, "", "holds no arrays of numbers", remedy)
+        return stored
+
+    def _damaged(self, error: Exception) -> InputError:
+        if self.path.stat().st_size == 0:
+            return InputError(self.path, "", "is empty", "record the log again")
+        problem = f"is no npz file, or a damaged one ({error})"
+        return InputError(self.path, "", problem, "write the file again")
+
+
+class _RowReader:
+    """Successive rows of one array."""
+
+    def __init__(self, file: IO[bytes], array: _Stored) -> None:
+        self._file, self._array = file, array
+        self._whole: NDArray[Any] | None = None
+        self._next = 0
+        if array.by_columns and len(array.shape) > 1:
+            read = np.lib.format.read_array(file, allow_pickle=False)
+            self._whole = read.reshape(len(read), -1)
+        else:
+            _header(file)
+
+    def take(self, count: int) -> NDArray[Any]:
+        """(count, width) the next rows."""
+        if self._whole is not None:
+            self._next += count
+            return self._whole[self._next - count : self._next]
+        width = self._array.width
+        size = count * width * self._array.dtype.itemsize
+        data = self._file.read(size)
+        if len(data) < size:
+            raise EOFError(f"{self._array.member} ends too early")
+        return np.frombuffer(data, self._array.dtype).reshape(count, width)
+
+
+def _header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    version = np.lib.format.read_magic(file)
+    if version == (1, 0):
+        return np.lib.format.read_array_header_1_0(file)
+    return np.lib.format.read_array_header_2_0(file)
+
+
+def _column_names(name: str, array: _Stored) -> list[str]:
+    if len(array.shape) == 1:
+        return [name]
+    letter = _JOINT_ARRAYS.get(name)
+    if letter and len(array.shape) == 2:
+        return [f"{letter}{k + 1}" for k in range(array.width)]
+    return [f"{name}.{k + 1}" for k in range(array.width)]

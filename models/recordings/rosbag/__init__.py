@@ -1,0 +1,1 @@
+"""Logs in ROS 2 bags, read and written without ROS."""

@@ -1,0 +1,212 @@
+"""ROS 2 bags, with rosbags' own writer and deserialiser as the oracle."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from models.files.input_error import InputError
+from models.recordings.recording import Recording
+from models.recordings.recording_reader import RecordingReader, read_recording
+from models.recordings.recording_writer import write_recording
+from models.recordings.rosbag import table as rosbag_table
+
+_TYPES = get_typestore(Stores.ROS2_HUMBLE)
+_JOINTS = ["elbow", "finger", "shoulder"]
+_ROBOT: Any = SimpleNamespace(
+    name="two",
+    num_joints=2,
+    joint_names=("shoulder", "elbow"),
+    torque_per_ampere=np.array([10.0, 4.0]),
+    current_sign=np.ones(2),
+)
+_START = 1_700_000_000 * 10**9
+_ROWS = 200
+
+
+def _header(stamp: int, frame: str = "") -> Any:
+    time = _TYPES.types["builtin_interfaces/msg/Time"](stamp // 10**9, stamp % 10**9)
+    return _TYPES.types["std_msgs/msg/Header"](time, frame)
+
+
+def _joint_state(stamp: int, row: np.ndarray, joints: Sequence[str] = _JOINTS) -> Any:
+    kind = _TYPES.types["sensor_msgs/msg/JointState"]
+    size = len(joints)
+    return kind(_header(stamp), list(joints), row[:size], row[size : 2 * size], row[2 * size :])
+
+
+def _wrench(stamp: int, row: np.ndarray) -> Any:
+    vector = _TYPES.types["geometry_msgs/msg/Vector3"]
+    wrench = _TYPES.types["geometry_msgs/msg/Wrench"](vector(*row[:3]), vector(*row[3:]))
+    return _TYPES.types["geometry_msgs/msg/WrenchStamped"](_header(stamp, "sensor"), wrench)
+
+
+def _stamps(rows: int = _ROWS, step_ns: int = 2_000_000) -> np.ndarray:
+    return _START + step_ns * np.arange(rows)
+
+
+def _bag(
+    path: Path,
+    messages: Sequence[tuple[str, int, Any]],
+    plugin: Any = StoragePlugin.MCAP,
+    compression: Any = None,
+) -> Path:
+    writer = Writer(path, version=9, storage_plugin=plugin)
+    if compression is not None:
+        writer.set_compression(compression, CompressionFormat.ZSTD)
+    with writer:
+        connections: dict[str, Any] = {}
+        for topic, stamp, message in messages:
+            kind = message.__msgtype__
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=_TYPES)
+            writer.write(connections[topic], stamp, _TYPES.serialize_cdr(message, kind))
+    return path
+
+
+def _values(rows: int = _ROWS, width: int = 9) -> np.ndarray:
+    return np.random.default_rng(7).normal(size=(rows, width))
+
+
+def _states(values: np.ndarray) -> list[tuple[str, int, Any]]:
+    stamps = _stamps(len(values))
+    return [
+        ("/joint_states", int(s), _joint_state(int(s), row))
+        for s, row in zip(stamps, values, strict=True)
+    ]
+
+
+def _same(recording: Recording, values: np.ndarray) -> None:
+    np.testing.assert_array_equal(recording.q, values[:, [2, 0]])
+    np.testing.assert_array_equal(recording.v, values[:, [5, 3]])
+    np.testing.assert_array_equal(recording.tau_J, values[:, [8, 6]])
+
+
+@pytest.mark.parametrize("block", [7, 1 << 14])
+@pytest.mark.parametrize("kind", ["mcap", "mcap-zstd", "mcap-file", "sqlite", "sqlite-zstd"])
+def test_joint_states(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, block: int
+) -> None:
+    monkeypatch.setattr(rosbag_table, "_BLOCK_MESSAGES", block)
+    plugin = StoragePlugin.SQLITE3 if kind.startswith("sqlite") else StoragePlugin.MCAP
+    compression = {
+        "mcap-zstd": CompressionMode.STORAGE,
+        "mcap-file": CompressionMode.FILE,
+        "sqlite-zstd": CompressionMode.MESSAGE,
+    }.get(kind)
+    values = _values()
+    path = _bag(tmp_path / "bag", _states(values), plugin, compression)
+    recording = read_recording(path, robot=_ROBOT, check=False)
+    _same(recording, values)
+    np.testing.assert_allclose(recording.t, _stamps() / 1e9, rtol=0, atol=3e-7)  # a double's grain
+    assert recording.row is not None
+    assert recording.row.tolist() == list(range(1, _ROWS + 1))
+    assert any("left out: finger" in notice for notice in recording.notices)
+    if kind in ("mcap", "sqlite"):
+        (file,) = (file for file in path.iterdir() if file.suffix in (".mcap", ".db3"))
+        _same(read_recording(file, robot=_ROBOT, check=False), values)
+
+
+def test_messages_of_other_lengths_and_orders(tmp_path: Path) -> None:
+    """Joints in another order, one more of them, a message without velocities."""
+    values = _values()
+    messages = _states(values)
+    stamp = int(_stamps()[50])
+    swapped = values[50].reshape(3, 3)[:, [2, 1, 0]].ravel()
+    messages[50] = ("/joint_states", stamp, _joint_state(stamp, swapped, _JOINTS[::-1]))
+    stamp = int(_stamps()[60])
+    more = np.insert(values[60].reshape(3, 3), 1, 9.0, axis=1).ravel()
+    joints = ["elbow", "extra", "finger", "shoulder"]
+    messages[60] = ("/joint_states", stamp, _joint_state(stamp, more, joints))
+    kind = _TYPES.types["sensor_msgs/msg/JointState"]
+    stamp = int(_stamps()[70])
+    none = np.empty(0)
+    partial = kind(_header(stamp), _JOINTS, values[70, :3], none, values[70, 6:])
+    messages[70] = ("/joint_states", stamp, partial)
+    recording = read_recording(_bag(tmp_path / "bag", messages), robot=_ROBOT, check=False)
+    _same(recording, np.delete(values, 70, axis=0))
+    assert any("1 samples lack a number (first: message 71" in n for n in recording.notices)
+
+
+def test_several_topics(tmp_path: Path) -> None:
+    """A force sensor at another rate is interpolated at the joints' stamps."""
+    values, stamps = _values(), _stamps()
+    messages = _states(values)
+    sensor = _stamps(_ROWS // 2, 4_000_000) + 500_000
+    rows = np.outer((sensor - _START) * 1e-9, np.arange(1.0, 7.0))
+    messages += [("/ft/wrench", int(s), _wrench(int(s), r)) for s, r in zip(sensor, rows)]  # noqa: B905
+    messages.sort(key=lambda message: message[1])
+    recording = read_recording(_bag(tmp_path / "bag", messages), robot=_ROBOT, check=False)
+    inside = (stamps >= sensor[0]) & (stamps <= sensor[-1])
+    _same(recording, values[inside])
+    assert recording.extra.keys() == {"ft"}
+    expected = np.outer((stamps[inside] - _START) * 1e-9, np.arange(1.0, 7.0))
+    np.testing.assert_allclose(recording.extra["ft"], expected, atol=2e-6)  # of UNIX time's grain
+
+
+def test_a_driver_that_fills_no_efforts(tmp_path: Path) -> None:
+    values = _values()
+    values[:, 6:] = np.nan
+    path = _bag(tmp_path / "bag", _states(values))
+    recording = read_recording(path, robot=_ROBOT, check=False)
+    assert recording.tau_J is None
+    with pytest.raises(InputError, match="holds no motor currents"):
+        RecordingReader(path, robot=_ROBOT, check=False).require_joint_signals()
+
+
+def test_headers_without_stamps(tmp_path: Path) -> None:
+    values = _values()
+    messages = [
+        ("/joint_states", int(s), _joint_state(0, row))
+        for s, row in zip(_stamps(), values, strict=True)
+    ]
+    recording = read_recording(_bag(tmp_path / "bag", messages), robot=_ROBOT, check=False)
+    np.testing.assert_allclose(np.diff(recording.t), 0.002, atol=5e-7)
+    assert any("the time of recording stands for it" in n for n in recording.notices)
+
+
+@pytest.mark.parametrize("unix", [0, 1_700_000_000])
+def test_a_recording_reads_back(tmp_path: Path, unix: int) -> None:
+    rng = np.random.default_rng(3)
+    t = unix + np.round(0.001 * np.arange(100), 6)
+    q, v, current, tau = rng.normal(size=(4, 100, 3))
+    extra = {"push": rng.normal(size=(100, 6))}
+    log = Recording(t, q, v, current, "made up", tau_J=tau, extra=extra)
+    path = tmp_path / "out.mcap"
+    write_recording(log, path)
+    assert [file.name for file in tmp_path.iterdir()] == ["out.mcap"]
+    again = read_recording(path)
+    for name in ("t", "q", "v", "current", "tau_J"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(log, name))
+    np.testing.assert_array_equal(again.extra["push"], extra["push"])
+    with Reader(path) as reader:  # by rosbags' own deserialiser
+        _, stamp, data = next(iter(reader.messages()))
+        message: Any = _TYPES.deserialize_cdr(data, "sensor_msgs/msg/JointState")
+    assert stamp == unix * 10**9
+    assert message.name == ["joint_1", "joint_2", "joint_3"]
+    np.testing.assert_array_equal(message.position, q[0])
+
+
+def test_what_is_no_bag(tmp_path: Path) -> None:
+    path = _bag(tmp_path / "bag", _states(_values()))
+    (file,) = path.glob("*.mcap")
+    data = file.read_bytes()
+    for content in (b"", b"t,q1\n" * 20, data[:4000], data[:3000] + bytes(500) + data[3500:]):
+        file.write_bytes(content)
+        for place in (path, file):
+            with pytest.raises(InputError, match="no bag, or a damaged one"):
+                read_recording(place)
+    file.unlink()
+    with pytest.raises(InputError, match="no bag"):
+        read_recording(path)
+    text = _TYPES.types["std_msgs/msg/String"]("hello")
+    other = _bag(tmp_path / "other", [("/chatter", _START, text)])
+    with pytest.raises(InputError, match=r"holds no topic of sensor_msgs.*std_msgs/msg/String"):
+        read_recording(other)
+    with pytest.raises(InputError, match="is a directory"):
+        read_recording(tmp_path)

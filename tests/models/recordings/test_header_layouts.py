@@ -1,0 +1,117 @@
+"""Logs of other programs are known by their columns, and read with the joints in their order."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from models.files.input_error import InputError
+from models.recordings.recording_reader import read_recording
+
+_ROWS = 30
+_ROBOT = SimpleNamespace(
+    name="two",
+    num_joints=2,
+    joint_names=("shoulder", "elbow"),
+    torque_per_ampere=np.array([10.0, 4.0]),
+    current_sign=np.ones(2),
+)
+
+
+def _numbers(width: int) -> np.ndarray:
+    return np.round(np.random.default_rng(4).normal(size=(_ROWS, width)), 6)
+
+
+def _t() -> np.ndarray:
+    return np.round(0.01 * np.arange(_ROWS), 6)
+
+
+def _written(tmp_path: Path, header: str | None, rows: list[str]) -> Path:
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(([header] if header else []) + rows) + "\n")
+    return path
+
+
+def _rows(values: np.ndarray, separator: str = ",") -> list[str]:
+    return [separator.join(f"{x:.6f}" for x in row) for row in values]
+
+
+@pytest.mark.parametrize("separator", [",", " "])
+def test_a_ur_rtde_record(tmp_path: Path, separator: str) -> None:
+    values = _numbers(24)
+    names = ["timestamp"]
+    for kind in ("target_moment", "actual_q", "actual_qd", "actual_current"):
+        names += [f"{kind}_{j}" for j in range(6)]
+    rows = _rows(np.c_[_t(), values], separator)
+    recording = read_recording(_written(tmp_path, separator.join(names), rows))
+    np.testing.assert_array_equal(recording.t, _t())
+    np.testing.assert_array_equal(recording.q, values[:, 6:12])
+    np.testing.assert_array_equal(recording.v, values[:, 12:18])
+    np.testing.assert_array_equal(recording.current, values[:, 18:])
+    np.testing.assert_array_equal(recording.extra["target_moment"], values[:, :6])
+    assert any("RTDE" in notice for notice in recording.notices)
+
+
+_SERIES = (
+    "__time,/joint_states/elbow/position,/joint_states/elbow/velocity,/joint_states/finger/position,"
+    "/joint_states/shoulder/position,/joint_states/shoulder/velocity,/joint_states/elbow/effort,"
+    "/joint_states/shoulder/effort"
+)
+
+
+def test_series_of_plotjuggler(tmp_path: Path) -> None:
+    values = _numbers(7)
+    path = _written(tmp_path, _SERIES, _rows(np.c_[_t(), values]))
+    recording = read_recording(path, robot=_ROBOT, check=False)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(recording.q, values[:, [3, 0]])
+    np.testing.assert_array_equal(recording.v, values[:, [4, 1]])
+    np.testing.assert_array_equal(recording.tau_J, values[:, [6, 5]])
+    text = " ".join(recording.notices)
+    assert "left out: finger" in text
+    assert "effort is read as joint torque" in text
+    other = SimpleNamespace(name="other", num_joints=1, joint_names=("wrist",))
+    with pytest.raises(InputError, match=r"no topic holds the position.*elbow.*wrist"):
+        read_recording(path, robot=other)  # type: ignore[arg-type]
+
+
+def test_series_of_topics_that_were_not_published_together(tmp_path: Path) -> None:
+    """PlotJuggler leaves cells empty where a topic has no message."""
+    header = "__time,/js/shoulder/position,/js/elbow/position,/ft/wrench/force/x"
+    rows = [f"{t:.3f},0.1,0.2," if k % 2 else f"{t:.3f},,,5" for k, t in enumerate(_t())]
+    header = header.removesuffix(",/ft/wrench/force/x") + ",/ft/value"
+    recording = read_recording(_written(tmp_path, header, rows))
+    assert recording.num_samples == _ROWS // 2
+    np.testing.assert_array_equal(recording.t, _t()[1::2])
+
+
+def test_two_topics_that_hold_the_positions(tmp_path: Path) -> None:
+    header = "__time,/a/shoulder/position,/a/elbow/position,/b/shoulder/position,/b/elbow/position"
+    path = _written(tmp_path, header, _rows(np.c_[_t(), _numbers(4)]))
+    with pytest.raises(InputError, match="2 topics hold the joints' position: /a, /b"):
+        read_recording(path)
+    header = header.replace("/b/", "/left/joint_states/")
+    values = _numbers(4)
+    path = _written(tmp_path, header, _rows(np.c_[_t(), values]))
+    np.testing.assert_array_equal(read_recording(path).q, values[:, 2:])
+
+
+@pytest.mark.parametrize("blocks", [1, 2, 3])
+def test_ros2_topic_echo(tmp_path: Path, blocks: int) -> None:
+    values = _numbers(3 * blocks)
+    stamps = np.round(_t() * 1e9).astype(int)
+    rows = [
+        f"{1_700_000_000 + s // 10**9},{s % 10**9},,elbow,finger,shoulder,{row}"
+        for s, row in zip(stamps, _rows(values), strict=True)
+    ]
+    path = _written(tmp_path, None, rows)
+    recording = read_recording(path, robot=_ROBOT, check=False)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(recording.t, 1_700_000_000 + _t())
+    np.testing.assert_array_equal(recording.q, values[:, [2, 0]])
+    if blocks > 1:
+        np.testing.assert_array_equal(recording.v, values[:, [5, 3]])
+    if blocks > 2:
+        np.testing.assert_array_equal(recording.tau_J, values[:, [8, 6]])
+    other = SimpleNamespace(name="other", num_joints=1, joint_names=("wrist",))
+    with pytest.raises(InputError, match="lacks wrist; it has elbow, finger, shoulder"):
+        read_recording(path, robot=other)  # type: ignore[arg-type]

@@ -1,0 +1,101 @@
+"""Logs in npz files, against numpy's own reader."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models.files.input_error import InputError
+from models.recordings import npz_table
+from models.recordings.recording import Recording
+from models.recordings.recording_reader import read_recording
+from models.recordings.recording_writer import write_recording
+
+_ROWS = 50
+
+
+def _arrays() -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(2)
+    return {
+        "t": 0.01 * np.arange(_ROWS),
+        "q": rng.normal(size=(_ROWS, 3)),
+        "v": rng.normal(size=(_ROWS, 3)),
+        "current": rng.normal(size=(_ROWS, 3)).astype(np.float32),
+    }
+
+
+def _saved(tmp_path: Path, **arrays: object) -> Path:
+    path = tmp_path / "log.npz"
+    np.savez(path, **arrays)  # type: ignore[arg-type]
+    return path
+
+
+@pytest.mark.parametrize("block", [7, 1 << 16])
+@pytest.mark.parametrize("compressed", [False, True])
+def test_one_array_per_signal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int, compressed: bool
+) -> None:
+    monkeypatch.setattr(npz_table, "_BLOCK_ROWS", block)
+    arrays = _arrays() | {
+        "v": np.asfortranarray(_arrays()["v"]),
+        "jacobian": np.arange(_ROWS * 12.0).reshape(_ROWS, 4, 3),
+        "names": np.array(["a", "b"]),
+        "rate": np.array(100.0),
+    }
+    path = tmp_path / "log.npz"
+    (np.savez_compressed if compressed else np.savez)(path, **arrays)
+    recording = read_recording(path)
+    for name in ("t", "q", "v", "current"):
+        np.testing.assert_array_equal(getattr(recording, name), arrays[name])
+    np.testing.assert_array_equal(
+        recording.extra["jacobian"], arrays["jacobian"].reshape(_ROWS, 12)
+    )
+    assert recording.row is not None
+    assert recording.row.tolist() == list(range(1, _ROWS + 1))
+    assert any("names holds no numbers" in notice for notice in recording.notices)
+    assert any("left out: rate" in notice for notice in recording.notices)
+
+
+def test_a_recording_reads_back_bit_for_bit(tmp_path: Path) -> None:
+    a = _arrays()
+    extra = {"file": a["q"][:, :2]}  # the name of an argument of numpy's
+    log = Recording(a["t"], a["q"], a["v"], a["q"], "made up", tau_J=a["v"], extra=extra)
+    write_recording(log, tmp_path / "out.npz")
+    again = read_recording(tmp_path / "out.npz")
+    for name in ("t", "q", "v", "current", "tau_J"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(log, name))
+    np.testing.assert_array_equal(again.extra["file"], extra["file"])
+
+
+def test_rows_of_a_description(tmp_path: Path) -> None:
+    path = _saved(tmp_path, **_arrays())
+    form = tmp_path / "form.yaml"
+    form.write_text(
+        "time: {columns: t}\nposition: {columns: 'q{1..3}'}\nrows: {log.npz: [5, 30]}\n"
+    )
+    np.testing.assert_array_equal(read_recording(path, form).q, _arrays()["q"][4:30])
+    form.write_text("time: {columns: t}\nrows: {log.npz: [5, 300]}\n")
+    with pytest.raises(InputError, match="has 50 rows, but rows 5 to 300"):
+        read_recording(path, form)
+
+
+def test_what_is_no_log(tmp_path: Path) -> None:
+    path = _saved(tmp_path, **_arrays())
+    data = path.read_bytes()
+    for content, words in (
+        (b"", "is empty"),
+        (data[: len(data) // 2], "no npz file, or a damaged one"),
+        (b"t,q1\n", "no npz file"),
+        (data[:200] + bytes(300) + data[500:], "damaged"),
+    ):
+        path.write_bytes(content)
+        with pytest.raises(InputError, match=words):
+            read_recording(path)
+    bad = _arrays()
+    bad["t"][7] = np.nan
+    with pytest.raises(InputError, match="row 8, column t"):
+        read_recording(_saved(tmp_path, **bad))
+    with pytest.raises(InputError, match="holds no arrays of numbers"):
+        read_recording(_saved(tmp_path, words=np.array(["a"])))
+    with pytest.raises(InputError, match="has no rows"):
+        read_recording(_saved(tmp_path, t=np.empty(0)))
