@@ -8,6 +8,9 @@ STUDY_OPTIONS = $(if $(QUICK),--quick) $(if $(FRESH),--fresh)
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
+# A file's tests stay together, as they share what is made for them; tests/conftest.py orders the files.
+SIDE_BY_SIDE = -n $(JOBS) --dist loadfile --no-loadscope-reorder
+
 # The arithmetic of another processor, on this one: numba's kernels, BLAS, numpy's, libm's and torch's
 # functions without the instructions that processors have since 2006 or so. Each differs in last bits.
 OTHER_PROCESSOR = NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=$(CURDIR)/out/numba-generic \
@@ -22,12 +25,12 @@ study: .venv/.ready
 	$(BIN)/wrenchsight study --out $(OUT) --data $(DATA) --jobs $(JOBS) $(STUDY_OPTIONS)
 
 test: .venv/.ready-test
-	$(BIN)/python -m pytest -n $(JOBS)
+	$(BIN)/python -m pytest $(SIDE_BY_SIDE)
 
 # The same tests, and the same study, as another processor computes them. The last line says what the
 # two studies' reports print differently: nothing, to the digits that they print.
 test-generic: .venv/.ready-test
-	$(OTHER_PROCESSOR) $(BIN)/python -m pytest -n $(JOBS)
+	$(OTHER_PROCESSOR) $(BIN)/python -m pytest $(SIDE_BY_SIDE)
 
 study-generic: study
 	$(OTHER_PROCESSOR) $(BIN)/wrenchsight study --out $(OUT)-generic --data $(DATA) --jobs $(JOBS) $(STUDY_OPTIONS)

@@ -28,6 +28,7 @@ from models.motion.paths import (
     uniform_acceleration,
 )
 from models.robot.robot import Robot
+from models.robot.robot_config import PoseConfig
 from systems.force_torque_sensor import ForceTorqueSensorConfig
 from systems.impedance_controller import ImpedanceConfig
 from systems.joint_tracking_controller import JointTrackingConfig
@@ -106,8 +107,8 @@ class ForceSetpoint:
 class PlateConfig:
     """A flat workpiece, fixed in W, touched by the tool at a point."""
 
-    centre: list[float] = field(default_factory=lambda: [0.35, 0.0, 0.2])  # m, of its top face
-    rpy: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # rad; z is out of the face
+    pose: PoseConfig = field(default_factory=lambda: PoseConfig([0.35, 0.0, 0.2]))
+    # in W, of the middle of its top face; z is out of it
     size: list[float] = field(default_factory=lambda: [0.25, 0.4, 0.02])  # m
     friction: float = 0.2  # Coulomb, static and dynamic
     stiffness: float = 2e5  # N/m
@@ -118,8 +119,8 @@ class PlateConfig:
 class BladeConfig:
     """A section of a wind turbine blade (models.motion.workpieces), fixed in W."""
 
-    centre: list[float] = field(default_factory=lambda: [0.6, 0.0, 0.2])  # m, of its frame P
-    rpy: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # rad; span along P's y
+    pose: PoseConfig = field(default_factory=lambda: PoseConfig([0.6, 0.0, 0.2]))
+    # in W, of its frame P; its span is along y
     span: float = 0.5  # m
     root_chord: float = 0.34  # m
     tip_chord: float = 0.26  # m
@@ -161,8 +162,8 @@ class MachiningConfig:
 
 
 @dataclass
-class RecordingConfig:
-    """The picture of the run."""
+class PageConfig:
+    """The page on which the run is seen."""
 
     fps: float = 30.0  # pictures a second
     metres_per_newton: float = 0.01  # length of the force arrows
@@ -190,7 +191,7 @@ class Scenario:
     force_torque_sensor: ForceTorqueSensorConfig | None = None
     # Its observer's time_step is the scenario's, whatever is written here.
     estimator: WrenchEstimatorConfig = field(default_factory=WrenchEstimatorConfig)
-    recording: RecordingConfig = field(default_factory=RecordingConfig)
+    page: PageConfig = field(default_factory=PageConfig)
 
 
 def load_scenario(name_or_path: str, scenario_name: str | None = None) -> Scenario:
@@ -234,7 +235,7 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
     for place, value in (
         ("duration", scenario.duration),
         ("time_step", scenario.time_step),
-        ("recording.fps", scenario.recording.fps),
+        ("page.fps", scenario.page.fps),
         ("force_setpoint.rise", scenario.force_setpoint.rise),
     ):
         if not (np.isfinite(value) and value > 0):
@@ -268,8 +269,8 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
 def _check_workpiece(workpiece: PlateConfig | BladeConfig | None, source: str) -> None:
     if workpiece is None:
         return
-    if len(workpiece.centre) != 3 or len(workpiece.rpy) != 3:
-        raise InputError(source, "workpiece", "centre and rpy take three numbers each")
+    if len(workpiece.pose.xyz) != 3 or len(workpiece.pose.rpy) != 3:
+        raise InputError(source, "workpiece.pose", "xyz and rpy take three numbers each")
     if min(workpiece.dissipation, workpiece.friction) < 0:
         raise InputError(source, "workpiece", "a contact parameter is negative")
     if isinstance(workpiece, PlateConfig):

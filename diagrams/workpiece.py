@@ -15,12 +15,13 @@ from pydrake.geometry import (
     Mesh,
     ProximityProperties,
 )
-from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.math import RigidTransform
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 
 from diagrams.scenario import BladeConfig, PlateConfig
 from models.files.input_error import InputError
 from models.motion.workpieces import BladeSection, Plate, Surface, mesh
+from models.robot.robot_config import pose_of
 
 _PLATE_COLOUR = np.array([0.62, 0.68, 0.72, 1.0])
 _STAND_COLOUR = np.array([0.42, 0.45, 0.48, 1.0])
@@ -50,7 +51,7 @@ def surface_of(workpiece: PlateConfig | BladeConfig) -> Surface:
 
 def pose_of_workpiece(workpiece: PlateConfig | BladeConfig) -> RigidTransform:
     """X_WP; of a plate P lies in the middle of its top face."""
-    return RigidTransform(RollPitchYaw(workpiece.rpy), workpiece.centre)
+    return pose_of(workpiece.pose)
 
 
 def contact_material(stiffness: float, dissipation: float, friction: float) -> ProximityProperties:

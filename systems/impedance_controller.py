@@ -20,6 +20,7 @@ from models.control.impedance import impedance_action
 from models.files.input_error import InputError
 from models.friction.velocity_friction import SemiParametricFriction
 from models.rigid_body.serial_chain import RigidBodyTerms
+from models.rigid_body.spatial_vectors import FORCE_FIRST
 from systems.pose_reference import POSE_REFERENCE_SIZE
 
 _NO_WRENCH = np.zeros(6)
@@ -277,5 +278,4 @@ def _matrix(value: ArrayLike, place: str) -> Array:
         raise InputError("impedance", place, "expected a symmetric matrix")
     if np.linalg.eigvalsh(array)[0] < -1e-9 * scale:
         raise InputError("impedance", place, "expected no negative eigenvalue")
-    order = [3, 4, 5, 0, 1, 2]
-    return np.ascontiguousarray(array[np.ix_(order, order)])
+    return np.ascontiguousarray(array[np.ix_(FORCE_FIRST, FORCE_FIRST)])

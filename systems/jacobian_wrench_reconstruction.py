@@ -14,7 +14,8 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig, reconstruct
+from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
+from models.estimation.wrench_kernels import reconstruct
 from models.rigid_body.serial_chain import RigidBodyTerms
 
 READING_SIZES = (6, 36, 1, 1)

@@ -3,6 +3,7 @@
 Robots are immutable once loaded, so that one of each serves all tests of a process.
 """
 
+import os
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Sequence
 from importlib import metadata
@@ -29,6 +30,29 @@ _WHEEL: dict[str, tuple[str, str, str, dict[str, float]]] = {
         {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.01},
     ),
 }
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files with slow tests first: no worker begins one when the others are about to end."""
+    slow = {item.path for item in items if item.get_closest_marker("slow") is not None}
+    items.sort(key=lambda item: item.path not in slow)
+
+
+# Shared work --------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="session")
+def common_work(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder for `sharing_in`: what several experiments identify is identified once.
+
+    It serves all workers of a run, and no other run. Within it an experiment runs as in a study.
+    """
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:  # whose folders lie in one of the whole run
+        folder = folder.parent
+    folder = folder / "common-work"
+    folder.mkdir(exist_ok=True)
+    return folder
 
 
 # Recordings ---------------------------------------------------------------------------------------

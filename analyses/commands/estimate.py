@@ -71,7 +71,10 @@ def command(
     log_format: LogFormat = None,
     prior: Annotated[
         str,
-        typer.Option(help="live (half the rated payload), log (what it tells), or N,N m: 30,2."),
+        typer.Option(
+            help="Prior sds of force and moment: live (from the rated payload), log (from "
+            "the log), or two numbers in N and N m: 30,2."
+        ),
     ] = DEFAULTS.prior,
     engine: Annotated[
         str, typer.Option(help="batch (kernels) or diagram (the Drake diagram): the same result.")
@@ -90,26 +93,37 @@ def command(
         ),
     ] = OBSERVER.torque_samples,
     prior_force_sd: Annotated[
-        float | None, typer.Option(help="Of the bayesian method, N; else what the log tells.")
+        float | None,
+        typer.Option(
+            help="Prior sd of the force for the method bayesian, N; else as --prior says."
+        ),
     ] = READING.prior_force_sd,
     prior_moment_sd: Annotated[
-        float | None, typer.Option(help="The same about E, N m; else what the log tells.")
+        float | None,
+        typer.Option(help="Prior sd of the moment about E, N m; else as --prior says."),
     ] = READING.prior_moment_sd,
     max_force_sd: Annotated[
         float | None,
         typer.Option(help="Largest force sd of a valid reading, N; else what the prior implies."),
     ] = READING.max_force_sd,
     damping: Annotated[
-        float, typer.Option(help="Of the method damped, on J's singular values in m and rad.")
+        float,
+        typer.Option(help="Damping of the method damped, on J's singular values in m and rad."),
     ] = READING.damping,
     truncation: Annotated[
-        float, typer.Option(help="Of the method truncated, a share of J's largest singular value.")
+        float,
+        typer.Option(
+            help="Least singular value that the method truncated keeps, a share of J's largest."
+        ),
     ] = READING.truncation,
     step: Annotated[
-        float, typer.Option(help="Of the grid that the log is resampled on, s; 0: its own.")
+        float, typer.Option(help="Time step that the log is resampled to, s; 0: the log's own.")
     ] = OBSERVER.time_step,
     max_gap: Annotated[
-        float, typer.Option(help="Longest gap that is bridged, s; 0: 0.1 s or three steps.")
+        float,
+        typer.Option(
+            help="Longest gap that is bridged, s; 0: the longer of 0.1 s and three steps."
+        ),
     ] = DEFAULTS.max_gap,
     check: Annotated[
         bool, typer.Option(help="Hold the log against the robot's limits and gravity.")
@@ -147,7 +161,7 @@ def command(
         ),
     ] = REFERENCE.tare,
     reference_delay: Annotated[
-        str, typer.Option(help="s that it is later than the motion, or found.")
+        str, typer.Option(help="How much later than the motion it is, s, or found.")
     ] = REFERENCE.delay,
     false_alarms_per_hour: Annotated[
         float, typer.Option(help="How often contact may be reported where nothing touches the arm.")

@@ -41,7 +41,7 @@ class Outcome:
     seconds: float | None = None  # by the clock
     processor_seconds: float | None = None  # of all its threads
     metrics: dict[str, Any] = field(default_factory=dict)
-    stored: dict[str, Any] = field(default_factory=dict)  # notes, figures, recordings, comparison
+    stored: dict[str, Any] = field(default_factory=dict)  # notes, figures, pages, comparison
 
     @property
     def has_result(self) -> bool:

@@ -50,7 +50,7 @@ class _Section:
     seconds: str
     notes: list[str]
     figures: list[_Picture]
-    recordings: list[_Picture]
+    pages: list[_Picture]
     comparison: list[Comparison]
     metrics: list[tuple[str, str]]
     configuration: str
@@ -216,9 +216,9 @@ def _sections(study: Path, outcomes: Sequence[Outcome]) -> list[_Section]:
             path = folder / file["path"]
             link = quote(f"{outcome.name}/{file['path']}")
             figures.append(_Picture(figure_number, link, file["caption"], _css_size(path)))
-        recordings = [
+        pages = [
             _Picture(0, quote(f"{outcome.name}/{file['path']}"), file["caption"], None)
-            for file in stored["recordings"]
+            for file in stored["pages"]
         ]
         sections.append(
             _Section(
@@ -230,7 +230,7 @@ def _sections(study: Path, outcomes: Sequence[Outcome]) -> list[_Section]:
                 seconds=_duration(outcome.seconds),
                 notes=stored["notes"],
                 figures=figures,
-                recordings=recordings,
+                pages=pages,
                 comparison=comparisons(outcome.metrics, stored["comparison"]),
                 metrics=list(_flat(outcome.metrics)),
                 configuration=(folder / "config.yaml").read_text(encoding="utf-8"),

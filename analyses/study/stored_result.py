@@ -1,7 +1,7 @@
 """An experiment's result on disk: written with checksums, read back only if it is whole.
 
 In the experiment's folder: metrics.json; result.json (what the report shows, and the fingerprint of
-what the result depends on); config.yaml; figures and recordings; and checksums.sha256 over all of
+what the result depends on); config.yaml; figures and pages; and checksums.sha256 over all of
 them, in the form that `sha256sum --check` reads.
 """
 
@@ -17,7 +17,7 @@ from analyses.study.outcome import look_up
 from analyses.study.study_folder import mark_experiment
 
 CHECKSUMS: Final = "checksums.sha256"
-_FORMAT: Final = 2  # of result.json; another one is not read back
+_FORMAT: Final = 3  # of result.json; another one is not read back
 _REQUIRED: Final = ("metrics.json", "result.json", "config.yaml")
 
 
@@ -30,7 +30,7 @@ class StoredResult:
     """What was read back of a whole result."""
 
     metrics: dict[str, Any]
-    stored: dict[str, Any]  # title, section, notes, figures, recordings, comparison, fingerprint
+    stored: dict[str, Any]  # title, section, notes, figures, pages, comparison, fingerprint
 
 
 def write_result(
@@ -40,10 +40,10 @@ def write_result(
     fingerprint: Fingerprint,
     settings: dict[str, Any],
 ) -> None:
-    """Writes a result into the experiment's folder, beside its figures and recordings.
+    """Writes a result into the experiment's folder, beside its figures and pages.
 
     Raises:
-        ValueError: the result names a figure, a recording or a metric that it does not have.
+        ValueError: the result names a figure, a page or a metric that it does not have.
         TypeError: a metric or setting has no plain form.
         InputError: a file cannot be written.
     """
@@ -58,11 +58,11 @@ def write_result(
             "fingerprint": fingerprint,
             "notes": result.notes,
             "figures": result.figures,
-            "recordings": result.recordings,
+            "pages": result.pages,
             "comparison": result.comparison,
         }
     )
-    for file in (*stored["figures"], *stored["recordings"]):
+    for file in (*stored["figures"], *stored["pages"]):
         name = Path(file["path"])
         if name.is_absolute() or not (path / name).is_file():
             raise ValueError(f"{name} is not a file in the experiment's folder")
@@ -103,7 +103,7 @@ def read_result(path: Path) -> StoredResult:
         stored = json.loads((path / "result.json").read_text(encoding="utf-8"))
         if stored["format"] != _FORMAT:
             raise DamagedResultError("it has the format of another version")
-        shown = (file["path"] for file in (*stored["figures"], *stored["recordings"]))
+        shown = (file["path"] for file in (*stored["figures"], *stored["pages"]))
         for name in (*_REQUIRED, *shown):
             if name not in sums:
                 raise DamagedResultError(f"{CHECKSUMS} does not list {name}")

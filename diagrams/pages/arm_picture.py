@@ -13,10 +13,10 @@ from models.robot.robot import Robot
 
 
 class ArmPicture:
-    """Shows a robot in a Meshcat; publishes into its recording if it is recording.
+    """Shows a robot in a Meshcat; publishes into its animation if one is being made.
 
     Args:
-        fps: frames a second that a recording keeps.
+        fps: frames a second that an animation keeps.
     """
 
     def __init__(self, robot: Robot, meshcat: Meshcat, fps: float = 30.0) -> None:
@@ -39,7 +39,7 @@ class ArmPicture:
         self._order = [joint.position_start() for joint in parts.joints]
 
     def show(self, q: ArrayLike, time: float = 0.0) -> None:
-        """Draws the arm at q (n,), as the frame of `time` (s) of a recording."""
+        """Draws the arm at q (n,), as the frame of `time` (s) of an animation."""
         self._context.SetTime(time)
         positions = np.array(self._plant.GetPositions(self._plant_context))
         positions[self._order] = np.asarray(q, np.float64)

@@ -6,12 +6,12 @@ import numpy as np
 from pydrake.perception import BaseField, Fields, PointCloud
 
 from diagrams.pages.arm_picture import ArmPicture, colour_scale, scale_legend
-from diagrams.pages.run_page import make_meshcat, start_recording, write_page
+from diagrams.pages.run_page import make_meshcat, start_animation, write_page
 from models.arrays import Array
 from models.robot.robot import Robot
 
 
-def record_cloud(
+def write_cloud_page(
     robot: Robot,
     points: Array,
     measure: Array,
@@ -34,6 +34,6 @@ def record_cloud(
     cloud.mutable_rgbs()[:] = np.round(255.0 * colour_scale(measure, low, high)).T.astype(np.uint8)
     meshcat.SetObject("cloud", cloud, point_size)
     picture = ArmPicture(robot, meshcat)
-    start_recording(meshcat, 30.0)
+    start_animation(meshcat, 30.0)
     picture.show(robot.home)
     write_page(meshcat, path, title, scale_legend(label, low, high))

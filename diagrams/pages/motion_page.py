@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 
 from diagrams.pages.arm_picture import ArmPicture
-from diagrams.pages.run_page import make_meshcat, start_recording, write_page
+from diagrams.pages.run_page import make_meshcat, start_animation, write_page
 from models.motion.paths import JointTrajectory
 from models.robot.robot import Robot
 
 
-def record_motion(
+def write_motion_page(
     robot: Robot, trajectory: JointTrajectory, path: Path, title: str, fps: float = 30.0
 ) -> None:
     """Writes the motion as a page that needs nothing else, in its own time.
@@ -24,7 +24,7 @@ def record_motion(
     # As far back as the longest reach needs.
     meshcat = make_meshcat(robot, tips[int(np.argmax(np.linalg.norm(tips, axis=1)))])
     picture = ArmPicture(robot, meshcat, fps)
-    start_recording(meshcat, fps)
+    start_animation(meshcat, fps)
     for time, posture in zip(times - times[0], q, strict=True):
         picture.show(posture, float(time))
     write_page(meshcat, path, title, {})

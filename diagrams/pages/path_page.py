@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydrake.geometry import Meshcat, Rgba
 
 from diagrams.pages.arm_picture import ArmPicture, colour_scale, scale_legend
-from diagrams.pages.run_page import make_meshcat, start_recording, write_page
+from diagrams.pages.run_page import make_meshcat, start_animation, write_page
 from models.arrays import Array
 from models.robot.robot import Robot
 
@@ -35,7 +35,7 @@ class TriangleMesh:
     triangles: NDArray[np.int32]
 
 
-def record_paths(
+def write_path_page(
     robot: Robot,
     motions: Sequence[PathMotion],
     path: Path,
@@ -73,7 +73,7 @@ def record_paths(
         )
     for motion, tip in zip(motions, tips, strict=True):
         _draw_tube(meshcat, _place(motion), tip, colour_scale(motion.measure, low, high))
-    start_recording(meshcat, fps)
+    start_animation(meshcat, fps)
     start = 0.0
     for index, motion in enumerate(motions):
         for other in motions:

@@ -74,15 +74,15 @@ def add_wrench_arrows(
     return arrows
 
 
-def start_recording(meshcat: Meshcat, fps: float) -> None:
-    """From here on what is published to `meshcat` becomes part of its recording."""
+def start_animation(meshcat: Meshcat, fps: float) -> None:
+    """From here on what is published to `meshcat` becomes part of its animation."""
     meshcat.StartRecording(frames_per_second=fps, set_visualizations_while_recording=False)
 
 
 def write_page(
     meshcat: Meshcat, path: Path, title: str, legend: Mapping[str, ArrayLike] | None = None
 ) -> None:
-    """Ends the recording and writes it as a web page that needs nothing else; whole or not at all.
+    """Ends the animation and writes it as a web page that needs nothing else; whole or not at all.
 
     Args:
         title: of the page, shown in it above the legend.

@@ -61,7 +61,7 @@ class FrictionErrorConfig:
     rest_speed: float = 0.002  # rad/s, below which a joint rests
     kept: float = 0.25  # share of the sliding friction that stays at rest, on the side of before
     common: float = 0.2  # share by which friction of all joints is larger or smaller
-    offset: float = 0.75  # N m, of a joint whose friction was found on this robot
+    offset: float = 1.5  # N m, of a joint whose friction was found on this robot; gravity too
     carried_offset: float = 0.25  # N m, of the others
 
 
@@ -70,14 +70,14 @@ class ContactForceConfig:
     """What is known of the contact beforehand, and how the torque errs."""
 
     normal_sd: float = 61.0  # N, before anything is known, and after a jump
-    normal_rate: float = 25.0  # N/sqrt(s), how fast the force wanders
+    normal_rate: float = 18.0  # N/sqrt(s), how fast the force wanders
     jump_rate: float = 0.1  # 1/s, how often it changes at once
     across_sd: float = 2.5  # N, of a tool that moves along the workpiece
     across_time: float = 0.1  # s
     standing_across_sd: float = 8.0  # N, of a tool that stands
     standing_across_time: float = 1.0  # s
     standing_speed: float = 0.005  # m/s, below which it stands
-    moment_sd: float = 0.25  # N m about the contact
+    moment_sd: float = 1.4  # N m about the contact: a roller touches anywhere along its width
     white: float = 0.4  # N m, of a block
     spread: float = 0.5  # share of the sd within a block that its mean errs by
     inertial: float = 0.2  # share of the inertial torque

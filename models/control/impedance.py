@@ -11,42 +11,15 @@ left and right Jacobians of SO(3) (Chirikjian, Stochastic Models, Information Th
 Groups 2, eqs. 10.85, 10.86).
 """
 
-import numba
 import numpy as np
+from numba import njit
 
 from models.arrays import Array
 from models.control.joint_tracking import friction_feedforward
+from models.rigid_body.rotations import rotation_vector
 
 
-@numba.njit(cache=True)
-def rotation_vector(R: Array, out: Array) -> None:
-    """Writes the rotation vector (3,) of R (3, 3), its length in [0, pi], through the quaternion.
-
-    Accurate near zero and near pi. At pi exactly either of the two vectors is right; the choice is
-    deterministic.
-    """
-    trace = R[0, 0] + R[1, 1] + R[2, 2]
-    # Shepperd's method: divide by the largest of the four components.
-    if trace > R[0, 0] and trace > R[1, 1] and trace > R[2, 2]:
-        w = 1.0 + trace
-        x, y, z = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
-    elif R[0, 0] >= R[1, 1] and R[0, 0] >= R[2, 2]:
-        w = R[2, 1] - R[1, 2]
-        x, y, z = 1.0 + 2.0 * R[0, 0] - trace, R[0, 1] + R[1, 0], R[0, 2] + R[2, 0]
-    elif R[1, 1] >= R[2, 2]:
-        w = R[0, 2] - R[2, 0]
-        x, y, z = R[0, 1] + R[1, 0], 1.0 + 2.0 * R[1, 1] - trace, R[1, 2] + R[2, 1]
-    else:
-        w = R[1, 0] - R[0, 1]
-        x, y, z = R[0, 2] + R[2, 0], R[1, 2] + R[2, 1], 1.0 + 2.0 * R[2, 2] - trace
-    if w < 0.0:
-        w, x, y, z = -w, -x, -y, -z
-    sine = np.sqrt(x * x + y * y + z * z)
-    scale = 2.0 * np.arctan2(sine, w) / sine if sine > 0.0 else 0.0
-    out[0], out[1], out[2] = scale * x, scale * y, scale * z
-
-
-@numba.njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _left_jacobian_inverse(e: Array, sign: float, out: Array) -> None:
     # 1 - sign/2 [e]x + c [e]x^2; sign -1 gives the right Jacobian's inverse
     theta2 = e[0] * e[0] + e[1] * e[1] + e[2] * e[2]
@@ -68,7 +41,7 @@ def _left_jacobian_inverse(e: Array, sign: float, out: Array) -> None:
     out[2, 1] -= h * e[0]
 
 
-@numba.njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def pose_error(in_E: bool, R_WE: Array, p_WE: Array, R_WD: Array, p_WD: Array, out: Array) -> None:
     """Writes e (6,), rotation first: from D to E, in axes of E or of W (rad, m)."""
     R = np.empty((3, 3))
@@ -89,7 +62,7 @@ def pose_error(in_E: bool, R_WE: Array, p_WE: Array, R_WD: Array, p_WD: Array, o
             out[3 + i] = p_WE[i] - p_WD[i]
 
 
-@numba.njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def impedance_wrench(
     in_E: bool,
     stiffness: Array,
@@ -161,7 +134,7 @@ def impedance_wrench(
         wrench[3 + k] = spring[3 + k] - along * free_direction[k] + damper[3 + k]
 
 
-@numba.njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _to_world(R_WE: Array, wrench: Array) -> None:
     old = wrench.copy()
     for part in (0, 3):
@@ -171,7 +144,7 @@ def _to_world(R_WE: Array, wrench: Array) -> None:
                 wrench[part + i] += R_WE[i, k] * old[part + k]
 
 
-@numba.njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def impedance_torque(
     effort_limit: Array,
     null_space_damping: float,
@@ -220,7 +193,7 @@ def impedance_torque(
         tau[i] = min(max(tau[i], -effort_limit[i]), effort_limit[i])
 
 
-@numba.njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def impedance_action(
     in_E: bool,
     stiffness: Array,

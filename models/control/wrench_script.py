@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Union
 
-import numba
 import numpy as np
+from numba import njit
 
 from models.arrays import Array
 from models.files.input_error import InputError
@@ -79,7 +79,7 @@ class HandPush:
 WrenchSegment = Union[WrenchStep, WrenchRamp, WrenchSine, HandPush]  # noqa: UP007 (yaml_load_typed)
 
 
-@numba.njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _sample(table: Array, tones: Array, t: float, out: Array) -> None:
     # table rows: kind, start, end, rise or frequency or fade, phase or first tone, 6 amplitudes,
     # length of one push, time from one to the next
@@ -116,12 +116,6 @@ def _sample(table: Array, tones: Array, t: float, out: Array) -> None:
             gain = np.sin(2.0 * np.pi * table[i, 3] * since + table[i, 4])
         for axis in range(6):
             out[axis] += gain * table[i, 5 + axis]
-
-
-@numba.njit(cache=True)
-def _sample_many(table: Array, tones: Array, t: Array, out: Array) -> None:
-    for k in range(t.shape[0]):
-        _sample(table, tones, t[k], out[k])
 
 
 class WrenchScript:
@@ -172,13 +166,6 @@ class WrenchScript:
         """The wrench (6,) at time t, rotation first: [moment N m; force N]."""
         out = np.empty(6)
         _sample(self._table, self._tones, t, out)
-        return out
-
-    def sample_many(self, t: Array) -> Array:
-        """The wrench (T, 6) at times t (T,), rotation first."""
-        t = np.ascontiguousarray(t, dtype=np.float64)
-        out = np.empty((t.shape[0], 6))
-        _sample_many(self._table, self._tones, t, out)
         return out
 
 

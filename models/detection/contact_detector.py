@@ -221,7 +221,7 @@ class ContactDetector:
             batch: of the same samples.
         """
         q, v = (np.require(x, float, ("C", "W")) for x in (q, v))
-        momentum = self.chain.momentum(q, v)
+        momentum = self.chain.momentum_terms(q, v)[0]
         return Detection.of(
             self.judge(
                 *(state, q, v, batch.transmitted, momentum, batch.J, batch.tau_ext, batch.fresh)
@@ -241,11 +241,9 @@ class ContactDetector:
     ) -> Array:
         """(N, NUM_OUT) as `detect_tick` writes it; arguments (N, n), J (N, 6, n), fresh (N,)."""
         out = np.empty((len(q), NUM_OUT))
-        detect_log(
-            *(self._error, self._joints, self._settings, self._white, state),
-            *(np.require(x, float, ("C", "W")) for x in (q, v, transmitted, momentum, J, tau_ext)),
-            *(np.asarray(fresh, bool), out),
-        )
+        tables = (self._error, self._joints, self._settings, self._white, state)
+        moved = _ready(q), _ready(v), _ready(transmitted), _ready(momentum)
+        detect_log(*tables, *moved, _ready(J), _ready(tau_ext), np.asarray(fresh, bool), out)
         return out
 
     def whiten(
@@ -261,13 +259,16 @@ class ContactDetector:
         settings = self._settings.copy()
         settings[[SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL]] = np.inf
         z, mean, out = np.empty_like(q), np.empty_like(q), np.empty((len(q), NUM_OUT))
-        white_log(
-            *(self._error, self._joints, settings, self._white, state),
-            *(np.require(x, float, ("C", "W")) for x in (q, v, transmitted, momentum)),
-            *(np.zeros((6, self.num_joints)), np.require(tau_ext, float, ("C", "W"))),
-            *(out, z, mean),
-        )
+        tables = (self._error, self._joints, settings, self._white, state)
+        moved = _ready(q), _ready(v), _ready(transmitted), _ready(momentum)
+        no_jacobian = np.zeros((6, self.num_joints))
+        white_log(*tables, *moved, no_jacobian, _ready(tau_ext), out, z, mean)
         return z, mean, out
+
+
+def _ready(x: Array) -> Array:
+    """An array as the kernels take it."""
+    return np.require(x, np.float64, ("C", "W"))
 
 
 def initial_state(num_joints: int) -> Array:

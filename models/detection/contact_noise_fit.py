@@ -34,7 +34,7 @@ def fit_contact_noise(
     if model.torque_error is None or not count:
         return None
     time_step = readings[0].time_step
-    momenta = [chain.momentum(own.q, own.v) for own in readings]
+    momenta = [chain.momentum_terms(own.q, own.v)[0] for own in readings]
     seen = [
         jolts(momentum, np.exp(-own.K_0 * time_step), time_step)[rows]
         for own, momentum, rows in zip(readings, momenta, used, strict=True)

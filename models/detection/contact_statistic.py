@@ -14,7 +14,8 @@ beyond. Two things that the torque error does not hold:
             it exceeds `usual_jolt` by
     local   g >= 1: root mean square of z over LOCAL_TIME without contact, as in a radar's constant
             false-alarm rate. Friction that has drifted widens the threshold in place of a false
-            alarm; outliers count as OUTLIER times g, and where there is contact g stays
+            alarm; outliers count as OUTLIER times g, where there is contact g stays, and in the
+            first LOCAL_TIME of a log it is the mean since the start, g = 1 counting for FIRST
 
 With y = U z, U upper triangular and U R U^T = 1 for the correlation R of the joints' errors, so
 that y_j.. holds what joints j and beyond say, three lengths are held against the level that each
@@ -51,7 +52,7 @@ import numpy as np
 from numba import njit
 from scipy.signal import lfilter
 
-from models.arrays import Array
+from models.arrays import Array, Flags
 from models.identification.torque_error_model import (
     TORQUE_ERROR_ROWS,
     TRANSMITTED_ROW,
@@ -59,9 +60,11 @@ from models.identification.torque_error_model import (
     torque_sd_tick,
 )
 from models.observers.lag import JACOBIAN_ROWS, see_jacobian, take_jacobian
+from models.rigid_body.small_matrices import factorise_in_place, solve_lower
 
 WINDOW = 0.3  # s
 LOCAL_TIME = 10.0  # s
+FIRST = 1.0  # s
 OUTLIER = 3.0
 RELEASE, LARGEST_RELEASE = 0.5, 0.8
 LEFT = 0.3
@@ -77,7 +80,7 @@ _LAST, _BEFORE, _JOLT2, _LOCAL2, _SLOW, _SQUARE, _MEAN, _POWER = range(
 )
 NUM_UNKNOWN = _JOLT2  # rows before it are not known before the first sample
 _SINGLE = _POWER + 1  # first of the rows that hold single numbers
-_CONTACT, _QUIET, _MISFIT, _RESTING, _RATIO, _TOUCHED, NUM_SINGLE = range(7)
+_CONTACT, _QUIET, _MISFIT, _RESTING, _RATIO, _TOUCHED, _SEEN, NUM_SINGLE = range(8)
 
 # Rows of `joints`: the observer's pole for J (negative: none) and for a jolt, per tick, ...
 POLE, JOLT_POLE, USUAL_JOLT, MEAN_SCALE, FITTED_SPEED, FITTED_LOAD, NUM_JOINT_ROWS = range(7)
@@ -98,7 +101,9 @@ def state_rows(num_joints: int) -> int:
 
 
 @njit(cache=True, error_model="numpy")
-def misfit_square(white, J, s, tau_y, moment_sd, M):  # type: ignore[no-untyped-def]
+def misfit_square(
+    white: Array, J: Array, s: Array, tau_y: Array, moment_sd: float, M: Array
+) -> float:
     """D of y (n,) = U z: y^T (1 + A^T P A)^-1 y with A = J diag(1 / s) U^T.
 
     Args:
@@ -119,30 +124,38 @@ def misfit_square(white, J, s, tau_y, moment_sd, M):  # type: ignore[no-untyped-
                 total += white[j, k] * J[i, k] / s[k]
             A[i, j] = known * total
     x = M[n + 6]
-    square = 0.0
     for i in range(n):
         for j in range(i + 1):
             total = 1.0 if i == j else 0.0
             for k in range(6):
                 total += A[k, i] * A[k, j]
-            for k in range(j):
-                total -= M[i, k] * M[j, k]
-            if i == j:
-                M[i, i] = np.sqrt(max(total, 1.0))
-            else:
-                M[i, j] = total / M[j, j]
-        total = tau_y[i]
-        for k in range(i):
-            total -= M[i, k] * x[k]
-        x[i] = total / M[i, i]
+            M[i, j] = total
+        x[i] = tau_y[i]
+    factorise_in_place(M, n, 0.0)
+    solve_lower(M, n, x)
+    square = 0.0
+    for i in range(n):
         square += x[i] * x[i]
     return square
 
 
 @njit(cache=True, error_model="numpy")
-def detect_tick(  # type: ignore[no-untyped-def]
-    error, joints, settings, white, state, q, v, transmitted, momentum, J, tau_ext, fresh, out, work
-):
+def detect_tick(
+    error: Array,
+    joints: Array,
+    settings: Array,
+    white: Array,
+    state: Array,
+    q: Array,
+    v: Array,
+    transmitted: Array,
+    momentum: Array,
+    J: Array,
+    tau_ext: Array,
+    fresh: bool,
+    out: Array,
+    work: Array,
+) -> None:
     """Single-sample kernel: takes a sample into `state` and writes what it says.
 
     Args:
@@ -192,6 +205,8 @@ def detect_tick(  # type: ignore[no-untyped-def]
     sample = power = mean = plain_mean = along = 0.0
     if finite:
         pace = 1.0 - np.exp(-T / LOCAL_TIME)
+        own[_SEEN] += T
+        early = 1.0 - np.exp(-T / min(max(own[_SEEN], FIRST), LOCAL_TIME))
         follows = own[_CONTACT] == 0.0 or own[_TOUCHED] > LOCAL_TIME
         if own[_CONTACT] == 1.0:
             own[_TOUCHED] += T
@@ -210,7 +225,7 @@ def detect_tick(  # type: ignore[no-untyped-def]
             if follows:
                 local = max(state[_LOCAL2, j], 1.0)
                 new = min(z[j] * z[j], OUTLIER * OUTLIER * local)
-                state[_LOCAL2, j] += pace * (new - state[_LOCAL2, j])
+                state[_LOCAL2, j] += early * (new - state[_LOCAL2, j])
             local = np.sqrt(max(state[_LOCAL2, j], 1.0))
             s[j] *= local
             z[j] /= local
@@ -269,7 +284,7 @@ def detect_tick(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _link(power, level):  # type: ignore[no-untyped-def]
+def _link(power: Array, level: float) -> float:
     """The link (1 to n) that a force away from E acts on, or 0 where the joints cannot tell."""
     beyond = 0.0
     for j in range(power.shape[0] - 1, -1, -1):
@@ -282,9 +297,21 @@ def _link(power, level):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def detect_log(  # type: ignore[no-untyped-def]
-    error, joints, settings, white, state, q, v, transmitted, momentum, J, tau_ext, fresh, out
-):
+def detect_log(
+    error: Array,
+    joints: Array,
+    settings: Array,
+    white: Array,
+    state: Array,
+    q: Array,
+    v: Array,
+    transmitted: Array,
+    momentum: Array,
+    J: Array,
+    tau_ext: Array,
+    fresh: Flags,
+    out: Array,
+) -> None:
     """`detect_tick` for N samples, one after another; out (N, NUM_OUT)."""
     n = q.shape[1]
     work = np.empty((n + 18, n))
@@ -308,9 +335,22 @@ def detect_log(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def white_log(  # type: ignore[no-untyped-def]
-    error, joints, settings, white, state, q, v, transmitted, momentum, J, tau_ext, out, z, mean
-):
+def white_log(
+    error: Array,
+    joints: Array,
+    settings: Array,
+    white: Array,
+    state: Array,
+    q: Array,
+    v: Array,
+    transmitted: Array,
+    momentum: Array,
+    J: Array,
+    tau_ext: Array,
+    out: Array,
+    z: Array,
+    mean: Array,
+) -> None:
     """As `detect_log`, and writes z and LP(z), (N, n) each, for what learns from them."""
     n = q.shape[1]
     work = np.zeros((n + 18, n))

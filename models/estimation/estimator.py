@@ -11,7 +11,7 @@ numbers. A friction law with load dependence takes the motor torque of the tick 
 """
 
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,12 +31,8 @@ from models.estimation.tick import (
     trusted_tick,
 )
 from models.estimation.trusted_reading import TrustedReading
-from models.estimation.wrench import (
-    WrenchReconstruction,
-    WrenchReconstructionConfig,
-    live_prior,
-    reconstruct_log,
-)
+from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig, live_prior
+from models.estimation.wrench_kernels import reconstruct_log
 from models.friction.friction_law import FrictionLaw
 from models.identification.identified_model import IdentifiedModel
 from models.observers.momentum_observer import MomentumObserverConfig
@@ -199,7 +195,11 @@ class WrenchEstimator:
                 resolution,
                 self.config.force_bandwidth_hz,
             )
-        self._trusted_tables = None if self.trusted is None else self.trusted.tables
+        # What the kernel of `step` is given at each tick, put together once.
+        self._constants: list[Any] = [self.choice, *self.tables, self.observer_rows]
+        if self.trusted is not None:
+            tables = (*self.tables[:-1], *self.trusted.tables)
+            self._constants = [self.choice, *tables, self.observer_rows, self.tick_rows]
         more = 0 if self.trusted is None else self.trusted.state_rows
         self._state_shape = (self.tick_rows + more, n)
         self._sample = np.empty((3, n))
@@ -273,28 +273,11 @@ class WrenchEstimator:
         if state.shape != self._state_shape:
             raise ValueError(f"state must be {self._state_shape}, not {state.shape}")
         out = np.empty(n + NUM_READING)
-        if self._trusted_tables is None:
-            estimate_tick(
-                self.choice,
-                *self.tables,
-                self.observer_rows,
-                state,
-                sample,
-                out,
-                self._scratch,
-            )
+        rest: list[Any] = [state, sample, out, self._scratch]
+        if self.trusted is None:
+            estimate_tick(*self._constants, *rest)
         else:
-            trusted_tick(
-                self.choice,
-                *self.tables[:-1],
-                *self._trusted_tables,
-                self.observer_rows,
-                self.tick_rows,
-                state,
-                sample,
-                out,
-                self._scratch,
-            )
+            trusted_tick(*self._constants, *rest)
         return TickEstimate(
             out[:n],
             out[n : n + 6],

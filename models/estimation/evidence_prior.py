@@ -101,7 +101,9 @@ def _most_evident(
 
 
 @njit(cache=True, error_model="numpy")
-def _log_evidence(gram, seen, moment_sd, force_sd, weight):  # type: ignore[no-untyped-def]
+def _log_evidence(
+    gram: Array, seen: Array, moment_sd: float, force_sd: float, weight: float
+) -> tuple[float, float, float, float]:
     """What depends on the sds in the mean log likelihood of a sample; `weight` scales `seen`.
 
     By the matrix determinant and inversion lemmas only the 6x6 matrix A = 1 + S gram S appears:

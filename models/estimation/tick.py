@@ -23,7 +23,7 @@ from models.estimation.trusted_reading import (
     TRUSTED_WORK_ROWS,
     trusted_reading_tick,
 )
-from models.estimation.wrench import reconstruct
+from models.estimation.wrench_kernels import reconstruct
 from models.friction.velocity_friction import friction_torque
 from models.identification.torque_error_model import TRANSMITTED_ROW
 from models.observers.observer import (

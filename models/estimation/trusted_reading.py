@@ -14,13 +14,8 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from models.arrays import Array, Flags
-from models.estimation.wrench import (
-    WORK_ROWS,
-    WrenchReconstruction,
-    WrenchReconstructionConfig,
-    reconstruct_log,
-    reconstruct_with,
-)
+from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
+from models.estimation.wrench_kernels import WORK_ROWS, reconstruct_log, reconstruct_with
 from models.friction.friction_law import FrictionLaw
 from models.identification.torque_error_model import (
     TORQUE_ERROR_ROWS,
@@ -175,9 +170,20 @@ class TrustedReading:
 
 
 @njit(cache=True, error_model="numpy")
-def trusted_reading_tick(  # type: ignore[no-untyped-def]
-    error, lag, wrench, state, q, v, transmitted, J, tau_ext, counts, reading, work
-):
+def trusted_reading_tick(
+    error: Array,
+    lag: Array,
+    wrench: Array,
+    state: Array,
+    q: Array,
+    v: Array,
+    transmitted: Array,
+    J: Array,
+    tau_ext: Array,
+    counts: bool,
+    reading: Array,
+    work: Array,
+) -> None:
     """Single-sample kernel: one sample of `TrustedReading.run`.
 
     Args:

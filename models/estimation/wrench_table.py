@@ -16,11 +16,9 @@ from models.arrays import Array
 from models.files.input_error import InputError
 from models.files.whole_file import whole_file, writing_to
 from models.recordings.text_table import write_csv_header
+from models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
 
-_AXES = ("fx", "fy", "fz", "mx", "my", "mz")
-_FORCE_FIRST = [3, 4, 5, 0, 1, 2]  # columns of a wrench whose rotation comes first
-
-COLUMNS = ("t", *_AXES, *(f"sd_{axis}" for axis in _AXES), "condition_number", "valid")
+COLUMNS = ("t", *WRENCH_AXES, *(f"sd_{axis}" for axis in WRENCH_AXES), "condition_number", "valid")
 """The first columns: s; N and N m at E in axes of W, environment on robot; their standard
 deviations; condition number of the Jacobian (inf where it is singular); 1 where the row may be
 trusted, else 0."""
@@ -28,7 +26,7 @@ FLAGS = ("contact", "misfit", "link", "rest", "out_of_range")
 """Columns after tau_ext_1 to tau_ext_n (N m, positive along the motion it causes) and
 contact_statistic (1: contact begins), as `models.detection.contact_detector.Detection`: 1 or 0, and
 the number of the link where a contact is that no force at E explains, 0 where that is not told."""
-COVARIANCE = tuple(f"cov_{a}_{b}" for k, a in enumerate(_AXES) for b in _AXES[k:])
+COVARIANCE = tuple(f"cov_{a}_{b}" for k, a in enumerate(WRENCH_AXES) for b in WRENCH_AXES[k:])
 """Columns after these, on request: N^2, N^2 m and N^2 m^2; the upper triangle, row by row."""
 TABLES = ("csv", "parquet")
 
@@ -104,13 +102,13 @@ class WrenchTableWriter:
             flags: (N,) each, of FLAGS.
             covariance: (N, 6, 6), rotation first, where the table has its columns.
         """
-        columns = [t, *wrench[:, _FORCE_FIRST].T, *standard_deviation[:, _FORCE_FIRST].T]
+        columns = [t, *wrench[:, FORCE_FIRST].T, *standard_deviation[:, FORCE_FIRST].T]
         columns += [condition_number, valid.astype(np.int8), *tau_ext.T, statistic]
         columns += [np.asarray(flags[name]).astype(np.int8) for name in FLAGS]
         if self._covariance:
             if covariance is None:
                 raise ValueError("wrench table: the covariance is missing")
-            ordered = covariance[:, _FORCE_FIRST][:, :, _FORCE_FIRST]
+            ordered = covariance[:, FORCE_FIRST][:, :, FORCE_FIRST]
             columns += list(ordered[:, *_UPPER].T)
         arrays = [pa.array(np.ascontiguousarray(column)) for column in columns]
         with writing_to(self.path):

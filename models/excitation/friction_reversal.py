@@ -245,52 +245,6 @@ def separate(
     )
 
 
-def separate_crossings(
-    chain: SerialChain,
-    motion: ReversalMotion,
-    t: Array,
-    q: Array,
-    v: Array,
-    vdot: Array,
-    tau: Array,
-    joint: int,
-) -> ReversalSamples:
-    """Separates a joint's friction at the planned passes of a `reversal_motion` (eqs. 16-19).
-
-    Signals (T, n) at times t (T,), filtered; a pass counts at the planned time.
-    """
-    n = q.shape[1]
-    signals = np.hstack([q, v, vdot, tau])
-    at = np.stack(
-        [
-            np.stack([np.interp(times, t, column) for column in signals.T], axis=1)
-            for times in motion.crossings.T
-        ],
-        axis=1,
-    )  # (K, 2, 4 n)
-    middle = at[:, :, :n].mean(axis=1)
-    left = np.stack(
-        [
-            at[:, k, 3 * n + joint]
-            - chain.inverse_dynamics(
-                middle, at[:, k, n : 2 * n].copy(), at[:, k, 2 * n : 3 * n].copy()
-            )[:, joint]
-            for k in range(2)
-        ]
-    )
-    speeds = at[:, :, n + joint]
-    sign = np.sign(speeds[:, 0] - speeds[:, 1])
-    bends = at[:, :, 2 * n + joint]
-    return ReversalSamples(
-        joint=joint,
-        position=middle[:, joint],
-        speed=0.5 * np.abs(speeds[:, 0] - speeds[:, 1]),
-        acceleration=0.5 * sign * (bends[:, 0] - bends[:, 1]),
-        symmetric=0.5 * sign * (left[0] - left[1]),
-        asymmetric=0.5 * (left[0] + left[1]),
-    )
-
-
 def _passes(t: Array, v: Array, rest: float, settle: float) -> list[slice]:
     """Stretches in which a joint moves one way, less `settle` at both ends."""
     direction = np.where(np.abs(v) > rest, np.sign(v), 0.0)

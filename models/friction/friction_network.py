@@ -7,7 +7,6 @@ is trained runs here on numpy alone.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -69,18 +68,3 @@ class FrictionNetworks:
         x = (np.asarray(v, float) / self.v_scale)[..., None]
         hidden = np.tanh(self.W1 * x + self.b1)
         return np.asarray((self.W2 * hidden).sum(axis=-1) + self.b2)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Returns the weights as plain lists, for YAML; `from_dict` gives them back exactly."""
-        return {key: getattr(self, key).tolist() for key in _KEYS}
-
-    @classmethod
-    def from_dict(cls, plain: dict[str, Any]) -> "FrictionNetworks":
-        """Reads what `to_dict` wrote.
-
-        Raises:
-            ValueError: a key is missing or unknown, or as the constructor.
-        """
-        if set(plain) != set(_KEYS):
-            raise ValueError(f"friction network: expected keys {list(_KEYS)}, found {list(plain)}")
-        return cls(**{key: np.asarray(plain[key], float) for key in _KEYS})

@@ -22,11 +22,12 @@ import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
 
-import numba
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike
 
 from models.arrays import Array
+from models.rigid_body.small_matrices import factorise_in_place, solve_factorised
 
 _STICTION, _COULOMB, _SPEED, _VISCOUS, _LOAD, _RIPPLE, _PERIODS = range(7)
 
@@ -82,7 +83,7 @@ class DryFriction:
         return np.asarray(np.sign(v) * dry + self.viscous * v)
 
 
-@numba.njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def explicit_friction(table: Array, q: Array, v: Array, load: Array, out: Array) -> None:
     """Writes the explicit part (n,), N m, positive where it opposes positive motion."""
     for i in range(table.shape[0]):
@@ -92,7 +93,7 @@ def explicit_friction(table: Array, q: Array, v: Array, load: Array, out: Array)
         out[i] = g * level + table[i, _RIPPLE] * np.sin(table[i, _PERIODS] * q[i])
 
 
-@numba.njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def explicit_torque(table: Array, state: Array, load: Array, out: Array) -> None:
     """Writes minus the explicit part (n,), N m, at state (2n,): q, then v."""
     n = load.shape[0]
@@ -101,7 +102,7 @@ def explicit_torque(table: Array, state: Array, load: Array, out: Array) -> None
         out[i] = -out[i]
 
 
-@numba.njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def total_friction(
     table: Array, q: Array, v: Array, load: Array, holding: Array, out: Array
 ) -> None:
@@ -111,7 +112,7 @@ def total_friction(
         out[i] += table[i, _VISCOUS] * v[i] - holding[i]
 
 
-@numba.njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def holding_torque(
     table: Array,
     damping: float,
@@ -171,7 +172,7 @@ def holding_torque(
         out[i] = min(max(damping * after[i], -limit), limit)
 
 
-@numba.njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def free_friction(
     table: Array,
     damping: float,
@@ -199,7 +200,7 @@ def free_friction(
         out[i] = -(out[i] + explicit[i])
 
 
-@numba.njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _potential(
     table: Array, damping: float, A: Array, b: Array, v: Array, gradient: Array
 ) -> float:
@@ -220,7 +221,7 @@ def _potential(
     return value
 
 
-@numba.njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _newton_step(
     table: Array, damping: float, A: Array, v: Array, gradient: Array, L: Array, step: Array
 ) -> None:
@@ -228,19 +229,9 @@ def _newton_step(
     n = v.shape[0]
     for i in range(n):
         for j in range(i + 1):
-            total = A[i, j]
-            if i == j and damping * abs(v[i]) <= table[i, _STICTION]:
-                total += damping
-            for k in range(j):
-                total -= L[i, k] * L[j, k]
-            L[i, j] = np.sqrt(total) if i == j else total / L[j, j]
-    for i in range(n):
-        total = -gradient[i]
-        for k in range(i):
-            total -= L[i, k] * step[k]
-        step[i] = total / L[i, i]
-    for i in range(n - 1, -1, -1):
-        total = step[i]
-        for k in range(i + 1, n):
-            total -= L[k, i] * step[k]
-        step[i] = total / L[i, i]
+            L[i, j] = A[i, j]
+        if damping * abs(v[i]) <= table[i, _STICTION]:
+            L[i, i] += damping
+        step[i] = -gradient[i]
+    factorise_in_place(L, n, 0.0)
+    solve_factorised(L, n, step)

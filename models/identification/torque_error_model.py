@@ -312,7 +312,7 @@ def initial_torque_error_state(num_joints: int) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
-def _advance(table, state, i, q, v):  # type: ignore[no-untyped-def]
+def _advance(table: Array, state: Array, i: int, q: float, v: float) -> None:
     """Takes joint i's q and v into its state; without a finite pair the state stays."""
     if not (np.isfinite(q) and np.isfinite(v)):
         return
@@ -338,7 +338,9 @@ def _advance(table, state, i, q, v):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def torque_sd_tick(table, state, q, v, transmitted, sd, stiction):  # type: ignore[no-untyped-def]
+def torque_sd_tick(
+    table: Array, state: Array, q: Array, v: Array, transmitted: Array, sd: Array, stiction: Array
+) -> None:
     """Single-sample kernel: takes a sample into `state` and writes the sds after it.
 
     A joint whose q or v is not finite keeps its state and has the sd of one that stands still.
@@ -375,14 +377,18 @@ def torque_sd_tick(table, state, q, v, transmitted, sd, stiction):  # type: igno
 
 
 @njit(cache=True, error_model="numpy")
-def torque_sd_log(table, state, q, v, transmitted, sd, stiction):  # type: ignore[no-untyped-def]
+def torque_sd_log(
+    table: Array, state: Array, q: Array, v: Array, transmitted: Array, sd: Array, stiction: Array
+) -> None:
     """`torque_sd_tick` for N samples, one after another."""
     for k in range(q.shape[0]):
         torque_sd_tick(table, state, q[k], v[k], transmitted[k], sd[k], stiction[k])
 
 
 @njit(cache=True, error_model="numpy")
-def torque_error_features(table, state, q, v, transmitted, features):  # type: ignore[no-untyped-def]
+def torque_error_features(
+    table: Array, state: Array, q: Array, v: Array, transmitted: Array, features: Array
+) -> None:
     """What the variance is a sum of, along a log, before the constants; for the fit.
 
     Args:

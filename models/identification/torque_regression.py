@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from scipy.linalg import lstsq, pinvh
 
 from models.arrays import Array
-from models.friction.velocity_friction import CoulombViscous
 from models.identification.base_parameters import BaseParameters, realise, triangular_factor
 from models.rigid_body.serial_chain import SerialChain
 from models.robot.robot import Robot
@@ -90,12 +89,6 @@ def parameter_names(
         for joint, friction in zip(joint_names, own, strict=True)
         for name in (JOINT_NAMES[0], *friction)
     ]
-
-
-def split_parameters(x: Array, num_joints: int) -> tuple[Array, Array, CoulombViscous]:
-    """Returns inertial parameters (n, 10), rotor inertia (n,) and friction of x (14 n,)."""
-    inertial, rotor, friction = split_terms(x, [_JOINT - 1] * num_joints)
-    return inertial, rotor, CoulombViscous(*np.array(friction).T)
 
 
 def split_terms(x: Array, counts: Sequence[int]) -> tuple[Array, Array, list[Array]]:

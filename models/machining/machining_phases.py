@@ -125,14 +125,14 @@ def initial_state() -> Array:
     return np.zeros(STATE_SIZE)
 
 
-@njit(cache=True)
-def force_controlled(phase):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy")
+def force_controlled(phase: int) -> bool:
     """Whether force is controlled in a phase: from the touch to the release."""
     return bool(Phase.TOUCH <= phase <= Phase.RELEASE)
 
 
-@njit(cache=True)
-def travelled(t, speed, distance):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy")
+def travelled(t: float, speed: float, distance: float) -> tuple[float, float]:
     """How far (m) and how fast (m/s) t seconds after starting towards `distance`, m.
 
     The speed rises and falls evenly over RAMP, or less where the distance is short.
@@ -151,14 +151,14 @@ def travelled(t, speed, distance):  # type: ignore[no-untyped-def]
     return distance, 0.0
 
 
-@njit(cache=True)
-def travel_time(speed, distance):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy")
+def travel_time(speed: float, distance: float) -> float:
     """Seconds until `travelled` is at its end."""
     return distance / speed + min(RAMP, distance / speed)
 
 
-@njit(cache=True)
-def outward_travel(table, state, t):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy")
+def outward_travel(table: Array, state: Array, t: float) -> tuple[float, float]:
     """How far (m) and how fast (m/s) out of the surface, where force is not controlled.
 
     Args:
@@ -177,17 +177,19 @@ def outward_travel(table, state, t):  # type: ignore[no-untyped-def]
     return table[_LIFT], 0.0
 
 
-@njit(cache=True)
-def work_time(state, t, duration):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy")
+def work_time(state: Array, t: float, duration: float) -> float:
     """Seconds since the feed started: 0 before, the whole `duration` (s) after."""
     phase = int(state[PHASE])
     if phase == Phase.WORK:
-        return min(t - state[SINCE], duration)
+        return float(min(t - state[SINCE], duration))
     return 0.0 if phase <= Phase.TOUCH else duration
 
 
-@njit(cache=True)
-def setpoint(table, state, t, at_start, here, at_end):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy")
+def setpoint(
+    table: Array, state: Array, t: float, at_start: float, here: float, at_end: float
+) -> float:
     """The normal force to press with, N; in the approach that which is there.
 
     Args:
@@ -196,24 +198,32 @@ def setpoint(table, state, t, at_start, here, at_end):  # type: ignore[no-untype
     """
     phase, since = int(state[PHASE]), t - state[SINCE]
     if phase == Phase.APPROACH:
-        return state[FORCE_THERE]
+        return float(state[FORCE_THERE])
     if phase == Phase.TOUCH:
         share = min(1.0, since / table[_RISE])
         share = share * share * (3.0 - 2.0 * share)
         start = min(state[FORCE_THERE], at_start)
-        return start + share * (at_start - start)
+        return float(start + share * (at_start - start))
     if phase == Phase.WORK:
         return here
     if phase == Phase.RELEASE:
         share = min(1.0, since / table[_RELEASE])
-        return at_end + share * (min(table[_RELEASE_FORCE], at_end) - at_end)
+        return float(at_end + share * (min(table[_RELEASE_FORCE], at_end) - at_end))
     return 0.0
 
 
-@njit(cache=True)
-def advance(  # type: ignore[no-untyped-def]
-    table, state, time_step, t, force, setpoint_now, work_duration, joint_room, trusted
-):
+@njit(cache=True, error_model="numpy")
+def advance(
+    table: Array,
+    state: Array,
+    time_step: float,
+    t: float,
+    force: float,
+    setpoint_now: float,
+    work_duration: float,
+    joint_room: float,
+    trusted: bool,
+) -> bool:
     """Takes one tick, changing `state` in place; returns whether the phase has changed.
 
     Args:
@@ -273,13 +283,13 @@ def advance(  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(cache=True)
-def _enter(state, phase, t):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy")
+def _enter(state: Array, phase: int, t: float) -> bool:
     state[PHASE], state[SINCE], state[ABOVE], state[LOST] = phase, t, 0.0, 0.0
     return True
 
 
-@njit(cache=True)
-def _retreat(state, fault, t):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy")
+def _retreat(state: Array, fault: int, t: float) -> bool:
     state[FAULT] = fault
     return _enter(state, Phase.RETREAT.value, t)

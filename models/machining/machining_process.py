@@ -82,7 +82,7 @@ class MachiningProcess:
         )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def cutting_force(table: Array, normal_force: float, feed: Array, force: Array) -> None:
     """Writes the force (3,) N of the workpiece on the tool, against the feed.
 
@@ -97,7 +97,7 @@ def cutting_force(table: Array, normal_force: float, feed: Array, force: Array) 
         force[i] = -size * feed[i] / speed
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def advance_feed(table: Array, time_step: float, n: Array, v: Array, feed: Array) -> None:
     """Moves the lagged feed (3,) on by a tick, in place.
 
@@ -116,7 +116,7 @@ def advance_feed(table: Array, time_step: float, n: Array, v: Array, feed: Array
         feed[i] -= along * n[i]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def advance_process(
     table: Array, time_step: float, contact: Array, V_WE: Array, state: Array
 ) -> None:
@@ -133,7 +133,7 @@ def advance_process(
     advance_feed(table, time_step, state[NORMAL], V_WE[3:], state[FEED])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_unbalance_force(table: Array, t: float, R_WE: Array, force: Array) -> None:
     """Adds to `force` (3,) N, axes of W, that of a spindle along E's z which turns evenly."""
     size = table[_UNBALANCE] * table[_OMEGA] ** 2

@@ -26,7 +26,7 @@ _POSE = 18  # entries of a pose's reference: R_WD (9) row by row, p_WD (3) m, V_
 _SINGULAR = 1e-6  # damping of J, in m and rad, where it loses rank
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def machining_reference(
     phases: Array,
     chain: Array,
@@ -101,7 +101,7 @@ def machining_reference(
     out[-1] = 1.0 if _trusts(t_path, trusted, pushes_on, state, t) else 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def advance_reference(
     phases: Array,
     lower: Array,
@@ -146,8 +146,8 @@ def advance_reference(
         anchor[12:] = -R_WE[:, 2]
 
 
-@njit(cache=True)
-def _trusts(t_path, trusted, pushes_on, state, t):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy")
+def _trusts(t_path: Array, trusted: Array, pushes_on: float, state: Array, t: float) -> bool:
     """Whether the force feedback can be used now."""
     if pushes_on <= 0.0:
         return True
@@ -155,20 +155,20 @@ def _trusts(t_path, trusted, pushes_on, state, t):  # type: ignore[no-untyped-de
     return int(state[PHASE]) == Phase.WORK and _on_path(t_path, trusted, time) == 1.0
 
 
-@njit(cache=True)
-def _setpoint_now(phases, t_path, force, state, t):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy")
+def _setpoint_now(phases: Array, t_path: Array, force: Array, state: Array, t: float) -> float:
     here = _on_path(t_path, force, work_time(state, t, t_path[-1] - t_path[0]))
     return setpoint(phases, state, t, force[0], here, force[-1])
 
 
-@njit(cache=True)
-def _on_path(t_path, values, time):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy")
+def _on_path(t_path: Array, values: Array, time: float) -> float:
     x = time / (t_path[1] - t_path[0])
     k = min(int(x), values.shape[0] - 2)
-    return values[k] + (x - k) * (values[k + 1] - values[k])
+    return float(values[k] + (x - k) * (values[k + 1] - values[k]))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _joint_velocity(J: Array, V: Array, v: Array) -> None:
     """Writes v (n,) with J v = V (6,), damped where J loses rank."""
     mobility = np.empty((6, 6))

@@ -14,13 +14,14 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import ArrayLike, NDArray
 
-from models.arrays import Array
+from models.arrays import Array, Flags
+from models.motion.damped_least_squares import approach_pose, space_of
 from models.motion.inverse_kinematics import closed_form
-from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
 from models.rigid_body.ties import whole_turns
 from models.robot.robot import Robot
 
 _TOLERANCE = 1e-9  # m and rad, of the pose that a solution reaches
+_ROUNDING = 1e-13  # of that pose; not worth another step
 _AT_LIMIT = 1e-10  # rad or m; what a solution exceeds a limit by in rounding
 _POLISH_STEPS = 6
 _SEARCH_STEPS = 100
@@ -168,108 +169,33 @@ def _refine(
     return reached
 
 
-@njit(cache=True, error_model="numpy")
-def rotation_vector(D, out):  # type: ignore[no-untyped-def]
-    """Writes the rotation vector (3,) of a rotation matrix D (3, 3), rad."""
-    x, y, z = D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]
-    sine = 0.5 * math.sqrt(x * x + y * y + z * z)
-    cosine = 0.5 * (D[0, 0] + D[1, 1] + D[2, 2] - 1.0)
-    angle = math.atan2(sine, cosine)
-    if sine > 1e-7:
-        scale = 0.5 * angle / sine
-        out[0], out[1], out[2] = scale * x, scale * y, scale * z
-    elif cosine > 0.0:
-        out[0], out[1], out[2] = 0.5 * x, 0.5 * y, 0.5 * z
-    else:  # half a turn: the axis is the longest column of D + 1
-        k = 0
-        for i in range(1, 3):
-            if D[i, i] > D[k, k]:
-                k = i
-        length = math.sqrt(max(2.0 * (D[k, k] + 1.0), 1e-12))
-        for i in range(3):
-            out[i] = math.pi * (D[i, k] + (1.0 if i == k else 0.0)) / length
-
-
-@njit(cache=True, error_model="numpy")
-def _solve_damped(A, b):  # type: ignore[no-untyped-def]
-    """Solves A x = b in place of b by Cholesky; A (6, 6) symmetric positive definite."""
-    for j in range(6):
-        for k in range(j):
-            A[j, j] -= A[j, k] * A[j, k]
-        A[j, j] = math.sqrt(max(A[j, j], 1e-30))
-        for i in range(j + 1, 6):
-            for k in range(j):
-                A[i, j] -= A[i, k] * A[j, k]
-            A[i, j] /= A[j, j]
-    for i in range(6):
-        for k in range(i):
-            b[i] -= A[i, k] * b[k]
-        b[i] /= A[i, i]
-    for i in range(5, -1, -1):
-        for k in range(i + 1, 6):
-            b[i] -= A[k, i] * b[k]
-        b[i] /= A[i, i]
-
-
-@njit(cache=True, error_model="numpy")
-def _refine_one(table, lower, upper, R_goal, p_goal, q, num_steps, limited, work):  # type: ignore[no-untyped-def]
-    """Damped least squares from q, in place; whether the pose is reached."""
-    scratch, R, p, J, D, A, error, step = work
-    n = q.shape[0]
-    for iteration in range(num_steps + 1):
-        pose_and_jacobian(table, q, R, p, J, scratch)
-        for i in range(3):
-            for k in range(3):
-                D[i, k] = R_goal[i, 0] * R[k, 0] + R_goal[i, 1] * R[k, 1] + R_goal[i, 2] * R[k, 2]
-            error[3 + i] = p_goal[i] - p[i]
-        rotation_vector(D, error)
-        size, worst = 0.0, 0.0
-        for i in range(6):
-            size += error[i] * error[i]
-            worst = max(worst, abs(error[i]))
-        if not math.isfinite(size):
-            return False
-        if worst < 1e-13 or iteration == num_steps:
-            return worst < _TOLERANCE
-        damping = min(1e-4, size)
-        for i in range(6):
-            for k in range(i + 1):
-                total = damping if i == k else 0.0
-                for j in range(n):
-                    total += J[i, j] * J[k, j]
-                A[i, k] = total
-        _solve_damped(A, error)
-        largest = 0.0
-        for j in range(n):
-            step[j] = 0.0
-            for i in range(6):
-                step[j] += J[i, j] * error[i]
-            largest = max(largest, abs(step[j]))
-        if largest < 1e-15:
-            return worst < _TOLERANCE
-        scale = 0.5 / largest if largest > 0.5 else 1.0
-        for j in range(n):
-            q[j] += scale * step[j]
-            if limited:
-                q[j] = min(max(q[j], lower[j]), upper[j])
-    return False
-
-
 @njit(cache=True, error_model="numpy", parallel=True)
-def _refine_batch(table, lower, upper, R_goal, p_goal, q, reached, num_steps, limited):  # type: ignore[no-untyped-def]
+def _refine_batch(
+    table: Array,
+    lower: Array,
+    upper: Array,
+    R_goal: Array,
+    p_goal: Array,
+    q: Array,
+    reached: Flags,
+    num_steps: int,
+    limited: bool,
+) -> None:
     M, n = q.shape
     for b in prange((M + _BLOCK - 1) // _BLOCK):
-        work = (
-            np.empty((n, SCRATCH_COLUMNS)),
-            np.empty((3, 3)),
-            np.empty(3),
-            np.empty((6, n)),
-            np.empty((3, 3)),
-            np.empty((6, 6)),
-            np.empty(6),
-            np.empty(n),
-        )
+        space = space_of(n)
         for m in range(b * _BLOCK, min(M, (b + 1) * _BLOCK)):
-            reached[m] = _refine_one(
-                table, lower, upper, R_goal[m], p_goal[m], q[m], num_steps, limited, work
+            left = approach_pose(
+                table,
+                lower,
+                upper,
+                R_goal[m],
+                p_goal[m],
+                q[m],
+                num_steps,
+                True,
+                limited,
+                _ROUNDING,
+                space,
             )
+            reached[m] = left < _TOLERANCE

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from models.arrays import Array
 from models.files.input_error import InputError
+from models.motion.damped_least_squares import approach_pose, space_of
 from models.rigid_body.ties import in_order, whole_turns
 from models.robot.robot import Robot
 
@@ -204,42 +205,33 @@ def _seeds(robot: Robot) -> list[Array]:
 def _polish(
     robot: Robot, q: Array, R_WE: Array, p_WE: Array, num_steps: int, limited: bool
 ) -> Array:
-    """Damped least squares towards the pose; the damping vanishes with the error."""
+    """What damped least squares makes of q; see `damped_least_squares`."""
     q = np.array(q, dtype=np.float64)
-    error = _pose_error(robot, q, R_WE, p_WE)
-    for _ in range(num_steps):
-        size = float(np.linalg.norm(error))
-        if size < _ROUNDING:
-            break
-        J = robot.chain.jacobian(q)
-        damping = min(1e-2, size) ** 2
-        step = J.T @ np.linalg.solve(J @ J.T + damping * np.eye(6), error)
-        largest = float(np.max(np.abs(step)))
-        q = q + step * (0.5 / largest if largest > 0.5 else 1.0)
-        if limited:
-            q = np.clip(q, robot.position_lower, robot.position_upper)
-        error = _pose_error(robot, q, R_WE, p_WE)
+    _approach(robot, q, R_WE, p_WE, num_steps, limited)
     return q
 
 
-def _pose_error(robot: Robot, q: Array, R_WE: Array, p_WE: Array) -> Array:
-    """(6,) rotation vector and translation in W that are missing from the pose at q; rad and m."""
-    R, p = robot.chain.pose(q)
-    D = R_WE @ R.T
-    twice_sine = np.array([D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]])
-    error = np.empty(6)
-    # Far from the goal the vector only needs the right direction; near it, it is exact.
-    if np.trace(D) > 1.0:
-        sine = 0.5 * float(np.linalg.norm(twice_sine))
-        error[:3] = 0.5 * twice_sine * (math.asin(min(sine, 1.0)) / sine if sine > 1e-6 else 1.0)
-    else:
-        error[:3] = Rotation.from_matrix(D).as_rotvec()
-    error[3:] = p_WE - p
-    return error
+def _approach(
+    robot: Robot, q: Array, R_WE: Array, p_WE: Array, num_steps: int, limited: bool
+) -> float:
+    """Moves q in place; returns the error that is left, rad and m."""
+    return approach_pose(
+        robot.chain.table,
+        np.array(robot.position_lower),
+        np.array(robot.position_upper),
+        np.array(R_WE, dtype=np.float64),
+        np.array(p_WE, dtype=np.float64),
+        q,
+        num_steps,
+        True,
+        limited,
+        _ROUNDING,
+        space_of(robot.num_joints),
+    )
 
 
 def _reaches(robot: Robot, q: Array, R_WE: Array, p_WE: Array) -> bool:
-    return bool(np.max(np.abs(_pose_error(robot, q, R_WE, p_WE))) < _TOLERANCE)
+    return _approach(robot, q.copy(), R_WE, p_WE, 0, False) < _TOLERANCE
 
 
 def _middle(robot: Robot) -> Array:

@@ -13,13 +13,13 @@ from numba import njit, prange
 from numpy.typing import ArrayLike
 
 from models.arrays import Array, Flags
-from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
+from models.motion.damped_least_squares import Space, approach_pose, damped_step, space_of
+from models.rigid_body.chain_kernels import pose_and_jacobian
 from models.rigid_body.serial_chain import SerialChain
 from models.rigid_body.ties import whole_turns
 
 _REACHED = 1e-11  # m and rad of the pose
 _MAX_STEPS = 12  # of Newton's method from one point to the next: it doubles the digits each time
-_LONGEST_STEP = 0.5  # rad or m, of a joint in one Newton step
 
 
 def track_paths(
@@ -91,130 +91,31 @@ def wrap_within(q: Array, lower: ArrayLike, upper: ArrayLike, prismatic: Flags) 
 
 
 @njit(cache=True, error_model="numpy")
-def quaternion_of(R, quaternion):  # type: ignore[no-untyped-def]
-    """Writes the unit quaternion (w, x, y, z) of a rotation matrix; its sign is arbitrary."""
-    trace = R[0, 0] + R[1, 1] + R[2, 2]
-    if trace > 0.0:
-        s = 2.0 * math.sqrt(1.0 + trace)
-        quaternion[0] = 0.25 * s
-        quaternion[1] = (R[2, 1] - R[1, 2]) / s
-        quaternion[2] = (R[0, 2] - R[2, 0]) / s
-        quaternion[3] = (R[1, 0] - R[0, 1]) / s
-        return
-    i = 0
-    if R[1, 1] > R[0, 0]:
-        i = 1
-    if R[2, 2] > R[i, i]:
-        i = 2
-    j, k = (i + 1) % 3, (i + 2) % 3
-    s = 2.0 * math.sqrt(1.0 + R[i, i] - R[j, j] - R[k, k])
-    quaternion[0] = (R[k, j] - R[j, k]) / s
-    quaternion[1 + i] = 0.25 * s
-    quaternion[1 + j] = (R[j, i] + R[i, j]) / s
-    quaternion[1 + k] = (R[k, i] + R[i, k]) / s
-
-
-@njit(cache=True, error_model="numpy")
-def _pose_error(R, p, R_goal, p_goal, error, work):  # type: ignore[no-untyped-def]
-    """Writes the rotation vector and translation in W from (R, p) to the goal; returns its size."""
-    D = work[0:3]
-    quaternion = work[3]
-    for i in range(3):
-        for j in range(3):
-            D[i, j] = R_goal[i, 0] * R[j, 0] + R_goal[i, 1] * R[j, 1] + R_goal[i, 2] * R[j, 2]
-    quaternion_of(D, quaternion)
-    w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
-    sine = math.sqrt(x * x + y * y + z * z)
-    factor = 2.0
-    if sine > 1e-8:
-        factor = 2.0 * math.atan2(sine, abs(w)) / sine
-    if w < 0.0:
-        factor = -factor
-    error[0], error[1], error[2] = factor * x, factor * y, factor * z
-    total = error[0] ** 2 + error[1] ** 2 + error[2] ** 2
-    for i in range(3):
-        error[3 + i] = p_goal[i] - p[i]
-        total += error[3 + i] ** 2
-    return math.sqrt(total)
-
-
-@njit(cache=True, error_model="numpy")
-def _damped_step(J, error, damping, step, A):  # type: ignore[no-untyped-def]
-    """step = J^T (J J^T + damping 1)^-1 error, by Cholesky; False where the matrix is singular."""
-    n = J.shape[1]
-    for i in range(6):
-        for j in range(i + 1):
-            total = damping if i == j else 0.0
-            for k in range(n):
-                total += J[i, k] * J[j, k]
-            for k in range(j):
-                total -= A[i, k] * A[j, k]
-            if i == j:
-                if not total > 1e-20:
-                    return False
-                A[i, i] = math.sqrt(total)
-            else:
-                A[i, j] = total / A[j, j]
-    for i in range(6):
-        total = error[i]
-        for k in range(i):
-            total -= A[i, k] * A[6, k]
-        A[6, i] = total / A[i, i]
-    for i in range(5, -1, -1):
-        total = A[6, i]
-        for k in range(i + 1, 6):
-            total -= A[k, i] * A[6, k]
-        A[6, i] = total / A[i, i]
-    for k in range(n):
-        total = 0.0
-        for i in range(6):
-            total += J[i, k] * A[6, i]
-        step[k] = total
-    return True
-
-
-@njit(cache=True, error_model="numpy")
-def _solve(table, R_goal, p_goal, q, max_steps, damped, space):  # type: ignore[no-untyped-def]
-    """Newton's method for one pose, q (n,) in place; whether it is reached."""
-    R, p, J, error, step, A, work, scratch = space
-    for _ in range(max_steps):
-        pose_and_jacobian(table, q, R, p, J, scratch)
-        size = _pose_error(R, p, R_goal, p_goal, error, work)
-        if size < _REACHED:
-            return True
-        if not math.isfinite(size):
-            return False
-        # Damping that vanishes with the error keeps the last steps Newton's own.
-        damping = min(1e-2, size) ** 2 if damped else 0.0
-        if not _damped_step(J, error, damping, step, A):
-            return False
-        largest = 0.0
-        for j in range(q.shape[0]):
-            largest = max(largest, abs(step[j]))
-        scale = _LONGEST_STEP / largest if largest > _LONGEST_STEP else 1.0
-        for j in range(q.shape[0]):
-            q[j] += scale * step[j]
-    pose_and_jacobian(table, q, R, p, J, scratch)
+def _reach(
+    table: Array,
+    R_goal: Array,
+    p_goal: Array,
+    q: Array,
+    max_steps: int,
+    damped: bool,
+    space: Space,
+) -> bool:
+    """Brings q (n,), in place, to one pose, whatever its limits; whether it is reached."""
+    left = approach_pose(table, q, q, R_goal, p_goal, q, max_steps, damped, False, _REACHED, space)
     # Far from W's origin rounding may stand above the aim; an arm's length is not.
-    return bool(_pose_error(R, p, R_goal, p_goal, error, work) < 10.0 * _REACHED)
+    return left < 10.0 * _REACHED
 
 
 @njit(cache=True, error_model="numpy")
-def _space(n):  # type: ignore[no-untyped-def]
-    return (
-        np.empty((3, 3)),
-        np.empty(3),
-        np.empty((6, n)),
-        np.empty(6),
-        np.empty(n),
-        np.empty((7, 6)),
-        np.empty((4, 4)),
-        np.empty((n, SCRATCH_COLUMNS)),
-    )
-
-
-@njit(cache=True, error_model="numpy")
-def _track(table, q_mid, n_W, path_length, max_joint_step, q, space):  # type: ignore[no-untyped-def]
+def _track(
+    table: Array,
+    q_mid: Array,
+    n_W: Array,
+    path_length: float,
+    max_joint_step: float,
+    q: Array,
+    space: Space,
+) -> bool:
     """Fills q (k + 1, n); whether every point was reached."""
     k = q.shape[0] - 1
     n = q.shape[1]
@@ -240,7 +141,7 @@ def _track(table, q_mid, n_W, path_length, max_joint_step, q, space):  # type: i
                 guess[j] = previous[j] + moved * (previous[j] - before[j])
             before[:] = previous
             moved = 2.0 if i == first and k % 2 == 1 else 1.0
-            if not _solve(table, R_mid, p_goal, guess, _MAX_STEPS, False, space):
+            if not _reach(table, R_mid, p_goal, guess, _MAX_STEPS, False, space):
                 return False
             for j in range(n):
                 if abs(guess[j] - previous[j]) > max_joint_step:
@@ -250,22 +151,32 @@ def _track(table, q_mid, n_W, path_length, max_joint_step, q, space):  # type: i
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def _track_batch(table, q_mid, n_W, path_length, max_joint_step, q, reached):  # type: ignore[no-untyped-def]
+def _track_batch(
+    table: Array,
+    q_mid: Array,
+    n_W: Array,
+    path_length: float,
+    max_joint_step: float,
+    q: Array,
+    reached: Flags,
+) -> None:
     N, n = q_mid.shape
     blocks = (N + 7) // 8
     for b in prange(blocks):
-        space = _space(n)
+        space = space_of(n)
         for i in range(8 * b, min(N, 8 * b + 8)):
             reached[i] = _track(table, q_mid[i], n_W[i], path_length, max_joint_step, q[i], space)
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def _solve_batch(table, R_WE, p_WE, q, max_steps, reached):  # type: ignore[no-untyped-def]
+def _solve_batch(
+    table: Array, R_WE: Array, p_WE: Array, q: Array, max_steps: int, reached: Flags
+) -> None:
     N, n = q.shape
     for b in prange((N + 7) // 8):
-        space = _space(n)
+        space = space_of(n)
         for i in range(8 * b, min(N, 8 * b + 8)):
-            reached[i] = _solve(table, R_WE[i], p_WE[i], q[i], max_steps, True, space)
+            reached[i] = _reach(table, R_WE[i], p_WE[i], q[i], max_steps, True, space)
 
 
 def correct_paths(
@@ -307,25 +218,29 @@ def pull_back(chain: SerialChain, q: Array, by_q: Array, path_length: float) -> 
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def _correct_batch(table, q, n_W, p_WM, R_WE, path_length, reached):  # type: ignore[no-untyped-def]
+def _correct_batch(
+    table: Array, q: Array, n_W: Array, p_WM: Array, R_WE: Array, path_length: float, reached: Flags
+) -> None:
     N, count, n = q.shape
     for i in prange(N):
-        space = _space(n)
+        space = space_of(n)
         p_goal = np.empty(3)
         good = True
         for k in range(count):
             along = (k / (count - 1) - 0.5) * path_length
             for c in range(3):
                 p_goal[c] = p_WM[i, c] + along * n_W[i, c]
-            good = good and _solve(table, R_WE[i], p_goal, q[i, k], _MAX_STEPS, False, space)
+            good = good and _reach(table, R_WE[i], p_goal, q[i, k], _MAX_STEPS, False, space)
         reached[i] = good
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def _pull_back_batch(table, q, by_q, path_length, by_path, left):  # type: ignore[no-untyped-def]
+def _pull_back_batch(
+    table: Array, q: Array, by_q: Array, path_length: float, by_path: Array, left: Array
+) -> None:
     N, count, n = q.shape
     for i in prange(N):
-        R, p, J, y, step, A, _, scratch = _space(n)
+        R, p, J, y, step, A, _, scratch = space_of(n)
         for k in range(count):
             pose_and_jacobian(table, q[i, k], R, p, J, scratch)
             for r in range(6):
@@ -333,7 +248,7 @@ def _pull_back_batch(table, q, by_q, path_length, by_path, left):  # type: ignor
                 for j in range(n):
                     total += J[r, j] * by_q[i, k, j]
                 y[r] = total
-            if not _damped_step(J, y, 0.0, step, A):
+            if not damped_step(J, y, 0.0, step, A):
                 continue
             # A[6] = (J J^T)^-1 J by_q, the gradient by the pose; step = J^+ J by_q.
             along = (k / (count - 1) - 0.5) * path_length

@@ -210,7 +210,7 @@ class JointTrajectory:
         )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def quintic_at(t: Array, q: Array, v: Array, vdot: Array, time: float, out: Array) -> None:
     """Quintic Hermite interpolation at one time; out (3, n) takes q, v, vdot."""
     last = t.shape[0] - 1
@@ -239,7 +239,7 @@ def quintic_at(t: Array, q: Array, v: Array, vdot: Array, time: float, out: Arra
         out[2, j] = (2.0 * c2 + x * (6.0 * c3 + x * (12.0 * c4 + x * 20.0 * c5))) / (h * h)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _quintic(t: Array, q: Array, v: Array, vdot: Array, times: Array, out: Array) -> None:
     """The same at many times; out (N, 3, n)."""
     for i in range(times.shape[0]):

@@ -18,7 +18,8 @@ from numba import njit, prange
 from numpy.typing import ArrayLike
 
 from models.arrays import Array
-from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig, reconstruct
+from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
+from models.estimation.wrench_kernels import reconstruct
 from models.files.input_error import InputError
 from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
 from models.rigid_body.serial_chain import SerialChain
@@ -195,7 +196,7 @@ def _rows(chain: SerialChain, q: ArrayLike) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
-def contract(J, G, gradient):  # type: ignore[no-untyped-def]
+def contract(J: Array, G: Array, gradient: Array) -> None:
     """gradient_j = sum_i G_i . dJ_i/dq_j; J and G (6, n)."""
     n = J.shape[1]
     for j in range(n):
@@ -218,7 +219,7 @@ def contract(J, G, gradient):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _condition_number_gradient(J, B, Q, G, gradient):  # type: ignore[no-untyped-def]
+def _condition_number_gradient(J: Array, B: Array, Q: Array, G: Array, gradient: Array) -> float:
     """Condition number of J (6, n), n >= 6, and gradient (n,); B, G (6, n) and Q (6, 6) scratch."""
     n = J.shape[1]
     orthogonalise_rows(J, B, Q)
@@ -248,7 +249,7 @@ def _condition_number_gradient(J, B, Q, G, gradient):  # type: ignore[no-untyped
 
 
 @njit(cache=True, error_model="numpy")
-def _condition_number_rows(table, q, values, gradients):  # type: ignore[no-untyped-def]
+def _condition_number_rows(table: Array, q: Array, values: Array, gradients: Array) -> None:
     n = q.shape[1]
     scratch = np.empty((n, SCRATCH_COLUMNS))
     J, B, G = np.empty((6, n)), np.empty((6, n)), np.empty((6, n))
@@ -259,14 +260,21 @@ def _condition_number_rows(table, q, values, gradients):  # type: ignore[no-unty
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def _condition_number_batch(table, q, values, gradients):  # type: ignore[no-untyped-def]
+def _condition_number_batch(table: Array, q: Array, values: Array, gradients: Array) -> None:
     for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
         rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
         _condition_number_rows(table, q[rows], values[rows], gradients[rows])
 
 
 @njit(cache=True, error_model="numpy")
-def _posterior_trace(settings, precision, J, G, unused, work):  # type: ignore[no-untyped-def]
+def _posterior_trace(
+    settings: Array,
+    precision: Array,
+    J: Array,
+    G: Array,
+    unused: tuple[Array, Array, Array, Array],
+    work: Array,
+) -> float:
     """Trace of the force block of Sigma_F of the Gaussian posterior, and its G (6, n)."""
     n = J.shape[1]
     wrench, covariance, quality, tau = unused
@@ -290,11 +298,11 @@ def _posterior_trace(settings, precision, J, G, unused, work):  # type: ignore[n
             for j in range(3, 6):
                 total += covariance[i, j] * work[6 + j, k]
             G[i, k] = -2.0 * total
-    return covariance[3, 3] + covariance[4, 4] + covariance[5, 5]
+    return float(covariance[3, 3] + covariance[4, 4] + covariance[5, 5])
 
 
 @njit(cache=True, error_model="numpy")
-def _inverse_trace(covariance_tau, J, G, B, Q):  # type: ignore[no-untyped-def]
+def _inverse_trace(covariance_tau: Array, J: Array, G: Array, B: Array, Q: Array) -> float:
     """The same for the plain inverse."""
     n = J.shape[1]
     orthogonalise_rows(J, B, Q)
@@ -341,9 +349,17 @@ def _inverse_trace(covariance_tau, J, G, B, Q):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _force_sd_rows(  # type: ignore[no-untyped-def]
-    table, settings, covariance_tau, precision, inverse, scratch_like, q, values, gradients
-):
+def _force_sd_rows(
+    table: Array,
+    settings: Array,
+    covariance_tau: Array,
+    precision: Array,
+    inverse: bool,
+    scratch_like: Array,
+    q: Array,
+    values: Array,
+    gradients: Array,
+) -> None:
     n = q.shape[1]
     scratch = np.empty((n, SCRATCH_COLUMNS))
     J, B, G = np.empty((6, n)), np.empty((6, n)), np.empty((6, n))
@@ -364,9 +380,17 @@ def _force_sd_rows(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def _force_sd_batch(  # type: ignore[no-untyped-def]
-    table, settings, covariance_tau, precision, inverse, scratch_like, q, values, gradients
-):
+def _force_sd_batch(
+    table: Array,
+    settings: Array,
+    covariance_tau: Array,
+    precision: Array,
+    inverse: bool,
+    scratch_like: Array,
+    q: Array,
+    values: Array,
+    gradients: Array,
+) -> None:
     for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
         rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
         _force_sd_rows(

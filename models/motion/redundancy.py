@@ -28,7 +28,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
-from models.arrays import Array
+from models.arrays import Array, Flags
 from models.files.input_error import InputError
 from models.motion.branches import all_branches, is_closed_form
 from models.motion.posture_measures import PostureMeasure
@@ -486,9 +486,18 @@ def _turns_freely(robot: Robot) -> NDArray[np.bool_]:
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def _advance(  # type: ignore[no-untyped-def]
-    before, now, value, cost, max_step, free, weight, window, after, parent
-):
+def _advance(
+    before: Array,
+    now: Array,
+    value: Array,
+    cost: Array,
+    max_step: Array,
+    free: Flags,
+    weight: float,
+    window: int,
+    after: Array,
+    parent: NDArray[np.int64],
+) -> None:
     """One step of the dynamic program: fills after (K, B) and parent (K, B)."""
     K, B, n = now.shape
     for k in prange(K):

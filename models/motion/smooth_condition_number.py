@@ -71,7 +71,7 @@ def smoothed(chain: SerialChain, measure: PostureMeasure, sharpness: float) -> P
 
 
 @njit(cache=True, error_model="numpy")
-def _rows(table, sharpness, q, values, gradients):  # type: ignore[no-untyped-def]
+def _rows(table: Array, sharpness: float, q: Array, values: Array, gradients: Array) -> None:
     n = q.shape[1]
     scratch = np.empty((n, SCRATCH_COLUMNS))
     J, B, G = np.empty((6, n)), np.empty((6, n)), np.empty((6, n))

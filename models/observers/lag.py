@@ -33,7 +33,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from models.arrays import Array
+from models.arrays import Array, Flags
 
 JACOBIAN_ROWS = 6  # of the state, (JACOBIAN_ROWS, n), NaN before the first sample
 _DOUBTED = 0.1  # pace of LP_omega where the reading is not valid
@@ -100,7 +100,7 @@ def jacobian_seen(J: ArrayLike, K_0: ArrayLike, time_step: float) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
-def see_jacobian(poles, state, J, seen):  # type: ignore[no-untyped-def]
+def see_jacobian(poles: Array, state: Array, J: Array, seen: Array) -> None:
     """Single-sample kernel: writes J_seen (6, n) right after a sample; `state` stays as it is.
 
     As in the observer, a period counts with the mean of its ends.
@@ -116,7 +116,7 @@ def see_jacobian(poles, state, J, seen):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def take_jacobian(poles, state, J, seen):  # type: ignore[no-untyped-def]
+def take_jacobian(poles: Array, state: Array, J: Array, seen: Array) -> None:
     """Single-sample kernel: takes a sample and its `see_jacobian` into `state`, in place.
 
     A J that is not finite starts it anew.
@@ -128,7 +128,7 @@ def take_jacobian(poles, state, J, seen):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def jacobian_seen_log(poles, state, J):  # type: ignore[no-untyped-def]
+def jacobian_seen_log(poles: Array, state: Array, J: Array) -> None:
     """Replaces J (N, 6, n) by J_seen, one sample after another."""
     seen = np.empty((6, poles.shape[0]))
     for k in range(J.shape[0]):
@@ -138,7 +138,9 @@ def jacobian_seen_log(poles, state, J):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def lag_tick(settings, state, wrench, covariance, lateness):  # type: ignore[no-untyped-def]
+def lag_tick(
+    settings: Array, state: Array, wrench: Array, covariance: Array, lateness: Array
+) -> None:
     """Single-sample kernel: adds lag and scale to the covariance (6, 6); `state` stays as it is.
 
     Args:
@@ -160,7 +162,7 @@ def lag_tick(settings, state, wrench, covariance, lateness):  # type: ignore[no-
 
 
 @njit(cache=True, error_model="numpy")
-def _late(settings, slow, value, variance):  # type: ignore[no-untyped-def]
+def _late(settings: Array, slow: float, value: float, variance: float) -> float:
     """f_i of one component."""
     if not np.isfinite(slow):
         return 0.0
@@ -170,7 +172,7 @@ def _late(settings, slow, value, variance):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def lag_update(settings, state, wrench, valid):  # type: ignore[no-untyped-def]
+def lag_update(settings: Array, state: Array, wrench: Array, valid: bool) -> None:
     """Single-sample kernel: takes the reading of a sample into `state`, in place."""
     pole = settings[_POLE] if valid else settings[_DOUBTED_POLE]
     for i in range(6):
@@ -182,7 +184,7 @@ def lag_update(settings, state, wrench, valid):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def lag_log(settings, state, wrench, valid, covariance):  # type: ignore[no-untyped-def]
+def lag_log(settings: Array, state: Array, wrench: Array, valid: Flags, covariance: Array) -> None:
     """`lag_tick` and `lag_update` for N samples, one after another."""
     lateness = np.empty(6)
     for k in range(wrench.shape[0]):

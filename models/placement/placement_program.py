@@ -25,9 +25,9 @@ from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoD
 from pydrake.solvers import IpoptSolver, MathematicalProgram, SnoptSolver, SolverOptions
 
 from models.arrays import Array
-from models.motion.path_postures import quaternion_of
 from models.motion.posture_measures import PathMeasure
 from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
+from models.rigid_body.rotations import quaternion_of
 from models.rigid_body.serial_chain import SerialChain
 
 SOLVERS = ("snopt", "ipopt")
@@ -444,7 +444,16 @@ def _with_gradient(x: NDArray[Any], values: Array, gradient: Array) -> Any:
 
 
 @njit(cache=True, error_model="numpy")
-def _pose_constraints(table, q, n_W, p_WM, Q, path_length, errors, gradient):  # type: ignore[no-untyped-def]
+def _pose_constraints(
+    table: Array,
+    q: Array,
+    n_W: Array,
+    p_WM: Array,
+    Q: Array,
+    path_length: float,
+    errors: Array,
+    gradient: Array,
+) -> None:
     """Rows 6 i to 6 i + 2: 2 Im(conj(Q) Q_WE(q_i)); 6 i + 3 to 6 i + 5: p_WE(q_i) - p_i."""
     count, n = q.shape
     k = count - 1

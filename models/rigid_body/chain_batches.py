@@ -6,10 +6,9 @@ Each loop calls the kernel of one sample, so that a sample and a row of a millio
 import numpy as np
 from numba import njit, prange
 
+from models.arrays import Array
 from models.rigid_body.chain_kernels import (
     SCRATCH_COLUMNS,
-    composite_mass_matrix,
-    coriolis_torque,
     gravity_terms,
     inverse_dynamics_regressor,
     link_accelerations,
@@ -29,14 +28,14 @@ _BLOCK = 128
 
 
 @njit(cache=True, error_model="numpy")
-def pose_rows(table, q, R_WE, p_WE, scratch):  # type: ignore[no-untyped-def]
+def pose_rows(table: Array, q: Array, R_WE: Array, p_WE: Array, scratch: Array) -> None:
     for k in range(q.shape[0]):
         place_links(table, q[k], scratch)
         tool_pose(table, scratch, R_WE[k], p_WE[k])
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def pose_batch(table, q, R_WE, p_WE):  # type: ignore[no-untyped-def]
+def pose_batch(table: Array, q: Array, R_WE: Array, p_WE: Array) -> None:
     for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
         rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
         scratch = np.empty((q.shape[1], SCRATCH_COLUMNS))
@@ -44,7 +43,7 @@ def pose_batch(table, q, R_WE, p_WE):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def jacobian_rows(table, q, J, scratch):  # type: ignore[no-untyped-def]
+def jacobian_rows(table: Array, q: Array, J: Array, scratch: Array) -> None:
     R_WE = np.empty((3, 3))
     p_WE = np.empty(3)
     for k in range(q.shape[0]):
@@ -54,7 +53,7 @@ def jacobian_rows(table, q, J, scratch):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def jacobian_batch(table, q, J):  # type: ignore[no-untyped-def]
+def jacobian_batch(table: Array, q: Array, J: Array) -> None:
     for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
         rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
         scratch = np.empty((q.shape[1], SCRATCH_COLUMNS))
@@ -62,14 +61,14 @@ def jacobian_batch(table, q, J):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def condition_number_rows(table, q, out, scratch):  # type: ignore[no-untyped-def]
+def condition_number_rows(table: Array, q: Array, out: Array, scratch: Array) -> None:
     J = np.empty((q.shape[0], 6, q.shape[1]))  # of a block of rows
     jacobian_rows(table, q, J, scratch)
     condition_numbers_of(J, out)
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def condition_number_batch(table, q, out):  # type: ignore[no-untyped-def]
+def condition_number_batch(table: Array, q: Array, out: Array) -> None:
     for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
         rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
         scratch = np.empty((q.shape[1], SCRATCH_COLUMNS))
@@ -77,30 +76,14 @@ def condition_number_batch(table, q, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def mass_matrix_rows(table, q, M, scratch):  # type: ignore[no-untyped-def]
-    for k in range(q.shape[0]):
-        place_links(table, q[k], scratch)
-        place_inertia(table, scratch)
-        composite_mass_matrix(table, M[k], scratch)
-
-
-@njit(cache=True, error_model="numpy", parallel=True)
-def mass_matrix_batch(table, q, M):  # type: ignore[no-untyped-def]
-    for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
-        rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
-        scratch = np.empty((q.shape[1], SCRATCH_COLUMNS))
-        mass_matrix_rows(table, q[rows], M[rows], scratch)
-
-
-@njit(cache=True, error_model="numpy")
-def gravity_torque_rows(table, q, G, scratch):  # type: ignore[no-untyped-def]
+def gravity_torque_rows(table: Array, q: Array, G: Array, scratch: Array) -> None:
     for k in range(q.shape[0]):
         place_links(table, q[k], scratch)
         gravity_terms(table, G[k], scratch)
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def gravity_torque_batch(table, q, G):  # type: ignore[no-untyped-def]
+def gravity_torque_batch(table: Array, q: Array, G: Array) -> None:
     for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
         rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
         scratch = np.empty((q.shape[1], SCRATCH_COLUMNS))
@@ -108,7 +91,9 @@ def gravity_torque_batch(table, q, G):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def momentum_terms_rows(table, q, v, momentum, CTv, G, scratch):  # type: ignore[no-untyped-def]
+def momentum_terms_rows(
+    table: Array, q: Array, v: Array, momentum: Array, CTv: Array, G: Array, scratch: Array
+) -> None:
     for k in range(q.shape[0]):
         place_links(table, q[k], scratch)
         place_inertia(table, scratch)
@@ -117,7 +102,9 @@ def momentum_terms_rows(table, q, v, momentum, CTv, G, scratch):  # type: ignore
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def momentum_terms_batch(table, q, v, momentum, CTv, G):  # type: ignore[no-untyped-def]
+def momentum_terms_batch(
+    table: Array, q: Array, v: Array, momentum: Array, CTv: Array, G: Array
+) -> None:
     for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
         rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
         scratch = np.empty((q.shape[1], SCRATCH_COLUMNS))
@@ -125,66 +112,9 @@ def momentum_terms_batch(table, q, v, momentum, CTv, G):  # type: ignore[no-unty
 
 
 @njit(cache=True, error_model="numpy")
-def momentum_rows(table, q, v, momentum, scratch):  # type: ignore[no-untyped-def]
-    unused = np.empty(q.shape[1])
-    for k in range(q.shape[0]):
-        place_links(table, q[k], scratch)
-        place_inertia(table, scratch)
-        link_velocities(v[k], scratch)
-        momentum_and_forces(table, v[k], momentum[k], unused, unused, scratch)
-
-
-@njit(cache=True, error_model="numpy", parallel=True)
-def momentum_batch(table, q, v, momentum):  # type: ignore[no-untyped-def]
-    for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
-        rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
-        scratch = np.empty((q.shape[1], SCRATCH_COLUMNS))
-        momentum_rows(table, q[rows], v[rows], momentum[rows], scratch)
-
-
-@njit(cache=True, error_model="numpy")
-def coriolis_transpose_rows(table, q, v, CTv, scratch):  # type: ignore[no-untyped-def]
-    unused = np.empty(q.shape[1])
-    for k in range(q.shape[0]):
-        place_links(table, q[k], scratch)
-        place_inertia(table, scratch)
-        link_velocities(v[k], scratch)
-        momentum_and_forces(table, v[k], unused, CTv[k], unused, scratch)
-
-
-@njit(cache=True, error_model="numpy", parallel=True)
-def coriolis_transpose_batch(table, q, v, CTv):  # type: ignore[no-untyped-def]
-    for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
-        rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
-        scratch = np.empty((q.shape[1], SCRATCH_COLUMNS))
-        coriolis_transpose_rows(table, q[rows], v[rows], CTv[rows], scratch)
-
-
-@njit(cache=True, error_model="numpy")
-def kinetic_energy_rows(table, q, v, energy, scratch):  # type: ignore[no-untyped-def]
-    momentum = np.empty(q.shape[1])
-    unused = np.empty(q.shape[1])
-    for k in range(q.shape[0]):
-        place_links(table, q[k], scratch)
-        place_inertia(table, scratch)
-        link_velocities(v[k], scratch)
-        momentum_and_forces(table, v[k], momentum, unused, unused, scratch)
-        twice = 0.0
-        for i in range(q.shape[1]):
-            twice += momentum[i] * v[k, i]
-        energy[k] = 0.5 * twice
-
-
-@njit(cache=True, error_model="numpy", parallel=True)
-def kinetic_energy_batch(table, q, v, energy):  # type: ignore[no-untyped-def]
-    for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
-        rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
-        scratch = np.empty((q.shape[1], SCRATCH_COLUMNS))
-        kinetic_energy_rows(table, q[rows], v[rows], energy[rows], scratch)
-
-
-@njit(cache=True, error_model="numpy")
-def inverse_dynamics_rows(table, q, v, vdot, tau, scratch):  # type: ignore[no-untyped-def]
+def inverse_dynamics_rows(
+    table: Array, q: Array, v: Array, vdot: Array, tau: Array, scratch: Array
+) -> None:
     n = q.shape[1]
     gx, gy, gz = table[n, 12], table[n, 13], table[n, 14]
     for k in range(q.shape[0]):
@@ -196,7 +126,7 @@ def inverse_dynamics_rows(table, q, v, vdot, tau, scratch):  # type: ignore[no-u
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def inverse_dynamics_batch(table, q, v, vdot, tau):  # type: ignore[no-untyped-def]
+def inverse_dynamics_batch(table: Array, q: Array, v: Array, vdot: Array, tau: Array) -> None:
     for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
         rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
         scratch = np.empty((q.shape[1], SCRATCH_COLUMNS))
@@ -204,24 +134,7 @@ def inverse_dynamics_batch(table, q, v, vdot, tau):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True, error_model="numpy")
-def coriolis_rows(table, q, v, Cv, scratch):  # type: ignore[no-untyped-def]
-    for k in range(q.shape[0]):
-        place_links(table, q[k], scratch)
-        place_inertia(table, scratch)
-        link_velocities(v[k], scratch)
-        coriolis_torque(table, v[k], Cv[k], scratch)
-
-
-@njit(cache=True, error_model="numpy", parallel=True)
-def coriolis_batch(table, q, v, Cv):  # type: ignore[no-untyped-def]
-    for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
-        rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
-        scratch = np.empty((q.shape[1], SCRATCH_COLUMNS))
-        coriolis_rows(table, q[rows], v[rows], Cv[rows], scratch)
-
-
-@njit(cache=True, error_model="numpy")
-def regressor_rows(table, q, v, vdot, Y, scratch):  # type: ignore[no-untyped-def]
+def regressor_rows(table: Array, q: Array, v: Array, vdot: Array, Y: Array, scratch: Array) -> None:
     n = q.shape[1]
     gx, gy, gz = table[n, 12], table[n, 13], table[n, 14]
     for k in range(q.shape[0]):
@@ -232,7 +145,7 @@ def regressor_rows(table, q, v, vdot, Y, scratch):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def regressor_batch(table, q, v, vdot, Y):  # type: ignore[no-untyped-def]
+def regressor_batch(table: Array, q: Array, v: Array, vdot: Array, Y: Array) -> None:
     for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
         rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
         scratch = np.empty((q.shape[1], SCRATCH_COLUMNS))

@@ -19,6 +19,8 @@ import math
 
 from numba import njit
 
+from models.arrays import Array
+
 # Columns of SerialChain.table, one row per joint; the last row holds E and gravity. The kernels
 # spell the columns of vectors as numbers: 0-8 R_PJ row by row, 9-11 p_PJ, 12-14 axis, 15 prismatic
 # or not, 16-25 inertial parameters, 26 reflected inertia; last row: R_LE, p_LE, gravity in 12-14.
@@ -33,7 +35,7 @@ SCRATCH_COLUMNS = 40
 
 
 @njit(cache=True, error_model="numpy")
-def place_links(table, q, scratch):  # type: ignore[no-untyped-def]
+def place_links(table: Array, q: Array, scratch: Array) -> None:
     """Pose and screw of every joint."""
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
     px, py, pz = 0.0, 0.0, 0.0
@@ -114,7 +116,7 @@ def place_links(table, q, scratch):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def tool_pose(table, scratch, R_WE, p_WE):  # type: ignore[no-untyped-def]
+def tool_pose(table: Array, scratch: Array, R_WE: Array, p_WE: Array) -> None:
     """Pose of E; needs place_links."""
     n = table.shape[0] - 1
     for r in range(3):
@@ -127,7 +129,7 @@ def tool_pose(table, scratch, R_WE, p_WE):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def tool_jacobian(scratch, p_WE, J):  # type: ignore[no-untyped-def]
+def tool_jacobian(scratch: Array, p_WE: Array, J: Array) -> None:
     """Jacobian [angular; linear] at E; needs place_links and tool_pose."""
     x, y, z = p_WE[0], p_WE[1], p_WE[2]
     for i in range(J.shape[1]):
@@ -141,7 +143,7 @@ def tool_jacobian(scratch, p_WE, J):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def place_inertia(table, scratch):  # type: ignore[no-untyped-def]
+def place_inertia(table: Array, scratch: Array) -> None:
     """Inertia of every body about W's origin; needs place_links."""
     for i in range(table.shape[0] - 1):
         r00, r01, r02 = scratch[i, 0], scratch[i, 1], scratch[i, 2]
@@ -185,7 +187,9 @@ def place_inertia(table, scratch):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def times_inertia(scratch, i, wx, wy, wz, vx, vy, vz):  # type: ignore[no-untyped-def]
+def times_inertia(
+    scratch: Array, i: int, wx: float, wy: float, wz: float, vx: float, vy: float, vz: float
+) -> tuple[float, float, float, float, float, float]:
     """Inertia of body i times the motion vector [w; v]."""
     m = scratch[i, 24]
     hx, hy, hz = scratch[i, 25], scratch[i, 26], scratch[i, 27]
@@ -202,7 +206,7 @@ def times_inertia(scratch, i, wx, wy, wz, vx, vy, vz):  # type: ignore[no-untype
 
 
 @njit(cache=True, error_model="numpy")
-def link_velocities(v, scratch):  # type: ignore[no-untyped-def]
+def link_velocities(v: Array, scratch: Array) -> None:
     """Spatial velocity of every body; needs place_links."""
     wx, wy, wz, vx, vy, vz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(v.shape[0]):
@@ -222,7 +226,9 @@ def link_velocities(v, scratch):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def momentum_and_forces(table, v, momentum, CTv, G, scratch):  # type: ignore[no-untyped-def]
+def momentum_and_forces(
+    table: Array, v: Array, momentum: Array, CTv: Array, G: Array, scratch: Array
+) -> None:
     """M v, C^T v and G; needs place_links, place_inertia and link_velocities."""
     n = v.shape[0]
     gx, gy, gz = table[n, 12], table[n, 13], table[n, 14]
@@ -267,7 +273,7 @@ def momentum_and_forces(table, v, momentum, CTv, G, scratch):  # type: ignore[no
 
 
 @njit(cache=True, error_model="numpy")
-def gravity_terms(table, G, scratch):  # type: ignore[no-untyped-def]
+def gravity_terms(table: Array, G: Array, scratch: Array) -> None:
     """G; needs place_links only, since first moments need no inertia."""
     n = G.shape[0]
     gx, gy, gz = table[n, 12], table[n, 13], table[n, 14]
@@ -289,7 +295,7 @@ def gravity_terms(table, G, scratch):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def composite_mass_matrix(table, M, scratch):  # type: ignore[no-untyped-def]
+def composite_mass_matrix(table: Array, M: Array, scratch: Array) -> None:
     """M from the composite inertias; needs place_links and place_inertia."""
     m, hx, hy, hz = 0.0, 0.0, 0.0, 0.0
     xx, xy, yy, xz, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -322,7 +328,9 @@ def composite_mass_matrix(table, M, scratch):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def link_accelerations(v, vdot, gx, gy, gz, scratch):  # type: ignore[no-untyped-def]
+def link_accelerations(
+    v: Array, vdot: Array, gx: float, gy: float, gz: float, scratch: Array
+) -> None:
     """Spatial acceleration of every body, minus gravity; needs link_velocities."""
     ax, ay, az, bx, by, bz = 0.0, 0.0, 0.0, -gx, -gy, -gz
     for i in range(v.shape[0]):
@@ -348,7 +356,7 @@ def link_accelerations(v, vdot, gx, gy, gz, scratch):  # type: ignore[no-untyped
 
 
 @njit(cache=True, error_model="numpy")
-def newton_euler(table, vdot, tau, scratch):  # type: ignore[no-untyped-def]
+def newton_euler(table: Array, vdot: Array, tau: Array, scratch: Array) -> None:
     """Torques that cause the accelerations; needs place_inertia and link_accelerations."""
     fx, fy, fz, lx, ly, lz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # moment about W's origin, force
     for j in range(tau.shape[0] - 1, -1, -1):
@@ -372,7 +380,7 @@ def newton_euler(table, vdot, tau, scratch):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def coriolis_torque(table, v, Cv, scratch):  # type: ignore[no-untyped-def]
+def coriolis_torque(table: Array, v: Array, Cv: Array, scratch: Array) -> None:
     """C v; needs place_inertia and link_velocities."""
     for i in range(v.shape[0]):
         Cv[i] = 0.0  # stands in for vdot: every entry is read before it is written
@@ -381,7 +389,7 @@ def coriolis_torque(table, v, Cv, scratch):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def inverse_dynamics_regressor(Y, scratch):  # type: ignore[no-untyped-def]
+def inverse_dynamics_regressor(Y: Array, scratch: Array) -> None:
     """Regressor of the inertial parameters; needs link_accelerations.
 
     The force and moment on body i, about and in axes of its joint frame, with w and a its angular
@@ -457,7 +465,18 @@ def inverse_dynamics_regressor(Y, scratch):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def observer_terms(table, q, v, momentum, CTv, G, J, R_WE, p_WE, scratch):  # type: ignore[no-untyped-def]
+def observer_terms(
+    table: Array,
+    q: Array,
+    v: Array,
+    momentum: Array,
+    CTv: Array,
+    G: Array,
+    J: Array,
+    R_WE: Array,
+    p_WE: Array,
+    scratch: Array,
+) -> None:
     """What a momentum observer and a wrench reading need of one sample, for other kernels.
 
     Args:
@@ -475,7 +494,21 @@ def observer_terms(table, q, v, momentum, CTv, G, J, R_WE, p_WE, scratch):  # ty
 
 
 @njit(cache=True, error_model="numpy")
-def all_terms(table, q, v, momentum, CTv, Cv, G, M, J, R_WE, p_WE, V_WE, scratch):  # type: ignore[no-untyped-def]
+def all_terms(
+    table: Array,
+    q: Array,
+    v: Array,
+    momentum: Array,
+    CTv: Array,
+    Cv: Array,
+    G: Array,
+    M: Array,
+    J: Array,
+    R_WE: Array,
+    p_WE: Array,
+    V_WE: Array,
+    scratch: Array,
+) -> None:
     """All of RigidBodyTerms for one sample; arguments as in observer_terms."""
     n = q.shape[0]
     observer_terms(table, q, v, momentum, CTv, G, J, R_WE, p_WE, scratch)
@@ -490,7 +523,9 @@ def all_terms(table, q, v, momentum, CTv, Cv, G, M, J, R_WE, p_WE, V_WE, scratch
 
 
 @njit(cache=True, error_model="numpy")
-def pose_and_jacobian(table, q, R_WE, p_WE, J, scratch):  # type: ignore[no-untyped-def]
+def pose_and_jacobian(
+    table: Array, q: Array, R_WE: Array, p_WE: Array, J: Array, scratch: Array
+) -> None:
     """Pose of E in W and Jacobian [angular; linear] of one sample, for other kernels.
 
     Args:

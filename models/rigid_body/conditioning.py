@@ -17,11 +17,8 @@ from numba import njit, prange
 from numpy.typing import ArrayLike
 
 from models.arrays import Array
+from models.rigid_body.small_matrices import MAX_SWEEPS, ORTHOGONAL, turn_rows
 
-# Two rows are orthogonal below this cosine: a few rounding errors of a dot product.
-_ORTHOGONAL = 1e-14
-# Five to six sweeps are usual, and convergence is quadratic: only NaN would go on for ever.
-_MAX_SWEEPS = 40
 # A smallest singular value below this part of the largest, times the matrix's size, is rounding.
 _ROUNDING = float(np.finfo(np.float64).eps)
 
@@ -34,7 +31,7 @@ _BLOCK = 8 * _LANES
 
 
 @njit(cache=True, error_model="numpy")
-def _orthogonalise(J, work):  # type: ignore[no-untyped-def]
+def _orthogonalise(J: Array, work: Array) -> tuple[int, int]:
     """Turns the min(6, n) rows (columns where n < 6) of J orthogonal; returns count and length."""
     n = J.shape[1]
     if n >= 6:
@@ -47,37 +44,18 @@ def _orthogonalise(J, work):  # type: ignore[no-untyped-def]
         for i in range(n):
             for k in range(6):
                 work[i, k] = J[k, i]
-    for _ in range(_MAX_SWEEPS):
+    for _ in range(MAX_SWEEPS):
         turned = False
         for i in range(count - 1):
             for j in range(i + 1, count):
-                a, b, g = 0.0, 0.0, 0.0
-                for k in range(length):
-                    x = work[i, k]
-                    y = work[j, k]
-                    a += x * x
-                    b += y * y
-                    g += x * y
-                if not g * g > (_ORTHOGONAL * _ORTHOGONAL) * (a * b):
-                    continue
-                turned = True
-                # The smaller of the two rotations that make the rows orthogonal.
-                z = b - a
-                t = 2.0 * g / (z + math.copysign(math.sqrt(z * z + 4.0 * g * g), z))
-                c = 1.0 / math.sqrt(1.0 + t * t)
-                s = c * t
-                for k in range(length):
-                    x = work[i, k]
-                    y = work[j, k]
-                    work[i, k] = c * x - s * y
-                    work[j, k] = s * x + c * y
+                turned = turn_rows(work, i, j, length)[1] != 0.0 or turned
         if not turned:
             break
     return count, length
 
 
 @njit(cache=True, error_model="numpy")
-def _ratio(squares, size):  # type: ignore[no-untyped-def]
+def _ratio(squares: Array, size: float) -> float:
     """Largest over smallest singular value from their squares; inf within rounding of zero."""
     smallest, largest, total = math.inf, 0.0, 0.0
     for square in squares:
@@ -93,7 +71,7 @@ def _ratio(squares, size):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def condition_number_of(J, work):  # type: ignore[no-untyped-def]
+def condition_number_of(J: Array, work: Array) -> float:
     """Condition number of one Jacobian, for other kernels; see `condition_number`.
 
     Args:
@@ -111,7 +89,7 @@ def condition_number_of(J, work):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _turn_side_by_side(rows, a, b, g, c, s):  # type: ignore[no-untyped-def]
+def _turn_side_by_side(rows: Array, a: Array, b: Array, g: Array, c: Array, s: Array) -> bool:
     """One sweep of `_orthogonalise` over (count, length, lanes); whether any lane turned.
 
     The others are (lanes,) scratch. Every inner loop runs over the lanes without a branch.
@@ -132,7 +110,7 @@ def _turn_side_by_side(rows, a, b, g, c, s):  # type: ignore[no-untyped-def]
                     b[m] += y[m] * y[m]
                     g[m] += x[m] * y[m]
             for m in range(lanes):
-                turn = g[m] * g[m] > (_ORTHOGONAL * _ORTHOGONAL) * (a[m] * b[m])
+                turn = g[m] * g[m] > (ORTHOGONAL * ORTHOGONAL) * (a[m] * b[m])
                 z = b[m] - a[m]
                 root = math.sqrt(z * z + 4.0 * g[m] * g[m])
                 twice = 2.0 * g[m] if z >= 0.0 else -2.0 * g[m]
@@ -155,7 +133,7 @@ def _turn_side_by_side(rows, a, b, g, c, s):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _squared_singular_values(J, out):  # type: ignore[no-untyped-def]
+def _squared_singular_values(J: Array, out: Array) -> None:
     """Squares (N, min(6, n)), in no order, of N Jacobians: in groups, the rest one by one."""
     n = J.shape[2]
     count, length = min(6, n), max(6, n)
@@ -169,7 +147,7 @@ def _squared_singular_values(J, out):  # type: ignore[no-untyped-def]
             for i in range(count):
                 for k in range(length):
                     rows[i, k, m] = J[first + m, i, k] if n >= 6 else J[first + m, k, i]
-        for _ in range(_MAX_SWEEPS):
+        for _ in range(MAX_SWEEPS):
             if not _turn_side_by_side(rows, a, b, g, c, s):
                 break
         for i in range(count):
@@ -192,7 +170,7 @@ def _squared_singular_values(J, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def condition_numbers_of(J, out):  # type: ignore[no-untyped-def]
+def condition_numbers_of(J: Array, out: Array) -> None:
     """Condition numbers (N,) of Jacobians (N, 6, n), for other kernels' blocks of samples."""
     squares = np.empty((J.shape[0], min(6, J.shape[2])))
     _squared_singular_values(J, squares)
@@ -201,14 +179,14 @@ def condition_numbers_of(J, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def _condition_number_batch(J, out):  # type: ignore[no-untyped-def]
+def _condition_number_batch(J: Array, out: Array) -> None:
     for b in prange((J.shape[0] + _BLOCK - 1) // _BLOCK):
         rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
         condition_numbers_of(J[rows], out[rows])
 
 
 @njit(cache=True, error_model="numpy")
-def _singular_values_rows(J, out):  # type: ignore[no-untyped-def]
+def _singular_values_rows(J: Array, out: Array) -> None:
     _squared_singular_values(J, out)
     for m in range(J.shape[0]):
         for i in range(out.shape[1]):
@@ -221,7 +199,7 @@ def _singular_values_rows(J, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def _singular_values_batch(J, out):  # type: ignore[no-untyped-def]
+def _singular_values_batch(J: Array, out: Array) -> None:
     for b in prange((J.shape[0] + _BLOCK - 1) // _BLOCK):
         rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
         _singular_values_rows(J[rows], out[rows])

@@ -28,22 +28,12 @@ from models.rigid_body.chain_batches import (
     PARALLEL_FROM,
     condition_number_batch,
     condition_number_rows,
-    coriolis_batch,
-    coriolis_rows,
-    coriolis_transpose_batch,
-    coriolis_transpose_rows,
     gravity_torque_batch,
     gravity_torque_rows,
     inverse_dynamics_batch,
     inverse_dynamics_rows,
     jacobian_batch,
     jacobian_rows,
-    kinetic_energy_batch,
-    kinetic_energy_rows,
-    mass_matrix_batch,
-    mass_matrix_rows,
-    momentum_batch,
-    momentum_rows,
     momentum_terms_batch,
     momentum_terms_rows,
     pose_batch,
@@ -99,7 +89,7 @@ class SerialChain:
     W is the plant's world. A joint frame is the joint's frame on its child body (the child link's
     frame of a URDF). Methods take q (n,) or (N, n), v and vdot alike, in rad and s (m for a
     prismatic joint), and keep the leading shape. The arrays are read only: make a changed chain
-    with `with_inertial_parameters` and `with_tool_frame`.
+    with `with_inertial_parameters` or `dataclasses.replace`.
 
     Attributes:
         joint_names: from base to E.
@@ -307,14 +297,6 @@ class SerialChain:
             reflected_inertia=np.asarray(reflected, dtype=np.float64),
         )
 
-    def with_tool_frame(self, R_LE: ArrayLike, p_LE: ArrayLike) -> "SerialChain":
-        """The same chain read at another E: (3, 3) and (3,) m in the last joint frame."""
-        return replace(
-            self,
-            R_LE=np.asarray(R_LE, dtype=np.float64),
-            p_LE=np.asarray(p_LE, dtype=np.float64),
-        )
-
     def pose(self, q: ArrayLike) -> tuple[Array, Array]:
         """Pose of E in W: R_WE (..., 3, 3) and p_WE (..., 3) in m."""
         shape, rows = self._rows(q)
@@ -337,14 +319,6 @@ class SerialChain:
         self._run(condition_number_rows, condition_number_batch, *rows, out)
         return out.reshape(shape)
 
-    def mass_matrix(self, q: ArrayLike) -> Array:
-        """M (..., n, n) in kg m^2, rotor inertia on its diagonal included."""
-        shape, rows = self._rows(q)
-        n = self.num_joints
-        M = np.empty((len(rows[0]), n, n))
-        self._run(mass_matrix_rows, mass_matrix_batch, *rows, M)
-        return M.reshape(*shape, n, n)
-
     def momentum_terms(self, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array, Array]:
         """M v, C^T v and G in one pass; each (..., n)."""
         shape, rows = self._rows(q, v)
@@ -352,27 +326,6 @@ class SerialChain:
         self._run(momentum_terms_rows, momentum_terms_batch, *rows, momentum, CTv, G)
         n = self.num_joints
         return momentum.reshape(*shape, n), CTv.reshape(*shape, n), G.reshape(*shape, n)
-
-    def momentum(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """Generalized momentum M v (..., n) in kg m^2/s."""
-        shape, rows = self._rows(q, v)
-        momentum = np.empty_like(rows[0])
-        self._run(momentum_rows, momentum_batch, *rows, momentum)
-        return momentum.reshape(*shape, self.num_joints)
-
-    def coriolis_transpose(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """C^T v (..., n) in N m: the gradient of the kinetic energy, d/dq (v^T M v / 2)."""
-        shape, rows = self._rows(q, v)
-        CTv = np.empty_like(rows[0])
-        self._run(coriolis_transpose_rows, coriolis_transpose_batch, *rows, CTv)
-        return CTv.reshape(*shape, self.num_joints)
-
-    def coriolis(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """C v (..., n) in N m, Coriolis and centrifugal torque."""
-        shape, rows = self._rows(q, v)
-        Cv = np.empty_like(rows[0])
-        self._run(coriolis_rows, coriolis_batch, *rows, Cv)
-        return Cv.reshape(*shape, self.num_joints)
 
     def gravity_torque(self, q: ArrayLike) -> Array:
         """G (..., n) in N m: the torque that holds the arm (minus Drake's gravity forces)."""
@@ -387,13 +340,6 @@ class SerialChain:
         tau = np.empty_like(rows[0])
         self._run(inverse_dynamics_rows, inverse_dynamics_batch, *rows, tau)
         return tau.reshape(*shape, self.num_joints)
-
-    def kinetic_energy(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """v^T M v / 2 (...) in J, rotors' included."""
-        shape, rows = self._rows(q, v)
-        energy = np.empty(len(rows[0]))
-        self._run(kinetic_energy_rows, kinetic_energy_batch, *rows, energy)
-        return energy.reshape(shape)
 
     def regressor(self, q: ArrayLike, v: ArrayLike, vdot: ArrayLike) -> Array:
         """Y (..., n, 10 n) with Y @ inertial_parameters.ravel() = M vdot + C v + G less rotors.

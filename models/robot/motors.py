@@ -50,22 +50,8 @@ def motor_gain(torque_per_ampere: ArrayLike, current_sign: ArrayLike = 1.0) -> A
     return np.asarray(gain * sign)
 
 
-def quantise(x: ArrayLike, resolution: ArrayLike) -> Array:
-    """Rounds `x` ((n,) or (N, n)) to the nearest multiple of `resolution` ((n,), the same unit).
-
-    A resolution of zero leaves its joint as it is; halves go to the even multiple.
-    """
-    x = np.asarray(x, float)
-    step = np.broadcast_to(np.asarray(resolution, float), x.shape)
-    if not np.all(step >= 0.0):
-        raise ValueError(f"resolution must not be negative: {resolution!r}")
-    coarse = step > 0.0
-    safe = np.where(coarse, step, 1.0)
-    return np.where(coarse, np.rint(x / safe) * safe, x)
-
-
 @njit(cache=True, error_model="numpy")
-def motor_torque(gain, current, tau_J):  # type: ignore[no-untyped-def]
+def motor_torque(gain: Array, current: Array, tau_J: Array) -> None:
     """Single-sample kernel: writes tau_J (n,) from the signed gain and the current (n,)."""
     for i in range(gain.shape[0]):
         tau_J[i] = gain[i] * current[i]

@@ -5,9 +5,11 @@ import math
 import numpy as np
 from numba import njit
 
+from models.arrays import Array
 
-@njit(cache=True)
-def update_lag(bandwidth, time_step, current_true, state):  # type: ignore[no-untyped-def]
+
+@njit(cache=True, error_model="numpy")
+def update_lag(bandwidth: Array, time_step: float, current_true: Array, state: Array) -> None:
     """Single-sample kernel: takes one tick of current into `state`, in place.
 
         lagged_k = a lagged_{k-1} + (1 - a) current_true_k,   a = exp(-2 pi bandwidth time_step)
@@ -33,8 +35,10 @@ def update_lag(bandwidth, time_step, current_true, state):  # type: ignore[no-un
             state[i] = pole * state[i] + (1.0 - pole) * u
 
 
-@njit(cache=True)
-def report_current(noise_sd, resolution, current_true, noise, current):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy")
+def report_current(
+    noise_sd: Array, resolution: Array, current_true: Array, noise: Array, current: Array
+) -> None:
     """Single-sample kernel: turns the lagged into the reported current, in place.
 
     Noise is added, then the sum is rounded. A true current that is not finite is reported as it is.
@@ -58,8 +62,10 @@ def report_current(noise_sd, resolution, current_true, noise, current):  # type:
         current[i] = value
 
 
-@njit(cache=True)
-def measure_current(table, time_step, current_true, noise, state, current):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy")
+def measure_current(
+    table: Array, time_step: float, current_true: Array, noise: Array, state: Array, current: Array
+) -> None:
     """Single-sample kernel: writes the reported current; the lagged one in `state` stays as it is.
 
     Args:

@@ -2,8 +2,8 @@
 
 import math
 
-import numba
 import numpy as np
+from numba import njit
 
 from models.arrays import Array
 
@@ -13,15 +13,15 @@ _MIX_2 = np.uint64(0x94D049BB133111EB)
 _TO_UNIT = 2.0**-53
 
 
-@numba.njit(cache=True, inline="always")
-def _mix(z):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy", inline="always")
+def _mix(z: np.uint64) -> np.uint64:
     """SplitMix64's finaliser (Steele, Lea and Flood, OOPSLA 2014): every bit moves every bit."""
     z = (z ^ (z >> np.uint64(30))) * _MIX_1
     z = (z ^ (z >> np.uint64(27))) * _MIX_2
     return z ^ (z >> np.uint64(31))
 
 
-@numba.njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def gaussian_noise(seed: int, tick: int, noise: Array) -> None:
     """Fills `noise` (n,) with independent draws of N(0, 1): the same for the same seed and tick.
 

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
+from numba import njit
 from scipy import signal
 
 from models.arrays import Array
@@ -65,7 +65,7 @@ class LowPass:
         return y
 
 
-@numba.njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def low_pass_step(A: Array, B: Array, u: Array, x: Array) -> None:
     """Advances the states x (channels, order) in place by one tick under inputs u (channels,)."""
     order = B.shape[0]
@@ -80,7 +80,7 @@ def low_pass_step(A: Array, B: Array, u: Array, x: Array) -> None:
             x[channel, i] = value
 
 
-@numba.njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def low_pass_update(A: Array, B: Array, C: Array, signal: Array, state: Array) -> None:
     """As low_pass_step, with x row by row in `state`; puts the new outputs in the inputs' place."""
     x = state.reshape(signal.shape[0], B.shape[0])

@@ -14,7 +14,7 @@ WRENCH, NORMAL_FORCE, NORMAL = slice(6), 6, slice(7, 10)  # of the array
 _SHORTEST = 1e-9  # m, of a way that has a direction
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_contact(
     p_WE: Array,
     R_WE: Array,
@@ -49,7 +49,7 @@ def add_contact(
     contact[6] += max(0.0, push)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def sum_with_contact(
     applied: Array, contact: Array, J: Array, tau_contact: Array, out: Array
 ) -> None:

@@ -494,7 +494,7 @@ Swing:
 """
     )
     out = tmp_path / "simulated"
-    _run("simulate", "--scenario", scenario, "--no-recording", "--out", out)
+    _run("simulate", "--scenario", scenario, "--no-page", "--out", out)
     metrics = json.loads((out / "metrics.json").read_text())
     tables = []
     for engine in ("batch", "diagram"):

@@ -8,6 +8,7 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from diagrams.clearance import INFLUENCE, Clearance, workpiece_clearance
 from diagrams.scenario import BladeConfig, PlateConfig
+from models.robot.robot_config import PoseConfig
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +82,7 @@ def test_a_contact_between_samples_is_found(sts, clearance):
 def test_a_wide_plate_is_as_far_as_the_lowest_point_is_high(sts):
     """10 m wide, so that its top face is what is nearest, wherever the arm is above it."""
     low, high = (
-        workpiece_clearance(sts, PlateConfig([0.0, 0.0, z], [0.0, 0.0, 0.0], [10.0, 10.0, 0.1]), q)
+        workpiece_clearance(sts, PlateConfig(PoseConfig([0.0, 0.0, z]), [10.0, 10.0, 0.1]), q)
         for z, q in ((-1.0, sts.home), (-0.7, sts.home))
     )
     assert low - high == pytest.approx(0.3, abs=1e-9)
@@ -103,11 +104,11 @@ def joint_position(robot, joint):
 
 def test_a_plate_through_the_elbow_is_negative(sts):
     p_WE = sts.chain.pose(sts.home)[1]
-    far = PlateConfig([3.0, 0.0, 0.5], [0.0, 0.0, 0.0], [0.2, 0.2, 0.02])
+    far = PlateConfig(PoseConfig([3.0, 0.0, 0.5]), [0.2, 0.2, 0.02])
     away = workpiece_clearance(sts, far, sts.home)
     assert away > 3.0 - 0.1 - p_WE[0] - 0.2
     elbow = joint_position(sts, 2)
-    through = PlateConfig(elbow.tolist(), [0.0, 0.0, 0.0], [0.05, 0.05, 0.02])
+    through = PlateConfig(PoseConfig(elbow.tolist()), [0.05, 0.05, 0.02])
     assert workpiece_clearance(sts, through, sts.home) < -0.01
     # The smallest over all rows counts, wherever it stands.
     rows = np.stack([sts.home, sts.home])
@@ -124,11 +125,11 @@ def test_the_tool_may_touch(sts, kind):
     """A small piece at the tool's tip, which is deep in it."""
     R_WE, p_WE = sts.chain.pose(sts.home)
     if kind is PlateConfig:
-        piece = PlateConfig(p_WE.tolist(), [0.0, 0.0, 0.0], [0.02, 0.02, 0.02])
+        piece = PlateConfig(PoseConfig(p_WE.tolist()), [0.02, 0.02, 0.02])
     else:
         size = {"span": 0.02, "root_chord": 0.02, "tip_chord": 0.02, "mesh_size": 0.004}
-        piece = BladeConfig(p_WE.tolist(), [0.0, 0.0, 0.0], **size)
+        piece = BladeConfig(PoseConfig(p_WE.tolist()), **size)
     assert workpiece_clearance(sts, piece, sts.home) > 0.01
     # At the flange instead, it is in the way.
     behind = (p_WE - 0.12 * R_WE[:, 2]).tolist()
-    assert workpiece_clearance(sts, replace(piece, centre=behind), sts.home) < 0.0
+    assert workpiece_clearance(sts, replace(piece, pose=PoseConfig(behind)), sts.home) < 0.0

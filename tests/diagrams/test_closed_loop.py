@@ -18,6 +18,7 @@ from models.control.wrench_script import WrenchStep
 from models.files.input_error import InputError
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
+from models.robot.robot_config import PoseConfig
 from systems.force_torque_sensor import ForceTorqueSensorConfig
 from systems.impedance_controller import ForceControlConfig, ImpedanceConfig
 from systems.joint_tracking_controller import JointTrackingConfig
@@ -124,7 +125,7 @@ def test_force_control_holds_its_set_point_on_a_plate(sts, feedback):
         feedback=feedback,
         force_setpoint=ForceSetpoint(value=30.0, rise=0.3),
         force_torque_sensor=ForceTorqueSensorConfig() if feedback == "sensor" else None,
-        workpiece=PlateConfig(centre=[0.35, 0, 0.3], friction=0.2),
+        workpiece=PlateConfig(PoseConfig([0.35, 0, 0.3]), friction=0.2),
     )
     scenario.estimator.reconstruction.method = "inverse"
     _, signals = run(scenario, sts)

@@ -10,7 +10,8 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 from diagrams.estimator import add_estimator, make_estimator
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.wrench import METHODS, WrenchReconstructionConfig
+from models.estimation.wrench import WrenchReconstructionConfig
+from models.estimation.wrench_kernels import METHODS
 from models.friction.friction_network import FrictionNetworks
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction

@@ -12,6 +12,7 @@ from diagrams.workpiece import pose_of_workpiece
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
 from models.machining.machining_phases import Fault, Phase
+from models.robot.robot_config import PoseConfig
 
 SHORT = {
     "standoff": 0.006,
@@ -111,7 +112,7 @@ def shifted(plate, p_W, height, tilt):
         @ RigidTransform(-p_P)
     )
     rpy = RollPitchYaw(X_WP.rotation()).vector().tolist()
-    return replace(plate, centre=X_WP.translation().tolist(), rpy=rpy)
+    return replace(plate, pose=PoseConfig(X_WP.translation().tolist(), rpy))
 
 
 @pytest.mark.slow

@@ -8,7 +8,8 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from models.estimation.wrench import METHODS, WrenchReconstructionConfig, reconstruct_wrench
+from models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
+from models.estimation.wrench_kernels import METHODS
 from systems.jacobian_wrench_reconstruction import JacobianWrenchReconstruction
 from systems.rigid_body_terms import RigidBodyTermsSystem
 

@@ -123,7 +123,7 @@ def test_integral_takes_a_constant_push_away(sts):
     gains = {"kp": [400.0], "kd": [40.0]}
     _, q = ClosedLoop(sts, JointTrackingConfig(**gains), disturbance=push).run(1.0, sts.home)
     # Without it, the error is that of a spring M kp.
-    M = sts.chain.mass_matrix(q[-1])
+    M = sts.chain.terms(q[-1], 0.0 * q[-1]).M
     np.testing.assert_allclose(400 * M @ (q[-1] - sts.home), push, rtol=1e-3)
     config = JointTrackingConfig(**gains, ki=[1600.0], integral_limit=[1e4])
     _, q = ClosedLoop(sts, config, disturbance=push).run(4.0, sts.home)

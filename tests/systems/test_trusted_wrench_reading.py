@@ -11,7 +11,8 @@ from pydrake.systems.primitives import LogVectorOutput
 
 from diagrams.estimator import add_estimator, make_estimator
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.wrench import METHODS, WrenchReconstructionConfig
+from models.estimation.wrench import WrenchReconstructionConfig
+from models.estimation.wrench_kernels import METHODS
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel

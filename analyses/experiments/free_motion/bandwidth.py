@@ -31,6 +31,7 @@ from pydrake.systems.primitives import VectorLogSink
 from scipy.optimize import minimize_scalar
 
 from analyses.methods.advance import advance
+from analyses.output.axes import legend_above, log_scale
 from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
 from analyses.study.experiment import (
     ComparisonRow,
@@ -508,25 +509,27 @@ def _figures(
         frequency, measured = response.frequency, response.response
         fine = np.geomspace(frequency[0], frequency[-1], 200)
         formula = first_order(response.K_0, fine)
-        amplitude.loglog(fine, np.abs(formula), color=colour)
+        amplitude.plot(fine, np.abs(formula), color=colour)
         label = f"$K_0$ = {response.K_0:g} 1/s"
-        amplitude.loglog(frequency, np.abs(measured), "o", color=colour, label=label)
-        phase.semilogx(fine, np.angle(formula, deg=True), color=colour)
-        phase.semilogx(frequency, np.angle(measured, deg=True), "o", color=colour)
-        error.loglog(frequency, response.phase_error_deg, "-o", color=colour)
-        error.loglog(frequency, response.amplitude_error_pct, ":s", color=colour, markersize=3)
+        amplitude.plot(frequency, np.abs(measured), "o", color=colour, label=label)
+        phase.plot(fine, np.angle(formula, deg=True), color=colour)
+        phase.plot(frequency, np.angle(measured, deg=True), "o", color=colour)
+        error.plot(frequency, response.phase_error_deg, "-o", color=colour)
+        error.plot(frequency, response.amplitude_error_pct, ":s", color=colour, markersize=3)
     amplitude.plot([], [], color=COLOUR["reference"], label="eq. 30")
-    amplitude.set_yticks([0.2, 0.3, 0.5, 0.7, 1.0], labels=["0.2", "0.3", "0.5", "0.7", "1"])
-    amplitude.minorticks_off()
+    log_scale(amplitude, "y")
     amplitude.set_ylabel("amplitude [-]")
     phase.set_ylabel("phase [deg]")
     error.axhline(1.0, color=COLOUR["reference"], linestyle="--", linewidth=0.9)
     error.plot([], [], "-o", color=COLOUR["reference"], label="phase [deg]")
     error.plot([], [], ":s", color=COLOUR["reference"], markersize=3, label="amplitude [%]")
+    error.set_yscale("log")
     error.set_ylim(1e-6, 30.0)
+    log_scale(error, "y")
+    log_scale(error, "x")
     error.set_ylabel("error, worst joint")
     error.set_xlabel("frequency [Hz]")
-    error.legend(loc="upper left", ncols=2)
+    legend_above(error, ncols=2)
     handles = amplitude.get_legend_handles_labels()
     figure.legend(*handles, loc="outside upper center", ncols=len(responses) + 1)
     save_figure(figure, folder / "bode.png")

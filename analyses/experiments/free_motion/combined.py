@@ -5,7 +5,6 @@ The article's first experiment (initial path, Coulomb-viscous friction) against 
 (optimised path, semi-parametric friction), then what this program adds, one change per row.
 """
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +13,6 @@ from analyses.methods.arms.arm_models import identify_arm
 from analyses.methods.arms.simulated_logs import ROBOT
 from analyses.methods.planning.article_paths import found_path
 from analyses.methods.reading.force_errors import (
-    AXES,
     ForceReading,
     draw_signal,
     reductions,
@@ -25,11 +23,11 @@ from analyses.methods.runs.task_runs import (
     TaskRun,
     highest_speed,
     on_path,
-    record_runs,
     run_task,
     task_path,
     task_scenario,
     uniform_motion,
+    write_runs_page,
 )
 from analyses.methods.runs.task_variants import (
     FAST,
@@ -39,7 +37,7 @@ from analyses.methods.runs.task_variants import (
     lag_alone,
     read_variants,
 )
-from analyses.output.figures import COLOUR, new_figure, save_figure
+from analyses.output.figures import COLOUR, new_figure
 from analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -47,9 +45,11 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from analyses.study.figure_files import saved_figure
 from analyses.study.wording import change, compared, listed
 from diagrams.scenario import LineMotion
 from models.estimation.wrench import WrenchReconstructionConfig
+from models.rigid_body.spatial_vectors import AXES
 from models.robot.robot import Robot
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=_figures(context, readings, metrics),
-        recordings=[record_runs(robot, runs, 1, context.out, "Pushed by hand along the path")],
+        pages=[write_runs_page(robot, runs, 1, context.out, "Pushed by hand along the path")],
         comparison=_comparison(),
         notes=findings(metrics),
         configuration={
@@ -250,7 +250,6 @@ def error_figure(readings: dict[str, ForceReading]) -> "Figure":
 def _figures(
     context: ExperimentContext, readings: dict[str, ForceReading], metrics: dict[str, Any]
 ) -> list[FigureFile]:
-    folder = Path("figures")
     limits = np.array([1.15 * float(np.abs(readings[BEFORE].force[:, k]).max()) for k in range(3)])
     files = []
     for stem, figure, caption in (
@@ -297,8 +296,7 @@ def _figures(
             "marked (B). Grey: where the share inside an honest 95 % band lies.",
         ),
     ):
-        save_figure(figure, context.out / folder / f"{stem}.png")
-        files.append(FigureFile(folder / f"{stem}.png", caption))
+        files.append(saved_figure(figure, context.out, stem, caption))
     return files
 
 

@@ -5,7 +5,6 @@ round at the path's middle, near 50 s: friction there changes its sign, and with
 the friction law. Every law reads the same run.
 """
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,10 +21,10 @@ from analyses.methods.reading.force_errors import (
 from analyses.methods.runs.task_runs import (
     TaskRun,
     highest_speed,
-    record_runs,
     run_task,
     task_scenario,
     uniform_motion,
+    write_runs_page,
 )
 from analyses.methods.runs.task_variants import (
     FAST,
@@ -35,7 +34,8 @@ from analyses.methods.runs.task_variants import (
     lag_alone,
     read_variants,
 )
-from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
+from analyses.output.axes import limit_y
+from analyses.output.figures import COLOUR, SERIES, new_figure
 from analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -43,6 +43,7 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from analyses.study.figure_files import saved_figure
 from analyses.study.wording import change
 from diagrams.scenario import LineMotion
 from models.robot.robot import Robot
@@ -109,8 +110,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=_figures(context, run, readings, metrics, middle),
-        recordings=[
-            record_runs(
+        pages=[
+            write_runs_page(
                 robot, {"initial": run}, 1, context.out, "Joints turning round under a hand"
             )
         ],
@@ -218,7 +219,7 @@ def reversal_figure(run: TaskRun, readings: dict[str, ForceReading], middle: flo
         t, low, high = envelope(run.recording.t, run.recording.v[:, joint])
         velocity.plot(t, 0.5 * (low + high), color=SERIES[joint], label=f"joint {joint + 1}")
     limit = 1.3 * float(np.percentile(np.abs(run.recording.v), 99.5))
-    velocity.set_ylim(-limit, limit)
+    limit_y(velocity, -limit, limit, "rad/s")
     velocity.set_ylabel("velocity [rad/s]")
     velocity.set_xlabel("time [s]")
     force.set_title("force read over the whole run")
@@ -238,7 +239,6 @@ def _figures(
     metrics: dict[str, Any],
     middle: float,
 ) -> list[FigureFile]:
-    folder = Path("figures")
     files = []
     for stem, figure, caption in (
         (
@@ -256,8 +256,7 @@ def _figures(
             "Errors of every variant. Grey: where the share inside an honest 95 % band lies.",
         ),
     ):
-        save_figure(figure, context.out / folder / f"{stem}.png")
-        files.append(FigureFile(folder / f"{stem}.png", caption))
+        files.append(saved_figure(figure, context.out, stem, caption))
     return files
 
 

@@ -22,7 +22,6 @@ slow motion.) `presliding+network` trains on what the fitted logs leave.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,14 +38,14 @@ from analyses.methods.arms.ur10e_logs import FOLDER, identify_ur10e, validation_
 from analyses.methods.learning.identification import identify, predict_torque
 from analyses.methods.learning.identification_config import LAWS, IdentificationConfig
 from analyses.methods.learning.torque_fit import TorqueFit
-from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
+from analyses.output.figures import COLOUR, SERIES, new_figure
 from analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
-    FigureFile,
 )
+from analyses.study.figure_files import saved_figure
 from analyses.study.wording import change
 from models.arrays import Array
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
@@ -282,9 +281,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
                 "velocity, and torque over held-out runs.",
             ),
         ):
-            path = Path("figures") / f"{stem}.png"
-            save_figure(figure, context.out / path)
-            figures.append(FigureFile(path, caption))
+            figures.append(saved_figure(figure, context.out, stem, caption))
     metrics = {name: arm.metrics() for name, arm in arms.items()}
     return ExperimentResult(
         metrics=metrics,

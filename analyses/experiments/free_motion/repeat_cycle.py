@@ -7,7 +7,6 @@ what friction does not repeat, is read as a force that grows with the condition 
 As the article has it, eq. 4 takes the drives' torque as it comes, without the observer's low-pass.
 """
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,10 +30,10 @@ from analyses.methods.runs.repeated_cycles import (
 )
 from analyses.methods.runs.task_runs import (
     PATHS,
-    record_runs,
     task_path,
+    write_runs_page,
 )
-from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
+from analyses.output.figures import COLOUR, SERIES, new_figure
 from analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -42,6 +41,7 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from analyses.study.figure_files import saved_figure
 from analyses.study.wording import change, change_between, listed
 from models.arrays import Array
 from models.motion.inverse_kinematics import follow_path
@@ -121,8 +121,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=_figures(context, cycles, metrics),
-        recordings=[
-            record_runs(
+        pages=[
+            write_runs_page(
                 Robot.load(ROBOT), cycles.runs, 4, context.out, "Repeated cycles without contact"
             )
         ],
@@ -272,7 +272,6 @@ def torque_figure(cycles: RepeatedCycles) -> "Figure":
 def _figures(
     context: ExperimentContext, cycles: RepeatedCycles, metrics: dict[str, Any]
 ) -> list[FigureFile]:
-    folder = Path("figures")
     largest = metrics[BEFORE]["max_error_y_n"]
     files = []
     for stem, figure, caption in (
@@ -298,8 +297,7 @@ def _figures(
             "Errors of every variant. Grey: where the share inside an honest 95 % band lies.",
         ),
     ):
-        save_figure(figure, context.out / folder / f"{stem}.png")
-        files.append(FigureFile(folder / f"{stem}.png", caption))
+        files.append(saved_figure(figure, context.out, stem, caption))
     return files
 
 

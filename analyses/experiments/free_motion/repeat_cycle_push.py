@@ -5,7 +5,6 @@ are held against a force/torque sensor with noise of its own, low-passed at 18 H
 """
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,8 +21,9 @@ from analyses.methods.runs.repeated_cycles import (
     force_figure,
     repeat_cycles,
 )
-from analyses.methods.runs.task_runs import PATHS, record_runs
-from analyses.output.figures import COLOUR, new_figure, save_figure
+from analyses.methods.runs.task_runs import PATHS, write_runs_page
+from analyses.output.axes import legend_above, limit_y
+from analyses.output.figures import COLOUR, new_figure
 from analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -31,6 +31,7 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from analyses.study.figure_files import saved_figure
 from analyses.study.wording import change, compared
 from models.robot.robot import Robot
 
@@ -49,8 +50,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=_figures(context, cycles, metrics),
-        recordings=[
-            record_runs(
+        pages=[
+            write_runs_page(
                 Robot.load(ROBOT), cycles.runs, 4, context.out, "Repeated cycles, pushed by hand"
             )
         ],
@@ -190,9 +191,9 @@ def close_figure(cycles: RepeatedCycles) -> "Figure":
             draw_signal(panel, part.t, part.force[:, 1], colour, "read", alpha=0.8)
             panel.plot(part.t, part.reference[:, 1], color=COLOUR["truth"], label="sensor")
             panel.set_title(f"{reading.name}\n{where}", fontsize=8.5)
-            panel.set_ylim(-60.0, 60.0)
+            limit_y(panel, -60.0, 60.0, "N")
         axes[row, 0].set_ylabel("force fy [N]")
-        axes[row, 0].legend(loc="lower left", ncols=2)
+        legend_above(axes[row, 0], ncols=2)
     for panel in axes[-1]:
         panel.set_xlabel("time in the second cycle [s]")
     return figure
@@ -201,7 +202,6 @@ def close_figure(cycles: RepeatedCycles) -> "Figure":
 def _figures(
     context: ExperimentContext, cycles: RepeatedCycles, metrics: dict[str, Any]
 ) -> list[FigureFile]:
-    folder = Path("figures")
     files = []
     for stem, figure, caption in (
         (
@@ -226,8 +226,7 @@ def _figures(
             "Errors of every variant. Grey: where the share inside an honest 95 % band lies.",
         ),
     ):
-        save_figure(figure, context.out / folder / f"{stem}.png")
-        files.append(FigureFile(folder / f"{stem}.png", caption))
+        files.append(saved_figure(figure, context.out, stem, caption))
     return files
 
 

@@ -21,6 +21,7 @@ from analyses.methods.planning.article_paths import (
     branch_start,
     found_path,
 )
+from analyses.output.axes import legend_above, log_scale
 from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
 from analyses.study.experiment import (
     ComparisonRow,
@@ -330,13 +331,13 @@ def _figures(context: ExperimentContext, result: ConstantWrench) -> list[FigureF
     figure, axes = new_figure(1, 1, height=3.2)
     ax = axes[0, 0]
     for label, readings, colour in cases:
-        ax.semilogy(
+        ax.plot(
             readings.distance,
             readings.condition_number,
             color=COLOUR[colour],  # type: ignore[index]
             label=f"{label} path (largest {np.max(readings.condition_number):.2f})",
         )
-    ax.semilogy(
+    ax.plot(
         result.other_elbow.distance,
         result.other_elbow.condition_number,
         color=COLOUR["after"],
@@ -344,19 +345,17 @@ def _figures(context: ExperimentContext, result: ConstantWrench) -> list[FigureF
         label="optimised path, elbow on the other side "
         f"(largest {np.max(result.other_elbow.condition_number):.2f})",
     )
-    ax.semilogy(
+    ax.plot(
         result.found.distance,
         result.found.condition_number,
         color=SERIES[0],
         linestyle=":",
         label=f"path found here (largest {np.max(result.found.condition_number):.2f})",
     )
-    ax.set_yticks([10, 20, 40, 60], labels=["10", "20", "40", "60"])
-    ax.set_ylim(8.0, 70.0)
-    ax.minorticks_off()
+    log_scale(ax, "y")
     ax.set_xlabel("distance along the path [m]")
     ax.set_ylabel("condition number of J")
-    ax.legend()
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
     save_figure(figure, folder / "condition-number.png")
 
     figure, axes = new_figure(2, 2, height=5.4, share_x=True)
@@ -372,14 +371,8 @@ def _figures(context: ExperimentContext, result: ConstantWrench) -> list[FigureF
                 )
                 ax.axhline(WRENCH[first + axis], color=COLOUR["truth"], linewidth=0.8)
             ax.set_title(f"{label} path")
-            ax.set_ylabel(f"{'force' if first else 'moment'} read in {unit}")
-            ax.legend(
-                loc="lower right",
-                bbox_to_anchor=(1.0, 1.0),
-                ncols=3,
-                borderpad=0.0,
-                handlelength=1.2,
-            )
+            ax.set_ylabel(f"{'force' if first else 'moment'} read [{unit}]")
+            legend_above(ax, ncols=3)
         axes[1, column].set_xlabel("sample")
     for row in range(2):
         low = min(ax.get_ylim()[0] for ax in axes[row])
@@ -400,7 +393,7 @@ def _figures(context: ExperimentContext, result: ConstantWrench) -> list[FigureF
         )
     ax.set_xlabel("sample")
     ax.set_ylabel("error of the force in Y [N]")
-    ax.legend(loc="upper center", ncols=2)
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
     save_figure(figure, folder / "error-y.png")
     return [
         FigureFile(

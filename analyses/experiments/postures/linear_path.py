@@ -24,8 +24,9 @@ from analyses.methods.planning.placement import (
     draw_history,
     draw_profiles,
     place,
-    record_placement,
+    write_placement_page,
 )
+from analyses.output.axes import log_scale
 from analyses.output.figures import COLOUR, new_figure
 from analyses.output.outputs import OutputFolder
 from analyses.study.experiment import (
@@ -153,7 +154,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=_figures(out, found),
-        recordings=_recordings(context, found),
+        pages=_pages(context, found),
         comparison=_comparison(metrics),
         notes=findings(found, metrics),
         configuration={
@@ -307,13 +308,15 @@ def _figures(out: OutputFolder, found: LinearPath) -> list[FigureFile]:
         text = f" {optimum.cost:.3f}"
         ax.text(1.0, optimum.cost, text, transform=ax.get_yaxis_transform(), va="center", size=8.5)
     ax.set_xlim(left=0.03)
+    log_scale(ax, "x")
     ax.set_xlabel("time [s]")
     ax.set_ylabel("mean condition number")
     figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=3)
     add(
         out.write_figure("convergence", figure),
         "Best cost known over the time of computing (one core, kernels compiled): this program and "
-        "PSO-GA on the same cost. Dotted: the two best local optima that the first met.",
+        "PSO-GA on the same cost. The curves begin above the panel. Dotted: the two best local "
+        "optima that the first met.",
     )
     add(
         draw_profiles(out, "table", table.initial, table.best, table.measure),
@@ -322,7 +325,7 @@ def _figures(out: OutputFolder, found: LinearPath) -> list[FigureFile]:
     return files
 
 
-def _recordings(context: ExperimentContext, found: LinearPath) -> list[FigureFile]:
+def _pages(context: ExperimentContext, found: LinearPath) -> list[FigureFile]:
     files = []
     for name, result, title in (
         ("linear-path", found.optimised, "Linear path"),
@@ -330,7 +333,7 @@ def _recordings(context: ExperimentContext, found: LinearPath) -> list[FigureFil
     ):
         path = context.out / f"{name}.html"
         # A workpiece stands where the best path is; the initial one would run through it.
-        record_placement(result, path, title, with_initial=result.task.clearance is None)
+        write_placement_page(result, path, title, with_initial=result.task.clearance is None)
         files.append(
             FigureFile(
                 path.relative_to(context.out),

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
+from analyses.output.axes import log_scale
 from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
 from analyses.study.experiment import (
     ComparisonRow,
@@ -459,7 +460,7 @@ def _draw_errors(context: ExperimentContext, draws: Draws) -> FigureFile:
         ):
             ax = axes[row, column]
             x, y = draws.predictors[method][name], draws.force_error[method]
-            ax.loglog(x, y, ".", color=COLOUR["estimate"], markersize=1.8, alpha=0.5)
+            ax.plot(x, y, ".", color=COLOUR["estimate"], markersize=1.8, alpha=0.5)
             order = np.argsort(x, kind="stable")
             groups = np.array_split(order, 20)
             ax.plot(
@@ -470,7 +471,10 @@ def _draw_errors(context: ExperimentContext, draws: Draws) -> FigureFile:
             )
             ax.set_xlabel(label)
             ax.set_title(method)
+            log_scale(ax, "x")
         axes[row, 0].set_ylabel("force error [N]")
+    for panel in axes.flat:
+        log_scale(panel, "y")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center")
     save_figure(figure, context.out / "figures" / "errors.png")
     return FigureFile(

@@ -26,11 +26,11 @@ def run(context: ExperimentContext) -> ExperimentResult:
     config = load_configuration(task_file("blade_path", "redundancy"), RedundancyTask)
     result = find_redundancy(robot, config, progress=context.progress)
     metrics = result.metrics()
-    figures, recordings = draw(result, context.out)
+    figures, pages = draw(result, context.out)
     return ExperimentResult(
         metrics=metrics,
         figures=figures,
-        recordings=recordings,
+        pages=pages,
         comparison=[
             ComparisonRow(
                 "Samples with a lower JCN", "samples_lower", "", None, "the article: every one"

@@ -22,7 +22,6 @@ from analyses.methods.arms.ur10e_logs import (
 )
 from analyses.methods.learning.identification_config import IdentificationConfig
 from analyses.methods.reading.known_payload import (
-    AXES,
     LEARNING_STRIDE,
     LEARNING_TIME,
     MARGIN,
@@ -41,6 +40,7 @@ from analyses.study.experiment import (
 from models.estimation.point_of_action import find_point_of_action
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
+from models.rigid_body.spatial_vectors import AXES
 from models.robot.robot import Robot
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ LAWS: Final = {
 }
 NONE: Final = "none"
 SIMULATED_SHARE: Final = 2.0 / 3.0  # of the error, that an air pass takes away in our simulation
-_PROTOTYPE = "plain tools"
+_PLAIN_TOOLS = "plain tools"
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
@@ -150,6 +150,7 @@ def _metrics(own: LoadedPass) -> dict[str, Any]:
         "plain": plain,
         "taught": taught,
         "repeated_share": own.repeated_share,
+        "parts": own.shares(),
         "correlation": own.correlation,
         "taken_off": {
             "force_share": 1.0 - sizes[1] / sizes[0],
@@ -228,7 +229,7 @@ def _comparison() -> list[ComparisonRow]:
             "N",
             [float(value) for value in values],
             "",
-            _PROTOTYPE,
+            _PLAIN_TOOLS,
         )
         for law, states in stated.items()
         for state, values in states.items()
@@ -260,6 +261,15 @@ def _notes(metrics: dict[str, Any]) -> list[str]:
             f"{row(taught['torque_rmse_nm'])} N m. Of the torque error's mean square "
             f"{row(own['repeated_share'], 2)} did repeat, joints 1 to 6; the errors of the two "
             f"passes correlate by {row(own['correlation'], 2)}."
+        )
+    for key in list(LAWS)[:: len(LAWS) - 1]:
+        shares = {name: 100.0 * np.asarray(part) for name, part in metrics[key]["parts"].items()}
+        ranked = sorted(shares, key=lambda name: -float(shares[name][1]))
+        notes.append(
+            f"What joint 2's error with the load is made of, {LAWS[key]}, the largest first, and "
+            "of all joints [% of its mean square]: "
+            + "; ".join(f"{name.replace('_', ' ')} {row(shares[name], 0)}" for name in ranked)
+            + ". (`grows with load` is fitted in hindsight.)"
         )
     eq4, poor, rich = (metrics[key] for key in (NONE, *list(LAWS)[:: len(LAWS) - 1]))
 

@@ -2,7 +2,7 @@
 
 Held against J^T of the sensor's wrench, joint by joint and row by row, like the figure of the
 data's source: joint 3 over `joint3_sweep`, 6.483 N m by motor current and 2.671 N m by a neural
-network trained on that robot. Nothing is trained here: `analyses.methods.reading.lara8_reading`
+network trained on that robot. Nothing is trained here: `analyses.methods.contact.lara8_reading`
 says where each number comes from. The sensor's own delay is taken off it, and its zero, both as the
 data set states them; `source` repeats the source's way, without.
 
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from analyses.methods.reading.lara8_reading import (
+from analyses.methods.contact.lara8_reading import (
     FOLDER,
     FORMAT,
     K_0,
@@ -398,13 +398,14 @@ def _notes(metrics: dict[str, Any], logs: list[Lara8Log]) -> list[str]:
     for log in logs:
         own, parts = metrics[log.name], metrics["parts"][log.name]
         worst = "; ".join(
-            f"{name.replace('_', ' ')} {row(values)}" for name, values in parts.items()
+            f"{name.replace('_', ' ')} {row(values)}"
+            for name, values in sorted(parts.items(), key=lambda item: -_size(item[1]))
         )
         notes.append(
             f"{log.name}, joints 1 to 6 [N m]: in motion {row(own['moving']['urdf']['rmse_nm'])} "
             f"(URDF), {row(own['moving']['controller_model']['rmse_nm'])} (controller's), "
             f"{row(own['moving']['target_less_motor']['rmse_nm'])} by target less motor torque. "
-            f"One thing changed at a time: {worst}."
+            f"One thing changed at a time, what matters most first: {worst}."
         )
     shares = "; ".join(f"{name} {_two(values)}" for name, values in metrics["load_share"].items())
     return [
@@ -427,6 +428,11 @@ def _notes(metrics: dict[str, Any], logs: list[Lara8Log]) -> list[str]:
         "its; the data set calls the whole mass doubtful. Nothing here depends on it but the "
         "zero that is taken off.",
     ]
+
+
+def _size(values: list[float | None]) -> float:
+    """Root of the sum of squares."""
+    return float(np.sqrt(sum(value**2 for value in values if value is not None)))
 
 
 def _two(values: list[float | None]) -> str:

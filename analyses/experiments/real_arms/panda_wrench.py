@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
+from analyses.output.axes import log_scale
 from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure, save_figure
 from analyses.study.experiment import (
     ComparisonRow,
@@ -29,10 +30,12 @@ from analyses.study.experiment import (
 from analyses.study.wording import compared
 from models.arrays import Array
 from models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
-from models.estimation.wrench import METHODS, WrenchReconstructionConfig, reconstruct_wrench
+from models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
+from models.estimation.wrench_kernels import METHODS
 from models.files.input_error import InputError
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
+from models.rigid_body.spatial_vectors import FORCE_FIRST
 
 FOLDER = "panda_ati_gamma"  # below the data folder
 NUM_POSES = 10
@@ -161,7 +164,7 @@ def _pose_log(recording: Recording) -> PoseLog:
     return PoseLog(
         t=recording.t - recording.t[0],
         tau_ext=recording.extra["tau_ext"],
-        J=recording.extra["jacobian"][:, [3, 4, 5, 0, 1, 2]],  # the file has linear rows first
+        J=recording.extra["jacobian"][:, FORCE_FIRST],  # the file has linear rows first
         sensor_force=recording.extra["sensor_force"],
         robot_force=recording.extra["robot_force"],
     )
@@ -371,8 +374,9 @@ def _force_figure(
             ax.set_ylabel(f"f{'xyz'[i]} [N]" if column == 0 else "")
         condition = np.mean(inverse.poses[k].condition_number)
         axes[0, column].set_title(f"pose {k + 1}, condition number {condition:.0f}")
-        axes[2, column].set_xlabel("time / s")
-    axes[0, 0].legend(ncols=2, loc="lower left")
+        axes[2, column].set_xlabel("time [s]")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4)
     path = Path("figures") / "force.png"
     save_figure(figure, out / path)
     return FigureFile(
@@ -419,12 +423,11 @@ def _rank_figure(readings: dict[str, MethodReading], out: Path) -> FigureFile:
             (axes[0, 1], condition, ranks["condition_number"]),
         ):
             label = f"{_BARS[method]}, rank correlation {rank:.2f}"
-            ax.loglog(x, metrics["rmse_n"], "o", color=colour, label=label)
+            ax.plot(x, metrics["rmse_n"], "o", color=colour, label=label)
             ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    for ax, ticks in ((axes[0, 0], (0.2, 0.5, 1, 2, 4)), (axes[0, 1], (15, 30, 60, 120, 240))):
-        ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-        ax.set_yticks((0.3, 0.5, 1, 2), ("0.3", "0.5", "1", "2"))
-        ax.minorticks_off()
+    for panel in axes.flat:
+        log_scale(panel, "x")
+        log_scale(panel, "y")
     axes[0, 0].set_xlabel("stated sd of the force [N]")
     axes[0, 1].set_xlabel("condition number")
     axes[0, 0].set_ylabel("RMSE of the force [N]")

@@ -44,7 +44,6 @@ from analyses.methods.arms.ur10e_logs import (
 )
 from analyses.methods.learning.identification_config import IdentificationConfig
 from analyses.methods.reading.known_payload import (
-    AXES,
     MARGIN,
     MASS,
     METHODS,
@@ -60,22 +59,22 @@ from analyses.methods.reading.known_payload import (
     rms,
 )
 from analyses.methods.reading.payload_figures import force_figure, methods_figure, singular_figure
-from analyses.output.figures import save_figure
 from analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
-    FigureFile,
 )
+from analyses.study.figure_files import saved_figure
 from analyses.study.wording import change_between
 from models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
 from models.estimation.wrench import WrenchReconstruction, live_prior
 from models.identification.identified_model import IdentifiedModel
+from models.rigid_body.spatial_vectors import AXES
 from models.robot.robot import Robot
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 
 UNLOADED = VALIDATED["14harm50sec"]
@@ -147,27 +146,27 @@ def run(context: ExperimentContext) -> ExperimentResult:
     metrics["best"] = {"law": best_model.law, **best_readings, "at_load": at_load.metrics()}
     context.progress(0.9, "figures")
     figures = [
-        _saved(
+        saved_figure(
             force_figure(t, readings["bayesian"], reference),
             context.out,
             "payload_force",
             "Force on the flange over the loaded run: Bayesian reading with its 95 % band, and the "
             "payload's weight and inertia.",
         ),
-        _saved(
+        saved_figure(
             singular_figure(t, readings["bayesian"], readings["inverse"], reference),
             context.out,
             "payload_singular_pass",
             "The same around a singular pass, with the plain inverse "
             "(eq. 22); samples that its flag calls invalid are shaded.",
         ),
-        _saved(
+        saved_figure(
             methods_figure(metrics),
             context.out,
             "payload_methods",
             "Force error per axis and the payload's mass as each method reads it.",
         ),
-        _saved(
+        saved_figure(
             force_figure(at_load.t, at_load.readings["bayesian"], at_load.reference),
             context.out,
             "payload_force_at_load",
@@ -362,12 +361,6 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
         ComparisonRow("mass, Bayesian (true 2.805)", "bayesian.mass_kg", "kg", None),
         ComparisonRow("mass, force only (true 2.805)", "force_only.mass_kg", "kg", None),
     ]
-
-
-def _saved(figure: "Figure", out: Path, name: str, caption: str) -> FigureFile:
-    path = Path("figures") / f"{name}.png"
-    save_figure(figure, out / path)
-    return FigureFile(path, caption)
 
 
 EXPERIMENT = Experiment(

@@ -254,7 +254,8 @@ def _figure(metrics: dict[str, Any], out: Path) -> FigureFile:
         panel.plot(again, level, "D", color=COLOUR["truth"], ms=3.5, label=label, zorder=3)
     panel.set_yticks(places, list(metrics))
     panel.set_xlabel("samples inside the 95 % band [%]; shaded: 90 to 98")
-    panel.set_xlim(50.0, 100.5)
+    least = min(min(own["all"]["inside_95_pct"]) for own in metrics.values())
+    panel.set_xlim(min(50.0, 10.0 * np.floor(0.1 * least)), 100.5)
     panel.invert_yaxis()
     figure.legend(loc="outside upper center", ncols=4)
     path = Path("figures") / "trust.png"

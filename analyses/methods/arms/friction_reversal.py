@@ -122,28 +122,6 @@ def separate_recordings(
     return SeparatedFriction(robot.joint_names, tuple(_joined(j, s) for j, s in enumerate(found)))
 
 
-def reversals_of_simulated_arm(
-    robot: Robot,
-    model: IdentifiedModel,
-    postures: ArrayLike,
-    speeds: Sequence[float] = SPEEDS,
-    seed: int = 0,
-    progress: ProgressCallback = lambda fraction, what: None,
-) -> SeparatedFriction:
-    """Runs planned reversals on the simulated arm, all joints together, and separates friction.
-
-    Args:
-        robot: with its simulated truth.
-        model: identified; what the separation knows. The controller is the drives' own.
-        postures: (K, n) rad, in which the passes meet.
-        speeds: rad/s of the passes.
-        seed: of the noise.
-        progress: told the share done.
-    """
-    recordings = reversal_recordings(robot, postures, speeds, seed, progress)
-    return separate_recordings(robot, recordings, model, cutoff=7.5)
-
-
 def reversal_recordings(
     robot: Robot,
     postures: ArrayLike,
@@ -152,9 +130,14 @@ def reversal_recordings(
     progress: ProgressCallback = lambda fraction, what: None,
     period: float = PERIOD,
 ) -> list[Recording]:
-    """What the simulated arm's controller records in planned reversals; as above.
+    """What the simulated arm's controller records in planned reversals, all joints together.
 
     Args:
+        robot: with its simulated truth; the controller is the drives' own.
+        postures: (K, n) rad, in which the passes meet.
+        speeds: rad/s of the passes.
+        seed: of the noise.
+        progress: told the share done.
         period: s, of the passes; slow ones need a long one, or the drives' own compliance takes up
             the whole travel.
     """

@@ -31,6 +31,7 @@ from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
+from models.rigid_body.spatial_vectors import AXES
 from models.robot.robot import Robot
 from models.robot.robot_config import ToolConfig
 
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
 ProgressCallback = Callable[[float, str], None]
 
 PASSES = 4  # the load's share of friction changes by less than 1 % from the third to the fourth
-AXES = ("x", "y", "z")
 TENSOR = ("xx", "yy", "zz", "xy", "xz", "yz")  # order of ToolConfig.inertia
 COM_TOLD = 0.02  # m, sd; where a centre of mass is less sure, the motion has not told it
 INERTIA_TOLD = 0.5  # share of the prior's variance

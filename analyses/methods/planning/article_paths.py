@@ -3,6 +3,7 @@
 import numpy as np
 
 from analyses.methods.planning.placement import place
+from analyses.study.shared_results import shared
 from models.arrays import Array
 from models.identification.identified_model import IdentifiedModel
 from models.motion.inverse_kinematics import follow_path
@@ -40,6 +41,12 @@ def found_path(
         model: with it, the path whose Bayesian reading has the least force sd for this model's
             residual covariance, instead of the one with the least mean condition number.
     """
+    return shared("found_path", (robot, seed, model), lambda: _found_path(robot, seed, model))
+
+
+def _found_path(
+    robot: Robot, seed: int, model: IdentifiedModel | None
+) -> tuple[StraightPath, Array]:
     task, source = load_task("linear_path")
     objective = "jcn" if model is None else "force-sd"
     best = place(task, source, robot, objective=objective, model=model, seed=seed).best

@@ -18,7 +18,7 @@ from analyses.output.figures import SERIES, new_figure
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from diagrams.clearance import Clearance, ClosestPair
-from diagrams.pages.motion_page import record_motion
+from diagrams.pages.motion_page import write_motion_page
 from models.arrays import Array
 from models.excitation.excitation_information import MEASURES, ExcitationInformation
 from models.excitation.excitation_program import ExcitationProgram, MotionBounds
@@ -212,7 +212,7 @@ def excite_robot(
     out: Path,
     config: ExcitationConfig | None = None,
     validation: bool = True,
-    recording: bool = True,
+    page: bool = True,
     progress: ProgressCallback = lambda fraction, what: None,
 ) -> tuple[ExcitationResult, ...]:
     """The command `excite`: finds trajectories and writes them into `out`.
@@ -226,7 +226,7 @@ def excite_robot(
         out: the folder.
         config: see `ExcitationConfig`.
         validation: whether to find a second, independent trajectory.
-        recording: whether to write trajectory.html.
+        page: whether to write trajectory.html.
 
     Returns:
         The trajectory, and the validation's where there is one.
@@ -236,7 +236,7 @@ def excite_robot(
     """
     config = ExcitationConfig() if config is None else config
     with result_folder(out, "excite") as folder:
-        return _excite_into(folder, robot_name, config, validation, recording, progress)
+        return _excite_into(folder, robot_name, config, validation, page, progress)
 
 
 def _excite_into(
@@ -244,7 +244,7 @@ def _excite_into(
     robot_name: str | Path,
     config: ExcitationConfig,
     validation: bool,
-    recording: bool,
+    page: bool,
     progress: ProgressCallback,
 ) -> tuple[ExcitationResult, ...]:
     robot = Robot.load(robot_name)
@@ -260,13 +260,13 @@ def _excite_into(
         results.append(excite(robot, replace(config, seed=seeds[name]), part))
     progress(0.9, "writing")
     for name, result in zip(names, results, strict=True):
-        _write(folder, name, robot, result, recording)
+        _write(folder, name, robot, result, page)
     metrics = results[0].metrics()
     if validation:
         metrics["validation"] = results[1].metrics()
     folder.write_json("metrics.json", metrics)
     settings = ExciteSettings(
-        robot=str(robot_name), validation=validation, record=recording, excitation=config
+        robot=str(robot_name), validation=validation, page=page, excitation=config
     )
     folder.write_settings("config.yaml", settings)
     progress(1.0, "done")
@@ -302,7 +302,7 @@ def trajectory_figure(robot: Robot, result: ExcitationResult) -> "Figure":
 
 
 def _write(
-    folder: OutputFolder, name: str, robot: Robot, result: ExcitationResult, recording: bool
+    folder: OutputFolder, name: str, robot: Robot, result: ExcitationResult, page: bool
 ) -> None:
     trajectory, config = result.trajectory, result.config
     made = (
@@ -320,9 +320,9 @@ def _write(
     with folder.atomic(f"{name}.csv") as partial:
         np.savetxt(partial, table, "%.9g", ",", header=",".join(columns), comments="")
     folder.write_figure(name, trajectory_figure(robot, result))
-    if recording:
+    if page:
         title = f"{robot.name}: excitation ({name})"
-        record_motion(
+        write_motion_page(
             robot, trajectory.joint_trajectory(config.num_periods), folder / f"{name}.html", title
         )
 

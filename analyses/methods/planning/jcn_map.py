@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 
 from analyses.methods.planning.jcn_map_settings import NUM_SAMPLES, JcnMapSettings, SliceConfig
+from analyses.output.axes import log_scale
 from analyses.output.figures import COLOUR, new_figure, save_figure
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
-from diagrams.pages.cloud_page import record_cloud
+from diagrams.pages.cloud_page import write_cloud_page
 from models.arrays import Array
 from models.files.input_error import InputError
 from models.motion.branches import is_closed_form
@@ -201,7 +202,7 @@ def jcn_map(
     progress: Callable[[float, str], None] = lambda fraction, what: None,
 ) -> JcnMapResult:
     """The command `jcn-map`: writes samples.npz (q, jcn, p_WE), metrics.json, config.yaml, figures
-    and recording.html into `out`; with a plane also slice.npz (p_WE, jcn, direction_W, q).
+    and page.html into `out`; with a plane also slice.npz (p_WE, jcn, direction_W, q).
 
     Raises:
         InputError: see `sample` and `slice_plane`; or `out` cannot be written to.
@@ -235,7 +236,7 @@ def _map_into(
         np.savez(file, q=samples.q, jcn=samples.jcn, p_WE=samples.p_WE)
     draw_cloud(samples, folder / "figures" / "workspace.png")
     draw_distribution(samples, folder / "figures" / "distribution.png")
-    record(robot, samples, folder / "recording.html")
+    record(robot, samples, folder / "page.html")
     cut = None
     if plane is not None:
         if not is_closed_form(robot):
@@ -272,7 +273,7 @@ def record(robot: Robot, samples: Samples, path: Path) -> None:
     """Writes the point cloud with the arm in it: the half behind the arm, so that both are seen."""
     behind = np.flatnonzero(samples.p_WE[:, 1] > 0.0)[:_CLOUD]
     low, high = _SCALE
-    record_cloud(
+    write_cloud_page(
         robot,
         samples.p_WE[behind],
         np.minimum(samples.jcn[behind], high),
@@ -332,12 +333,12 @@ def draw_distribution(samples: Samples, path: Path) -> None:
     edges = np.geomspace(5.0, 1e4, 100)
     ax.hist(np.clip(finite, 5.0, 9.999e3), edges, color=COLOUR["estimate"])
     for value, name, style in (
-        (THRESHOLD, f"{THRESHOLD:g}", ":"),
+        (THRESHOLD, f"{THRESHOLD:g}, good in the article", ":"),
         (float(np.median(samples.jcn)), f"median {np.median(samples.jcn):.1f}", "-"),
         (float(np.mean(finite)), f"mean {np.mean(finite):.0f}", "--"),
     ):
         ax.axvline(value, color=COLOUR["truth"], linestyle=style, linewidth=1.0, label=name)
-    ax.set_xscale("log")
+    log_scale(ax, "x")
     ax.set_xlabel("condition number of J (last bar: above 10 000)")
     ax.set_ylabel("configurations")
     figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=3)

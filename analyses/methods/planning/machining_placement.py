@@ -39,6 +39,7 @@ from models.motion.surface_path import SurfacePath
 from models.motion.workpieces import mesh
 from models.rigid_body.ties import better, in_order
 from models.robot.robot import Robot
+from models.robot.robot_config import PoseConfig
 
 LAW = "semi-parametric"
 K_0 = 20.0  # 1/s
@@ -62,14 +63,14 @@ class MachiningPlace:
     Attributes:
         x: (5,) r and z of the path's middle, m; tilt of its normal, direction of the axis about
             which it is tilted, and direction of the path before that, rad.
-        centre: (3,) m, of the workpiece.
+        xyz: (3,) m, of the workpiece.
         rpy: (3,) rad, of the workpiece.
         q: (N, n) postures along the path, at one angle about the normal.
         force_sd: N, the objective's root.
     """
 
     x: Array
-    centre: Array
+    xyz: Array
     rpy: Array
     q: Array
     force_sd: float
@@ -182,11 +183,11 @@ class PlacementProblem:
         """The workpiece at x (5,)."""
         X_WP = self.pose(x)
         rpy = RollPitchYaw(X_WP.rotation()).vector()
-        return replace(
-            self.workpiece,
-            centre=[round(float(value), 4) for value in X_WP.translation()],
-            rpy=[round(float(value), 4) for value in rpy],
+        pose = PoseConfig(
+            [round(float(value), 4) for value in X_WP.translation()],
+            [round(float(value), 4) for value in rpy],
         )
+        return replace(self.workpiece, pose=pose)
 
     def place(self, x: Array) -> MachiningPlace:
         """All about the workpiece at x (5,).
@@ -198,7 +199,7 @@ class PlacementProblem:
         if q is None:
             raise ValueError("placement: out of reach")
         placed = self.placed(x)
-        return MachiningPlace(x, np.array(placed.centre), np.array(placed.rpy), q, cost)
+        return MachiningPlace(x, np.array(placed.pose.xyz), np.array(placed.pose.rpy), q, cost)
 
 
 def search(
@@ -266,7 +267,7 @@ def main(arguments: list[str]) -> int:
     for place in places:
         first, last = np.degrees(place.q[[0, -1]]).round(0).astype(int).tolist()
         sys.stdout.write(
-            f"{place.force_sd:8.3f} N  centre {place.centre.tolist()}  rpy {place.rpy.tolist()}  "
+            f"{place.force_sd:8.3f} N  xyz {place.xyz.tolist()}  rpy {place.rpy.tolist()}  "
             f"joints {first} to {last} deg\n"
         )
     return 0

@@ -17,10 +17,11 @@ from numpy.typing import ArrayLike
 
 from analyses.methods.planning.particle_swarm import SwarmConfig, place_by_swarm
 from analyses.methods.planning.place_settings import PlaceSettings
+from analyses.output.axes import log_scale
 from analyses.output.figures import COLOUR, SERIES, new_figure
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
-from diagrams.pages.path_page import PathMotion, TriangleMesh, record_paths
+from diagrams.pages.path_page import PathMotion, TriangleMesh, write_path_page
 from diagrams.placement_cell import PlacementCell, obstacle_corners, workpiece_corners
 from models.arrays import Array
 from models.estimation.wrench import WrenchReconstructionConfig, live_prior
@@ -338,10 +339,10 @@ def write_placement(folder: OutputFolder, result: PlacementResult, settings: Pla
     folder.write_figure("convergence", figure)
     # A workpiece stands where the best path is; the initial one would run through it.
     alone = result.task.clearance is not None
-    record_placement(result, folder / "recording.html", "Placement", with_initial=not alone)
+    write_placement_page(result, folder / "page.html", "Placement", with_initial=not alone)
 
 
-def record_placement(
+def write_placement_page(
     result: PlacementResult, path: Path, title: str, *, with_initial: bool = True
 ) -> None:
     """Writes the web page in which the arm follows the initial and the best path."""
@@ -349,7 +350,7 @@ def record_placement(
     if with_initial and result.initial is not None:
         motions.append(PathMotion("initial", result.initial.fine.q, result.initial.fine_jcn))
     motions.append(PathMotion("optimised", result.best.fine.q, result.best.fine_jcn))
-    record_paths(result.robot, motions, path, title, workpiece=_picture(result))
+    write_path_page(result.robot, motions, path, title, workpiece=_picture(result))
 
 
 def draw_profiles(
@@ -369,7 +370,7 @@ def draw_profiles(
         if profile is None:
             continue
         mean, largest = np.mean(profile.jcn), np.max(profile.fine_jcn)
-        axes[0, 0].semilogy(
+        axes[0, 0].plot(
             fine,
             profile.fine_jcn,
             color=colour,
@@ -377,11 +378,7 @@ def draw_profiles(
         )
         if rows == 3:
             axes[1, 0].plot(fine, profile.fine_measure, color=colour)
-    top = max(float(np.max(p.fine_jcn)) for _, p, _ in cases if p is not None)
-    low = min(float(np.min(p.fine_jcn)) for _, p, _ in cases if p is not None)
-    ticks = [t for t in (5, 7, 10, 15, 20, 30, 40, 60, 100, 200, 500) if low / 1.5 < t < top * 1.3]
-    axes[0, 0].set_yticks(ticks, labels=[str(t) for t in ticks])
-    axes[0, 0].minorticks_off()
+    log_scale(axes[0, 0], "y")
     axes[0, 0].set_ylabel("condition number of J")
     if rows == 3:
         axes[1, 0].set_ylabel(measure.label)

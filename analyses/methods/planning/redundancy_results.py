@@ -9,12 +9,13 @@ import numpy as np
 
 from analyses.methods.planning.redundancy import RedundancyResult, find_redundancy
 from analyses.methods.planning.redundancy_task import RedundancySettings, RedundancyTask
+from analyses.output.axes import log_scale
 from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
 from analyses.output.result_folder import result_folder
 from analyses.study.experiment import (
     FigureFile,
 )
-from diagrams.pages.path_page import PathMotion, record_paths
+from diagrams.pages.path_page import PathMotion, write_path_page
 from models.files.configuration import load_configuration
 from models.files.task_files import task_file
 from models.motion.redundancy import (
@@ -40,16 +41,16 @@ def draw(result: RedundancyResult, out: Path) -> tuple[list[FigureFile], list[Fi
         if trajectory is not None
     ]
     label = "JCN" if result.problem.measure.key == "jcn" else "force sd [N]"
-    record_paths(
+    write_path_page(
         result.problem.robot,
         motions,
-        out / "recording.html",
+        out / "page.html",
         "Path on the surface",
         label=label,
         workpiece=result.workpiece,
     )
     caption = "The arm on the initial and on the optimised trajectory; the path's colour: " + label
-    return figures, [FigureFile(Path("recording.html"), caption + ".")]
+    return figures, [FigureFile(Path("page.html"), caption + ".")]
 
 
 def _ways(result: RedundancyResult) -> list[tuple[str, Trajectory, str]]:
@@ -70,9 +71,7 @@ def _draw_measure(result: RedundancyResult, path: Path) -> tuple[Path, str]:
         axes[0, 0].plot(distance, values, color=colour, label=label)
         axes[1, 0].plot(distance, np.degrees(way.psi), color=colour)
     axes[0, 0].set_ylabel(measure.label)
-    axes[0, 0].set_yscale("log")
-    axes[0, 0].yaxis.set_major_formatter("{x:g}")
-    axes[0, 0].yaxis.set_minor_formatter("{x:g}")
+    log_scale(axes[0, 0], "y")
     axes[1, 0].set_ylabel("angle about the normal [deg]")
     axes[1, 0].set_xlabel("distance along the path [m]")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
@@ -135,7 +134,7 @@ def redundancy(
     content: RedundancyTask | None = None,
 ) -> RedundancyResult:
     """The command `redundancy`, for a bundled task or a task's file: writes trajectory.csv,
-    metrics.json, config.yaml, figures and recording.html into `out`.
+    metrics.json, config.yaml, figures and page.html into `out`.
 
     Args:
         content: what counts before the content of the task that `task_name` names.

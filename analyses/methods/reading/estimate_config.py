@@ -7,7 +7,8 @@ import numpy as np
 from analyses.methods.sensors.reference_config import ReferenceConfig, checked_reference
 from models.detection.contact_detector import LARGEST_RATE, LEAST_RATE, ContactDetectionConfig
 from models.estimation.estimator import WrenchEstimatorConfig
-from models.estimation.wrench import METHODS, live_prior
+from models.estimation.wrench import live_prior
+from models.estimation.wrench_kernels import METHODS
 from models.estimation.wrench_table import TABLES
 from models.files.input_error import InputError
 from models.observers.momentum_observer import LEAST_K_0, MomentumObserverConfig

@@ -10,13 +10,12 @@ from models.arrays import Array, Flags
 from models.estimation.estimator import EstimateBatch, WrenchEstimatorConfig
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
+from models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-AXES = ("fx", "fy", "fz", "mx", "my", "mz")  # as people read them
-_FORCE_FIRST = [3, 4, 5, 0, 1, 2]
 _MEDIAN_SAMPLES = 1 << 17
 _FIGURE_BINS = 2000  # about one a pixel
 LONG_AGO = 1e6  # s; a clock that shows more is drawn from the first sample on
@@ -48,7 +47,7 @@ class _Moments:
     def metrics(self) -> dict[str, Any]:
         """Per axis; null where there is no sample."""
         result: dict[str, Any] = {}
-        for k, axis in enumerate(AXES):
+        for k, axis in enumerate(WRENCH_AXES):
             unit = "n" if axis.startswith("f") else "nm"
             values = {
                 "mean": self._sum[k] / self.count if self.count else None,
@@ -117,7 +116,7 @@ class EstimateSummary:
         self._num_singular += int((~regular).sum())
         largest = float(condition.max(initial=0.0, where=regular))
         self._largest_condition = max(self._largest_condition, largest)
-        wrench, sd = batch.wrench[:, _FORCE_FIRST], sd[:, _FORCE_FIRST]
+        wrench, sd = batch.wrench[:, FORCE_FIRST], sd[:, FORCE_FIRST]
         self._all.add(wrench, sd)
         self._of_valid.add(wrench[valid], sd[valid])
         self._add_outside(chunk, torque)
@@ -215,7 +214,7 @@ class EstimateSummary:
         t, is_invalid, touches = mean[:, 0], mean[:, 1] > 0.5, mean[:, 2] > 0.0
         figure, axes = new_figure(3, 2 if reads_moments else 1, share_x=True)
         origin = f" since {self._origin:.0f} s" if self._origin else ""
-        for k, axis in enumerate(AXES if reads_moments else AXES[:3]):
+        for k, axis in enumerate(WRENCH_AXES if reads_moments else WRENCH_AXES[:3]):
             panel: Any = axes[k % 3, k // 3]
             unit = "N" if axis.startswith("f") else "N m"
             panel.fill_between(

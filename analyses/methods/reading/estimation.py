@@ -25,6 +25,7 @@ from analyses.methods.reading.estimate_config import (
     stated_prior,
 )
 from analyses.methods.reading.estimate_summary import EstimateSummary
+from analyses.methods.reading.friction_watch import FrictionWatch
 from analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
 from analyses.methods.sensors.reference_config import ReferenceConfig, check_columns, check_tare
 from analyses.methods.sensors.sensor_log import SensorLogCollector
@@ -46,6 +47,7 @@ from models.recordings.recording import Recording
 from models.recordings.recording_format import SignalColumns, column_items
 from models.recordings.recording_reader import RecordingReader
 from models.recordings.resampling import plausible_step, resample_chunks
+from models.rigid_body.spatial_vectors import FORCE_FIRST
 from models.robot.robot import Robot
 
 ProgressCallback = Callable[[float, str], None]
@@ -198,6 +200,7 @@ def estimate(
     episodes = ContactEpisodes(robot.num_joints)
     path = out / f"wrench.{settings.estimate.table}"
     with_covariance = settings.estimate.covariance
+    watch = FrictionWatch(model, model.chain(robot), observer.pole, config.observer.time_step)
     with ExitStack() as stack:
         table = stack.enter_context(WrenchTableWriter(path, robot.num_joints, with_covariance))
         bag: WrenchBagWriter | None = None
@@ -215,9 +218,11 @@ def estimate(
                 _, p_WE = robot.chain.pose(chunk.q)
                 bag.write(chunk.t, batch.wrench, batch.covariance, p_WE)
             episodes.add(chunk.t, found, batch.wrench[:, 3:], valid)
+            settled = int(np.searchsorted(chunk.t, first.t[0] + observer.settling_time))
+            there = ~chunk.dropout & (np.arange(chunk.num_samples) >= settled)
+            watch.add(chunk.t, chunk.q, chunk.v, batch.tau_ext, there, ~found.contact)
             summary.add(chunk, batch, sd, valid, _torque(chunk, robot), found.contact)
             if beside is not None:
-                settled = int(np.searchsorted(chunk.t, first.t[0] + observer.settling_time))
                 _collect(beside, chunk, batch, sd, valid, robot, settled)
     episodes.finish()
     metrics = summary.metrics(config, rule)
@@ -229,6 +234,7 @@ def estimate(
         notices += comparison.notices
         out.write_figure("reference", comparison.figure())
     warnings += summary.warnings()
+    warnings += watch.sentences(settings.log, settings.robot, settings.model)
     reads_moments = config.reconstruction.method != "force_only"
     out.write_figure("wrench", summary.figure(reads_moments))
     used = replace(settings.estimate, estimator=config)
@@ -269,11 +275,10 @@ def _collect(
 ) -> None:
     """Hands over the samples from the one on at which the observer has settled."""
     R_WE, _ = robot.chain.pose(chunk.q)
-    force_first = [3, 4, 5, 0, 1, 2]
     signals = (
         chunk.t,
-        batch.wrench[:, force_first],
-        sd[:, force_first],
+        batch.wrench[:, FORCE_FIRST],
+        sd[:, FORCE_FIRST],
         np.asarray(valid, float),
         R_WE,
         chunk.v,

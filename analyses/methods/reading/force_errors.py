@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
 from models.arrays import Array
+from models.rigid_body.spatial_vectors import AXES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-AXES = ("x", "y", "z")
 BAND_68, BAND_95 = 1.0, 1.96  # standard deviations; 1.0 holds 68.27 % of a Gaussian
 FIGURE_COLUMNS = 1500  # of a figure: a longer signal is drawn as its extremes, column by column
 

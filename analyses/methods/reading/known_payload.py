@@ -21,6 +21,7 @@ from models.observers.momentum_observer import MomentumObserverConfig
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
 from models.recordings.resampling import resampled
+from models.rigid_body.spatial_vectors import AXES
 from models.robot.robot import Robot
 from models.signals.zero_phase import ZeroPhaseLowPass, derivative
 
@@ -35,7 +36,6 @@ REFERENCE_CUTOFF = 5.0  # Hz, zero-phase, of the kinematics behind the reference
 LEARNING_TIME = 10.0  # s of the loaded run that the point of action is found from
 LEARNING_STRIDE = 5  # samples; the observer's band is far below their rate
 MARGIN = 1.0  # s left out at both ends: the observer's start, the reference's filter
-AXES = ("x", "y", "z")
 SIGMA_68, SIGMA_95 = 1.0, 1.96  # half widths of the bands, in standard deviations
 # Every method that is compared, with what sets it apart; the prior of the others, where they have
 # use for one, is the one that the log suggests.

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from analyses.methods.reading.known_payload import (
-    AXES,
     MASS,
     METHODS,
     SIGMA_95,
@@ -14,8 +13,10 @@ from analyses.methods.reading.known_payload import (
     Reading,
     Reference,
 )
+from analyses.output.axes import limit_y, log_scale
 from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
 from models.arrays import Array, Flags
+from models.rigid_body.spatial_vectors import AXES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -57,9 +58,10 @@ def singular_figure(t: Array, reading: Reading, inverse: Reading, reference: Ref
         _draw_reading(axis, t, reading, i, rows)
         axis.plot(t[rows], inverse.force[rows, i], color=COLOUR["before"], lw=1.1, label="eq. 22")
         axis.plot(t[rows], reference.force[rows, i], color=COLOUR["truth"], label="payload (truth)")
-        axis.set_ylim(-120.0, 120.0)
+        limit_y(axis, -120.0, 120.0, "N")
         axis.set_ylabel(f"force {AXES[i]} [N]")
-    panels[3].semilogy(t[rows], inverse.condition_number[rows], color=COLOUR["reference"])
+    panels[3].plot(t[rows], inverse.condition_number[rows], color=COLOUR["reference"])
+    log_scale(panels[3], "y")
     panels[3].set_ylabel("condition number")
     panels[3].set_xlabel("time [s]")
     _legend_above(figure, panels[0])
@@ -129,6 +131,7 @@ def methods_figure(metrics: dict[str, Any]) -> "Figure":
         top.plot(at, kept, **valid, label="valid samples only" if i == 0 else None)
     top.set_yscale("log")
     top.set_ylim(bottom=2.0)
+    log_scale(top, "y")
     top.set_ylabel("force RMSE [N]")
     masses = [metrics[m]["mass_kg"] for m in METHODS]
     bottom.bar(places, np.clip(masses, 0.0, 4.0), 0.6, color=COLOUR["reference"])

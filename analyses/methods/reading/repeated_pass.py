@@ -10,6 +10,7 @@ The two passes are aligned once, by their positions alone.
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,7 @@ from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
 from models.robot.robot import Robot
 
+REVERSAL: Final = 0.3  # s about a joint's turning
 _LARGEST_SHIFT = 0.1  # s between the starts of two logs that are cut alike
 _SHIFT_TOLERANCE = 1e-5  # s
 
@@ -79,6 +81,8 @@ class LoadedPass:
         taught: less what the pass without load has taught.
         lesson: (M, n) N m, what that pass read.
         alignment: s that its log is ahead.
+        load_growth: (M, n) N m, by how much more the drives carry than without the load.
+        v: (M, n) rad/s.
     """
 
     t: Array
@@ -86,12 +90,39 @@ class LoadedPass:
     taught: PassErrors
     lesson: Array
     alignment: float
+    load_growth: Array
+    v: Array
 
     @property
     def repeated_share(self) -> Array:
         """(n,) share of the torque error's mean square that the lesson takes off."""
         plain, taught = (np.mean(p.torque_error**2, axis=0) for p in (self.plain, self.taught))
         return np.asarray(1.0 - taught / plain)
+
+    def shares(self) -> dict[str, Array]:
+        """What the torque error's mean square with the load is made of, (n,) shares of it.
+
+        `repeated`: what the lesson takes off; `grows_with_load`: what friction in proportion to
+        the load's growth, fitted in hindsight, would take off besides; `reversals`: what is then
+        left within REVERSAL of a joint's turning; `other`: the rest.
+        """
+        plain, left = self.plain.torque_error, self.taught.torque_error
+        whole = np.mean(plain**2, axis=0)
+        pull = np.sign(self.v) * self.load_growth
+        # Friction that is missing in the model reads as a torque against the motion.
+        share = np.sum(pull * left, axis=0) / np.sum(pull**2, axis=0)
+        without = left - share * pull
+        window = np.ones(2 * round(REVERSAL / TIME_STEP) + 1)
+        turns = np.abs(np.diff(np.sign(self.v), axis=0, prepend=np.sign(self.v[:1]))) > 0.0
+        near = np.stack([np.convolve(turn, window, "same") > 0.0 for turn in turns.T], axis=1)
+        reversal = np.mean(np.where(near, without, 0.0) ** 2, axis=0)
+        remaining = np.mean(without**2, axis=0)
+        return {
+            "repeated": self.repeated_share,
+            "grows_with_load": (np.mean(left**2, axis=0) - remaining) / whole,
+            "reversals": reversal / whole,
+            "other": (remaining - reversal) / whole,
+        }
 
     @property
     def correlation(self) -> Array:
@@ -155,6 +186,9 @@ def loaded_pass(
     t = recording.t - recording.t[0]
     ahead = alignment(empty.recording, recording)
     lesson = _at(empty.recording, empty.tau_ext, t + ahead)
+    K = robot.torque_per_ampere * robot.current_sign
+    carried = recording.current * K
+    carried_before = _at(empty.recording, empty.recording.current * K, t + ahead)
     R_WE, _ = robot.chain.pose(recording.q)
     J = jacobian_at(loaded.J, R_WE, p_EP)
     reference = payload_reference(robot, recording, REFERENCE_CUTOFF, p_EP)
@@ -178,6 +212,8 @@ def loaded_pass(
         taught=errors(loaded.tau_ext - lesson),
         lesson=lesson[rows],
         alignment=ahead,
+        load_growth=(np.abs(carried) - np.abs(carried_before))[rows],
+        v=recording.v[rows],
     )
 
 

@@ -28,7 +28,7 @@ from analyses.methods.arms.arm_models import ArmModels
 from analyses.methods.runs.air_pass import record_air_pass, teach
 from diagrams.closed_loop import make_closed_loop
 from diagrams.machining import longest_duration, view_of
-from diagrams.pages.run_page import make_meshcat, start_recording, write_page
+from diagrams.pages.run_page import make_meshcat, start_animation, write_page
 from diagrams.scenario import Scenario
 from models.arrays import Array, Flags
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
@@ -50,7 +50,7 @@ FEEDBACKS = ("sensor", "estimate")
 COMPONENTS = ("tangential", "normal")
 READINGS = ("article", "coulomb_viscous", "ours", "known_friction", "sensor")
 _STRETCH = 0.5  # s between two reports of progress
-_FPS = 12.0  # of the recording
+_FPS = 12.0  # of the page
 _METRES_PER_NEWTON = 0.008
 _LOGGED = (
     "q",
@@ -167,7 +167,7 @@ def run_machining(
     models: ArmModels,
     plan: MachiningPath,
     taught: TaughtTorque | None = None,
-    recording: Path | None = None,
+    page: Path | None = None,
     progress: ProgressCallback = lambda fraction, what: None,
 ) -> MachiningRun:
     """Machines, from the approach to the lift.
@@ -177,7 +177,7 @@ def run_machining(
         models: what controller and estimator know; their robot has its simulated truth.
         plan: of the scenario.
         taught: by an air pass along the plan.
-        recording: where to write a Meshcat recording.
+        page: where to write the arm in motion (HTML).
         progress: told the share done.
     """
     machining, robot = scenario.machining, models.robot
@@ -185,10 +185,10 @@ def run_machining(
     scenario = replace(
         scenario,
         duration=longest_duration(plan, machining.phases),
-        recording=replace(scenario.recording, fps=_FPS, metres_per_newton=_METRES_PER_NEWTON),
+        page=replace(scenario.page, fps=_FPS, metres_per_newton=_METRES_PER_NEWTON),
     )
     meshcat: Meshcat | None = None
-    if recording is not None:
+    if page is not None:
         middle = plan.path.num_samples // 2
         meshcat = make_meshcat(robot, plan.path.p_WS[middle], view_of(plan.path))
     loop = make_closed_loop(
@@ -204,15 +204,15 @@ def run_machining(
     simulator = Simulator(loop.diagram)
     simulator.Initialize()
     if meshcat is not None:
-        start_recording(meshcat, _FPS)
+        start_animation(meshcat, _FPS)
     advance(
         simulator,
         even_stretches(scenario.duration, _STRETCH),
         lambda share: progress(share, "machining"),
     )
-    if meshcat is not None and recording is not None:
+    if meshcat is not None and page is not None:
         title = f"{scenario.description} One way in {machining.one_way:g} s."
-        write_page(meshcat, recording, title)
+        write_page(meshcat, page, title)
     t, signals = loop.logged(simulator.get_context())
     return MachiningRun(plan, t, signals)
 

@@ -1,16 +1,17 @@
 """Figures of a machining study: force read, force held, both over the feed (Figs. 25 and 27)."""
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from analyses.methods.reading.force_errors import draw_signal
 from analyses.methods.runs.machining import COMPONENTS, FEEDS, MachiningRun, MachiningTask, feed_key
-from analyses.output.figures import COLOUR, new_figure, save_figure
+from analyses.output.axes import limit_y
+from analyses.output.figures import COLOUR, new_figure
 from analyses.study.experiment import (
     ExperimentContext,
     FigureFile,
 )
+from analyses.study.figure_files import saved_figure
 from models.arrays import Array
 from models.machining.machining_phases import Phase
 
@@ -37,7 +38,7 @@ def force_figure(
         panel.plot(t, truth, color=COLOUR["truth"], lw=0.8, label="true")
         low, high = truth.min(), truth.max()
         room = 0.35 * (high - low) + 6.0
-        panel.set_ylim(low - room, high + room)
+        limit_y(panel, low - room, high + room, "N")
         panel.set_ylabel(f"{component} force [N]")
         panel.set_title(f"one way in {feed:g} s")
     axes[-1, 0].set_xlabel("time since the feed started [s]")
@@ -142,7 +143,5 @@ def machining_figures(
             "Is a slower feed harder? Errors of reading and of holding the force.",
         ),
     ):
-        path = Path("figures") / f"{stem}.png"
-        save_figure(figure, context.out / path)
-        files.append(FigureFile(path, caption))
+        files.append(saved_figure(figure, context.out, stem, caption))
     return files

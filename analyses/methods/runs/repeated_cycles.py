@@ -14,7 +14,6 @@ import numpy as np
 from analyses.methods.arms.arm_models import repetition_covariances
 from analyses.methods.arms.simulated_logs import ROBOT
 from analyses.methods.reading.force_errors import (
-    AXES,
     ForceReading,
     draw_band,
     draw_signal,
@@ -30,6 +29,7 @@ from analyses.methods.runs.task_runs import (
     task_path,
     task_scenario,
 )
+from analyses.output.axes import legend_above, limit_y
 from analyses.output.figures import COLOUR, new_figure
 from analyses.study.experiment import (
     ExperimentContext,
@@ -37,6 +37,7 @@ from analyses.study.experiment import (
 from diagrams.scenario import LineMotion, Scenario
 from models.arrays import Array
 from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig, live_prior
+from models.rigid_body.spatial_vectors import AXES
 from models.robot.robot import Robot
 
 if TYPE_CHECKING:
@@ -171,7 +172,7 @@ def force_figure(cycles: RepeatedCycles, k: int, with_reference: bool, limit: fl
         panel.set_title(reading.name)
         panel.set_ylabel(f"force f{AXES[k]} [N]")
         if with_reference or key != OURS:
-            panel.set_ylim(-limit, limit)
-        panel.legend(loc="upper center", ncols=3)
+            limit_y(panel, -limit, limit, "N")
+        legend_above(panel, ncols=3)
     axes[-1, 0].set_xlabel("time in the second cycle [s]")
     return figure

@@ -17,6 +17,7 @@ from pydrake.systems.analysis import Simulator
 from scipy.optimize import nnls
 
 from analyses.methods.advance import advance
+from analyses.methods.reading.force_errors import envelope
 from analyses.methods.runs.air_pass import record_air_pass, teach
 from analyses.methods.runs.simulate_settings import SimulateSettings
 from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
@@ -25,7 +26,7 @@ from analyses.output.result_folder import result_folder
 from diagrams.closed_loop import ClosedLoop, make_closed_loop
 from diagrams.graph import write_graph
 from diagrams.machining import longest_duration, make_machining_path, view_of
-from diagrams.pages.run_page import make_meshcat, start_recording, write_page
+from diagrams.pages.run_page import make_meshcat, start_animation, write_page
 from diagrams.robot_cell import true_friction
 from diagrams.scenario import Scenario, check_scenario, load_scenario, make_trajectory
 from models.arrays import Array, Flags
@@ -37,6 +38,7 @@ from models.machining.machining_phases import FAULT_SENTENCES, Fault, Phase
 from models.motion.paths import JointTrajectory
 from models.recordings.recording import Recording
 from models.recordings.recording_writer import write_recording
+from models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
 from models.robot.robot import Robot
 from systems.impedance_controller import ImpedanceConfig
 
@@ -45,15 +47,20 @@ if TYPE_CHECKING:
 
 ProgressCallback = Callable[[float, str], None]
 
-AXES = ("fx", "fy", "fz", "mx", "my", "mz")  # as people read them
-_FORCE_FIRST = [3, 4, 5, 0, 1, 2]
 _STRETCH = 0.1  # s between two reports of progress
 _QUICK_DURATION = 1.0  # s
 _FIT_SAMPLES = 1000
 _FIT_RANGE = (0.02, 0.5)  # rad/s
 _TOO_FAST = 10.0  # times its velocity limit no joint moves
 _BAND = 1.96  # standard deviations: 95 %
-_FIGURE_SAMPLES = 4000
+_TRUE_LINE: dict[str, Any] = {"color": COLOUR["truth"], "label": "true"}
+# Dashed and on top: a good sensor lies on the truth.
+_SENSOR_LINE: dict[str, Any] = {
+    "color": SERIES[4],
+    "lw": 0.9,
+    "ls": (0, (3, 3)),
+    "label": "sensor",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,40 +178,35 @@ class SimulationResult:
 
     def recording(self) -> Recording:
         """The log as a real arm's: t, q, v and current. Extra, force first: truth and sensor."""
-        extra = {"wrench_true": self.wrench_true[:, _FORCE_FIRST]}
+        extra = {"wrench_true": self.wrench_true[:, FORCE_FIRST]}
         if self.ft_wrench is not None:
-            extra["ft_wrench"] = self.ft_wrench[:, _FORCE_FIRST]
+            extra["ft_wrench"] = self.ft_wrench[:, FORCE_FIRST]
         return Recording(
             t=self.t, q=self.q, v=self.v, current=self.current, source="simulation", extra=extra
         )
 
     def figure(self) -> "Figure":
-        """True and estimated wrench with the stated 95 % band, and the sensor's."""
-        step = max(1, len(self.t) // _FIGURE_SAMPLES)
-        part = slice(None, None, step)
-        t, sd = self.t[part], self.standard_deviation[part]
-        figure, axes = new_figure(3, 2, share_x=True)
-        for k, column in enumerate(_FORCE_FIRST):
+        """True and estimated wrench with the stated 95 % band, and the sensor's.
+
+        Every peak is drawn, however long the run. Moments are left out where the method reads none.
+        """
+        reads_moments = self.scenario.estimator.reconstruction.method != "force_only"
+        shown = WRENCH_AXES if reads_moments else WRENCH_AXES[:3]
+        figure, axes = new_figure(3, len(shown) // 3, share_x=True)
+        for k, axis in enumerate(shown):
             panel: Any = axes[k % 3, k // 3]
-            estimate = self.wrench[part, column]
-            band = _BAND * sd[:, column]
+            column = FORCE_FIRST[k]
+            estimate, band = self.wrench[:, column], _BAND * self.standard_deviation[:, column]
+            at, low, _ = envelope(self.t, estimate - band)
+            _, _, high = envelope(self.t, estimate + band)
             colour = COLOUR["estimate"]
             panel.fill_between(
-                t,
-                estimate - band,
-                estimate + band,
-                color=colour,
-                alpha=BAND_ALPHA,
-                lw=0,
-                label="95 % band",
+                at, low, high, color=colour, alpha=BAND_ALPHA, lw=0, label="95 % band"
             )
-            panel.plot(t, self.wrench_true[part, column], color=COLOUR["truth"], label="true")
-            panel.plot(t, estimate, color=colour, lw=1.0, label="estimated")
+            panel.plot(*_peaks(self.t, self.wrench_true[:, column]), **_TRUE_LINE)
+            panel.plot(*_peaks(self.t, estimate), color=colour, lw=1.0, label="estimated")
             if self.ft_wrench is not None:
-                # Dashed and on top: a good sensor lies on the truth.
-                sensor = self.ft_wrench[part, column]
-                panel.plot(t, sensor, color=SERIES[4], lw=0.9, ls=(0, (3, 3)), label="sensor")
-            axis = AXES[k]
+                panel.plot(*_peaks(self.t, self.ft_wrench[:, column]), **_SENSOR_LINE)
             panel.set_ylabel(f"{axis[0]}$_{axis[1]}$ [{'N' if k < 3 else 'N m'}]")
             if k % 3 == 2:
                 panel.set_xlabel("time [s]")
@@ -223,14 +225,14 @@ def simulate_scenario(
     seed: int | None = None,
     duration: float | None = None,
     quick: bool = False,
-    record: bool = True,
+    page: bool = True,
     graph: bool = False,
     progress: ProgressCallback = lambda fraction, what: None,
 ) -> SimulationResult:
     """The command `simulate`: runs a scenario and writes what happened into `out`.
 
     Writes metrics.json, config.yaml, scenario.yaml (which runs again), figures/wrench.png, log.csv
-    (for `estimate`), recording.html, and with `graph` the drawing of the diagram.
+    (for `estimate`), page.html, and with `graph` the drawing of the diagram.
 
     Args:
         scenario_name: of a bundled scenario; or FILE.yaml, or FILE.yaml:NAME.
@@ -238,7 +240,7 @@ def simulate_scenario(
         model_path: a model.yaml; without it see `known_model`.
         seed, duration: in the place of the scenario's.
         quick: at most a second.
-        record: whether to write recording.html.
+        page: whether to write page.html.
 
     Raises:
         InputError: as `load_scenario`, `Robot.load`, `IdentifiedModel.load`, `result_folder`; what
@@ -253,7 +255,7 @@ def simulate_scenario(
             seed,
             duration,
             quick,
-            record,
+            page,
             graph,
             progress,
         )
@@ -269,7 +271,7 @@ def _simulate_into(
     seed: int | None,
     duration: float | None,
     quick: bool,
-    record: bool,
+    page: bool,
     graph: bool,
     progress: ProgressCallback,
 ) -> SimulationResult:
@@ -299,7 +301,7 @@ def _simulate_into(
         scenario,
         robot,
         model,
-        recording=folder / "recording.html" if record else None,
+        page=folder / "page.html" if page else None,
         graph=folder / "diagram.svg" if graph else None,
         title=name,
         progress=progress,
@@ -318,7 +320,7 @@ def _simulate_into(
         seed=scenario.seed,
         duration_s=scenario.duration,
         quick=quick,
-        record=record,
+        page=page,
         graph=graph,
     )
     files.append(folder.write_settings("config.yaml", settings))
@@ -331,7 +333,7 @@ def simulate(
     robot: Robot,
     model: IdentifiedModel | None = None,
     *,
-    recording: Path | None = None,
+    page: Path | None = None,
     graph: Path | None = None,
     title: str = "simulation",
     progress: ProgressCallback = lambda fraction, what: None,
@@ -340,9 +342,9 @@ def simulate(
 
     Args:
         model: what controller and estimator know; without it `known_model`.
-        recording: where to write the Meshcat recording (HTML).
+        page: where to write the arm in motion (HTML).
         graph: where to draw the diagram, see `diagrams.graph.write_graph`.
-        title: of the recording.
+        title: of the page.
 
     Raises:
         InputError: scenario, robot and model do not fit; or the motion diverges.
@@ -372,7 +374,7 @@ def simulate(
         )
         taught = teach(air, motion, plan, robot, model, scenario.estimator)
     meshcat = None
-    if recording is not None:
+    if page is not None:
         _, p_WE = robot.chain.pose(trajectory.q[len(trajectory.q) // 2])
         meshcat = make_meshcat(robot, p_WE, None if plan is None else view_of(plan.path))
     loop = make_closed_loop(
@@ -384,11 +386,11 @@ def simulate(
     simulator = Simulator(loop.diagram)
     simulator.Initialize()
     if meshcat is not None:
-        start_recording(meshcat, scenario.recording.fps)
+        start_animation(meshcat, scenario.page.fps)
     elapsed = _advance(simulator, scenario, robot, loop, progress)
-    if meshcat is not None and recording is not None:
-        write_page(meshcat, recording, title)
-        files.append(recording)
+    if meshcat is not None and page is not None:
+        write_page(meshcat, page, title)
+        files.append(page)
     t, signals = loop.logged(simulator.get_context())
     for name in ("progress", "feed_time"):
         signals.pop(name, None)
@@ -487,7 +489,7 @@ def _advance(
 def _errors(reading: Array, truth: Array) -> dict[str, float]:
     """RMSE, largest error and correlation per axis; the last is NaN where nothing varies."""
     metrics: dict[str, float] = {}
-    for axis, column in zip(AXES, _FORCE_FIRST, strict=True):
+    for axis, column in zip(WRENCH_AXES, FORCE_FIRST, strict=True):
         unit = "n" if axis.startswith("f") else "nm"
         a, b = reading[:, column], truth[:, column]
         metrics[f"rmse_{axis}_{unit}"] = float(np.sqrt(np.mean((a - b) ** 2)))
@@ -495,6 +497,14 @@ def _errors(reading: Array, truth: Array) -> dict[str, float]:
         varies = min(np.ptp(a), np.ptp(b)) > 1e-9
         metrics[f"correlation_{axis}"] = float(np.corrcoef(a, b)[0, 1]) if varies else float("nan")
     return metrics
+
+
+def _peaks(t: Array, x: Array) -> tuple[Array, Array]:
+    """A line through the extremes of each stretch of a long signal: no peak is lost."""
+    at, low, high = envelope(t, x)
+    if low is high:
+        return at, x
+    return at.repeat(2), np.stack([low, high], axis=1).ravel()
 
 
 def _rms(error: Array) -> Any:

@@ -30,7 +30,7 @@ from analyses.methods.reading.force_errors import ForceReading
 from analyses.methods.reading.repetition import repetition_torque
 from analyses.study.experiment import FigureFile
 from diagrams.closed_loop import make_closed_loop
-from diagrams.pages.path_page import PathMotion, record_paths
+from diagrams.pages.path_page import PathMotion, write_path_page
 from diagrams.scenario import LineMotion, Scenario, load_scenario, make_trajectory
 from models.arrays import Array
 from models.control.wrench_script import HandPush, WrenchSegment
@@ -211,10 +211,10 @@ def run_task(
     )
 
 
-def record_runs(
+def write_runs_page(
     robot: Robot, runs: Mapping[str, TaskRun], passes: int, out: Path, title: str
 ) -> FigureFile:
-    """Writes recording.html below `out`: the arm on the first pass of each run.
+    """Writes page.html below `out`: the arm on the first pass of each run.
 
     Args:
         runs: by the path's name.
@@ -226,10 +226,10 @@ def record_runs(
         length = run.recording.num_samples // passes
         rows = np.linspace(0, length - 1, min(length, _FRAMES)).astype(int)
         motions.append(PathMotion(name, run.recording.q[rows], run.condition_number[rows]))
-    record_paths(robot, motions, out / "recording.html", title)
+    write_path_page(robot, motions, out / "page.html", title)
     names = ", ".join(runs)
     caption = f"The arm as it went once along each path ({names}); the path's colour: JCN."
-    return FigureFile(Path("recording.html"), caption)
+    return FigureFile(Path("page.html"), caption)
 
 
 def read_run(

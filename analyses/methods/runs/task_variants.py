@@ -14,18 +14,19 @@ from scipy.signal import lfilter
 
 from analyses.methods.arms.arm_models import ArmModels
 from analyses.methods.reading.force_errors import (
-    AXES,
     ForceReading,
     draw_band,
     draw_signal,
     force_metrics,
 )
 from analyses.methods.runs.task_runs import TaskRun, read_run
+from analyses.output.axes import limit_y
 from analyses.output.figures import COLOUR, new_figure
 from models.arrays import Array
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.observers.momentum_observer import MomentumObserverConfig
+from models.rigid_body.spatial_vectors import AXES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -112,7 +113,7 @@ def axes_figure(reading: ForceReading, title: str, colour: str, limits: Array) -
         draw_band(panel, reading, k)
         draw_signal(panel, reading.t, reading.force[:, k], colour, "read")
         draw_signal(panel, reading.t, reading.reference[:, k], COLOUR["truth"], "sensor")
-        panel.set_ylim(-limits[k], limits[k])
+        limit_y(panel, -limits[k], limits[k], "N")
         panel.set_ylabel(f"force f{AXES[k]} [N]")
     axes[-1, 0].set_xlabel("time [s]")
     handles, labels = axes[0, 0].get_legend_handles_labels()

@@ -109,7 +109,7 @@ def outcome(tmp_path):
                 {"path": "figures/torque fit.png", "caption": "Torque, measured & predicted."},
                 {"path": "figures/bode.png", "caption": "Bode."},
             ],
-            "recordings": [{"path": "arm.html", "caption": "The arm <moving>"}],
+            "pages": [{"path": "arm.html", "caption": "The arm <moving>"}],
             "comparison": ROWS,
         }
         values = {"title": f"Title of {name}", "section": "4.3", "seconds": 12.3}
@@ -239,7 +239,7 @@ def test_metrics_are_all_listed(outcome, render):
 
 
 def test_an_experiment_without_notes_or_figures_is_shown(outcome, render):
-    empty = {"notes": [], "figures": [], "recordings": [], "comparison": []}
+    empty = {"notes": [], "figures": [], "pages": [], "comparison": []}
     assert "Title of one" in render(outcome("one", stored=empty)).text
 
 

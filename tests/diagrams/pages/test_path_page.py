@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from diagrams.pages.arm_picture import colour_scale, scale_legend
-from diagrams.pages.path_page import PathMotion, TriangleMesh, record_paths
+from diagrams.pages.path_page import PathMotion, TriangleMesh, write_path_page
 from models.files.input_error import InputError
 from models.robot.robot import Robot
 
@@ -17,13 +17,13 @@ def test_a_page_with_both_motions_is_written_whole(sts: Robot, tmp_path: Path) -
     ]
     ground = TriangleMesh(np.eye(3), np.array([[0, 1, 2]], dtype=np.int32))
     path = tmp_path / "paths.html"
-    record_paths(sts, motions, path, "A <path>", workpiece=ground, seconds=0.5, fps=10)
+    write_path_page(sts, motions, path, "A <path>", workpiece=ground, seconds=0.5, fps=10)
     page = path.read_text()
     assert "A &lt;path&gt;: initial, then optimised" in page
     assert "JCN 10" in page and page.rstrip().endswith("</html>")
     assert not list(tmp_path.glob(".*"))
     with pytest.raises(InputError, match="cannot be written"):
-        record_paths(sts, motions, tmp_path / "no" / "x.html", "A", seconds=0.1)
+        write_path_page(sts, motions, tmp_path / "no" / "x.html", "A", seconds=0.1)
 
 
 def test_colours_follow_the_logarithm() -> None:

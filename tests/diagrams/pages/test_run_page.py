@@ -5,7 +5,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from diagrams.closed_loop import make_closed_loop
-from diagrams.pages.run_page import FORCE_ARROWS, make_meshcat, start_recording, write_page
+from diagrams.pages.run_page import FORCE_ARROWS, make_meshcat, start_animation, write_page
 from diagrams.scenario import load_scenario
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
@@ -20,7 +20,7 @@ def test_a_run_becomes_one_page_with_arm_arrows_and_legend(sts, tmp_path):
     for name in FORCE_ARROWS:
         assert meshcat.HasPath(f"/forces/{name}")
     assert meshcat.HasPath("visualizer/sts_sre4_600")
-    start_recording(meshcat, scenario.recording.fps)
+    start_animation(meshcat, scenario.page.fps)
     simulator.AdvanceTo(scenario.duration)
     path = tmp_path / "run.html"
     write_page(meshcat, path, "Polish <& press>")

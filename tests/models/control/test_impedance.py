@@ -1,7 +1,5 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from models.control.impedance import (
@@ -9,7 +7,6 @@ from models.control.impedance import (
     impedance_torque,
     impedance_wrench,
     pose_error,
-    rotation_vector,
 )
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 
@@ -36,25 +33,6 @@ def wrench(in_E, K, R_WE, p_WE, R_WD, p_WD, V_WE=None, V_WD=None, B=None, d=NO_D
         out,
     )
     return out
-
-
-@settings(deadline=None, max_examples=300)
-@given(
-    st.tuples(*[st.floats(-1, 1)] * 3),
-    st.sampled_from([0.0, 1e-12, 1e-8, 1e-4, 0.1, 2.0, np.pi - 1e-4, np.pi - 1e-9, np.pi]),
-)
-def test_rotation_vector_agrees_with_scipy(direction, angle):
-    axis = np.array(direction)
-    if np.linalg.norm(axis) < 1e-3:
-        axis = np.array([0.0, 0, 1])
-    R = Rotation.from_rotvec(axis / np.linalg.norm(axis) * angle).as_matrix()
-    out = np.empty(3)
-    rotation_vector(R, out)
-    # At pi both signs are right, so compare the rotations; the length says: the short way.
-    np.testing.assert_allclose(Rotation.from_rotvec(out).as_matrix(), R, atol=1e-14)
-    assert np.linalg.norm(out) <= np.pi + 1e-12
-    if angle < 3.0:
-        np.testing.assert_allclose(out, Rotation.from_matrix(R).as_rotvec(), atol=1e-12)
 
 
 @pytest.mark.parametrize("in_E", [False, True])

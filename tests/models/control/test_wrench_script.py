@@ -5,6 +5,11 @@ from models.control.wrench_script import HandPush, WrenchRamp, WrenchScript, Wre
 from models.files.input_error import InputError
 
 
+def sampled(script, t):
+    """The wrench (T, 6) at times t (T,)."""
+    return np.array([script.sample(time) for time in t])
+
+
 def test_nothing_written_is_no_wrench():
     np.testing.assert_array_equal(WrenchScript([]).sample(1.0), np.zeros(6))
 
@@ -28,30 +33,29 @@ def test_segments_add_up():
     expected[:, 5] = 8 * np.clip((t - 1) / 2, 0, 1)
     expected[:, 3] = 5 * sine
     expected[:, 1] = sine
-    np.testing.assert_allclose(script.sample_many(t), expected, atol=1e-13)
-    np.testing.assert_array_equal(script.sample_many(t)[700], script.sample(t[700]))
+    np.testing.assert_allclose(sampled(script, t), expected, atol=1e-13)
 
 
 def test_hand_push_keeps_its_band_its_size_and_its_seed():
     push = HandPush(start=0.0, duration=400.0, bandwidth=2.0, force=[10.0, 0, 0], seed=3)
     t = np.arange(0, 400, 0.01)
-    x = WrenchScript([push], seed=1).sample_many(t)
+    x = sampled(WrenchScript([push], seed=1), t)
     # 24 tones over 800 periods of the band: the sample sd is the stated one within a few per cent
     assert abs(x[100:-100, 3].std() / 10 - 1) < 0.05
     assert np.all(x[:, [0, 1, 2, 4, 5]] == 0)
     spectrum = np.abs(np.fft.rfft(x[:, 3] * np.hanning(t.size))) ** 2
     outside = np.fft.rfftfreq(t.size, 0.01) > 2.05
     assert spectrum[outside].sum() < 1e-6 * spectrum.sum()
-    np.testing.assert_array_equal(x, WrenchScript([push], seed=1).sample_many(t))
-    assert not np.allclose(x, WrenchScript([push], seed=2).sample_many(t))
+    np.testing.assert_array_equal(x, sampled(WrenchScript([push], seed=1), t))
+    assert not np.allclose(x, sampled(WrenchScript([push], seed=2), t))
     assert x[0, 3] == 0  # faded in
 
 
 def test_pushes_with_pauses_are_a_single_push_that_is_gated():
     pushes = {"start": 1.0, "duration": 11.0, "force": [5.0, 0.0, 0.0], "fade": 0.5}
     t = np.arange(0.0, 13.0, 0.01)
-    whole = WrenchScript([HandPush(**pushes)]).sample_many(t)[:, 3]
-    parts = WrenchScript([HandPush(**pushes, each=3.0, pause=2.0)]).sample_many(t)[:, 3]
+    whole = sampled(WrenchScript([HandPush(**pushes)]), t)[:, 3]
+    parts = sampled(WrenchScript([HandPush(**pushes, each=3.0, pause=2.0)]), t)[:, 3]
     since = (t - 1.0) % 5.0
     acts = (t > 1.0) & (t < 12.0) & (since < 3.0)
     assert not parts[~acts].any()
@@ -62,7 +66,7 @@ def test_pushes_with_pauses_are_a_single_push_that_is_gated():
 
 
 def test_hand_push_axes_differ():
-    x = WrenchScript([HandPush(force=[1.0, 1.0, 1.0])]).sample_many(np.arange(1, 4, 0.01))
+    x = sampled(WrenchScript([HandPush(force=[1.0, 1.0, 1.0])]), np.arange(1, 4, 0.01))
     assert abs(np.corrcoef(x[:, 3], x[:, 4])[0, 1]) < 0.9
 
 

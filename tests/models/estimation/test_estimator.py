@@ -9,7 +9,8 @@ import pytest
 
 from models.arrays import Array
 from models.estimation.estimator import Taught, WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.wrench import METHODS, WrenchReconstructionConfig, live_prior
+from models.estimation.wrench import WrenchReconstructionConfig, live_prior
+from models.estimation.wrench_kernels import METHODS
 from models.files.input_error import InputError
 from models.friction.friction_network import FrictionNetworks
 from models.friction.presliding_friction import PreslidingFriction

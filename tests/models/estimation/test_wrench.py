@@ -15,15 +15,13 @@ from models.estimation.evidence_prior import (
     evidence_prior_and_noise,
 )
 from models.estimation.wrench import (
-    METHODS,
     WrenchReconstruction,
     WrenchReconstructionConfig,
     live_prior,
-    reconstruct,
     reconstruct_wrench,
 )
+from models.estimation.wrench_kernels import METHODS, reconstruct
 from models.rigid_body.conditioning import condition_number
-from models.rigid_body.small_matrices import largest_eigenvalue_3x3
 
 
 def jacobians(count: int, n: int = 6, seed: int = 1) -> Array:
@@ -342,19 +340,6 @@ def test_single_sample_log_and_kernel_are_the_same(method: str) -> None:
     assert reconstruction.reconstruct(J[:0], tau[:0]).wrench.shape == (0, 6)
     two = reconstruction.reconstruct(J.reshape(2, 300, 6, 7), tau.reshape(2, 300, 7))
     np.testing.assert_array_equal(two.wrench.reshape(600, 6), many.wrench)
-
-
-def test_largest_eigenvalue_of_3x3() -> None:
-    rng = np.random.default_rng(9)
-    for scale in (1e-8, 1.0, 1e12):
-        for _ in range(50):
-            A = rng.normal(size=(3, 3))
-            A = scale * A @ np.diag(rng.uniform(0, 1, 3) ** 8) @ A.T
-            A = 0.5 * (A + A.T)
-            expected = np.linalg.eigvalsh(A)[-1]
-            assert largest_eigenvalue_3x3(A) == pytest.approx(expected, rel=1e-9)
-    assert largest_eigenvalue_3x3(np.diag([2.0, 2.0, 2.0])) == 2.0
-    assert largest_eigenvalue_3x3(np.zeros((3, 3))) == 0.0
 
 
 # ---- priors ------------------------------------------------------------------------------------

@@ -4,13 +4,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from models.friction.velocity_friction import CoulombViscous
 from models.identification.base_parameters import find_base_parameters
 from models.identification.torque_regression import (
     factorise,
     parameter_names,
     realisation,
     solve,
-    split_parameters,
+    split_terms,
 )
 
 
@@ -127,7 +128,8 @@ def test_standard_deviations_and_weights_are_those_of_the_noise(sts, problem):
 def test_the_realisation_predicts_a_motion_that_was_never_seen(sts, problem):
     x, _, _, factors, base = problem
     realised = realisation(sts, base, solve([factors], base, 3).values)
-    inertial, rotor, friction = split_parameters(realised, sts.num_joints)
+    inertial, rotor, terms = split_terms(realised, [3] * sts.num_joints)
+    friction = CoulombViscous(*np.transpose(terms))
     _, q, v, vdot = motion(sts.num_joints, num_samples=200, seed=9)
     chain = sts.chain.with_inertial_parameters(inertial, rotor)
     expected = torque(sts, x, q, v, vdot)
@@ -152,7 +154,8 @@ def test_names_and_parts_go_together(sts):
     n = sts.num_joints
     assert len(names) == len(set(names)) == 14 * n
     x = np.arange(14.0 * n)
-    inertial, rotor, friction = split_parameters(x, n)
+    inertial, rotor, terms = split_terms(x, [3] * n)
+    friction = CoulombViscous(*np.transpose(terms))
     assert names[int(inertial[2, 9])] == "Izz[joint_3]"
     assert names[int(rotor[0])] == "rotor[joint_1]"
     assert names[int(friction.coulomb[1])] == "coulomb[joint_2]"

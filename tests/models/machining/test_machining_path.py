@@ -8,6 +8,9 @@ from diagrams.scenario import load_scenario
 from models.files.input_error import InputError
 from models.machining.machining_path import check_curvature
 from models.motion.surface_path import SurfacePath
+from models.robot.robot_config import PoseConfig
+
+AWAY = PoseConfig([1.5, 0.0, 0.25], load_scenario("Polishing").workpiece.pose.rpy)
 
 
 def changed(name="Polishing", workpiece=None, phases=None, force=None, **machining):
@@ -100,8 +103,8 @@ def test_a_feed_that_is_all_ramps_is_nowhere_steady(sts):
         ({"force": {"value": 2000.0}, "phases": {"max_force": 1e4}}, "N m"),
         ({"force": {"value": 150.0}}, "max_force"),
         ({"phases": {"standoff": 1.5}}, "standoff"),
-        ({"workpiece": {"centre": [1.5, 0.0, 0.25]}, "angle_deg": None}, "sample 0"),
-        ({"workpiece": {"centre": [1.5, 0.0, 0.25]}}, "cannot keep this angle"),
+        ({"workpiece": {"pose": AWAY}, "angle_deg": None}, "sample 0"),
+        ({"workpiece": {"pose": AWAY}}, "cannot keep this angle"),
     ],
 )
 def test_bad_input_is_one_line_before_anything_moves(sts, changes, words):

@@ -7,7 +7,6 @@ from models.motion.inverse_kinematics import follow_path, inverse_kinematics
 from models.motion.path_postures import (
     correct_paths,
     pull_back,
-    quaternion_of,
     solve_poses,
     track_paths,
     wrap_within,
@@ -150,19 +149,6 @@ def test_angles_are_wrapped_into_their_limits(sts: Robot) -> None:
     np.testing.assert_allclose(wrapped, POSTURE, atol=1e-12)
     sliding = np.array([False] * 5 + [True])
     assert wrap_within(q, sts.position_lower, sts.position_upper, sliding)[5] == q[5]
-
-
-def test_quaternions_are_those_of_the_rotation() -> None:
-    rng = np.random.default_rng(4)
-    turns = rng.normal(size=(60, 3))
-    turns *= (rng.uniform(0.0, np.pi, 60) / np.linalg.norm(turns, axis=1))[:, np.newaxis]
-    turns[:3] = np.pi * np.eye(3)  # half turns, where w is zero
-    for R in Rotation.from_rotvec(turns).as_matrix():
-        quaternion = np.empty(4)
-        quaternion_of(np.ascontiguousarray(R), quaternion)
-        assert np.linalg.norm(quaternion) == pytest.approx(1.0, abs=1e-12)
-        again = Rotation.from_quat(quaternion[[1, 2, 3, 0]]).as_matrix()
-        np.testing.assert_allclose(again, R, atol=1e-12)
 
 
 def test_every_branch_of_the_articles_initial_path_is_followed(sts: Robot) -> None:

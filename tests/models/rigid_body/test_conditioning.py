@@ -153,7 +153,7 @@ def test_input_is_left_alone() -> None:
 
 
 @njit
-def _from_a_kernel(J):  # type: ignore[no-untyped-def]
+def _from_a_kernel(J: Array) -> float:
     return condition_number_of(J, np.empty((6, max(6, J.shape[1]))))
 
 

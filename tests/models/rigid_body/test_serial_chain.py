@@ -161,7 +161,7 @@ def assert_equals_drake(case: Case, q: Array, v: Array, vdot: Array) -> None:
     assert_close(terms.Cv, Cv, "Cv")
     assert_close(chain.inverse_dynamics(q, v, vdot), M @ vdot + Cv + G, "inverse dynamics")
     energy = np.array(plant.CalcKineticEnergy(context))  # the rotors' included
-    assert_close(chain.kinetic_energy(q, v), energy, "kinetic energy")
+    assert_close(0.5 * terms.momentum @ v, energy, "kinetic energy")
 
 
 def assert_equals_pinocchio(case: Case, q: Array, v: Array, vdot: Array) -> None:
@@ -200,7 +200,7 @@ def assert_equals_pinocchio(case: Case, q: Array, v: Array, vdot: Array) -> None
     bodies.armature = np.zeros(model.nv)
     energy = np.array(pinocchio.computeKineticEnergy(bodies, bodies.createData(), q, v))
     rotors = 0.5 * chain.reflected_inertia @ v**2
-    assert_close(chain.kinetic_energy(q, v), energy + rotors, "kinetic energy")
+    assert_close(0.5 * terms.momentum @ v, energy + rotors, "kinetic energy")
 
 
 def test_every_term_equals_drake(case: Case) -> None:
@@ -237,7 +237,7 @@ def test_coriolis_transpose_is_the_gradient_of_drakes_kinetic_energy(case: Case)
                 for h in step * np.eye(len(q))
             ]
         )
-        CTv = case.chain.coriolis_transpose(q, v)
+        CTv = case.chain.terms(q, v).CTv
         assert np.abs(CTv - gradient).max() < 1e-8 * max(1.0, np.abs(gradient).max())
 
 
@@ -246,9 +246,10 @@ def test_power_balance(case: Case) -> None:
     step = 1e-5
     for q, v, _ in zip(*case.samples(3, seed=3), strict=True):
         chain = case.chain
-        ahead, behind = chain.momentum(q + step * v, v), chain.momentum(q - step * v, v)
+        ahead, behind = (chain.terms(q + side * step * v, v).momentum for side in (1.0, -1.0))
         Mdot_v = (ahead - behind) / (2.0 * step)
-        expected = chain.coriolis(q, v) + chain.coriolis_transpose(q, v)
+        terms = chain.terms(q, v)
+        expected = terms.Cv + terms.CTv
         # Second-order difference: step^2 times third derivatives (about v^3).
         assert np.abs(Mdot_v - expected).max() < 1e-7 * max(1.0, np.abs(expected).max())
 
@@ -260,12 +261,7 @@ def test_a_sample_and_a_row_of_many_agree_bit_for_bit(case: Case) -> None:
         "pose": (q,),
         "jacobian": (q,),
         "condition_number": (q,),
-        "mass_matrix": (q,),
         "gravity_torque": (q,),
-        "momentum": (q, v),
-        "coriolis_transpose": (q, v),
-        "coriolis": (q, v),
-        "kinetic_energy": (q, v),
         "momentum_terms": (q, v),
         "inverse_dynamics": (q, v, vdot),
         "regressor": (q, v, vdot),
@@ -298,12 +294,8 @@ def test_terms_agree_with_the_separate_methods_bit_for_bit(case: Case) -> None:
     for k in (0, 69):
         terms = chain.terms(q[k], v[k])
         assert np.array_equal(terms.momentum, momentum[k])
-        assert np.array_equal(terms.momentum, chain.momentum(q, v)[k])
         assert np.array_equal(terms.CTv, CTv[k])
-        assert np.array_equal(terms.CTv, chain.coriolis_transpose(q, v)[k])
         assert np.array_equal(terms.G, G[k])
-        assert np.array_equal(terms.Cv, chain.coriolis(q, v)[k])
-        assert np.array_equal(terms.M, chain.mass_matrix(q)[k])
         assert np.array_equal(terms.J, chain.jacobian(q)[k])
         assert np.array_equal(terms.R_WE, R_WE[k])
         assert np.array_equal(terms.p_WE, p_WE[k])
@@ -314,7 +306,7 @@ def test_terms_agree_with_the_separate_methods_bit_for_bit(case: Case) -> None:
 
 
 @njit
-def _observer_loop(table, q, v, out):  # type: ignore[no-untyped-def]
+def _observer_loop(table: Array, q: Array, v: Array, out: Array) -> None:
     n = q.shape[1]
     momentum, CTv, G, p_WE = np.empty(n), np.empty(n), np.empty(n), np.empty(3)
     J, R_WE, scratch = np.empty((6, n)), np.empty((3, 3)), np.empty((n, SCRATCH_COLUMNS))
@@ -347,11 +339,11 @@ def test_regressor_is_linear_even_in_impossible_parameters(case: Case) -> None:
     tau = Y @ phi.ravel() + reflected * vdot
     assert_close(chain.inverse_dynamics(q, v, vdot), tau, "inverse dynamics")
     # d/dt (M v) - C^T v + G = tau, all of them linear too.
-    M = chain.mass_matrix(q)
-    together = np.einsum("kij,kj->ki", M, vdot) + chain.coriolis(q, v) + chain.gravity_torque(q)
-    assert_close(together, tau, "M vdot + C v + G")
-    assert_close(chain.momentum(q, v), np.einsum("kij,kj->ki", M, v), "momentum")
-    assert_close(chain.momentum_terms(q, v)[2], chain.gravity_torque(q), "G")
+    for k in range(len(q)):
+        terms = chain.terms(q[k], v[k])
+        assert_close(terms.M @ vdot[k] + terms.Cv + terms.G, tau[k], "M vdot + C v + G")
+        assert_close(terms.momentum, terms.M @ v[k], "momentum")
+        assert_close(terms.G, chain.gravity_torque(q[k]), "G")
 
 
 def test_other_inertias_leave_the_rest_alone(ur10e: Robot) -> None:
@@ -362,7 +354,7 @@ def test_other_inertias_leave_the_rest_alone(ur10e: Robot) -> None:
     assert np.array_equal(other.reflected_inertia, chain.reflected_inertia)
     assert np.array_equal(other.jacobian(q), chain.jacobian(q))
     third = chain.with_inertial_parameters(chain.inertial_parameters, np.zeros(6))
-    rotors = np.diag(chain.mass_matrix(q) - third.mass_matrix(q))
+    rotors = np.diag(chain.terms(q, q).M - third.terms(q, q).M)
     assert_close(rotors, np.array(chain.reflected_inertia), "rotors")
 
 
@@ -370,7 +362,9 @@ def test_another_tool_frame(sts: Robot) -> None:
     chain = sts.chain
     offset = np.array([0.03, -0.02, 0.11])
     R_EF = RollPitchYaw(0.3, -0.4, 0.5).ToRotationMatrix().matrix()
-    moved = chain.with_tool_frame(chain.R_LE @ R_EF, chain.p_LE + chain.R_LE @ offset)
+    moved = dataclasses.replace(
+        chain, R_LE=chain.R_LE @ R_EF, p_LE=chain.p_LE + chain.R_LE @ offset
+    )
     q, v = np.random.default_rng(8).uniform(-2.0, 2.0, (2, 6))
     before, after = chain.terms(q, v), moved.terms(q, v)
     arm = before.R_WE @ offset
@@ -505,12 +499,13 @@ def test_pendulum_in_closed_form() -> None:
     chain = SerialChain.from_plant(plant, model_instance, plant.GetFrameByName("rod"))
     q, v = 0.3, 1.7
     about_hinge = 0.02 + 2.0 * 0.5**2
-    assert chain.mass_matrix([q])[0, 0] == pytest.approx(about_hinge, abs=1e-14)
+    terms = chain.terms([q], [v])
+    assert terms.M[0, 0] == pytest.approx(about_hinge, abs=1e-14)
     # A positive turn about y lowers the rod: gravity drives it on, the holding torque is negative.
     assert chain.gravity_torque([q])[0] == pytest.approx(-2.0 * 9.81 * 0.5 * np.cos(q), abs=1e-13)
-    assert chain.kinetic_energy([q], [v]) == pytest.approx(0.5 * about_hinge * v * v, abs=1e-13)
-    assert chain.coriolis([q], [v])[0] == pytest.approx(0.0, abs=1e-13)
-    assert chain.coriolis_transpose([q], [v])[0] == pytest.approx(0.0, abs=1e-13)
+    assert terms.momentum[0] == pytest.approx(about_hinge * v, abs=1e-13)
+    assert terms.Cv[0] == pytest.approx(0.0, abs=1e-13)
+    assert terms.CTv[0] == pytest.approx(0.0, abs=1e-13)
 
 
 def test_the_last_actuator_of_a_joint_gives_its_rotor_inertia_as_in_drake() -> None:
@@ -525,7 +520,7 @@ def test_the_last_actuator_of_a_joint_gives_its_rotor_inertia_as_in_drake() -> N
     chain = SerialChain.from_plant(plant, model_instance, plant.GetFrameByName("rod"))
     assert chain.reflected_inertia.tolist() == pytest.approx([2.0])
     M = plant.CalcMassMatrix(plant.CreateDefaultContext())
-    assert_close(chain.mass_matrix(np.zeros(1)), M, "M")
+    assert_close(chain.terms(np.zeros(1), np.zeros(1)).M, M, "M")
 
 
 def test_gravity_is_the_plants() -> None:
@@ -696,13 +691,13 @@ def test_wrong_shapes_are_refused(sts: Robot) -> None:
         with pytest.raises(ValueError, match=r"expected equal shapes \(\.\.\., 6\)"):
             chain.jacobian(q)
     with pytest.raises(ValueError, match="expected equal shapes"):
-        chain.momentum(np.zeros((3, 6)), np.zeros(6))
+        chain.momentum_terms(np.zeros((3, 6)), np.zeros(6))
     with pytest.raises(ValueError, match="expected"):
         chain.terms(np.zeros((1, 6)), np.zeros((1, 6)))
     with pytest.raises(ValueError, match="inertial_parameters"):
         chain.with_inertial_parameters(np.zeros((5, 10)))
     with pytest.raises(ValueError, match="R_LE"):
-        chain.with_tool_frame(np.zeros(3), np.zeros(3))
+        dataclasses.replace(chain, R_LE=np.zeros(3))
 
 
 def test_no_samples_give_no_rows(sts: Robot) -> None:
@@ -716,7 +711,8 @@ def test_strided_and_integer_input(sts: Robot) -> None:
     chain = sts.chain
     table = np.random.default_rng(10).uniform(-1.0, 1.0, (20, 13))
     q, v = table[::2, 1:7], table[::2, 7:]
-    assert np.array_equal(chain.momentum(q, v), chain.momentum(q.copy(), v.copy()))
+    strided, copied = chain.momentum_terms(q, v), chain.momentum_terms(q.copy(), v.copy())
+    assert np.array_equal(strided, copied)
     assert np.array_equal(
         chain.jacobian([0, 1, 0, 1, 0, 1]), chain.jacobian(np.eye(2)[[0, 1] * 3, 1])
     )

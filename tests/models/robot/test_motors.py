@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from models.robot.motors import current_to_torque, motor_torque, quantise, torque_to_current
+from models.robot.motors import current_to_torque, motor_torque, torque_to_current
 
 GAIN = np.array([11.976, 9.839, 2.5])
 SIGN = np.array([1.0, -1.0, 1.0])
@@ -29,24 +29,8 @@ def test_kernel_is_the_same_law() -> None:
     np.testing.assert_array_equal(tau, current_to_torque(current, GAIN, SIGN))
 
 
-def test_quantisation_rounds_to_the_nearest_step_and_leaves_ideal_joints_alone() -> None:
-    x = np.array([[0.249, 0.249, 0.249], [-0.251, -0.26, -0.251]])
-    out = quantise(x, np.array([0.1, 0.5, 0.0]))
-    np.testing.assert_allclose(out, [[0.2, 0.0, 0.249], [-0.3, -0.5, -0.251]], atol=1e-15)
-
-
-def test_quantisation_error_has_the_sd_of_a_uniform_step() -> None:
-    x = np.random.default_rng(2).uniform(-5.0, 5.0, size=100_000)
-    error = quantise(x, 0.02) - x
-    assert np.abs(error).max() <= 0.01 + 1e-12
-    # sd of the sample sd of 1e5 uniform draws is 0.15 %.
-    assert error.std() == pytest.approx(0.02 / np.sqrt(12.0), rel=0.01)
-
-
-def test_bad_gain_sign_or_resolution_is_refused() -> None:
+def test_bad_gain_or_sign_is_refused() -> None:
     with pytest.raises(ValueError, match="positive"):
         current_to_torque([1.0], [0.0])
     with pytest.raises(ValueError, match=r"\+1 or -1"):
         current_to_torque([1.0], [1.0], [0.5])
-    with pytest.raises(ValueError, match="resolution"):
-        quantise([1.0], [-0.1])

@@ -8,6 +8,7 @@ from analyses.methods.learning.identification_config import LAWS
 from analyses.output.outputs import plain_metrics
 from analyses.study.experiment import ExperimentContext
 from analyses.study.outcome import look_up
+from analyses.study.shared_results import sharing_in
 
 RECORDINGS = (
     "ur10e/ur-20_02_10-30sec_12harm.csv",
@@ -27,9 +28,10 @@ def test_near_zero_counts_slow_samples_only():
 
 
 @pytest.fixture(scope="module")
-def outcome(tmp_path_factory, data_holding):
+def outcome(tmp_path_factory, data_holding, common_work):
     out = tmp_path_factory.mktemp("friction-laws")
-    return out, EXPERIMENT.run(ExperimentContext(out=out, data=data_holding(), quick=True))
+    with sharing_in(common_work):
+        return out, EXPERIMENT.run(ExperimentContext(out=out, data=data_holding(), quick=True))
 
 
 @pytest.mark.slow

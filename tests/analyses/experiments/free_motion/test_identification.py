@@ -7,14 +7,16 @@ from analyses.experiments.free_motion.identification import ARTICLE_RMSE, run
 from analyses.methods.arms.simulated_identification import with_known_friction
 from analyses.methods.arms.simulated_logs import SimulatedLog, stored_excitation
 from analyses.study.experiment import ExperimentContext
+from analyses.study.shared_results import sharing_in
 from models.excitation.excitation_information import ExcitationInformation
 from models.recordings.recording import Recording
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory):
+def result(tmp_path_factory, common_work):
     out = tmp_path_factory.mktemp("identification")
-    return run(ExperimentContext(out=out, data=out, quick=True)), out
+    with sharing_in(common_work):
+        return run(ExperimentContext(out=out, data=out, quick=True)), out
 
 
 @pytest.mark.slow

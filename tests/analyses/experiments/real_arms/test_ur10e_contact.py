@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from analyses.experiments.real_arms.ur10e_contact import EXPERIMENT, run
-from analyses.methods.reading.contact_runs import CONTROLLERS, INTERVALS, JUDGED, SCENES
-from analyses.methods.reading.contact_study import METHODS, SPEEDS
+from analyses.methods.contact.contact_runs import CONTROLLERS, INTERVALS, JUDGED, SCENES
+from analyses.methods.contact.contact_study import METHODS, SPEEDS
 from analyses.output.outputs import plain_metrics
 from analyses.study.experiment import ExperimentContext, ExperimentResult
 

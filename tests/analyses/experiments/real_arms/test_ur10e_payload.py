@@ -13,6 +13,7 @@ from analyses.methods.reading.known_payload import (
 )
 from analyses.study.experiment import ExperimentContext
 from analyses.study.outcome import look_up
+from analyses.study.shared_results import sharing_in
 from models.recordings.recording import Recording
 
 RECORDINGS = (
@@ -90,10 +91,11 @@ def test_without_valid_samples_there_are_no_figures():
 
 
 @pytest.fixture(scope="module")
-def outcome(tmp_path_factory, data_holding):
+def outcome(tmp_path_factory, data_holding, common_work):
     out = tmp_path_factory.mktemp("ur10e-payload")
     context = ExperimentContext(out=out, data=data_holding(*RECORDINGS))
-    return out, EXPERIMENT.run(context)
+    with sharing_in(common_work):
+        return out, EXPERIMENT.run(context)
 
 
 def test_bayesian_reads_the_payload(outcome):

@@ -5,7 +5,7 @@ import pytest
 
 from analyses.methods.arms.friction_reversal import (
     reversal_figure,
-    reversals_of_simulated_arm,
+    reversal_recordings,
     separate_recordings,
 )
 from analyses.methods.learning.friction_training import (
@@ -23,11 +23,9 @@ from models.recordings.recording_reader import read_recording
 @pytest.fixture(scope="module")
 def separated(sts_reversed):
     """Half a minute of passes at one posture; the separation knows the nominal inertias."""
-    return reversals_of_simulated_arm(
-        sts_reversed,
-        IdentifiedModel.nominal(sts_reversed),
-        sts_reversed.home,
-        (0.02, 0.08, 0.25, 0.9),
+    recordings = reversal_recordings(sts_reversed, sts_reversed.home, (0.02, 0.08, 0.25, 0.9))
+    return separate_recordings(
+        sts_reversed, recordings, IdentifiedModel.nominal(sts_reversed), cutoff=7.5
     )
 
 

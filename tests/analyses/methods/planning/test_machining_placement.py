@@ -118,9 +118,7 @@ def test_what_is_placed_stands_where_the_pose_is(problem):
     np.testing.assert_allclose(X_WP.translation(), problem.pose(X).translation(), atol=6e-5)
     turn = X_WP.rotation().inverse() @ problem.pose(X).rotation()
     assert turn.ToAngleAxis().angle() < 2e-4
-    assert replace(placed, centre=problem.workpiece.centre, rpy=problem.workpiece.rpy) == (
-        problem.workpiece
-    )
+    assert replace(placed, pose=problem.workpiece.pose) == problem.workpiece
 
 
 def test_turning_the_cell_about_the_first_axis_changes_nothing(problem, sts):
@@ -208,7 +206,7 @@ def test_a_short_search_finds_nothing_better(sts):
     assert problem.keeps_clear(found.x, found.q)
     assert found.force_sd == pytest.approx(problem.best_branch(found.x)[0])
     assert np.all((found.x >= LOWER) & (found.x <= UPPER))
-    np.testing.assert_allclose(problem.placed(found.x).centre, found.centre)
+    np.testing.assert_allclose(problem.placed(found.x).pose.xyz, found.xyz)
 
 
 @pytest.mark.parametrize("name", SCENARIOS)

@@ -96,12 +96,12 @@ def test_it_is_the_observers_output_with_friction_at_planned_speeds(sts_reversed
     observer = MomentumObserver(config, 6)
     q, v = recording.q, recording.v
     v_planned = motion.sample(recording.t)[1]
-    momentum = np.einsum("tij,tj->ti", [chain.mass_matrix(row) for row in q], v)
+    momentum, CTv, G = chain.momentum_terms(q, v)
     expected, _ = observer.run(
         observer.initial_state(),
         momentum,
-        np.array([chain.coriolis_transpose(*row) for row in zip(q, v, strict=True)]),
-        np.array([chain.gravity_torque(row) for row in q]),
+        CTv,
+        G,
         recording.current * sts_reversed.torque_per_ampere * sts_reversed.current_sign,
         law.coulomb * np.sign(v_planned) + law.viscous * v_planned,
     )

@@ -31,6 +31,7 @@ from models.observers.momentum_observer import MomentumObserverConfig
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
 from models.recordings.resampling import resampled
+from models.rigid_body.spatial_vectors import FORCE_FIRST
 from models.robot.robot import Robot
 
 FOLDER: Final = "neura_lara8"  # below the data folder
@@ -142,13 +143,12 @@ class Lara8Reading:
     def sensor_log(self) -> SensorLog:
         """Both side by side; from the observer's settling on."""
         recording, batch = self.log.recording, self.batch
-        order = [3, 4, 5, 0, 1, 2]
         collector = SensorLogCollector(recording.time_step)
         first = settled_from(recording)
         signals = (
             recording.t,
-            batch.wrench[:, order],
-            batch.standard_deviation[:, order],
+            batch.wrench[:, FORCE_FIRST],
+            batch.standard_deviation[:, FORCE_FIRST],
             batch.valid,
             self.log.R_WE,
             recording.v,

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from analyses.methods.reading.contact_friction import (
+from analyses.methods.contact.contact_friction import (
     AIR_JOINTS,
     NUM_JOINTS,
     air_fit,
@@ -16,18 +16,16 @@ from analyses.methods.reading.contact_friction import (
     plain_friction,
     sensor_fit,
 )
-from analyses.methods.reading.contact_reading import (
-    BLOCK,
+from analyses.methods.contact.contact_reading import (
     PreparedRun,
     averaged,
-    block_mean,
     prepare,
     read_article,
     read_by_hand,
     read_ours,
     read_two_joints,
 )
-from analyses.methods.reading.contact_runs import (
+from analyses.methods.contact.contact_runs import (
     CONTROLLERS,
     INTERVALS,
     JUDGED,
@@ -39,9 +37,6 @@ from analyses.methods.reading.contact_runs import (
 from analyses.methods.sensors.judged_force import ForceReading, Judgement, pooled_judgement
 from models.arrays import Array
 from models.calibration.specimen_friction import SpecimenFit
-from models.contact.contact_force import ContactForceConfig, FrictionErrorConfig
-from models.contact.torque_blocks import torque_blocks
-from models.friction.presliding_friction import PreslidingFriction
 from models.robot.robot import Robot
 
 METHODS: Final = ("no_sensor", "calibrated", "article", "by_hand", "two_joints", "carried_over")
@@ -245,107 +240,4 @@ def _summary(
             for speed in SPEEDS
         }
         for method in METHODS
-    }
-
-
-# What the errors are made of ----------------------------------------------------------------------
-
-
-def error_parts(
-    study: ContactStudy, robot: Robot, progress: Callable[[float], None]
-) -> dict[str, Any]:
-    """RMSE without a sensor as it is, and with one piece of knowledge left out or wrong at a time.
-
-    Every second run, in the order of their names, is read for it.
-    """
-    runs = [read.prepared for read in study.runs][::2]
-    air = study.air.law
-    unloaded = replace(known_friction(), load=np.zeros(NUM_JOINTS))
-    flat = air_fit([read.prepared.rows for read in study.runs], unloaded).law
-    flat = replace(flat, load=np.zeros(NUM_JOINTS))
-    narrow = ContactForceConfig(across_sd=0.01, standing_across_sd=0.01, moment_sd=0.001)
-    afresh = ContactForceConfig(friction=FrictionErrorConfig(kept=0.0))
-    plain_rotors = robot.reflected_inertia
-
-    def rotors(run: PreparedRun) -> PreparedRun:
-        chain = run.chain.with_inertial_parameters(run.chain.inertial_parameters, plain_rotors)
-        return prepare(run.run, chain, torque_constants(robot))
-
-    def constant(run: PreparedRun) -> PreparedRun:
-        return with_gain(run, np.full(NUM_JOINTS, _TORQUE_CONSTANT_UP))
-
-    def same(run: PreparedRun) -> PreparedRun:
-        return run
-
-    cases: dict[str, tuple[Callable[[PreparedRun], PreparedRun], PreslidingFriction, Any]] = {
-        "as_it_is": (same, air, None),
-        "friction_of_another_robot": (same, known_friction(), None),
-        "friction_without_load": (same, flat, None),
-        "rotors_of_the_urdf": (rotors, air, None),
-        "force_along_the_tool_alone": (same, air, narrow),
-        "no_friction_kept_at_rest": (same, air, afresh),
-        "torque_constant_5_pct_up": (constant, air, None),
-    }
-    parts = {}
-    for k, (name, (change, law, config)) in enumerate(cases.items()):
-        progress(k / len(cases))
-        parts[name] = _rmse_by_kind(runs, change, law, config)
-    return parts
-
-
-def _rmse_by_kind(
-    runs: Sequence[PreparedRun],
-    change: Callable[[PreparedRun], PreparedRun],
-    law: PreslidingFriction,
-    config: ContactForceConfig | None,
-) -> dict[str, float | None]:
-    errors: dict[str, list[float]] = defaultdict(list)
-    for run in runs:
-        changed = change(run)
-        reading = read_ours(changed, law, FOUND, config)
-        for interval in JUDGED:
-            windows = run.windows(interval)
-            if not len(windows):
-                continue
-            judged = Judgement.of(averaged(reading, windows), run.truth[windows].mean(axis=1))
-            kind = f"{run.run.name.scene}_slide" if interval == "slide" else "rest"
-            if judged is not None:
-                errors[kind].append(judged.rmse)
-    kinds = ("rest", "straight_slide", "ramp_slide")
-    return {f"{k}_rmse_n": float(np.mean(errors[k])) if errors[k] else None for k in kinds}
-
-
-def torque_residuals(study: ContactStudy) -> dict[str, Any]:
-    """What is left of each joint's torque when the sensor's force is taken off, N m.
-
-    At rest the friction is all of it: model without friction. In slides it is what the law misses,
-    the mean over a run (`bias`) and around it (`sd`), away from the path's corners. Root mean
-    squares over the runs; `sliding_level` is the mean of the law there, without viscous friction.
-    """
-    rest, bias, scatter, level = [], [], [], []
-    for read in study.runs:
-        run = read.prepared
-        blocks = torque_blocks(run.terms, study.air.law, BLOCK)
-        error = blocks.tau_ext - blocks.H[:, :, 0] * run.truth[:, None]
-        corners = block_mean(run.run.corners.astype(float))
-        for interval in JUDGED:
-            rows = run.windows(interval).ravel()
-            rows = rows[blocks.known[rows] & (corners[rows] == 0.0)]
-            if not len(rows):
-                continue
-            if interval == "slide":
-                bias.append(error[rows].mean(axis=0))
-                scatter.append(error[rows].std(axis=0))
-                level.append(blocks.level[rows].mean(axis=0))
-            else:
-                rest.append((error - blocks.friction)[rows].mean(axis=0))
-
-    def rms(values: list[Array]) -> Array | None:
-        return np.sqrt(np.mean(np.square(values), axis=0)) if values else None
-
-    return {
-        "rest_nm": rms(rest),
-        "slide_bias_nm": rms(bias),
-        "slide_sd_nm": rms(scatter),
-        "sliding_level_nm": np.mean(level, axis=0) if level else None,
     }

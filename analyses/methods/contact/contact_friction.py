@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from analyses.methods.reading.contact_runs import ContactRun
+from analyses.methods.contact.contact_runs import ContactRun
 from models.arrays import Array, Flags
 from models.calibration.specimen_friction import (
     SlidingRows,

@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.reading.contact_friction import FrictionRows, friction_rows
-from analyses.methods.reading.contact_runs import ContactRun
+from analyses.methods.contact.contact_friction import FrictionRows, friction_rows
+from analyses.methods.contact.contact_runs import ContactRun
 from analyses.methods.sensors.judged_force import ForceReading
 from models.arrays import Array, Flags
 from models.contact.contact_force import (

@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from analyses.methods.reading.contact_reading import block_mean
-from analyses.methods.reading.contact_runs import JUDGED
-from analyses.methods.reading.contact_study import ContactStudy, ReadRun
+from analyses.methods.contact.contact_reading import block_mean
+from analyses.methods.contact.contact_runs import JUDGED
+from analyses.methods.contact.contact_study import ContactStudy, ReadRun
+from analyses.output.axes import limit_y
 from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
 from models.contact.contact_force import SIGMA_95
 
@@ -64,7 +65,7 @@ def force_figure(reads: Sequence[ReadRun]) -> "Figure":
         axis.plot(t, by_hand, color=COLOUR["article"], lw=0.7, label=LABELS["two_joints"])
         axis.plot(t, ours.force, color=colour, lw=1.2, label=LABELS["no_sensor"])
         axis.plot(t, read.prepared.truth, color=COLOUR["truth"], lw=1.0, label="sensor")
-        axis.set_ylim(-40.0, _FULL_SCALE)
+        limit_y(axis, -40.0, _FULL_SCALE, "N")
         axis.set_ylabel("force [N]")
         axis.set_title(run.name.stem)
     panels[-1].set_xlabel("time from the first contact [s]; shaded: where it is judged")
@@ -106,7 +107,7 @@ def error_figure(metrics: dict[str, Any], groups: Sequence[str]) -> "Figure":
 
 def parts_figure(parts: dict[str, Any]) -> "Figure":
     """RMSE with one piece of knowledge left out at a time."""
-    figure, axes = new_figure(1, 1, height=3.8)
+    figure, axes = new_figure(1, 1, height=0.4 * len(parts) + 0.8)
     axis: Any = axes[0, 0]
     names = list(parts)
     places = np.arange(len(names))
@@ -119,5 +120,5 @@ def parts_figure(parts: dict[str, Any]) -> "Figure":
     axis.set_yticks(places, [name.replace("_", " ") for name in names])
     axis.invert_yaxis()
     axis.set_xlabel("RMSE of the force along the tool [N]")
-    axis.legend()
+    figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analyses.methods.reading.contact_runs import (
+from analyses.methods.contact.contact_runs import (
     BLENDS,
     RunName,
     find_runs,

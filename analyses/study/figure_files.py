@@ -1,0 +1,21 @@
+"""Writes an experiment's figures where its report looks for them."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from analyses.output.figures import save_figure
+from analyses.study.experiment import FigureFile
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def saved_figure(figure: "Figure", out: Path, name: str, caption: str) -> FigureFile:
+    """Writes figures/`name`.png below an experiment's folder.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    path = Path("figures") / f"{name}.png"
+    save_figure(figure, out / path)
+    return FigureFile(path, caption)
