@@ -211,7 +211,7 @@ def excite(
         num_parameters=len(information.columns),
         undetermined=undetermined,
         peak_torque_share=torque / robot.effort_limit,
-        closest=closest,
+        closest=None if robot.unusable_collisions else closest,
         status=solution.status,
         evaluations=solution.evaluations,
         warnings=tuple(_warnings(robot, undetermined, clearance)),
@@ -396,6 +396,11 @@ def _warnings(robot: Robot, undetermined: tuple[str, ...], clearance: Clearance)
     if not clearance.has_shapes:
         warnings.append(
             f"{robot.name} has no collision shapes: contact with itself or the floor is not checked"
+        )
+    if robot.unusable_collisions:
+        warnings.append(
+            "collision shapes cannot be used, so that no clearance is claimed: "
+            + ", ".join(robot.unusable_collisions)
         )
     warnings += [
         f"{pair} are near each other in the home posture: they keep {1e3 * kept:.0f} mm, not "

@@ -450,7 +450,7 @@ def _profile(
         return None
     jcn = ConditionNumber(robot.chain)
     distance = None
-    if cell is not None:
+    if cell is not None and not robot.unusable_collisions:
         distances = cell.distances(fine.q, fine.n_W, fine.p_WM, fine.quaternion)
         distance = float(np.min(distances))
     return Profile(
