@@ -1,1 +1,1 @@
-"""The simulated arm in free motion, untouched or pushed by hand."""
+"""Arms in free motion, simulated and real, untouched or pushed by hand."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from analyses.experiments.real_arms.observers import DELAYS, _delay, findings
+from analyses.experiments.free_motion.observers import DELAYS, _delay, findings
 from analyses.methods.reading.put_in_pushes import push_forces, pushed
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.wrench import WrenchReconstructionConfig
