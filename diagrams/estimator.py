@@ -3,17 +3,21 @@
 from pydrake.systems.framework import (
     Diagram,
     DiagramBuilder,
-    InputPortIndex,
     OutputPort,
     PortDataType,
 )
-from pydrake.systems.primitives import Adder, ConstantVectorSource, Demultiplexer
+from pydrake.systems.primitives import (
+    Adder,
+    ConstantVectorSource,
+    Demultiplexer,
+    PassThrough,
+)
 
 from models.detection.contact_detector import ContactDetectionConfig, ContactDetector
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.tick import ERROR_SD
 from models.identification.identified_model import IdentifiedModel
-from models.observers.observer import NUM_SIGNALS, TAU_F
+from models.observers.observer import NUM_SIGNALS, TAU_F, Q, V
 from models.robot.robot import Robot
 from systems.contact_detection import DETECTION, ContactDetection
 from systems.external_torque_observer import ExternalTorqueObserver
@@ -21,6 +25,7 @@ from systems.friction_law import FrictionLawSystem
 from systems.jacobian_wrench_reconstruction import READING_SIZES, JacobianWrenchReconstruction
 from systems.motor_current_torque_source import MotorCurrentTorqueSource
 from systems.rigid_body_terms import RigidBodyTermsSystem
+from systems.sample_check import SampleCheckSystem
 from systems.trusted_wrench_reading import TrustedWrenchReading
 from systems.wrench_estimator import WrenchEstimatorSystem
 
@@ -41,7 +46,8 @@ def make_estimator(
       v       -->  | estimator | --> covariance
       current -->  |           | --> condition_number
                    |           | --> valid
-                   +-----------+ --> terms
+                   |           | --> terms
+                   +-----------+ --> fault
 
     Inputs:   q                 (n,) rad (m for a prismatic joint)
               v                 (n,) rad/s (m/s)
@@ -58,6 +64,9 @@ def make_estimator(
               condition_number  (1,) of J in m and rad
               valid             (1,) 1 or 0
               terms             RigidBodyTerms (abstract) of the model, for whoever shares them
+              fault             (1,) what is wrong with q and v of the tick, and with the current of
+                                the one before: a sum of the codes of
+                                `models.observers.sample_check`, or 0; such a sample is missing
 
     The outputs at a tick t = k time_step are those of row k of `WrenchEstimator.run` over the same
     samples: they use q and v of that very tick and motor torque up to it. With torque samples
@@ -86,6 +95,8 @@ def make_estimator(
         ValueError: as `models.estimation.estimator.WrenchEstimator` and `ContactDetector`.
     """
     estimator = WrenchEstimator(robot, model, config)
+    if taught and estimator.observed_size:
+        raise ValueError("an observer that reads the wrench itself has no use for an air pass")
     if fused:
         return _fused(estimator, name, taught, detection)
     builder = DiagramBuilder()
@@ -143,31 +154,37 @@ def make_estimator(
     ):
         builder.Connect(output, target.GetInputPort(input_port))
 
-    position = builder.ExportInput(terms.GetInputPort("q"), "q")
-    velocity = builder.ExportInput(terms.GetInputPort("v"), "v")
+    if estimator.observed_size:
+        builder.Connect(observer.GetOutputPort("wrench"), reconstruction.GetInputPort("observed"))
+
+    position, velocity, current, fault = _checked_inputs(builder, estimator)
+    builder.Connect(position, terms.GetInputPort("q"))
+    builder.Connect(velocity, terms.GetInputPort("v"))
+    builder.Connect(current, motor.GetInputPort("current"))
     if trusted is not None:
-        builder.ConnectInput(position, reconstruction.GetInputPort("q"))
-        builder.ConnectInput(velocity, reconstruction.GetInputPort("v"))
+        builder.Connect(position, reconstruction.GetInputPort("q"))
+        builder.Connect(velocity, reconstruction.GetInputPort("v"))
         builder.Connect(motor.GetOutputPort("tau_J"), reconstruction.GetInputPort("tau_J"))
         builder.Connect(friction.GetOutputPort("tau_f"), reconstruction.GetInputPort("tau_f"))
     if taught:
         builder.ExportInput(friction.GetInputPort("v"), "v_planned")
     else:
-        builder.ConnectInput(velocity, friction.GetInputPort("v"))
+        builder.Connect(velocity, friction.GetInputPort("v"))
     if remembers:
-        builder.ConnectInput(position, friction.GetInputPort("q"))
+        builder.Connect(position, friction.GetInputPort("q"))
         builder.Connect(motor.GetOutputPort("tau_J"), friction.GetInputPort("tau_J"))
-    builder.ExportInput(motor.GetInputPort("current"), "current")
     builder.ExportOutput(tau_ext, "tau_ext")
     for i, name_of_part in enumerate(("wrench", "covariance", "condition_number", "valid")):
         builder.ExportOutput(reading.get_output_port(i), name_of_part)
     builder.ExportOutput(terms.GetOutputPort("terms"), "terms")
+    builder.ExportOutput(fault, "fault")
     if detection is not None:
         _detect(
             builder,
             ContactDetector.of(estimator, detection),
-            {"q": position, "v": velocity},
             {
+                "q": position,
+                "v": velocity,
                 "terms": terms.GetOutputPort("terms"),
                 "tau_ext": tau_ext,
                 "tau_ext_valid": tau_ext_valid,
@@ -180,16 +197,36 @@ def make_estimator(
     return diagram
 
 
+def _checked_inputs(
+    builder: DiagramBuilder, estimator: WrenchEstimator
+) -> tuple[OutputPort, OutputPort, OutputPort, OutputPort]:
+    """Exports q, v and current; returns them as they may be used, and `fault`."""
+    n = estimator.num_joints
+    if estimator.check is None:
+        passed = []
+        for signal in ("q", "v", "current"):
+            through = builder.AddNamedSystem(signal, PassThrough(n))
+            builder.ExportInput(through.get_input_port(), signal)
+            passed.append(through.get_output_port())
+        none = builder.AddNamedSystem("no_fault", ConstantVectorSource([0.0]))
+        return passed[0], passed[1], passed[2], none.get_output_port()
+    check = SampleCheckSystem(estimator.check, estimator.observer.time_step)
+    builder.AddNamedSystem("samples", check)
+    for signal in ("q", "v", "current"):
+        builder.ExportInput(check.GetInputPort(signal), signal)
+    motion = builder.AddNamedSystem("motion", Demultiplexer([n, n, 1]))
+    builder.Connect(check.GetOutputPort("motion"), motion.get_input_port())
+    q, v, fault = (motion.get_output_port(k) for k in range(3))
+    return q, v, check.GetOutputPort("checked_current"), fault
+
+
 def _detect(
     builder: DiagramBuilder,
     detector: ContactDetector,
-    inputs: dict[str, InputPortIndex],
     sources: dict[str, OutputPort],
 ) -> None:
     """Adds the detector and exports what it says, signal by signal."""
     own = builder.AddNamedSystem("detection", ContactDetection(detector))
-    for port, index in inputs.items():
-        builder.ConnectInput(index, own.GetInputPort(port))
     for port, source in sources.items():
         builder.Connect(source, own.GetInputPort(port))
     parts = builder.AddNamedSystem("detected", Demultiplexer([1] * len(DETECTION)))
@@ -209,15 +246,15 @@ def _fused(
     # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
     reading = builder.AddNamedSystem("reading", Demultiplexer(block.reading_sizes))
     builder.Connect(block.GetOutputPort("reading"), reading.get_input_port())
-    inputs = {}
     for k in range(block.num_input_ports()):
         port = block.get_input_port(k)
-        inputs[port.get_name()] = builder.ExportInput(port, port.get_name())
+        builder.ExportInput(port, port.get_name())
     signals = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
     ports = [reading.get_output_port(k) for k in range(len(signals))]
     for signal, source in zip(signals, ports, strict=True):
         builder.ExportOutput(source, signal)
     builder.ExportOutput(block.GetOutputPort("terms"), "terms")
+    builder.ExportOutput(block.GetOutputPort("fault"), "fault")
     if detection is not None:
         robot = estimator.robot
         motor = builder.AddNamedSystem(
@@ -232,12 +269,13 @@ def _fused(
             "detection_signals", Demultiplexer(sizes + ([more] if more else []))
         )
         builder.Connect(reading.get_output_port(len(signals)), rest.get_input_port())
-        builder.ConnectInput(inputs["current"], motor.GetInputPort("current"))
+        builder.Connect(block.GetOutputPort("checked_current"), motor.GetInputPort("current"))
         _detect(
             builder,
             ContactDetector.of(estimator, detection),
-            {port: inputs[port] for port in ("q", "v")},
             {
+                "q": rest.get_output_port(Q),
+                "v": rest.get_output_port(V),
                 "terms": block.GetOutputPort("terms"),
                 "tau_ext": ports[0],
                 "tau_ext_valid": rest.get_output_port(NUM_SIGNALS + 1),

@@ -17,7 +17,7 @@ from models.robot.robot import Robot
 from systems.contact_detection import DETECTION
 from systems.recording_player import RecordingPlayer, Samples
 
-_LOGGED = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
+_LOGGED = ("tau_ext", "wrench", "covariance", "condition_number", "valid", "fault")
 
 
 @dataclass(frozen=True)
@@ -98,6 +98,7 @@ class Replay:
             valid=columns["valid"][:, 0] == 1.0,
             J=self.chain.jacobian(samples.q),
             torque_sd=np.tile(self.torque_sd, (N, 1)),
+            fault=columns["fault"][:, 0].astype(np.int64),
         )
 
     def take_detection(self, context: Context) -> Detection:

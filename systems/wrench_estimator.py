@@ -29,6 +29,7 @@ from models.estimation.tick import (
 )
 from models.estimation.wrench import WrenchReconstruction
 from models.friction.velocity_friction import friction_torque
+from models.observers.sample_check import check_current, check_motion, check_sample
 
 
 class WrenchEstimatorSystem(LeafSystem):
@@ -40,15 +41,18 @@ class WrenchEstimatorSystem(LeafSystem):
       current      -->  | WrenchEstimatorSystem | --> condition_number
                         |                       | --> valid
                         |                       | --> terms
+                        |                       | --> fault
+                        |                       | --> checked_current
                         +-----------------------+ --> reading
 
     Inputs:     as make_estimator's, those of `taught` among them
-    Outputs:    as make_estimator's: tau_ext, wrench, covariance, condition_number, valid, terms;
+    Outputs:    as make_estimator's: tau_ext, wrench, covariance, condition_number, valid, terms,
+                fault; checked_current (n,) A, NaN where it cannot be;
                 reading  (n + 44 + ...,) the first five one after the other, in this order, then
                          what the update takes: who wants several has them from one port, split up
                          by Drake's Demultiplexer with `reading_sizes`
     State:      the observer's rows, then the friction law's, then those of the reading that knows
-                the torque error, flat
+                the torque error and of the check of samples, flat
     Parameters: `parameters` has their indices, by the name that they have in the diagram:
                 motor.torque_per_ampere, friction.* of the law, observer.* of the observer,
                 reconstruction.prior_sd, .torque_covariance, .damping, .truncation, the latter
@@ -87,6 +91,10 @@ class WrenchEstimatorSystem(LeafSystem):
         self._tick_rows = len(initial)
         if self._trusted is not None:
             initial = np.vstack([initial, self._trusted.initial_state()])
+        self._end = initial.size  # of what the tick's kernels take
+        self._check = estimator.check
+        if self._check is not None:
+            initial = np.vstack([initial, self._check.initial_state()])
         state: DiscreteStateIndex = self.DeclareDiscreteState(initial.ravel())
         self.DeclarePeriodicDiscreteUpdateEvent(estimator.observer.time_step, 0.0, self._update)
         self._tables = self.DeclareCacheEntry(
@@ -129,6 +137,11 @@ class WrenchEstimatorSystem(LeafSystem):
                 prerequisites,
             )
             start += size
+        memory = self.discrete_state_ticket(state)
+        motion = {self._q.ticket(), self._v.ticket(), memory}
+        self.DeclareVectorOutputPort("fault", 1, self._calc_fault, motion)
+        drives = {self._current.ticket(), memory}
+        self.DeclareVectorOutputPort("checked_current", n, self._calc_checked_current, drives)
         self.DeclareAbstractOutputPort(
             "terms",
             lambda: AbstractValue.Make(object()),
@@ -138,6 +151,7 @@ class WrenchEstimatorSystem(LeafSystem):
         # Memory that is settled once; nothing in it outlives a call.
         self._known = np.zeros((3 if taught else 0, n))
         self._unread = np.zeros(n)
+        self._checked = np.zeros((3, n))
         self._scratch = np.empty(scratch_size(n))
 
     @property
@@ -210,11 +224,22 @@ class WrenchEstimatorSystem(LeafSystem):
             )
             self._known[KNOWN_CORRECTION] = self._correction.Eval(context)
             self._known[KNOWN_COUNTS] = self._counts.Eval(context)[0]
+        state = context.get_discrete_state_vector().value()
+        q, v = self._q.Eval(context), self._v.Eval(context)
+        current = self._current.Eval(context) if self._reads_current else self._unread
+        if self._check is not None:
+            checked, memory = self._checked, self._memory(state)
+            table, T = self._check.table, self._estimator.observer.time_step
+            check_motion(table, memory, T, q, v, checked)
+            if self._reads_current:
+                check_current(table, memory, T, current, checked)
+                current = checked[2]
+            q, v = checked[0], checked[1]
         sample = (
-            context.get_discrete_state_vector().value(),
-            self._q.Eval(context),
-            self._v.Eval(context),
-            self._current.Eval(context) if self._reads_current else self._unread,
+            state[: self._end],
+            q,
+            v,
+            current,
             self._known,
             output.get_mutable_value(),
             self._scratch,
@@ -234,16 +259,41 @@ class WrenchEstimatorSystem(LeafSystem):
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         tables: EstimatorTables = self._tables.EvalAbstract(context).get_value()
         parts = (self._choice, tables.drives, tables.slip, tables.observer, self._rows)
-        sample = (
-            discrete_state.get_mutable_value(),
-            self._current.Eval(context),
-            self._known,
-            self._reading.Eval(context),
-        )
+        state, current = discrete_state.get_mutable_value(), self._current.Eval(context)
+        reading = self._reading.Eval(context)
+        if self._check is not None:
+            given = np.stack([self._q.Eval(context), self._v.Eval(context), current])
+            period = self._estimator.observer.time_step
+            check_sample(self._check.table, self._memory(state), period, given, self._checked)
+            current = self._checked[2]
+        sample = (state[: self._end], current, self._known, reading)
         if self._trusted is None:
             tick_update(*parts, *sample)
         else:
             trusted_update(*parts, self._tick_rows, *sample)
+
+    def _memory(self, state: Array) -> Array:
+        """The state's rows of the check of samples."""
+        return state[self._end :].reshape(-1, self._n)
+
+    def _calc_fault(self, context: Context, output: BasicVector) -> None:
+        fault = 0
+        if self._check is not None:
+            memory = self._memory(context.get_discrete_state_vector().value())
+            fault = check_motion(
+                *(self._check.table, memory, self._estimator.observer.time_step),
+                *(self._q.Eval(context), self._v.Eval(context), self._checked),
+            )
+        output.SetAtIndex(0, fault)
+
+    def _calc_checked_current(self, context: Context, output: BasicVector) -> None:
+        current = self._current.Eval(context)
+        if self._check is not None:
+            memory = self._memory(context.get_discrete_state_vector().value())
+            period = self._estimator.observer.time_step
+            check_current(self._check.table, memory, period, current, self._checked)
+            current = self._checked[2]
+        output.SetFromVector(current)
 
     def _calc_terms(self, context: Context, output: Value) -> None:
         output.set_value(self._estimator.chain.terms(self._q.Eval(context), self._v.Eval(context)))

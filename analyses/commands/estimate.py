@@ -13,8 +13,9 @@ from analyses.commands.options import (
     joined,
     settled,
 )
-from analyses.methods.reading.estimate_config import EstimateSettings
+from analyses.methods.reading.estimate_config import EstimateSettings, with_observer
 from analyses.output.console import new_console, new_table, say, showing_progress
+from models.observers.kalman_observer import KalmanObserverConfig
 
 if TYPE_CHECKING:
     from analyses.methods.reading.estimation import EstimateResult
@@ -32,15 +33,13 @@ PLACES = {
     "prior": "estimate.prior",
     "engine": "estimate.engine",
     "method": "estimate.estimator.reconstruction.method",
-    "k0": "estimate.estimator.observer.K_0",
-    "torque_samples": "estimate.estimator.observer.torque_samples",
     "prior_force_sd": "estimate.estimator.reconstruction.prior_force_sd",
     "prior_moment_sd": "estimate.estimator.reconstruction.prior_moment_sd",
     "max_force_sd": "estimate.estimator.reconstruction.max_force_sd",
     "damping": "estimate.estimator.reconstruction.damping",
     "truncation": "estimate.estimator.reconstruction.truncation",
-    "step": "estimate.estimator.observer.time_step",
     "max_gap": "estimate.max_gap",
+    "smooth": "estimate.smooth",
     "check": "estimate.check",
     "mcap": "estimate.mcap",
     "reference": "estimate.reference.columns",
@@ -52,6 +51,13 @@ PLACES = {
     "false_alarms_per_hour": "estimate.detection.false_alarms_per_hour",
     "covariance": "estimate.covariance",
     "table": "estimate.table",
+}
+OBSERVER_PLACES = {  # of whichever observer it is
+    "k0": "estimate.estimator.observer.K_0",
+    "bandwidth": "estimate.estimator.observer.bandwidth_hz",
+    "torque_rate": "estimate.estimator.observer.torque_rate",
+    "torque_samples": "estimate.estimator.observer.torque_samples",
+    "step": "estimate.estimator.observer.time_step",
 }
 
 
@@ -82,9 +88,29 @@ def command(
     method: Annotated[
         str, typer.Option(help="inverse (eq. 22), force_only, bayesian, damped or truncated.")
     ] = READING.method,
+    observer: Annotated[
+        str,
+        typer.Option(
+            help="momentum (first order), kalman (force and error told apart over time) or "
+            "super-twisting.",
+            show_default="momentum",
+        ),
+    ] = "",
     k0: Annotated[
-        str, typer.Option(help="Observer's gain, 1/s: one number, or one a joint with commas.")
+        str,
+        typer.Option(help="Momentum observer's gain, 1/s: one number, or one a joint with commas."),
     ] = joined(OBSERVER.K_0),
+    bandwidth: Annotated[
+        float, typer.Option(help="Of a large force's prior in the kalman observer, Hz.")
+    ] = KalmanObserverConfig().bandwidth_hz,
+    torque_rate: Annotated[
+        str,
+        typer.Option(
+            help="Bound on the external torque's rate in the super-twisting observer, N m/s: one "
+            "number, or one a joint with commas.",
+            show_default="from the model's torque error",
+        ),
+    ] = "",
     torque_samples: Annotated[
         str,
         typer.Option(
@@ -116,6 +142,14 @@ def command(
             help="Least singular value that the method truncated keeps, a share of J's largest."
         ),
     ] = READING.truncation,
+    smooth: Annotated[
+        bool,
+        typer.Option(
+            "--smooth/--causal",
+            help="Read each sample with what comes after it, too: no lag, less error; or as a "
+            "controller would have it.",
+        ),
+    ] = DEFAULTS.smooth,
     step: Annotated[
         float, typer.Option(help="Time step that the log is resampled to, s; 0: the log's own.")
     ] = OBSERVER.time_step,
@@ -170,13 +204,18 @@ def command(
         bool, typer.Option("--covariance", help="Add the 21 entries of the covariance.")
     ] = DEFAULTS.covariance,
     table: Annotated[str, typer.Option(help="csv or parquet.")] = DEFAULTS.table,
-    config: Annotated[Path | None, config_option(EstimateSettings, PLACES)] = None,
+    config: Annotated[
+        Path | None, config_option(EstimateSettings, {**PLACES, **OBSERVER_PLACES})
+    ] = None,
     out: Out = Path("out/estimate"),
 ) -> None:
     """Tell the wrench at the tool, with its uncertainty: log and model in, wrench.csv out."""
     from analyses.methods.reading.estimation import estimate_log
 
     settings = settled(ctx, EstimateSettings, PLACES)
+    if observer:
+        settings.estimate = with_observer(settings.estimate, observer)
+    settings = settled(ctx, EstimateSettings, OBSERVER_PLACES, settings)
     with showing_progress("estimate") as progress:
         result = estimate_log(
             Path(settings.log),

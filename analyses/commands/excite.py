@@ -29,7 +29,7 @@ PLACES = {
     "clearance": "excitation.limits.clearance",
     "floor": "excitation.limits.floor",
     "validation": "validation",
-    "page": "page",
+    "record": "record",
 }
 
 
@@ -80,9 +80,9 @@ def command(
     validation: Annotated[
         bool, typer.Option(help="Find a second trajectory, for cross-validation.")
     ] = DEFAULTS.validation,
-    page: Annotated[
+    record: Annotated[
         bool, typer.Option(help="Write the page on which the robot runs it.")
-    ] = DEFAULTS.page,
+    ] = DEFAULTS.record,
     config: Annotated[Path | None, config_option(ExciteSettings, PLACES)] = None,
     out: Out = Path("out/excite"),
 ) -> None:
@@ -98,7 +98,7 @@ def command(
             out,
             settings.excitation,
             settings.validation,
-            settings.page,
+            settings.record,
             progress,
         )
     _print(results, out)

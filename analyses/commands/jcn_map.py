@@ -116,4 +116,4 @@ def _print(result: "JcnMapResult", settings: JcnMapSettings, out: Path) -> None:
         say(console, f"slice {plane}: the tool reaches no point of it within the cone")
     for notice in result.notices:
         say(console, f"note: {notice}")
-    say(console, f"samples: {out / 'samples.npz'}, page: {out / 'page.html'}")
+    say(console, f"samples: {out / 'samples.npz'}, page: {out / 'recording.html'}")

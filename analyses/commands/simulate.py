@@ -22,7 +22,7 @@ PLACES = {
     "duration": "duration_s",
     "seed": "seed",
     "quick": "quick",
-    "page": "page",
+    "recording": "record",
     "graphviz": "graph",
 }
 
@@ -49,7 +49,9 @@ def command(
         int | None, typer.Option(min=0, help="Another seed than the scenario's.")
     ] = DEFAULTS.seed,
     quick: Quick = DEFAULTS.quick,
-    page: Annotated[bool, typer.Option(help="Write the moving arm as page.html.")] = DEFAULTS.page,
+    recording: Annotated[
+        bool, typer.Option(help="Write the moving arm as recording.html.")
+    ] = DEFAULTS.record,
     graphviz: Annotated[
         bool, typer.Option("--graphviz", help="Draw the diagram of all blocks.")
     ] = DEFAULTS.graph,
@@ -76,7 +78,7 @@ def command(
             seed=settings.seed,
             duration=settings.duration_s,
             quick=settings.quick,
-            page=settings.page,
+            record=settings.record,
             graph=settings.graph,
             progress=progress,
         )

@@ -31,13 +31,26 @@ from models.estimation.tick import (
     trusted_tick,
 )
 from models.estimation.trusted_reading import TrustedReading
-from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig, live_prior
+from models.estimation.wrench import (
+    WrenchReconstruction,
+    WrenchReconstructionConfig,
+    known_of_wrench,
+    live_prior,
+)
 from models.estimation.wrench_kernels import reconstruct_log
 from models.friction.friction_law import FrictionLaw
 from models.identification.identified_model import IdentifiedModel
 from models.observers.momentum_observer import MomentumObserverConfig
-from models.observers.observer import NUM_SIGNALS, TAU_F, TAU_J, Observer
+from models.observers.observer import (
+    NUM_SIGNALS,
+    TAU_F,
+    TAU_J,
+    InformedObserver,
+    ModelKnowledge,
+    Observer,
+)
 from models.observers.observer_kinds import AnyObserverConfig, make_observer
+from models.observers.sample_check import CHECK_ROWS, Codes, SampleCheck, check_sample
 from models.robot.motors import motor_gain
 from models.robot.robot import Robot
 
@@ -53,6 +66,7 @@ class WrenchEstimatorConfig:
     force_bandwidth_hz: float = 3.0  # up to which the band holds the observer's lag
     position_resolution: list[float] | None = None
     # rad, per joint; None: what robot.yaml says of all joints, else the model
+    check_samples: bool = True  # against what the joints can do: see `sample_check`
 
 
 class Taught(NamedTuple):
@@ -78,6 +92,7 @@ class TickEstimate(NamedTuple):
     covariance: Array
     condition_number: float
     valid: bool
+    fault: int = 0
 
 
 class EstimateBatch(NamedTuple):
@@ -96,6 +111,9 @@ class EstimateBatch(NamedTuple):
         transmitted: (N, n) N m, what the gears transmit: motor torque less friction; empty where
             it is not kept.
         fresh: (N,) whether tau_ext is of the sample; empty where it is not kept.
+        fault: (N,) what is wrong with q and v of the sample, and with the current of the one
+            before: a sum of BEYOND, DISAGREES and FROZEN of `models.observers.sample_check`, or 0.
+            Such a sample counts as one that is not finite. Empty where it is not kept.
     """
 
     tau_ext: Array
@@ -107,6 +125,7 @@ class EstimateBatch(NamedTuple):
     torque_sd: Array
     transmitted: Array = np.empty((0, 0))
     fresh: Flags = np.empty(0, np.bool_)
+    fault: Codes = np.empty(0, np.int64)
 
     @property
     def standard_deviation(self) -> Array:
@@ -178,6 +197,17 @@ class WrenchEstimator:
         if resolution is None and np.isfinite(robot.position_resolution).all():
             resolution = robot.position_resolution.tolist()
         self.friction = model.friction.sampled(self.observer.time_step, resolution)
+        reading = self.config.reconstruction.with_live(*live_prior(robot.payload))
+        self.knowledge = ModelKnowledge(
+            model.torque_error,
+            np.sqrt(np.diag(self.reconstruction.torque_covariance)),
+            self.friction,
+            resolution,
+            known_of_wrench(reading),
+        )
+        if isinstance(self.observer, InformedObserver):
+            self.observer = self.observer.informed(self.knowledge)
+        self.observed_size = 0 if self.observer.kernels.wrench is None else 42
         self.choice = kernel_choice(self.observer.kernels, self.friction.kernels)
         self.tables = self.tables_of(
             robot.torque_per_ampere, self.friction, self.observer, self.reconstruction
@@ -189,7 +219,7 @@ class WrenchEstimator:
             self.trusted = TrustedReading(
                 model.torque_error,
                 self.friction,
-                self.config.reconstruction.with_live(*live_prior(robot.payload)),
+                reading,
                 getattr(self.observer, "K_0", None),
                 self.observer.time_step,
                 resolution,
@@ -201,8 +231,12 @@ class WrenchEstimator:
             tables = (*self.tables[:-1], *self.trusted.tables)
             self._constants = [self.choice, *tables, self.observer_rows, self.tick_rows]
         more = 0 if self.trusted is None else self.trusted.state_rows
-        self._state_shape = (self.tick_rows + more, n)
-        self._sample = np.empty((3, n))
+        self.check: SampleCheck | None = None
+        if self.config.check_samples:
+            self.check = SampleCheck(robot, resolution)
+        self._check_from = self.tick_rows + more  # row of the state
+        self._state_shape = (self._check_from + (CHECK_ROWS if self.check else 0), n)
+        self._sample, self._given = np.empty((3, n)), np.empty((3, n))
         self._scratch = np.empty(scratch_size(n))
 
     def tables_of(
@@ -233,11 +267,14 @@ class WrenchEstimator:
 
     def initial_state(self) -> Array:
         """Returns the state before the first sample: the observer's rows, the friction law's,
-        (tick_rows, n) together, then those of the reading that knows the torque error, if any.
+        (tick_rows, n) together, then those of the reading that knows the torque error, if any, and
+        of the check of samples.
         """
         parts = [self.observer.initial_state(), self.friction.initial_state()]
         if self.trusted is not None:
             parts.append(self.trusted.initial_state())
+        if self.check is not None:
+            parts.append(self.check.initial_state())
         return np.vstack(parts)
 
     def step(
@@ -263,17 +300,22 @@ class WrenchEstimator:
         """
         n = self.num_joints
         # The kernel reads memory as it was compiled to: shape and layout are settled here.
-        sample = self._sample
-        sample[0], sample[1], sample[2] = q, v, current
+        if state.shape != self._state_shape:
+            raise ValueError(f"state must be {self._state_shape}, not {state.shape}")
+        sample, given, fault = self._sample, self._given, 0
+        given[0], given[1], given[2] = q, v, current
+        if self.check is None:
+            sample[:] = given
+        else:
+            own = state[self._check_from :]
+            fault = check_sample(self.check.table, own, self.observer.time_step, given, sample)
         if taught is not None or tau_f is not None:
             known = self._known(taught, tau_f, ())
             sample = np.vstack([sample, known])
             if tau_f is not None:
                 sample[2] -= np.asarray(tau_f, float) / self.tables.drives[GAIN]
-        if state.shape != self._state_shape:
-            raise ValueError(f"state must be {self._state_shape}, not {state.shape}")
         out = np.empty(n + NUM_READING)
-        rest: list[Any] = [state, sample, out, self._scratch]
+        rest: list[Any] = [state[: self._check_from], sample, out, self._scratch]
         if self.trusted is None:
             estimate_tick(*self._constants, *rest)
         else:
@@ -284,6 +326,7 @@ class WrenchEstimator:
             out[n + 6 : n + 42].reshape(6, 6),
             out.item(n + 42),
             out.item(n + 43) == 1.0,
+            fault,
         )
 
     def run(
@@ -295,6 +338,7 @@ class WrenchEstimator:
         *,
         taught: Taught | None = None,
         tau_f: ArrayLike | None = None,
+        seen: Array | None = None,
     ) -> EstimateBatch:
         """Takes a log, or the next part of one: chunk by chunk gives what one pass gives.
 
@@ -306,6 +350,8 @@ class WrenchEstimator:
                 planned speeds, without memory, and tau_ext is corrected.
             tau_f: (N, n) N m, friction known from elsewhere, in the place of the law's: it is taken
                 off the motor torque, sample by sample.
+            seen: (N, NUM_SIGNALS, n), written: what is known of the samples, as
+                `models.observers.observer` has it.
 
         Raises:
             ValueError: shapes that disagree; taught and tau_f together.
@@ -319,6 +365,11 @@ class WrenchEstimator:
         if state.shape != self._state_shape:
             raise ValueError(f"state must be {self._state_shape}, not {state.shape}")
         N = q.shape[0]
+        fault = np.zeros(N, np.int64)
+        if self.check is not None:
+            own, T = state[self._check_from :], self.observer.time_step
+            checked, fault = self.check.run(own, q, v, current, T)
+            q, v, current = (np.asarray(part, float) for part in checked)
         known = np.empty((N, 0, n))
         if taught is not None or tau_f is not None:
             known = self._known(taught, tau_f, (N,))
@@ -329,11 +380,13 @@ class WrenchEstimator:
         tau_ext, J, F = np.empty((N, n)), np.empty((N, 6, n)), np.empty((N, 6))
         covariance, quality, counts = np.empty((N, 6, 6)), np.empty((N, 2)), np.empty(N, np.bool_)
         signals = np.empty((min(N, _PASS), NUM_SIGNALS, n))
+        observed = np.empty((min(N, _PASS), self.observed_size))
         torque_sd = np.tile(np.sqrt(np.diag(self.reconstruction.torque_covariance)), (N, 1))
         transmitted = np.empty((N, n))
         for start in range(0, N, _PASS):
             rows = slice(start, min(N, start + _PASS))
-            part = signals[: rows.stop - start]
+            part = signals[: rows.stop - start] if seen is None else seen[rows]
+            own = observed[: rows.stop - start]
             terms_log(
                 chain,
                 drives,
@@ -356,6 +409,7 @@ class WrenchEstimator:
                 J[rows],
                 tau_ext[rows],
                 counts[rows],
+                own,
             )
             transmitted[rows] = part[:, TAU_J] - part[:, TAU_F]
             if self.trusted is not None:
@@ -366,13 +420,14 @@ class WrenchEstimator:
                     quality[rows, 1],
                     torque_sd[rows],
                 ) = self.trusted.run(
-                    state[self.tick_rows :],
+                    state[self.tick_rows : self._check_from],
                     q[rows],
                     v[rows],
                     transmitted[rows],
                     J[rows],
                     tau_ext[rows],
                     counts[rows],
+                    own,
                 )
                 continue
             ones = np.ones_like(tau_ext[rows])
@@ -380,9 +435,12 @@ class WrenchEstimator:
                 *(wrench, J[rows], J[rows], tau_ext[rows], ones, np.zeros_like(ones)),
                 *(F[rows], covariance[rows], quality[rows]),
             )
+            if self.observed_size:
+                F[rows], covariance[rows] = own[:, :6], own[:, 6:].reshape(-1, 6, 6)
         valid = (quality[:, 1] == 1.0) & counts
         return EstimateBatch(
-            *(tau_ext, F, covariance, quality[:, 0], valid, J, torque_sd, transmitted, counts)
+            *(tau_ext, F, covariance, quality[:, 0], valid, J, torque_sd, transmitted, counts),
+            fault,
         )
 
     def observe(self, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> Observation:
@@ -400,7 +458,7 @@ class WrenchEstimator:
         state = np.vstack([self.observer.initial_state(), self.friction.initial_state()])
         serial_log(
             *(self.choice, slip, observer, self.observer_rows, state, known, signals, J),
-            *(tau_ext, fresh),
+            *(tau_ext, fresh, np.empty((N, 0))),
         )
         return Observation(tau_ext, signals[:, TAU_J].copy(), signals[:, TAU_F].copy(), fresh, J)
 
@@ -411,6 +469,8 @@ class WrenchEstimator:
         n = self.num_joints
         if taught is not None and tau_f is not None:
             raise ValueError("taught says which friction is taken: tau_f has no place beside it")
+        if taught is not None and self.observed_size:
+            raise ValueError("an observer that reads the wrench itself has no use for an air pass")
         known = np.zeros((*lead, 3, n))
         known[..., KNOWN_COUNTS, :] = 1.0
         if taught is None:

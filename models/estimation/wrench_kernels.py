@@ -21,6 +21,7 @@ _SD, _STICTION = _VECTOR + 3, _VECTOR + 4
 WORK_ROWS = _VECTOR + 5
 _GRAM = _MATRIX  # of the posterior; the other methods keep their matrix there
 _BLOCK = 256  # samples a thread takes at a time
+_LARGEST = 1e60  # N, N m and their squares; more is as good as not finite
 
 
 @njit(cache=True, error_model="numpy")
@@ -98,12 +99,7 @@ def _reading(
         for i in range(6):
             total += J[i, j]
     if not np.isfinite(total):
-        for i in range(6):
-            wrench[i] = 0.0
-            for j in range(6):
-                covariance[i, j] = 0.0
-            known = settings[_MOMENT_SD] if i < 3 else settings[_FORCE_SD]
-            covariance[i, i] = known * known
+        _nothing(settings, wrench, covariance)
         return False
     method = int(settings[_METHOD])
     if method in (FORCE_ONLY, BAYESIAN):
@@ -111,11 +107,28 @@ def _reading(
         seen = True
     else:
         seen = _pseudo_inverse(table, J, tau_ext, sd, stiction, wrench, covariance, work)
+    total = 0.0
+    for i in range(6):
+        total += abs(wrench[i]) + covariance[i, i]
+    if not total < _LARGEST:
+        _nothing(settings, wrench, covariance)
+        return False
     worst = largest_eigenvalue_3x3(work[_PLAIN + 3 : _PLAIN + 6, 3:])
     feigned = 0.0
     if _any(stiction):
         feigned = 3.0 * largest_eigenvalue_3x3(work[_FEIGNED : _FEIGNED + 3])
     return seen and worst <= settings[_MAX_FORCE_SD] ** 2 and feigned <= settings[_MAX_PHANTOM] ** 2
+
+
+@njit(cache=True, error_model="numpy")
+def _nothing(settings: Array, wrench: Array, covariance: Array) -> None:
+    """Writes what is known where nothing is read: zero, within the prior."""
+    for i in range(6):
+        wrench[i] = 0.0
+        for j in range(6):
+            covariance[i, j] = 0.0
+        known = settings[_MOMENT_SD] if i < 3 else settings[_FORCE_SD]
+        covariance[i, i] = known * known
 
 
 @njit(cache=True, error_model="numpy")

@@ -21,6 +21,7 @@ from models.friction.friction_terms import TERMS, term_of
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, Handover, SemiParametricFriction
 from models.identification.contact_noise import ContactNoise, check_contact_noise
+from models.identification.fitted_robot import FittedRobot
 from models.identification.torque_error_model import (
     BEYOND_LOAD,
     BEYOND_SPEED,
@@ -179,6 +180,7 @@ class _ModelFile:
     provenance: Provenance = field(default_factory=Provenance, metadata=REQUIRED)
     torque_error: _TorqueErrorBlock | None = None
     contact_noise: ContactNoise | None = None
+    fitted_robot: FittedRobot = field(default_factory=FittedRobot)  # empty: not known
     complete: bool = field(default=True, metadata=REQUIRED)  # last: absent in a truncated file
 
 
@@ -204,6 +206,7 @@ class IdentifiedModel:
         torque_error: how far what an observer reads may be off, state by state; None for a model of
             which only residual_covariance is known, the same at rest and in motion.
         contact_noise: what a contact statistic reads without contact; None: taken as Gaussian.
+        fitted_robot: what robot.yaml said then; empty for a file that does not say.
     """
 
     robot: str
@@ -219,6 +222,7 @@ class IdentifiedModel:
     provenance: Provenance = field(default_factory=Provenance)
     torque_error: TorqueErrorModel | None = None
     contact_noise: ContactNoise | None = None
+    fitted_robot: FittedRobot = field(default_factory=FittedRobot)
 
     @classmethod
     def nominal(cls, robot: Robot) -> "IdentifiedModel":
@@ -326,8 +330,10 @@ class IdentifiedModel:
             provenance=block.provenance,
             torque_error=_read_torque_error(path, block.torque_error, n),
             contact_noise=check_contact_noise(path, block.contact_noise, n),
+            fitted_robot=block.fitted_robot,
         )
         model.check_robot(robot, path)
+        model.fitted_robot.check(robot, path)
         return model
 
     def _to_file(self) -> _ModelFile:
@@ -349,6 +355,7 @@ class IdentifiedModel:
             if self.torque_error is None
             else _TorqueErrorBlock(**self.torque_error.to_dict()),
             contact_noise=self.contact_noise,
+            fitted_robot=self.fitted_robot,
         )
 
 

@@ -50,6 +50,7 @@ TORQUE_SAMPLES = ("held", "trapezoidal")
 
 START_SHARE = 0.05  # 3 / K_0 after the start
 LEAST_K_0 = 0.01  # 1/s; below, a reading is never fresh
+LARGEST = 1e100  # kg m^2/s; more is as good as not finite: sums of it would not be
 
 # Columns of MomentumObserver.table.
 _GAIN, _POLE, _AFTER, _BEFORE, _HALF = range(5)
@@ -83,7 +84,7 @@ def observer_output(table: Array, state: Array, signals: Array, J: Array) -> boo
         if table[i, _BEFORE] != 0.0:
             arrived -= table[i, _BEFORE] * signals[TAU_J, i]
         tau_ext = state[1, i]
-        if np.isfinite(arrived) and np.isfinite(state[0, i]):
+        if abs(arrived) < LARGEST and np.isfinite(state[0, i]):
             tau_ext = table[i, _POLE] * state[1, i] + table[i, _GAIN] * (arrived - state[0, i])
             # The second: a filter that hardly moves any more says nothing of now.
             if table[i, _POLE] * state[2, i] > START_SHARE or table[i, _GAIN] < LEAST_K_0:
@@ -105,9 +106,12 @@ def observer_update(table: Array, state: Array, signals: Array, J: Array) -> Non
     for i in range(table.shape[0]):
         model = table[i, _HALF] * (signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i])
         predicted = signals[MOMENTUM, i] + model + table[i, _AFTER] * signals[TAU_J, i]
-        if np.isfinite(predicted) and np.isfinite(state[0, i]):
+        known = abs(predicted) < LARGEST
+        if known and np.isfinite(state[0, i]):
             state[2, i] *= table[i, _POLE]
-        state[0, i] = predicted if np.isfinite(predicted) else np.nan
+        elif not known and np.isnan(state[0, i]):  # what is held grows old
+            state[2, i] = 1.0 - table[i, _POLE] * (1.0 - state[2, i])
+        state[0, i] = predicted if known else np.nan
         state[1, i] = signals[TAU_EXT, i]
 
 
@@ -127,7 +131,8 @@ class MomentumObserver:
     A momentum_hat of inf means "not started": the first sample starts it with momentum_hat =
     momentum and tau_ext = 0. NaN means "lost", left behind by a sample that is not finite: the
     next finite one starts it again from the tau_ext it had. A hole in a log thus costs its own
-    rows and one more, which hold the last estimate and are not fresh.
+    rows and one more, which hold the last estimate and are not fresh; after a long one the estimate
+    is old, and settles again before it counts.
 
     Attributes:
         table: (n, 5) constants that the kernels read.

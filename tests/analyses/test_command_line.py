@@ -485,7 +485,7 @@ def test_options_reach_the_simulation(invoke, monkeypatch, tmp_path, scenario, a
 
     monkeypatch.setattr(simulation, "simulate_scenario", note)
     arguments = ("--robot", "r", "--model", "m", "--out", tmp_path, "--duration", 2.5, "--seed", 4)
-    arguments += ("--quick", "--no-page", "--graphviz")
+    arguments += ("--quick", "--no-recording", "--graphviz")
     assert invoke("simulate", *scenario, *arguments).exit_code == 130
     del seen["progress"]
     assert seen == {
@@ -493,7 +493,7 @@ def test_options_reach_the_simulation(invoke, monkeypatch, tmp_path, scenario, a
         "duration": 2.5,
         "seed": 4,
         "quick": True,
-        "page": False,
+        "record": False,
         "graph": True,
     }
 

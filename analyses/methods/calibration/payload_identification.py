@@ -190,6 +190,8 @@ def identify_payload(
         model=replace(
             model,
             inertial_parameters=laden,
+            # With or without the load as the robot's tool: it is on this model.
+            fitted_robot=replace(model.fitted_robot, tool_mass=None),
             provenance=replace(
                 model.provenance,
                 method=f"{model.provenance.method}, with a load of {load.mass:.4g} kg found from "

@@ -64,6 +64,7 @@ from models.friction.friction_law import FrictionLaw
 from models.friction.friction_structure import structures
 from models.friction.presliding_friction import PreslidingFriction
 from models.identification.base_parameters import BaseParameters
+from models.identification.fitted_robot import FittedRobot
 from models.identification.identified_model import (
     BaseParameterTable,
     IdentifiedModel,
@@ -261,6 +262,7 @@ def _identify(
         robot=robot.name,
         joint_names=robot.joint_names,
         kinematics_digest=robot.kinematics_digest,
+        fitted_robot=FittedRobot.of(robot),
         inertial_parameters=chain.inertial_parameters,
         reflected_inertia=chain.reflected_inertia,
         friction=friction,

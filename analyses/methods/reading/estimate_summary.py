@@ -3,12 +3,14 @@
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
 from analyses.output.stream_summary import Envelope, EvenSample
 from models.arrays import Array, Flags
 from models.estimation.estimator import EstimateBatch, WrenchEstimatorConfig
 from models.identification.identified_model import IdentifiedModel
+from models.observers.sample_check import BEYOND, DISAGREES, FROZEN
 from models.recordings.recording import Recording
 from models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
 
@@ -22,6 +24,11 @@ LONG_AGO = 1e6  # s; a clock that shows more is drawn from the first sample on
 _BAND = 1.96  # standard deviations: 95 %
 _SINGULAR = 1e12  # condition number: beyond, rounding alone decides its digits
 _OUTSIDE_WARNING = 0.01  # share of samples outside the model's ranges
+_FAULTS = {
+    BEYOND: "a position, speed or current is beyond what its joint can do",
+    DISAGREES: "position and velocity of a joint disagree, as where an encoder sticks",
+    FROZEN: "a joint moves while its current stays the same to the last digit",
+}
 _UNSURE_WARNING = 0.5  # share of invalid samples
 
 
@@ -66,6 +73,7 @@ class EstimateSummary:
         self._model, self._settling_time = model, settling_time
         self.count = 0
         self.num_valid = 0
+        self._faults = dict.fromkeys(_FAULTS, 0)
         self._num_invalid = {"settling": 0, "dropout": 0, "unsure": 0}
         self._first = 0.0
         self._origin = 0.0
@@ -163,6 +171,11 @@ class EstimateSummary:
                 "bridged_dropout_pct": share * self._num_invalid["dropout"],
                 "force_too_uncertain_pct": share * self._num_invalid["unsure"],
             },
+            "faults": {
+                "beyond_limits_pct": share * self._faults[BEYOND],
+                "encoder_pct": share * self._faults[DISAGREES],
+                "frozen_current_pct": share * self._faults[FROZEN],
+            },
             "prior": {
                 "force_sd_n": config.reconstruction.prior_force_sd,
                 "moment_sd_nm": config.reconstruction.prior_moment_sd,
@@ -181,8 +194,17 @@ class EstimateSummary:
             },
         }
 
+    def add_faults(self, fault: NDArray[np.int64]) -> None:
+        """Counts the samples (N,) with a fault, kind by kind."""
+        for code in self._faults:
+            self._faults[code] += int(((fault & code) != 0).sum())
+
     def warnings(self) -> list[str]:
         found = []
+        for code, what in _FAULTS.items():
+            if self._faults[code]:
+                share = 100 * self._faults[code] / self.count
+                found.append(f"{share:.2g} % of the samples are not used: {what}")
         extrapolated = self._extrapolated / self.count
         if extrapolated > _OUTSIDE_WARNING:
             worst = {
@@ -204,11 +226,12 @@ class EstimateSummary:
             )
         return found
 
-    def figure(self, reads_moments: bool = True) -> "Figure":
+    def figure(self, reads_moments: bool = True, smoothed: bool = False) -> "Figure":
         """Reading and band over the log's own time, with the range of the valid samples.
 
         Args:
             reads_moments: whether the method reads moments; without, only forces are drawn.
+            smoothed: whether each sample was read with what comes after it.
         """
         low, high, mean = self._envelope.values()
         t, is_invalid, touches = mean[:, 0], mean[:, 1] > 0.5, mean[:, 2] > 0.0
@@ -248,7 +271,8 @@ class EstimateSummary:
                 panel.set_xlabel(f"time{origin} [s]")
         handles, labels = axes[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=4)
-        figure.suptitle("Wrench of the environment on the robot, at E in axes of W")
+        title = "Wrench of the environment on the robot, at E in axes of W"
+        figure.suptitle(title + (", smoothed" if smoothed else ""))
         return figure
 
     def _limits(self, k: int, low: Array, high: Array) -> tuple[float, float]:

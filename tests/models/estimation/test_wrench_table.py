@@ -44,7 +44,7 @@ def test_the_columns_are_force_first_and_exact(tmp_path: Path) -> None:
     header = "t,fx,fy,fz,mx,my,mz,sd_fx,sd_fy,sd_fz,sd_mx,sd_my,sd_mz,condition_number,valid"
     assert header == ",".join(COLUMNS)
     torques = ",".join(f"tau_ext_{j}" for j in range(1, 8))
-    header += f",{torques},contact_statistic,contact,misfit,link,rest,out_of_range"
+    header += f",{torques},contact_statistic,contact,misfit,link,rest,out_of_range,fault"
     assert path.read_text().splitlines()[0] == header == ",".join(columns_of(7))
     read = np.genfromtxt(path, delimiter=",", names=True)
     for k, axis in enumerate(("mx", "my", "mz", "fx", "fy", "fz")):  # rotation first inside

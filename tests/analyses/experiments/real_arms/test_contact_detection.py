@@ -36,8 +36,8 @@ def test_the_collisions_are_where_the_current_leaves_the_untouched_paths(data_ho
 
 def test_keys_are_those_of_the_contract():
     assert [place.key(30.0, 0.5) for place in PLACES] == [
-        "push_30n_0.5s_at_e",
-        "push_30n_0.5s_off_e",
+        "push_30n_500ms_at_e",
+        "push_30n_500ms_off_e",
     ]
     assert min(SIZES) == 5.0
     assert max(SIZES) == pytest.approx(60.0)

@@ -1,0 +1,84 @@
+"""What stood in robot.yaml when a model was identified: with other numbers it reads wrong."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from models.files.input_error import InputError
+from models.robot.robot import Robot
+
+_TOLERANCE = 1e-6  # of a number: YAML keeps what a person wrote
+
+
+@dataclass
+class FittedRobot:
+    """The keys of a robot.yaml that the numbers of a model rest on."""
+
+    torque_per_ampere: list[float] = field(default_factory=list)  # N m/A on the joint side
+    current_sign: list[float] = field(default_factory=list)  # +1 or -1
+    gravity: list[float] = field(default_factory=list)  # in W, m/s^2
+    tool_mass: float | None = None  # kg; 0: without a tool; None: a load has been added since
+    tool_com: list[float] = field(default_factory=list)  # m, in the flange
+
+    @classmethod
+    def of(cls, robot: Robot) -> "FittedRobot":
+        """What `robot` says now."""
+        tool = robot.config.tool
+        return cls(
+            torque_per_ampere=robot.torque_per_ampere.tolist(),
+            current_sign=robot.current_sign.tolist(),
+            gravity=robot.gravity.tolist(),
+            tool_mass=0.0 if tool is None else float(tool.mass),
+            tool_com=[0.0, 0.0, 0.0] if tool is None else [float(x) for x in tool.com],
+        )
+
+    def check(self, robot: Robot, model: Path) -> None:
+        """Holds the robot against these keys; one that is empty is not asked for.
+
+        Raises:
+            InputError: a key that every torque depends on differs, naming it and both values.
+        """
+        now = FittedRobot.of(robot)
+        for key in ("torque_per_ampere", "current_sign", "gravity"):
+            then, found = getattr(self, key), getattr(now, key)
+            if not then:
+                continue
+            if len(then) != len(found):
+                raise InputError(
+                    model, f"fitted_robot.{key}", f"{len(then)} numbers, expected {len(found)}"
+                )
+            wrong = np.flatnonzero(~np.isclose(then, found, rtol=_TOLERANCE, atol=1e-12))
+            if len(wrong):
+                j = int(wrong[0])
+                place = f"component {j + 1}" if key == "gravity" else robot.joint_names[j]
+                raise InputError(
+                    model,
+                    f"fitted_robot.{key}",
+                    f"the model was identified with {then[j]:g} ({place}), {robot.source} has "
+                    f"{found[j]:g}",
+                    "set it back, or identify again; if it is meant, take this key out of the "
+                    "model file",
+                )
+
+    def doubts(self, robot: Robot) -> list[str]:
+        """What differs and may be meant: one sentence each."""
+        if not self.torque_per_ampere:
+            return [
+                "the model file does not say which torque per ampere, current sign, gravity and "
+                "tool it was identified with: whether they are the robot's is not checked"
+            ]
+        now = FittedRobot.of(robot)
+        if self.tool_mass is None or now.tool_mass is None:
+            return []
+        then = [self.tool_mass, *(self.tool_mass * x for x in self.tool_com)]
+        found = [now.tool_mass, *(now.tool_mass * x for x in now.tool_com)]
+        if len(then) == len(found) and np.allclose(then, found, rtol=1e-6, atol=1e-9):
+            return []
+        weight = abs(now.tool_mass - self.tool_mass) * float(np.linalg.norm(robot.gravity))
+        return [
+            f"the model was identified with a tool of {self.tool_mass:g} kg, {robot.source.name} "
+            f"has one of {now.tool_mass:g} kg: the model's counts, and what the arm carries "
+            f"besides acts as a force ({weight:.3g} N of weight); use the model.yaml that payload "
+            "writes, or identify again with this tool"
+        ]

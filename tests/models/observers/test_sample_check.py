@@ -1,0 +1,209 @@
+"""Samples held against what the joints can do, and what becomes of those that cannot be."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
+from models.estimation.wrench import WrenchReconstructionConfig
+from models.estimation.wrench_kernels import METHODS
+from models.identification.identified_model import IdentifiedModel
+from models.observers.momentum_observer import MomentumObserverConfig
+from models.observers.sample_check import BEYOND, DISAGREES, FROZEN, SampleCheck
+from models.recordings.recording_reader import read_recording
+from models.recordings.resampling import resampled
+from models.robot.robot import Robot
+
+Array = NDArray[np.float64]
+T = 0.002
+N = 1000
+DATA = Path(__file__).parents[4] / "shared" / "data"
+
+
+@cache
+def arm() -> Robot:
+    return Robot.load("ur10e")
+
+
+def estimator(method: str = "bayesian", K_0: float = 20.0) -> WrenchEstimator:
+    config = WrenchEstimatorConfig(
+        MomentumObserverConfig([K_0], T), WrenchReconstructionConfig(method)
+    )
+    return WrenchEstimator(arm(), IdentifiedModel.nominal(arm()), config)
+
+
+def log(rows: int = N) -> tuple[Array, Array, Array]:
+    """A smooth motion that holds itself up, and noise of the currents."""
+    t = T * np.arange(rows)[:, None]
+    w = np.array([1.1, 0.9, 1.7, 2.3, 3.1, 2.0])
+    q = arm().home + 0.3 * np.sin(w * t)
+    v = 0.3 * w * np.cos(w * t)
+    tau = arm().chain.gravity_torque(q) + np.random.default_rng(2).normal(size=(rows, 6))
+    return q, v, tau / (arm().torque_per_ampere * arm().current_sign)
+
+
+def run(signals: tuple[Array, Array, Array], method: str = "bayesian") -> EstimateBatch:
+    own = estimator(method)
+    return own.run(own.initial_state(), *signals)
+
+
+def finite(batch: EstimateBatch) -> bool:
+    """All but the condition number, which is inf where the Jacobian is not known."""
+    return all(np.isfinite(x).all() for x in (batch.tau_ext, batch.wrench, batch.covariance))
+
+
+def test_a_sound_log_passes_as_it_is() -> None:
+    q, v, current = log()
+    check = SampleCheck(arm())
+    checked, codes = check.run(check.initial_state(), q, v, current, T)
+    np.testing.assert_array_equal(checked, np.stack([q, v, current]))
+    assert not codes.any()
+
+
+SPIKES = {
+    "v times 1000": (1, 0, lambda x: 1000.0 * x),
+    "v of 1e153": (1, 0, lambda x: 1e153),
+    "v2 of 1e150": (1, 1, lambda x: 1e150),
+    "q one radian off": (0, 2, lambda x: x + 1.0),
+    "q of 1e300": (0, 4, lambda x: 1e300),
+    "current times 1000": (2, 1, lambda x: 1000.0 * x),
+    "i2 of 1e30": (2, 1, lambda x: 1e30),
+    "i of 999999": (2, 5, lambda x: 999999.0),
+    "a current of the other end of its range": (2, 2, lambda x: x - 20.0),
+    "v that is another joint's": (1, 0, lambda x: x + 1.0),
+}
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("spike", SPIKES)
+def test_one_absurd_tick_is_missing_and_soon_forgotten(spike: str, method: str) -> None:
+    clean = run(log(), method)
+    signals = log()
+    signal, joint, change = SPIKES[spike]
+    signals[signal][500, joint] = change(signals[signal][500, joint])
+    batch = run(signals, method)
+    assert finite(batch)
+    told = 501 if signal == 2 else 500  # no reading rests on the current of its own tick
+    assert batch.fault[told] == BEYOND
+    assert np.flatnonzero(batch.fault).tolist() == [told]
+    assert not batch.valid[told]
+    settled = 500 + round(3.0 / 20.0 / T)  # 3 / K_0
+    np.testing.assert_array_equal(batch.valid[settled:], clean.valid[settled:])
+    # What two ticks of 1 N m of noise and a held reading leave, faded to exp(-3): far below its sd.
+    off = np.abs(batch.wrench[settled:] - clean.wrench[settled:])
+    assert (off < 0.1 * clean.standard_deviation[settled:] + 1e-9).all()
+
+
+def test_a_position_that_jumped_for_good_is_believed_after_a_while() -> None:
+    q, v, current = log()
+    q[500:, 0] += 1.0
+    batch = run((q, v, current))
+    wrong = np.flatnonzero(batch.fault)
+    assert wrong[0] == 500
+    assert wrong[-1] < 500 + round(0.12 / T)
+    assert batch.valid[wrong[-1] + 100 :].all()
+
+
+def test_an_encoder_that_sticks_is_flagged_until_it_lives_again() -> None:
+    q, v, current = log()
+    q[300:600, 3] = q[300, 3]
+    batch = run((q, v, current))
+    told = np.flatnonzero(batch.fault & DISAGREES)
+    # .13 rad/s and falling for .3 s are .01 s at the speed limit of 3.1 rad/s.
+    assert 300 < told[0] < 300 + round(0.35 / T)
+    assert (batch.fault[told[0] : 600] != 0).all()
+    assert not batch.valid[told[0] : 600].any()
+    assert not batch.fault[-100:].any() and batch.valid[-100:].all()
+
+
+@pytest.mark.parametrize("value", [0.0, 1.5])
+def test_a_current_that_freezes_is_flagged_while_its_joint_moves(value: float) -> None:
+    q, v, current = log()
+    current[300:800, 3] = value
+    batch = run((q, v, current))
+    told = np.flatnonzero(batch.fault & FROZEN)
+    assert 300 + round(0.5 / T) <= told[0] <= 300 + round(0.8 / T)
+    assert (batch.fault[told[0] : 800] != 0).all()
+    assert not batch.valid[told[0] : 800].any()
+    assert not batch.fault[802:].any() and batch.valid[-20:].all()
+
+
+def test_a_resting_joint_may_report_one_current_for_ever() -> None:
+    q, v, current = (np.repeat(x[:1], N, axis=0) for x in log())
+    assert not run((q, 0.0 * v, current)).fault.any()
+
+
+def test_tick_by_tick_is_the_log_in_any_split() -> None:
+    signals = log()
+    signals[0][300:400, 3] = signals[0][300, 3]
+    signals[1][500, 0] = 1e9
+    signals[2][600, 2] = -1e9
+    own = estimator()
+    whole = own.run(own.initial_state(), *signals)
+    state = own.initial_state()
+    for k in range(N):
+        tick = own.step(state, *(x[k] for x in signals))
+        np.testing.assert_array_equal(tick.wrench, whole.wrench[k])
+        assert (tick.valid, tick.fault) == (whole.valid[k], whole.fault[k])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", METHODS)
+def test_random_bit_patterns(method: str) -> None:
+    """Any finite doubles among sound samples: 200,000 ticks a method, a million in all."""
+    rng = np.random.default_rng(METHODS.index(method))
+    own = estimator(method)
+    state = own.initial_state()
+    clean = run(log(), method)
+    settled = round(3.0 / 20.0 / T)
+    for _ in range(200):
+        signals = log()
+        bits = rng.integers(0, 2**64, (3, N, 6), dtype=np.uint64).view(np.float64)
+        bits = np.where(np.isfinite(bits), bits, 1e308)
+        where = rng.random((3, N, 6)) < rng.choice([0.001, 0.1, 1.0])
+        where[:, rng.integers(300, 700) :] = False
+        wild = tuple(np.where(w, b, x) for w, b, x in zip(where, bits, signals, strict=True))
+        batch = own.run(state, *wild)
+        assert finite(batch)
+        # Impossible are what is far beyond any arm's numbers; now or, for a current, a tick later.
+        beyond = np.stack([(np.abs(x) > 1e5).any(axis=1) for x in wild])
+        assert not batch.valid[beyond[0] | beyond[1]].any()
+        assert not batch.valid[1:][beyond[2, :-1]].any()
+        last = int(np.flatnonzero(where.any(axis=(0, 2)))[-1]) if where.any() else 0
+        after = last + settled + round(0.1 / T)
+        np.testing.assert_array_equal(batch.valid[after:], clean.valid[after:])
+        off = np.abs(batch.wrench[after:] - clean.wrench[after:])
+        assert (off < 0.1 * clean.standard_deviation[after:] + 1e-9).all()
+
+
+REAL = [
+    "ur10e/ur-20_01_22-joint_2.csv",
+    "ur10e/ur-20_02_12-50sec_12harm.csv",
+    "ur10e_more/ur-20_02_05-20sec_8harm.csv",
+    "ur10e_more/ur-20_02_19_15harm50sec.csv",
+]
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_no_sample_of_a_real_log_is_beyond_anything(name: str) -> None:
+    if not (DATA / name).exists():
+        pytest.skip(f"{DATA / name} is not here")
+    recording = resampled(read_recording(DATA / name, "ur10e-dynamic-calibration", arm()))
+    check = SampleCheck(arm())
+    _, codes = check.run(
+        check.initial_state(), recording.q, recording.v, recording.current, recording.time_step
+    )
+    assert not codes.any()
+
+
+def test_without_the_check_only_what_is_not_finite_is_missing() -> None:
+    q, v, current = log()
+    v[500, 0] = 50.0
+    config = replace(estimator().config, check_samples=False)
+    own = WrenchEstimator(arm(), IdentifiedModel.nominal(arm()), config)
+    batch = own.run(own.initial_state(), q, v, current)
+    assert not batch.fault.any() and batch.valid[500]
