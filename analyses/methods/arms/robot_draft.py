@@ -237,7 +237,7 @@ def _good_posture(robot: Robot, middle: Array) -> Array:
                 break
         if least > 0.0:
             break
-    return np.round(np.clip(best, low, high), 2)
+    return np.asarray(np.round(np.clip(best, low, high), 2), np.float64)
 
 
 def _text(

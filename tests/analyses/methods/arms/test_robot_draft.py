@@ -47,7 +47,9 @@ def test_the_arm_is_found_and_loads(
     np.testing.assert_array_equal(again.home, robot.home)
     assert float(again.chain.condition_number(again.home)) < 30.0
     floor = None if "talos" in urdf else 0.0  # its arm alone hangs below its base link
-    assert Clearance(again, floor=floor).overlapping == ()
+    # The hulls of Talos' concave wrist always overlap; excite says that it does not check them.
+    wrist = {"arm_left_5_link_hull_4 and arm_left_7_link_hull_6"}
+    assert set(Clearance(again, floor=floor).overlapping) <= (wrist if "talos" in urdf else set())
 
 
 def test_base_and_flange_may_be_named(wheel_robots: Path, tmp_path: Path) -> None:
