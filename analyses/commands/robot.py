@@ -1,0 +1,87 @@
+"""The command `robot`: a robot.yaml from a URDF, and what stands in one."""
+
+import logging
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from analyses.output.console import new_console, new_table, say
+from models.files.input_error import InputError
+
+if TYPE_CHECKING:
+    from models.robot.robot import Robot
+
+ORDER = 5
+
+
+def command(
+    source: Annotated[
+        str, typer.Argument(metavar="URDF | show", help="A URDF; or `show` and a robot.")
+    ],
+    robot: Annotated[
+        str | None, typer.Argument(metavar="[ROBOT]", help="After `show`: a name or a robot.yaml.")
+    ] = None,
+    base: Annotated[str | None, typer.Option(help="Link that W is; else the root.")] = None,
+    flange: Annotated[
+        str | None, typer.Option(help="Link that carries the tool; else the end of the only arm.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="The robot.yaml (robot.yaml), or with `show` the page (arm.html)."),
+    ] = None,
+) -> None:
+    """Draft a robot.yaml from a URDF, or print and draw a robot: `robot show ROBOT`."""
+    if source == "show":
+        if robot is None:
+            raise InputError("robot show", "", "names no robot", "give a name or a robot.yaml")
+        _show(robot, out or Path("arm.html"))
+        return
+    if robot is not None:
+        raise InputError(robot, "", "is one argument too many", "write `robot URDF`")
+    from analyses.methods.arms.robot_draft import FILL_IN, draft_robot
+
+    path = out or Path("robot.yaml")
+    drafted, places = draft_robot(Path(source), path, base, flange)
+    _print(drafted)
+    console = new_console()
+    say(console, f"robot: {path}; look for {FILL_IN}: {', '.join(places)}")
+
+
+def _show(name: str, out: Path) -> None:
+    from pydrake.geometry import Meshcat
+
+    from diagrams.pages.arm_picture import ArmPicture
+    from models.files.whole_file import whole_file, writing_to
+    from models.robot.robot import Robot
+
+    robot = Robot.load(name)
+    _print(robot)
+    # Drake says at which address Meshcat listens; it is gone before anyone could go there.
+    logging.getLogger("drake").setLevel(logging.WARNING)
+    meshcat = Meshcat()
+    ArmPicture(robot, meshcat).show(robot.home)
+    with whole_file(out) as partial, writing_to(out):
+        partial.write_text(meshcat.StaticHtml(), encoding="utf-8")
+    say(new_console(), f"picture at home: {out}")
+
+
+def _print(robot: "Robot") -> None:
+    table = new_table("joint", "from", "to", "speed", "effort", "N m/A", "rotor\n[kg m²]", "home")
+    for j, name in enumerate(robot.joint_names):
+        values = (robot.position_lower, robot.position_upper, robot.velocity_limit)
+        row = [f"{value[j]:.4g}" for value in (*values, robot.effort_limit)]
+        drive = (robot.torque_per_ampere[j], robot.reflected_inertia[j], robot.home[j])
+        table.add_row(name, *row, *(f"{value:.4g}" for value in drive))
+    console = new_console()
+    console.print(table)
+    mass = float(robot.chain.inertial_parameters[:, 0].sum())
+    say(
+        console,
+        f"{robot.name}: {robot.num_joints} joints from {robot.config.base_link} to "
+        f"{robot.config.flange}, {mass:.3g} kg moving, payload {robot.payload:g} kg, condition "
+        f"number at home {float(robot.chain.condition_number(robot.home)):.3g}",
+    )
+    lost = robot.unusable_collisions
+    for notice in (*robot.notices, *(f"collision shape lost: {link}" for link in lost)):
+        say(console, f"note: {notice}")

@@ -1,0 +1,305 @@
+"""A robot.yaml drafted from a URDF: what the URDF says, and marks where it says nothing."""
+
+import math
+import tempfile
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from diagrams.clearance import Clearance
+from models.arrays import Array
+from models.files.files_read import about_to_read
+from models.files.input_error import InputError
+from models.files.whole_file import whole_file, writing_to
+from models.robot.robot import Robot
+
+FILL_IN = "FILL IN"
+"""Marks, in the comments of a draft, a number that the URDF does not hold."""
+
+_MOVING = ("revolute", "continuous", "prismatic")
+_HANDS = ("finger", "gripper", "hand", "thumb", "knuckle", "claw")
+_FLANGES = ("tool0", "flange", "ee_link", "tcp", "tool_link", "hand_tcp", "link_eef", "ee")
+_LEAST_ARM = 4  # joints; a shorter line from the base is a neck, a finger or a lift
+_CANDIDATES = 300  # postures that the home posture is chosen from
+_FULL_TURN = math.pi
+
+
+@dataclass(frozen=True)
+class _Joint:
+    name: str
+    kind: str
+    parent: str
+    child: str
+    mimics: bool
+    lower: float
+    upper: float
+    velocity: float
+    effort: float
+
+    @property
+    def moves(self) -> bool:
+        return self.kind in _MOVING
+
+    @property
+    def middle(self) -> float:
+        """Zero, or the middle of a range that leaves it out."""
+        if self.kind == "continuous" or self.lower <= 0.0 <= self.upper:
+            return 0.0
+        return 0.5 * (self.lower + self.upper)
+
+
+def draft_robot(
+    urdf: Path, out: Path, base: str | None = None, flange: str | None = None
+) -> tuple[Robot, tuple[str, ...]]:
+    """Writes a robot.yaml with every required key, and loads it.
+
+    Args:
+        urdf: of the robot.
+        out: the robot.yaml.
+        base: link that W is; None: the root, or what the only joint of a link "world" carries.
+        flange: link that carries the tool; None: the end of the only arm.
+
+    Returns:
+        The robot, and the places that are to be filled in.
+
+    Raises:
+        InputError: the URDF cannot be read, has no arm or several, or what `Robot.load` finds.
+    """
+    joints, name = _read(urdf)
+    by_child = {joint.child: joint for joint in joints}
+    links = {joint.parent for joint in joints} | set(by_child)
+    for given in (base, flange):
+        if given is not None and given not in links:
+            raise InputError(urdf, given, "is no link of it", "links: " + ", ".join(sorted(links)))
+    base = base or _root(joints, by_child, urdf)
+    flange = flange or _end_of_arm(joints, base, urdf)
+    arm: list[_Joint] = []
+    link = flange
+    while link != base:
+        if link not in by_child:
+            raise InputError(urdf, flange, f'does not hang on "{base}"', "name another --base")
+        joint = by_child[link]
+        arm = [joint, *arm] if joint.moves else arm
+        link = joint.parent
+    if not arm:
+        raise InputError(urdf, flange, f'no moving joint between it and "{base}"', "name --flange")
+    locked = [joint for joint in joints if joint.moves and joint not in arm]
+    home = np.array([joint.middle for joint in arm])
+    fields = (urdf, name, base, flange, arm, locked)
+    if out.exists():
+        raise InputError(out, "", "is there already", "name another file with --out")
+    # Loaded twice: to find a posture to start from, and as it is written.
+    with tempfile.TemporaryDirectory() as folder:
+        first = Path(folder) / "robot.yaml"
+        first.write_text(_text(first, *fields, home), encoding="utf-8")
+        home = _good_posture(Robot.load(first), home)
+    text = _text(out, *fields, home)
+    with writing_to(out):
+        out.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(out) as partial, writing_to(out):
+        partial.write_text(text, encoding="utf-8")
+    robot = Robot.load(out)
+    marked = (
+        line for line in text.splitlines() if FILL_IN in line and ":" in line.partition("#")[0]
+    )
+    return robot, tuple(dict.fromkeys(_key_of(line) for line in marked))
+
+
+def _key_of(line: str) -> str:
+    head = line.partition("#")[0]
+    if "torque_per_ampere" in head or "rotor_inertia" in head:
+        return "drives"
+    return head.partition(":")[0].strip(" -")
+
+
+def _read(urdf: Path) -> tuple[list[_Joint], str]:
+    about_to_read(urdf)
+    if urdf.suffix.lower() == ".xacro":
+        remedy = f"write it out first: xacro {urdf.name} > robot.urdf"
+        raise InputError(urdf, "", "is a macro of URDFs, no URDF", remedy)
+    try:
+        root = ET.fromstring(urdf.read_bytes())
+    except FileNotFoundError as error:
+        raise InputError(urdf, "", "no such file", "check the path") from error
+    except OSError as error:
+        raise InputError(
+            urdf, "", f"cannot be read ({error.strerror})", "check the path"
+        ) from error
+    except ET.ParseError as error:
+        raise InputError(urdf, "", f"no valid XML: {error}", "give a URDF") from error
+    if root.tag != "robot":
+        remedy = "convert it to URDF" if root.tag == "sdf" else "give a URDF"
+        raise InputError(urdf, "", f"<{root.tag}> is the root element, expected <robot>", remedy)
+    return [_joint(element) for element in root.findall("joint")], root.get("name") or urdf.stem
+
+
+def _joint(element: ET.Element) -> _Joint:
+    def end(role: str) -> str:
+        found = element.find(role)
+        return "" if found is None else found.get("link", "")
+
+    limit = element.find("limit")
+
+    def number(key: str) -> float:
+        try:
+            return float("nan" if limit is None else limit.get(key, "nan"))
+        except ValueError:
+            return math.nan
+
+    kind = element.get("type", "")
+    free = kind == "continuous"
+    return _Joint(
+        name=element.get("name", ""),
+        kind=kind,
+        parent=end("parent"),
+        child=end("child"),
+        mimics=element.find("mimic") is not None,
+        lower=-math.inf if free else float(np.nan_to_num(number("lower"))),
+        upper=math.inf if free else float(np.nan_to_num(number("upper"))),
+        velocity=number("velocity"),
+        effort=number("effort"),
+    )
+
+
+def _root(joints: list[_Joint], by_child: dict[str, _Joint], urdf: Path) -> str:
+    roots = sorted({joint.parent for joint in joints} - set(by_child))
+    if len(roots) != 1:
+        listed = ", ".join(roots) or "none"
+        raise InputError(urdf, "", f"links that hang on nothing: {listed}", "name the --base")
+    below = [joint for joint in joints if joint.parent == roots[0]]
+    if roots[0] == "world" and len(below) == 1 and not below[0].moves:
+        return below[0].child  # W is a link of the robot
+    return roots[0]
+
+
+def _end_of_arm(joints: list[_Joint], base: str, urdf: Path) -> str:
+    """The link at the end of the longest line of joints that are no hand's."""
+    below: dict[str, list[_Joint]] = {}
+    for joint in joints:
+        below.setdefault(joint.parent, []).append(joint)
+
+    def is_hand(joint: _Joint) -> bool:
+        words = f"{joint.name} {joint.child}".lower()
+        return joint.moves and (joint.mimics or any(word in words for word in _HANDS))
+
+    def depth(link: str) -> int:
+        ways = [joint for joint in below.get(link, []) if not is_hand(joint)]
+        return max((joint.moves + depth(joint.child) for joint in ways), default=0)
+
+    link, length = base, 0
+    while depth(link):
+        ways = [joint for joint in below[link] if not is_hand(joint)]
+        depths = sorted((joint.moves + depth(joint.child) for joint in ways), reverse=True)
+        if len(depths) > 1 and depths[1] > 0:
+            if length >= _LEAST_ARM and depths[0] < _LEAST_ARM:
+                break  # fingers of a hand that no name tells
+            if depths[1] >= _LEAST_ARM:
+                ends = [joint.child for joint in ways if joint.moves + depth(joint.child) > 1]
+                raise InputError(
+                    urdf,
+                    link,
+                    f"carries several arms or legs ({', '.join(ends)})",
+                    "name the link that carries the tool with --flange",
+                )
+        way = next(joint for joint in ways if joint.moves + depth(joint.child) == depths[0])
+        link, length = way.child, length + way.moves
+    # Links fixed to the last one, of which one may be made for the tool.
+    fixed, waiting = [link], [link]
+    while waiting:
+        found = [joint.child for joint in below.get(waiting.pop(), []) if not joint.moves]
+        fixed, waiting = fixed + found, waiting + found
+    for name in _FLANGES:
+        for candidate in fixed:
+            if candidate == name or candidate.endswith(("_" + name, "-" + name)):
+                return candidate
+    return link
+
+
+def _good_posture(robot: Robot, middle: Array) -> Array:
+    """(n,) well conditioned, within the limits' middle, and where nothing overlaps."""
+    low = np.clip(robot.position_lower, -_FULL_TURN, _FULL_TURN)
+    high = np.clip(robot.position_upper, -_FULL_TURN, _FULL_TURN)
+    rng = np.random.default_rng(0)
+    span = 0.35 * (high - low)
+    centre = 0.5 * (low + high)
+    candidates = centre + span * rng.uniform(-1.0, 1.0, (_CANDIDATES, robot.num_joints))
+    conditions = np.array([float(robot.chain.condition_number(q)) for q in candidates])
+    best, least = middle, -np.inf
+    for floor in (0.0, None):  # an arm whose base hangs or stands on a column has none at W
+        clearance = Clearance(robot, floor=floor)
+        for k in np.argsort(conditions)[:60]:
+            slack = clearance.slack(candidates[k])
+            if slack > least + 1e-3:
+                best, least = candidates[k], slack
+            if slack > 0.05:
+                break
+        if least > 0.0:
+            break
+    return np.asarray(np.round(np.clip(best, low, high), 2), np.float64)
+
+
+def _text(
+    out: Path,
+    urdf: Path,
+    name: str,
+    base: str,
+    flange: str,
+    arm: list[_Joint],
+    locked: list[_Joint],
+    home: Array,
+) -> str:
+    path = urdf.resolve()
+    if path.is_relative_to(out.resolve().parent):
+        path = path.relative_to(out.resolve().parent)
+    lines = [
+        f"# Drafted from {urdf.name}. What the URDF does not hold is marked {FILL_IN}: such",
+        "# numbers only make the file load. docs/your-robot.md says where they are found.",
+        f"name: {_quoted(name)}",
+        f"urdf: {_quoted(str(path))}",
+        f"base_link: {_quoted(base)}  # W is its frame",
+        f"flange: {_quoted(flange)}  # the link that carries the tool",
+        f"tool_frame: {{xyz: [0, 0, 0], rpy: [0, 0, 0]}}  # {FILL_IN}: E in the flange, m and rad",
+        "# tool: {mass: kg, com: [x, y, z], inertia: [ixx, iyy, izz, ixy, ixz, iyz]}  "
+        "# what is mounted there, in axes of the flange",
+        "gravity: [0, 0, -9.81]  # in W; another vector where the base hangs or is tilted",
+        f"payload: 1.0  # {FILL_IN}: kg, rated (data sheet)",
+        f"home: [{', '.join(f'{value:g}' for value in home)}]"
+        "  # rad or m: free of contact, far from singular",
+    ]
+    if locked:
+        lines.append("locked_joints:  # moving joints that are not the arm's, rad or m")
+        lines += [f"  {_quoted(joint.name)}: {joint.middle:g}" for joint in locked]
+    lines += [
+        "",
+        "# torque_per_ampere, N m/A on the joint side: motor torque constant times gear ratio",
+        "# (data sheet). 1 where the log holds joint torque in N m instead of current.",
+        "# rotor_inertia, kg m^2 on the joint side: data sheet, times the gear ratio squared.",
+        "drives:",
+    ]
+    for joint in arm:
+        fields = f"joint: {_quoted(joint.name)}, torque_per_ampere: 1.0, rotor_inertia: 0.0, "
+        fields += "rotor_inertia_side: joint"
+        said = f"{FILL_IN}"
+        if not joint.effort > 0.0:
+            fields += ", effort_limit: 100.0"
+            said += ", also effort_limit, which the URDF lacks"
+        said += f"; limits {_limits(joint)}"
+        lines.append(f"  - {{{fields}}}  # {said}")
+    return "\n".join(lines) + "\n"
+
+
+def _limits(joint: _Joint) -> str:
+    unit = "m" if joint.kind == "prismatic" else "rad"
+    travel = f"{joint.lower:.4g} to {joint.upper:.4g} {unit}"
+    if joint.kind == "continuous":
+        travel = "none"
+    speed = f", {joint.velocity:g} {unit}/s" if joint.velocity > 0.0 else ", speed not stated"
+    force = "N" if unit == "m" else "N m"
+    return travel + speed + (f", {joint.effort:g} {force}" if joint.effort > 0.0 else "")
+
+
+def _quoted(text: str) -> str:
+    plain = text.replace("_", "").replace("/", "").replace(".", "").replace("-", "")
+    return text if plain.isalnum() and not plain.isdigit() else '"' + text.replace('"', '\\"') + '"'

@@ -1,0 +1,99 @@
+"""A robot.yaml from a URDF alone, of robots that nobody here wrote."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from analyses.methods.arms.robot_draft import FILL_IN, draft_robot
+from diagrams.clearance import Clearance
+from models.files.configuration import load_configuration
+from models.files.input_error import InputError
+from models.robot.robot import Robot
+from models.robot.robot_config import RobotConfig
+
+
+@pytest.mark.parametrize(
+    ("urdf", "base", "flange", "num_joints"),
+    [
+        ("ur_description/urdf/ur5_robot.urdf", "base_link", "tool0", 6),
+        ("panda_description/urdf/panda.urdf", "panda_link0", "panda_hand_tcp", 7),
+        ("z1_description/urdf/z1.urdf", "link00", "link06", 6),
+        ("xarm_description/urdf/xarm7.urdf", "link_base", "link_eef", 7),
+        ("kinova_description/robots/kinova.urdf", "base", "j2s6s200_link_6", 6),
+        (
+            "talos_data/robots/talos_left_arm.urdf",
+            "arm_left_1_link",
+            "wrist_left_ft_tool_link",
+            6,
+        ),
+    ],
+)
+def test_the_arm_is_found_and_loads(
+    wheel_robots: Path, tmp_path: Path, urdf: str, base: str, flange: str, num_joints: int
+) -> None:
+    out = tmp_path / "robot.yaml"
+    robot, places = draft_robot(wheel_robots / urdf, out)
+    assert (robot.config.base_link, robot.config.flange) == (base, flange)
+    assert robot.num_joints == num_joints
+    assert places == ("tool_frame", "payload", "drives")
+    assert [file.name for file in tmp_path.iterdir()] == ["robot.yaml"]
+    text = out.read_text()
+    assert text.count(FILL_IN) >= 3 + num_joints  # the head, frame, payload and every drive
+    load_configuration(out, RobotConfig)  # every required key is there
+    # A posture to start from: within limits, free of contact, far from singular.
+    again = Robot.load(out)
+    np.testing.assert_array_equal(again.home, robot.home)
+    assert float(again.chain.condition_number(again.home)) < 30.0
+    floor = None if "talos" in urdf else 0.0  # its arm alone hangs below its base link
+    # The hulls of Talos' concave wrist always overlap; excite says that it does not check them.
+    wrist = {"arm_left_5_link_hull_4 and arm_left_7_link_hull_6"}
+    assert set(Clearance(again, floor=floor).overlapping) <= (wrist if "talos" in urdf else set())
+
+
+def test_base_and_flange_may_be_named(wheel_robots: Path, tmp_path: Path) -> None:
+    urdf = wheel_robots / "z1_description/urdf/z1.urdf"
+    out = tmp_path / "robot.yaml"
+    robot, _ = draft_robot(urdf, out, base="link01", flange="gripperMover")
+    assert robot.joint_names == ("joint2", "joint3", "joint4", "joint5", "joint6", "jointGripper")
+    with pytest.raises(InputError, match="is there already"):
+        draft_robot(urdf, out)
+    other = tmp_path / "other.yaml"
+    with pytest.raises(InputError, match="linc: is no link of it; links: gripperMover"):
+        draft_robot(urdf, other, flange="linc")
+    with pytest.raises(InputError, match='does not hang on "link05"'):
+        draft_robot(urdf, other, base="link05", flange="link02")
+    assert not other.exists()
+
+
+def test_the_urdf_beside_it_is_named_relatively(tmp_path: Path, wheel_robots: Path) -> None:
+    urdf = tmp_path / "my arm.urdf"
+    urdf.write_text((wheel_robots / "ur_description/urdf/ur5_robot.urdf").read_text())
+    robot, _ = draft_robot(urdf, tmp_path / "robot.yaml")
+    assert yaml.safe_load((tmp_path / "robot.yaml").read_text())["urdf"] == "my arm.urdf"
+    # Its meshes are elsewhere now: the links are named, and no clearance is claimed.
+    assert len(robot.unusable_collisions) == 7
+
+
+def test_several_arms_need_a_flange(wheel_robots: Path, tmp_path: Path) -> None:
+    urdf = wheel_robots / "talos_data/robots/talos_reduced.urdf"
+    with pytest.raises(InputError, match=r"carries several arms or legs.*--flange"):
+        draft_robot(urdf, tmp_path / "robot.yaml", base="torso_2_link")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("a.urdf.xacro", "<robot/>", "is a macro of URDFs"),
+        ("a.sdf", "<sdf/>", "<sdf> is the root element"),
+        ("a.urdf", "<robot>", "no valid XML"),
+        ("a.urdf", "<robot name='a'><link name='b'/></robot>", "links that hang on nothing"),
+    ],
+)
+def test_what_is_no_arm(tmp_path: Path, name: str, text: str, words: str) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=words):
+        draft_robot(tmp_path / name, tmp_path / "robot.yaml")
+    with pytest.raises(InputError, match="no such file"):
+        draft_robot(tmp_path / "none.urdf", tmp_path / "robot.yaml")
