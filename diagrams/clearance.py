@@ -56,7 +56,7 @@ class Clearance:
     def __init__(self, robot: Robot, margin: float = 0.02, floor: float | None = 0.0) -> None:
         builder = DiagramBuilder()
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
-        parts = robot.add_to_plant(plant)
+        parts = robot.add_to_plant(plant, hulls=True)
         if floor is not None:
             slab = Box(10.0, 10.0, 1.0)  # Drake has no distance between half space and cylinder
             X_WF = RigidTransform([0.0, 0.0, floor - 0.5])
@@ -242,7 +242,7 @@ def workpiece_clearance(robot: Robot, workpiece: PlateConfig | BladeConfig, q: A
     """
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
-    parts = robot.add_to_plant(plant)
+    parts = robot.add_to_plant(plant, hulls=True)
     if isinstance(workpiece, BladeConfig):
         add_blade(plant, workpiece)
     else:

@@ -201,8 +201,8 @@ def make_closed_loop(
                 "force true": out("wrench_true"),
                 "force estimated": estimator.GetOutputPort("wrench"),
             },
-            scenario.page.fps,
-            scenario.page.metres_per_newton,
+            scenario.recording.fps,
+            scenario.recording.metres_per_newton,
         )
     diagram = builder.Build()
     diagram.set_name("closed_loop")

@@ -66,7 +66,7 @@ def make_estimator(
               terms             RigidBodyTerms (abstract) of the model, for whoever shares them
               fault             (1,) what is wrong with q and v of the tick, and with the current of
                                 the one before: a sum of the codes of
-                                `models.estimation.sample_check`, or 0; such a sample is missing
+                                `models.observers.sample_check`, or 0; such a sample is missing
 
     The outputs at a tick t = k time_step are those of row k of `WrenchEstimator.run` over the same
     samples: they use q and v of that very tick and motor torque up to it. With torque samples
@@ -95,6 +95,8 @@ def make_estimator(
         ValueError: as `models.estimation.estimator.WrenchEstimator` and `ContactDetector`.
     """
     estimator = WrenchEstimator(robot, model, config)
+    if taught and estimator.observed_size:
+        raise ValueError("an observer that reads the wrench itself has no use for an air pass")
     if fused:
         return _fused(estimator, name, taught, detection)
     builder = DiagramBuilder()
@@ -151,6 +153,9 @@ def make_estimator(
         (tau_ext_valid, reconstruction, "tau_ext_valid"),
     ):
         builder.Connect(output, target.GetInputPort(input_port))
+
+    if estimator.observed_size:
+        builder.Connect(observer.GetOutputPort("wrench"), reconstruction.GetInputPort("observed"))
 
     position, velocity, current, fault = _checked_inputs(builder, estimator)
     builder.Connect(position, terms.GetInputPort("q"))

@@ -226,7 +226,7 @@ def _cross_matrix(v: Array) -> Array:
 def _build(robot: Robot, config: ClearanceConfig) -> tuple[_Parts, tuple[str, ...]]:
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlant(MultibodyPlantConfig(time_step=1e-3), builder)
-    robot_parts = robot.add_to_plant(plant)
+    robot_parts = robot.add_to_plant(plant, hulls=True)
     world = plant.world_body()
     for obstacle in config.obstacles:
         plant.RegisterCollisionGeometry(
@@ -279,6 +279,11 @@ def _filter(
     moving = [body for body in bodies if shapes[body.name()]]
     if not moving:
         notices.append(f"{robot.name} has no collision shapes: only the tool's place is looked at")
+    if robot.unusable_collisions:
+        notices.append(
+            "collision shapes cannot be used, so that no clearance is claimed: "
+            + ", ".join(robot.unusable_collisions)
+        )
     inspector = scene_graph.model_inspector()
     if config.workpiece is not None:
         board = plant.GetCollisionGeometriesForBody(plant.GetBodyByName("workpiece"))
@@ -367,7 +372,7 @@ def _near_at_home(robot: Robot, distance: float) -> set[tuple[str, str]]:
     """Names, either way round, of the robot's bodies that are nearer than this at home."""
     builder = DiagramBuilder()
     plant, _ = AddMultibodyPlant(MultibodyPlantConfig(time_step=1e-3), builder)
-    parts = robot.add_to_plant(plant)
+    parts = robot.add_to_plant(plant, hulls=True)
     plant.Finalize()
     diagram = builder.Build()
     root = diagram.CreateDefaultContext()

@@ -167,7 +167,7 @@ def make_robot_cell(
     if scenario.force_torque_sensor is not None:
         _add_force_torque_sensor(builder, plant, parts, scenario, robot, terms.get_output_port())
     if meshcat is not None and scene_graph is not None:
-        parameters = MeshcatVisualizerParams(publish_period=1.0 / scenario.page.fps)
+        parameters = MeshcatVisualizerParams(publish_period=1.0 / scenario.recording.fps)
         MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, parameters)
     diagram = builder.Build()
     diagram.set_name("robot_cell")

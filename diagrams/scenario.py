@@ -191,7 +191,7 @@ class Scenario:
     force_torque_sensor: ForceTorqueSensorConfig | None = None
     # Its observer's time_step is the scenario's, whatever is written here.
     estimator: WrenchEstimatorConfig = field(default_factory=WrenchEstimatorConfig)
-    page: PageConfig = field(default_factory=PageConfig)
+    recording: PageConfig = field(default_factory=PageConfig)
 
 
 def load_scenario(name_or_path: str, scenario_name: str | None = None) -> Scenario:
@@ -235,7 +235,7 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
     for place, value in (
         ("duration", scenario.duration),
         ("time_step", scenario.time_step),
-        ("page.fps", scenario.page.fps),
+        ("recording.fps", scenario.recording.fps),
         ("force_setpoint.rise", scenario.force_setpoint.rise),
     ):
         if not (np.isfinite(value) and value > 0):

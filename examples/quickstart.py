@@ -34,7 +34,7 @@ from wrenchsight import (
 AXES = ("fx", "fy", "fz")
 
 
-def write_motion_page(robot: Robot, seed: int) -> Recording:
+def record_motion(robot: Robot, seed: int) -> Recording:
     """Lets the simulated arm make an excitation motion; returns what its drives report."""
     config = ExcitationConfig(seed=seed, num_starts=4, iterations=10)  # small: to try things out
     trajectory = excite(robot, config).trajectory
@@ -53,7 +53,7 @@ def main(folder: Path) -> None:
     robot = Robot.load("sts_sre4_600")
 
     print("recording two excitation motions ...")
-    fitted, held_out = write_motion_page(robot, seed=1), write_motion_page(robot, seed=2)
+    fitted, held_out = record_motion(robot, seed=1), record_motion(robot, seed=2)
 
     print("identifying ...")
     config = IdentificationConfig(friction="coulomb-viscous-offset", cutoff=7.5)

@@ -51,6 +51,8 @@ class ExternalTorqueObserver(LeafSystem):
                          its way from the start
                 reading  (n + 1,) these two, one after the other: who wants both has them from one
                          port
+                wrench   (42,) F_E_W and its covariance, row by row, of an observer that reads the
+                         wrench itself; others have no such port
     State:      of the observer, row by row
     Parameters: of the observer, in its order
 
@@ -107,6 +109,8 @@ class ExternalTorqueObserver(LeafSystem):
         self._reading = self.DeclareVectorOutputPort(
             "reading", n + 1, self._calc_reading, prerequisites
         )
+        if observer.kernels.wrench is not None:
+            self.DeclareVectorOutputPort("wrench", 42, self._calc_wrench, prerequisites)
 
     def _calc_table(self, context: Context, value: Value) -> None:
         values = {
@@ -133,6 +137,16 @@ class ExternalTorqueObserver(LeafSystem):
             self._table.Eval(context), np.array(state).reshape(self._state_shape), signals, J
         )
         reading[:-1] = signals[TAU_EXT]
+
+    def _calc_wrench(self, context: Context, output: BasicVector) -> None:
+        signals, J = self._signals(context, self._observer.reads_present_torque)
+        state: Any = context.get_discrete_state(self._state).value()
+        reading = output.get_mutable_value()
+        self._observer.kernels.wrench(
+            self._table.Eval(context),
+            np.array(state).reshape(self._state_shape),
+            *(signals, J, reading[:6], reading[6:].reshape(6, 6)),
+        )
 
     def _calc_tau_ext(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._reading.Eval(context)[:-1])

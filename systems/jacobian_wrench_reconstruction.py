@@ -20,6 +20,8 @@ from models.rigid_body.serial_chain import RigidBodyTerms
 
 READING_SIZES = (6, 36, 1, 1)
 """Entries of the port `reading`: wrench, covariance, condition number, valid."""
+OBSERVED_SIZE = 42
+"""Entries of the port `observed`: wrench, covariance."""
 _WRENCH, _COVARIANCE, _CONDITION, _VALID = slice(6), slice(6, 42), 42, 43
 
 
@@ -36,11 +38,14 @@ class JacobianWrenchReconstruction(LeafSystem):
       terms         -->  |                              | --> covariance
       tau_ext       -->  | JacobianWrenchReconstruction | --> condition_number
       tau_ext_valid -->  |                              | --> valid
-                         +------------------------------+ --> reading
+      observed      -->  |                              | --> reading
+                         +------------------------------+
 
     Inputs:      terms              RigidBodyTerms (abstract): J at E in axes of W
                  tau_ext            (n,) N m, positive along the motion it causes
                  tau_ext_valid      (1,) 0 where tau_ext is held or unknown; optional, else 1
+                 observed           (42,) wrench and covariance, of an observer that reads them
+                                    itself; to be left unconnected otherwise
     Outputs:     wrench             (6,) F_E_W = [mx my mz fx fy fz], N m and N, at E in axes of W,
                                     exerted by the environment on the robot
                  covariance         (36,) of the wrench, row by row, rotation first
@@ -105,10 +110,12 @@ class JacobianWrenchReconstruction(LeafSystem):
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._tau_ext = self.DeclareVectorInputPort("tau_ext", self._n)
         self._tau_ext_valid = self.DeclareVectorInputPort("tau_ext_valid", 1)
+        self._observed = self.DeclareVectorInputPort("observed", OBSERVED_SIZE)
         tickets = {
             self._terms.ticket(),
             self._tau_ext.ticket(),
             self._tau_ext_valid.ticket(),
+            self._observed.ticket(),
             self._table.ticket(),
         }
         self.DeclareVectorOutputPort("wrench", 6, self._calc_wrench, tickets)
@@ -143,6 +150,8 @@ class JacobianWrenchReconstruction(LeafSystem):
             reading[_CONDITION:],
             np.empty(self._work_shape),
         )
+        if self._observed.HasValue(context):
+            reading[:OBSERVED_SIZE] = self._observed.Eval(context)
         if self._tau_ext_valid.HasValue(context) and self._tau_ext_valid.Eval(context)[0] != 1.0:
             reading[_VALID] = 0.0
         output.SetFromVector(reading)

@@ -10,7 +10,7 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from models.estimation.sample_check import SampleCheck, check_current, check_motion, check_sample
+from models.observers.sample_check import SampleCheck, check_current, check_motion, check_sample
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ class SampleCheckSystem(LeafSystem):
               current          (n,) A, as the drives report it
     Outputs:  motion           (2 n + 1,) q and v, then `fault`: what is wrong with them and with
                                the current of the sample before, a sum of the codes of
-                               `models.estimation.sample_check`; no feedthrough from current
+                               `models.observers.sample_check`; no feedthrough from current
               checked_current  (n,) A; no feedthrough from q and v
     State:    `SampleCheck.initial_state`, flat
 

@@ -15,7 +15,7 @@ from pydrake.systems.framework import (
 
 from models.estimation.trusted_reading import TrustedReading
 from models.rigid_body.serial_chain import RigidBodyTerms
-from systems.jacobian_wrench_reconstruction import READING_SIZES
+from systems.jacobian_wrench_reconstruction import OBSERVED_SIZE, READING_SIZES
 
 
 class TrustedWrenchReading(LeafSystem):
@@ -31,6 +31,7 @@ class TrustedWrenchReading(LeafSystem):
       tau_ext       -->  | TrustedWrenchReading | --> reading
       tau_ext_valid -->  |                      |
       tau_J, tau_f  -->  |                      |
+      observed      -->  |                      |
                          +----------------------+
 
     Inputs:  q, v           (n,) rad and rad/s
@@ -38,6 +39,8 @@ class TrustedWrenchReading(LeafSystem):
              tau_ext        (n,) N m, positive along the motion it causes
              tau_ext_valid  (1,) 0 where tau_ext is held or unknown
              tau_J, tau_f   (n,) N m; what the gear transmits counts for the sample after
+             observed       (42,) wrench and covariance, of an observer that reads them
+                            itself; to be left unconnected otherwise
     Output:  reading        (44,) wrench, covariance, condition number, valid, in the order of
                             READING_SIZES; no direct feedthrough from tau_J and tau_f
     State:   `TrustedReading.state_rows` rows of n, flat
@@ -61,9 +64,10 @@ class TrustedWrenchReading(LeafSystem):
         self._tau_ext_valid = self.DeclareVectorInputPort("tau_ext_valid", 1)
         self._tau_J = self.DeclareVectorInputPort("tau_J", n)
         self._tau_f = self.DeclareVectorInputPort("tau_f", n)
+        self._observed = self.DeclareVectorInputPort("observed", OBSERVED_SIZE)
         state: DiscreteStateIndex = self.DeclareDiscreteState(trusted.initial_state().ravel())
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
-        ports = (self._q, self._v, self._terms, self._tau_ext, self._tau_ext_valid)
+        ports = [self._q, self._v, self._terms, self._tau_ext, self._tau_ext_valid, self._observed]
         tickets = {port.ticket() for port in ports} | {self.discrete_state_ticket(state)}
         # The reading and the state after it, so that the update need not read again.
         self._tick = self.DeclareCacheEntry(
@@ -86,6 +90,7 @@ class TrustedWrenchReading(LeafSystem):
             self._tau_ext.Eval(context),
             bool(self._tau_ext_valid.Eval(context)[0] == 1.0),
             reading,
+            self._observed.Eval(context) if self._observed.HasValue(context) else None,
         )
         value.set_value((reading, state))
 

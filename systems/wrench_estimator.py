@@ -16,7 +16,6 @@ from pydrake.systems.framework import (
 
 from models.arrays import Array
 from models.estimation.estimator import EstimatorTables, WrenchEstimator
-from models.estimation.sample_check import check_current, check_motion, check_sample
 from models.estimation.tick import (
     KNOWN_CORRECTION,
     KNOWN_COUNTS,
@@ -30,6 +29,7 @@ from models.estimation.tick import (
 )
 from models.estimation.wrench import WrenchReconstruction
 from models.friction.velocity_friction import friction_torque
+from models.observers.sample_check import check_current, check_motion, check_sample
 
 
 class WrenchEstimatorSystem(LeafSystem):

@@ -135,12 +135,20 @@ def ur10e_turned(ur10e: Robot, tmp_path_factory: pytest.TempPathFactory) -> Robo
 
 
 @pytest.fixture(scope="session")
-def wheel_robot(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Robot]:
+def wheel_robots() -> Path:
+    """The robots' folder of the example-robot-data wheel."""
+    wheel = metadata.distribution("example-robot-data")
+    return Path(str(wheel.locate_file("cmeel.prefix/share/example-robot-data/robots")))
+
+
+@pytest.fixture(scope="session")
+def wheel_robot(
+    tmp_path_factory: pytest.TempPathFactory, wheel_robots: Path
+) -> Callable[[str], Robot]:
     """Loads "ur5", "ur10" or "panda" of the example-robot-data wheel, with drives made up."""
 
     def load(name: str) -> Robot:
-        wheel = metadata.distribution("example-robot-data")
-        robots = Path(str(wheel.locate_file("cmeel.prefix/share/example-robot-data/robots")))
+        robots = wheel_robots
         urdf, base, flange, locked = _WHEEL[name]
         moving = [
             joint.get("name")

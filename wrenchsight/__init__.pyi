@@ -34,6 +34,7 @@ from models.estimation.estimator import EstimateBatch as EstimateBatch
 from models.estimation.estimator import TickEstimate as TickEstimate
 from models.estimation.estimator import WrenchEstimator as WrenchEstimator
 from models.estimation.estimator import WrenchEstimatorConfig as WrenchEstimatorConfig
+from models.estimation.smoothing import smoothed_estimate as smoothed_estimate
 from models.estimation.wrench import WrenchReconstructionConfig as WrenchReconstructionConfig
 from models.files.input_error import InputError as InputError
 from models.friction.friction_law import FrictionLaw as FrictionLaw
@@ -41,7 +42,11 @@ from models.friction.presliding_friction import PreslidingFriction as Presliding
 from models.friction.velocity_friction import CoulombViscous as CoulombViscous
 from models.friction.velocity_friction import SemiParametricFriction as SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel as IdentifiedModel
+from models.observers.kalman_observer import KalmanObserverConfig as KalmanObserverConfig
 from models.observers.momentum_observer import MomentumObserverConfig as MomentumObserverConfig
+from models.observers.super_twisting_observer import (
+    SuperTwistingObserverConfig as SuperTwistingObserverConfig,
+)
 from models.recordings.recording import Recording as Recording
 from models.recordings.recording_reader import read_recording as read_recording
 from models.recordings.recording_writer import write_recording as write_recording

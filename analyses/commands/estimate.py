@@ -13,8 +13,9 @@ from analyses.commands.options import (
     joined,
     settled,
 )
-from analyses.methods.reading.estimate_config import EstimateSettings
+from analyses.methods.reading.estimate_config import EstimateSettings, with_observer
 from analyses.output.console import new_console, new_table, say, showing_progress
+from models.observers.kalman_observer import KalmanObserverConfig
 
 if TYPE_CHECKING:
     from analyses.methods.reading.estimation import EstimateResult
@@ -32,15 +33,13 @@ PLACES = {
     "prior": "estimate.prior",
     "engine": "estimate.engine",
     "method": "estimate.estimator.reconstruction.method",
-    "k0": "estimate.estimator.observer.K_0",
-    "torque_samples": "estimate.estimator.observer.torque_samples",
     "prior_force_sd": "estimate.estimator.reconstruction.prior_force_sd",
     "prior_moment_sd": "estimate.estimator.reconstruction.prior_moment_sd",
     "max_force_sd": "estimate.estimator.reconstruction.max_force_sd",
     "damping": "estimate.estimator.reconstruction.damping",
     "truncation": "estimate.estimator.reconstruction.truncation",
-    "step": "estimate.estimator.observer.time_step",
     "max_gap": "estimate.max_gap",
+    "smooth": "estimate.smooth",
     "check": "estimate.check",
     "mcap": "estimate.mcap",
     "reference": "estimate.reference.columns",
@@ -52,6 +51,13 @@ PLACES = {
     "false_alarms_per_hour": "estimate.detection.false_alarms_per_hour",
     "covariance": "estimate.covariance",
     "table": "estimate.table",
+}
+OBSERVER_PLACES = {  # of whichever observer it is
+    "k0": "estimate.estimator.observer.K_0",
+    "bandwidth": "estimate.estimator.observer.bandwidth_hz",
+    "torque_rate": "estimate.estimator.observer.torque_rate",
+    "torque_samples": "estimate.estimator.observer.torque_samples",
+    "step": "estimate.estimator.observer.time_step",
 }
 
 
@@ -71,7 +77,10 @@ def command(
     log_format: LogFormat = None,
     prior: Annotated[
         str,
-        typer.Option(help="live (half the rated payload), log (what it tells), or N,N m: 30,2."),
+        typer.Option(
+            help="Prior sds of force and moment: live (from the rated payload), log (from "
+            "the log), or two numbers in N and N m: 30,2."
+        ),
     ] = DEFAULTS.prior,
     engine: Annotated[
         str, typer.Option(help="batch (kernels) or diagram (the Drake diagram): the same result.")
@@ -79,9 +88,29 @@ def command(
     method: Annotated[
         str, typer.Option(help="inverse (eq. 22), force_only, bayesian, damped or truncated.")
     ] = READING.method,
+    observer: Annotated[
+        str,
+        typer.Option(
+            help="momentum (first order), kalman (force and error told apart over time) or "
+            "super-twisting.",
+            show_default="momentum",
+        ),
+    ] = "",
     k0: Annotated[
-        str, typer.Option(help="Observer's gain, 1/s: one number, or one a joint with commas.")
+        str,
+        typer.Option(help="Momentum observer's gain, 1/s: one number, or one a joint with commas."),
     ] = joined(OBSERVER.K_0),
+    bandwidth: Annotated[
+        float, typer.Option(help="Of a large force's prior in the kalman observer, Hz.")
+    ] = KalmanObserverConfig().bandwidth_hz,
+    torque_rate: Annotated[
+        str,
+        typer.Option(
+            help="Bound on the external torque's rate in the super-twisting observer, N m/s: one "
+            "number, or one a joint with commas.",
+            show_default="from the model's torque error",
+        ),
+    ] = "",
     torque_samples: Annotated[
         str,
         typer.Option(
@@ -90,26 +119,45 @@ def command(
         ),
     ] = OBSERVER.torque_samples,
     prior_force_sd: Annotated[
-        float | None, typer.Option(help="Of the bayesian method, N; else what the log tells.")
+        float | None,
+        typer.Option(
+            help="Prior sd of the force for the method bayesian, N; else as --prior says."
+        ),
     ] = READING.prior_force_sd,
     prior_moment_sd: Annotated[
-        float | None, typer.Option(help="The same about E, N m; else what the log tells.")
+        float | None,
+        typer.Option(help="Prior sd of the moment about E, N m; else as --prior says."),
     ] = READING.prior_moment_sd,
     max_force_sd: Annotated[
         float | None,
         typer.Option(help="Largest force sd of a valid reading, N; else what the prior implies."),
     ] = READING.max_force_sd,
     damping: Annotated[
-        float, typer.Option(help="Of the method damped, on J's singular values in m and rad.")
+        float,
+        typer.Option(help="Damping of the method damped, on J's singular values in m and rad."),
     ] = READING.damping,
     truncation: Annotated[
-        float, typer.Option(help="Of the method truncated, a share of J's largest singular value.")
+        float,
+        typer.Option(
+            help="Least singular value that the method truncated keeps, a share of J's largest."
+        ),
     ] = READING.truncation,
+    smooth: Annotated[
+        bool,
+        typer.Option(
+            "--smooth/--causal",
+            help="Read each sample with what comes after it, too: no lag, less error; or as a "
+            "controller would have it.",
+        ),
+    ] = DEFAULTS.smooth,
     step: Annotated[
-        float, typer.Option(help="Of the grid that the log is resampled on, s; 0: its own.")
+        float, typer.Option(help="Time step that the log is resampled to, s; 0: the log's own.")
     ] = OBSERVER.time_step,
     max_gap: Annotated[
-        float, typer.Option(help="Longest gap that is bridged, s; 0: 0.1 s or three steps.")
+        float,
+        typer.Option(
+            help="Longest gap that is bridged, s; 0: the longer of 0.1 s and three steps."
+        ),
     ] = DEFAULTS.max_gap,
     check: Annotated[
         bool, typer.Option(help="Hold the log against the robot's limits and gravity.")
@@ -147,7 +195,7 @@ def command(
         ),
     ] = REFERENCE.tare,
     reference_delay: Annotated[
-        str, typer.Option(help="s that it is later than the motion, or found.")
+        str, typer.Option(help="How much later than the motion it is, s, or found.")
     ] = REFERENCE.delay,
     false_alarms_per_hour: Annotated[
         float, typer.Option(help="How often contact may be reported where nothing touches the arm.")
@@ -156,13 +204,18 @@ def command(
         bool, typer.Option("--covariance", help="Add the 21 entries of the covariance.")
     ] = DEFAULTS.covariance,
     table: Annotated[str, typer.Option(help="csv or parquet.")] = DEFAULTS.table,
-    config: Annotated[Path | None, config_option(EstimateSettings, PLACES)] = None,
+    config: Annotated[
+        Path | None, config_option(EstimateSettings, {**PLACES, **OBSERVER_PLACES})
+    ] = None,
     out: Out = Path("out/estimate"),
 ) -> None:
     """Tell the wrench at the tool, with its uncertainty: log and model in, wrench.csv out."""
     from analyses.methods.reading.estimation import estimate_log
 
     settings = settled(ctx, EstimateSettings, PLACES)
+    if observer:
+        settings.estimate = with_observer(settings.estimate, observer)
+    settings = settled(ctx, EstimateSettings, OBSERVER_PLACES, settings)
     with showing_progress("estimate") as progress:
         result = estimate_log(
             Path(settings.log),

@@ -29,7 +29,7 @@ PLACES = {
     "clearance": "excitation.limits.clearance",
     "floor": "excitation.limits.floor",
     "validation": "validation",
-    "page": "page",
+    "record": "record",
 }
 
 
@@ -37,45 +37,52 @@ def command(
     ctx: typer.Context,
     robot: RobotName,
     seed: Annotated[
-        int, typer.Option(min=0, help="Another seed, another, independent trajectory.")
+        int, typer.Option(min=0, help="Another seed gives another, independent trajectory.")
     ] = EXCITATION.seed,
     measure: Annotated[
-        str, typer.Option(help="condition_number, to be small, or log_det, to be large.")
+        str,
+        typer.Option(
+            help="What to optimise: condition_number (made small) or log_det (made large)."
+        ),
     ] = EXCITATION.measure,
     base_frequency: Annotated[
-        float, typer.Option(help="Of the Fourier series, Hz.")
+        float, typer.Option(help="Lowest frequency of the Fourier series, Hz.")
     ] = EXCITATION.base_frequency,
     harmonics: Annotated[
-        int, typer.Option(help="Of the Fourier series.")
+        int, typer.Option(help="Number of harmonics of the Fourier series.")
     ] = EXCITATION.num_harmonics,
     periods: Annotated[
-        int, typer.Option(help="In the table and on the page.")
+        int, typer.Option(help="Periods in the table and on the page.")
     ] = EXCITATION.num_periods,
     position_margin: Annotated[
-        float, typer.Option(help="Kept from the joints' position limits, rad.")
+        float, typer.Option(help="Distance kept from the joints' position limits, rad.")
     ] = LIMITS.position_margin,
     velocity_share: Annotated[
-        float, typer.Option(help="Of the velocity limits.")
+        float, typer.Option(help="Share of the velocity limits that may be used.")
     ] = LIMITS.velocity_share,
     acceleration: Annotated[
-        str, typer.Option(help="Limit, rad/s^2: one number, or one a joint with commas.")
+        str,
+        typer.Option(help="Acceleration limit, rad/s^2: one number, or one a joint with commas."),
     ] = joined(LIMITS.acceleration),
     torque_share: Annotated[
-        float, typer.Option(help="Of the effort limits, without friction.")
+        float,
+        typer.Option(help="Share of the effort limits that may be used; friction is not counted."),
     ] = LIMITS.torque_share,
     clearance: Annotated[
-        float, typer.Option(help="Between links, tool and floor, m.")
+        float, typer.Option(help="Distance kept between links, tool and floor, m.")
     ] = LIMITS.clearance,
     floor: Annotated[
         float | None, typer.Option(help="Height of the floor in W, m.")
     ] = LIMITS.floor,
-    no_floor: Annotated[bool, typer.Option("--no-floor", help="There is none.")] = False,
+    no_floor: Annotated[
+        bool, typer.Option("--no-floor", help="The robot stands on no floor.")
+    ] = False,
     validation: Annotated[
         bool, typer.Option(help="Find a second trajectory, for cross-validation.")
     ] = DEFAULTS.validation,
-    page: Annotated[
+    record: Annotated[
         bool, typer.Option(help="Write the page on which the robot runs it.")
-    ] = DEFAULTS.page,
+    ] = DEFAULTS.record,
     config: Annotated[Path | None, config_option(ExciteSettings, PLACES)] = None,
     out: Out = Path("out/excite"),
 ) -> None:
@@ -91,7 +98,7 @@ def command(
             out,
             settings.excitation,
             settings.validation,
-            settings.page,
+            settings.record,
             progress,
         )
     _print(results, out)

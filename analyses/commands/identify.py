@@ -63,11 +63,11 @@ def command(
         ),
     ] = None,
     part: Annotated[
-        str, typer.Option(metavar="BEGIN,END", help="Of the log to refresh from, s.")
+        str, typer.Option(metavar="BEGIN,END", help="Part of the log to refresh from, s.")
     ] = "",
     log_format: LogFormat = None,
     cutoff_hz: Annotated[
-        float, typer.Option(help="Of the zero-phase low-pass filter.")
+        float, typer.Option(help="Cut-off frequency of the zero-phase low-pass filter, Hz.")
     ] = DEFAULTS.cutoff,
     friction: Annotated[
         str,
@@ -81,7 +81,7 @@ def command(
         bool,
         typer.Option(
             "--consistent",
-            help="Only robots that can exist: every link's inertia; adds robot.urdf.",
+            help="Let every link have an inertia that can exist; adds robot.urdf.",
         ),
     ] = DEFAULTS.consistent,
     config: Annotated[Path | None, config_option(IdentifySettings, PLACES)] = None,

@@ -39,14 +39,21 @@ def command(
     ctx: typer.Context,
     robot: RobotName = DEFAULTS.robot,
     samples: Annotated[
-        int, typer.Option(min=1, help="Random configurations.")
+        int, typer.Option(min=1, help="Number of random configurations.")
     ] = DEFAULTS.num_samples,
     within_limits: Annotated[
-        bool, typer.Option("--within-limits", help="Within the joint limits, not over full turns.")
+        bool,
+        typer.Option(
+            "--within-limits",
+            help="Draw configurations within the joint limits, not over full turns.",
+        ),
     ] = DEFAULTS.within_limits,
     plane: Annotated[
         str | None,
-        typer.Option("--slice", help="A plane such as z=0.3 (m): what it attains at each point."),
+        typer.Option(
+            "--slice",
+            help="A plane such as z=0.3 (m): the best condition number at each of its points.",
+        ),
     ] = None,
     cone_axis: Annotated[
         str, typer.Option(help="Where the tool points on the slice, in W: three numbers.")
@@ -55,7 +62,7 @@ def command(
         float, typer.Option(help="How far it may lean from there.")
     ] = SLICE.cone_deg,
     points: Annotated[
-        int, typer.Option(help="Of the slice's grid, along each side.")
+        int, typer.Option(help="Points of the slice's grid along each side.")
     ] = SLICE.num_points,
     seed: Seed = DEFAULTS.seed,
     config: Annotated[Path | None, config_option(JcnMapSettings, PLACES)] = None,
@@ -109,4 +116,4 @@ def _print(result: "JcnMapResult", settings: JcnMapSettings, out: Path) -> None:
         say(console, f"slice {plane}: the tool reaches no point of it within the cone")
     for notice in result.notices:
         say(console, f"note: {notice}")
-    say(console, f"samples: {out / 'samples.npz'}, page: {out / 'page.html'}")
+    say(console, f"samples: {out / 'samples.npz'}, page: {out / 'recording.html'}")

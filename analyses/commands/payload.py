@@ -37,7 +37,7 @@ def command(
         Path | None,
         typer.Option(
             metavar="LOG",
-            help="A log of the same day without the load: takes off what the model misses.",
+            help="A log of the same day without the load: what the model misses is taken off.",
         ),
     ] = None,
     log_format: LogFormat = None,
@@ -48,7 +48,9 @@ def command(
         float,
         typer.Option(help="How well each torque per ampere is known, relative; 0.03 is 3 %."),
     ] = DEFAULTS.payload.gain_sd,
-    name: Annotated[str, typer.Option(help="Of the tool that is written.")] = DEFAULTS.payload.name,
+    name: Annotated[
+        str, typer.Option(help="Name of the tool that is written.")
+    ] = DEFAULTS.payload.name,
     config: Annotated[Path | None, config_option(PayloadSettings, PLACES)] = None,
     out: Out = Path("out/payload"),
 ) -> None:

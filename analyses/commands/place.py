@@ -98,6 +98,6 @@ def _print(result: "PlacementResult", out: Path) -> None:
     say(console, f"local optima: {optima}; {result.seconds:.1f} s")
     for notice in result.notices:
         say(console, f"note: {notice}")
-    say(console, f"postures: {out / 'postures.csv'}, page: {out / 'page.html'}")
+    say(console, f"postures: {out / 'postures.csv'}, page: {out / 'recording.html'}")
     if result.search.interrupted:
         raise KeyboardInterrupt

@@ -48,4 +48,4 @@ def _print(result: "RedundancyResult", out: Path) -> None:
     console.print(table)
     for notice in result.notices:
         say(console, f"note: {notice}")
-    say(console, f"joints: {out / 'trajectory.csv'}, page: {out / 'page.html'}")
+    say(console, f"joints: {out / 'trajectory.csv'}, page: {out / 'recording.html'}")

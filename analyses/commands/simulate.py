@@ -22,7 +22,7 @@ PLACES = {
     "duration": "duration_s",
     "seed": "seed",
     "quick": "quick",
-    "page": "page",
+    "recording": "record",
     "graphviz": "graph",
 }
 
@@ -36,20 +36,22 @@ def command(
         str | None, typer.Option(help="Which scenario of the file, if it holds several.")
     ] = None,
     robot: Annotated[
-        str | None, typer.Option(help="In the place of the scenario's: a name or a robot.yaml.")
+        str | None, typer.Option(help="Another robot than the scenario's: a name or a robot.yaml.")
     ] = DEFAULTS.robot,
     model: Annotated[
         Path | None,
         typer.Option(help="model.yaml that controller and estimator know."),
     ] = None,
     duration: Annotated[
-        float | None, typer.Option(help="In the place of the scenario's, s.")
+        float | None, typer.Option(help="Another duration than the scenario's, s.")
     ] = DEFAULTS.duration_s,
     seed: Annotated[
-        int | None, typer.Option(min=0, help="In the place of the scenario's.")
+        int | None, typer.Option(min=0, help="Another seed than the scenario's.")
     ] = DEFAULTS.seed,
     quick: Quick = DEFAULTS.quick,
-    page: Annotated[bool, typer.Option(help="Write the moving arm as page.html.")] = DEFAULTS.page,
+    recording: Annotated[
+        bool, typer.Option(help="Write the moving arm as recording.html.")
+    ] = DEFAULTS.record,
     graphviz: Annotated[
         bool, typer.Option("--graphviz", help="Draw the diagram of all blocks.")
     ] = DEFAULTS.graph,
@@ -76,7 +78,7 @@ def command(
             seed=settings.seed,
             duration=settings.duration_s,
             quick=settings.quick,
-            page=settings.page,
+            record=settings.record,
             graph=settings.graph,
             progress=progress,
         )

@@ -67,6 +67,8 @@ def command(
 
 
 def _print(result: "StudyResult") -> None:
+    from rich.padding import Padding
+
     from analyses.study.report import comparisons
 
     table = new_table("", "article", "here")
@@ -75,8 +77,10 @@ def _print(result: "StudyResult") -> None:
             earlier = " (kept)" if outcome.state == "earlier" else ""
             table.add_row(plain_text(f"{outcome.name}{earlier}", style="bold"))
         for row in comparisons(outcome.metrics, outcome.stored.get("comparison", [])):
-            label = f"  {row.label} [{row.unit}]" if row.unit else f"  {row.label}"
-            table.add_row(plain_text(label), " ".join(row.stated), " ".join(row.here))
+            label = f"{row.label} [{row.unit}]" if row.unit else row.label
+            # Padded, not begun with spaces: a label's second line stands under its first.
+            indented = Padding(plain_text(label), (0, 0, 0, 2))
+            table.add_row(indented, " ".join(row.stated), " ".join(row.here))
     console = new_console()
     if table.row_count:
         console.print(table)

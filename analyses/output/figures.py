@@ -29,7 +29,7 @@ COLOUR: Final[dict[Meaning, str]] = {
     "after": "#009e73",
     "invalid": "#f3d9d9",  # a background
     "contact": "#cfe8d5",  # likewise
-    "onset": "#2c7a3f",
+    "onset": "#cc79a7",
 }
 SERIES: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#1a1a1a")
 BAND_ALPHA: Final = 0.2  # of an uncertainty band in the colour of its estimate

@@ -45,7 +45,7 @@ class ExperimentResult:
 
     metrics: dict[str, Any]  # nested; units in the key names; lists per joint
     figures: list[FigureFile] = field(default_factory=list)
-    pages: list[FigureFile] = field(default_factory=list)  # Meshcat *.html
+    recordings: list[FigureFile] = field(default_factory=list)  # Meshcat *.html
     comparison: list[ComparisonRow] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)  # sentences for the report
     configuration: dict[str, Any] = field(

@@ -58,7 +58,7 @@ def write_result(
             "fingerprint": fingerprint,
             "notes": result.notes,
             "figures": result.figures,
-            "pages": result.pages,
+            "pages": result.recordings,
             "comparison": result.comparison,
         }
     )

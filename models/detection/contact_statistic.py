@@ -14,7 +14,8 @@ beyond. Two things that the torque error does not hold:
             it exceeds `usual_jolt` by
     local   g >= 1: root mean square of z over LOCAL_TIME without contact, as in a radar's constant
             false-alarm rate. Friction that has drifted widens the threshold in place of a false
-            alarm; outliers count as OUTLIER times g, and where there is contact g stays
+            alarm; outliers count as OUTLIER times g, where there is contact g stays, and in the
+            first LOCAL_TIME of a log it is the mean since the start, g = 1 counting for FIRST
 
 With y = U z, U upper triangular and U R U^T = 1 for the correlation R of the joints' errors, so
 that y_j.. holds what joints j and beyond say, three lengths are held against the level that each
@@ -63,6 +64,7 @@ from models.rigid_body.small_matrices import factorise_in_place, solve_lower
 
 WINDOW = 0.3  # s
 LOCAL_TIME = 10.0  # s
+FIRST = 1.0  # s
 OUTLIER = 3.0
 RELEASE, LARGEST_RELEASE = 0.5, 0.8
 LEFT = 0.3
@@ -78,7 +80,7 @@ _LAST, _BEFORE, _JOLT2, _LOCAL2, _SLOW, _SQUARE, _MEAN, _POWER = range(
 )
 NUM_UNKNOWN = _JOLT2  # rows before it are not known before the first sample
 _SINGLE = _POWER + 1  # first of the rows that hold single numbers
-_CONTACT, _QUIET, _MISFIT, _RESTING, _RATIO, _TOUCHED, NUM_SINGLE = range(7)
+_CONTACT, _QUIET, _MISFIT, _RESTING, _RATIO, _TOUCHED, _SEEN, NUM_SINGLE = range(8)
 
 # Rows of `joints`: the observer's pole for J (negative: none) and for a jolt, per tick, ...
 POLE, JOLT_POLE, USUAL_JOLT, MEAN_SCALE, FITTED_SPEED, FITTED_LOAD, NUM_JOINT_ROWS = range(7)
@@ -203,6 +205,8 @@ def detect_tick(
     sample = power = mean = plain_mean = along = 0.0
     if finite:
         pace = 1.0 - np.exp(-T / LOCAL_TIME)
+        own[_SEEN] += T
+        early = 1.0 - np.exp(-T / min(max(own[_SEEN], FIRST), LOCAL_TIME))
         follows = own[_CONTACT] == 0.0 or own[_TOUCHED] > LOCAL_TIME
         if own[_CONTACT] == 1.0:
             own[_TOUCHED] += T
@@ -221,7 +225,7 @@ def detect_tick(
             if follows:
                 local = max(state[_LOCAL2, j], 1.0)
                 new = min(z[j] * z[j], OUTLIER * OUTLIER * local)
-                state[_LOCAL2, j] += pace * (new - state[_LOCAL2, j])
+                state[_LOCAL2, j] += early * (new - state[_LOCAL2, j])
             local = np.sqrt(max(state[_LOCAL2, j], 1.0))
             s[j] *= local
             z[j] /= local

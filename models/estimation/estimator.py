@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike
 
 from models.arrays import Array, Flags
 from models.estimation.kernel_choice import kernel_choice
-from models.estimation.sample_check import CHECK_ROWS, Codes, SampleCheck, check_sample
 from models.estimation.tick import (
     GAIN,
     KNOWN_CORRECTION,
@@ -32,13 +31,26 @@ from models.estimation.tick import (
     trusted_tick,
 )
 from models.estimation.trusted_reading import TrustedReading
-from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig, live_prior
+from models.estimation.wrench import (
+    WrenchReconstruction,
+    WrenchReconstructionConfig,
+    known_of_wrench,
+    live_prior,
+)
 from models.estimation.wrench_kernels import reconstruct_log
 from models.friction.friction_law import FrictionLaw
 from models.identification.identified_model import IdentifiedModel
 from models.observers.momentum_observer import MomentumObserverConfig
-from models.observers.observer import NUM_SIGNALS, TAU_F, TAU_J, Observer
+from models.observers.observer import (
+    NUM_SIGNALS,
+    TAU_F,
+    TAU_J,
+    InformedObserver,
+    ModelKnowledge,
+    Observer,
+)
 from models.observers.observer_kinds import AnyObserverConfig, make_observer
+from models.observers.sample_check import CHECK_ROWS, Codes, SampleCheck, check_sample
 from models.robot.motors import motor_gain
 from models.robot.robot import Robot
 
@@ -100,7 +112,7 @@ class EstimateBatch(NamedTuple):
             it is not kept.
         fresh: (N,) whether tau_ext is of the sample; empty where it is not kept.
         fault: (N,) what is wrong with q and v of the sample, and with the current of the one
-            before: a sum of BEYOND, DISAGREES and FROZEN of `models.estimation.sample_check`, or 0.
+            before: a sum of BEYOND, DISAGREES and FROZEN of `models.observers.sample_check`, or 0.
             Such a sample counts as one that is not finite. Empty where it is not kept.
     """
 
@@ -185,6 +197,17 @@ class WrenchEstimator:
         if resolution is None and np.isfinite(robot.position_resolution).all():
             resolution = robot.position_resolution.tolist()
         self.friction = model.friction.sampled(self.observer.time_step, resolution)
+        reading = self.config.reconstruction.with_live(*live_prior(robot.payload))
+        self.knowledge = ModelKnowledge(
+            model.torque_error,
+            np.sqrt(np.diag(self.reconstruction.torque_covariance)),
+            self.friction,
+            resolution,
+            known_of_wrench(reading),
+        )
+        if isinstance(self.observer, InformedObserver):
+            self.observer = self.observer.informed(self.knowledge)
+        self.observed_size = 0 if self.observer.kernels.wrench is None else 42
         self.choice = kernel_choice(self.observer.kernels, self.friction.kernels)
         self.tables = self.tables_of(
             robot.torque_per_ampere, self.friction, self.observer, self.reconstruction
@@ -196,7 +219,7 @@ class WrenchEstimator:
             self.trusted = TrustedReading(
                 model.torque_error,
                 self.friction,
-                self.config.reconstruction.with_live(*live_prior(robot.payload)),
+                reading,
                 getattr(self.observer, "K_0", None),
                 self.observer.time_step,
                 resolution,
@@ -315,6 +338,7 @@ class WrenchEstimator:
         *,
         taught: Taught | None = None,
         tau_f: ArrayLike | None = None,
+        seen: Array | None = None,
     ) -> EstimateBatch:
         """Takes a log, or the next part of one: chunk by chunk gives what one pass gives.
 
@@ -326,6 +350,8 @@ class WrenchEstimator:
                 planned speeds, without memory, and tau_ext is corrected.
             tau_f: (N, n) N m, friction known from elsewhere, in the place of the law's: it is taken
                 off the motor torque, sample by sample.
+            seen: (N, NUM_SIGNALS, n), written: what is known of the samples, as
+                `models.observers.observer` has it.
 
         Raises:
             ValueError: shapes that disagree; taught and tau_f together.
@@ -342,7 +368,8 @@ class WrenchEstimator:
         fault = np.zeros(N, np.int64)
         if self.check is not None:
             own, T = state[self._check_from :], self.observer.time_step
-            (q, v, current), fault = self.check.run(own, q, v, current, T)
+            checked, fault = self.check.run(own, q, v, current, T)
+            q, v, current = (np.asarray(part, float) for part in checked)
         known = np.empty((N, 0, n))
         if taught is not None or tau_f is not None:
             known = self._known(taught, tau_f, (N,))
@@ -353,11 +380,13 @@ class WrenchEstimator:
         tau_ext, J, F = np.empty((N, n)), np.empty((N, 6, n)), np.empty((N, 6))
         covariance, quality, counts = np.empty((N, 6, 6)), np.empty((N, 2)), np.empty(N, np.bool_)
         signals = np.empty((min(N, _PASS), NUM_SIGNALS, n))
+        observed = np.empty((min(N, _PASS), self.observed_size))
         torque_sd = np.tile(np.sqrt(np.diag(self.reconstruction.torque_covariance)), (N, 1))
         transmitted = np.empty((N, n))
         for start in range(0, N, _PASS):
             rows = slice(start, min(N, start + _PASS))
-            part = signals[: rows.stop - start]
+            part = signals[: rows.stop - start] if seen is None else seen[rows]
+            own = observed[: rows.stop - start]
             terms_log(
                 chain,
                 drives,
@@ -380,6 +409,7 @@ class WrenchEstimator:
                 J[rows],
                 tau_ext[rows],
                 counts[rows],
+                own,
             )
             transmitted[rows] = part[:, TAU_J] - part[:, TAU_F]
             if self.trusted is not None:
@@ -397,6 +427,7 @@ class WrenchEstimator:
                     J[rows],
                     tau_ext[rows],
                     counts[rows],
+                    own,
                 )
                 continue
             ones = np.ones_like(tau_ext[rows])
@@ -404,6 +435,8 @@ class WrenchEstimator:
                 *(wrench, J[rows], J[rows], tau_ext[rows], ones, np.zeros_like(ones)),
                 *(F[rows], covariance[rows], quality[rows]),
             )
+            if self.observed_size:
+                F[rows], covariance[rows] = own[:, :6], own[:, 6:].reshape(-1, 6, 6)
         valid = (quality[:, 1] == 1.0) & counts
         return EstimateBatch(
             *(tau_ext, F, covariance, quality[:, 0], valid, J, torque_sd, transmitted, counts),
@@ -425,7 +458,7 @@ class WrenchEstimator:
         state = np.vstack([self.observer.initial_state(), self.friction.initial_state()])
         serial_log(
             *(self.choice, slip, observer, self.observer_rows, state, known, signals, J),
-            *(tau_ext, fresh),
+            *(tau_ext, fresh, np.empty((N, 0))),
         )
         return Observation(tau_ext, signals[:, TAU_J].copy(), signals[:, TAU_F].copy(), fresh, J)
 
@@ -436,6 +469,8 @@ class WrenchEstimator:
         n = self.num_joints
         if taught is not None and tau_f is not None:
             raise ValueError("taught says which friction is taken: tau_f has no place beside it")
+        if taught is not None and self.observed_size:
+            raise ValueError("an observer that reads the wrench itself has no use for an air pass")
         known = np.zeros((*lead, 3, n))
         known[..., KNOWN_COUNTS, :] = 1.0
         if taught is None:

@@ -63,5 +63,6 @@ def _single(group: tuple[Any, ...]) -> list[Any]:
     """The kernels of a group, and those that they are composed of."""
     found = []
     for kernel in group:
-        found += _single(kernel) if isinstance(kernel, tuple) else [kernel]
+        if kernel is not None:  # one that this kind does without
+            found += _single(kernel) if isinstance(kernel, tuple) else [kernel]
     return found

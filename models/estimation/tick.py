@@ -19,6 +19,7 @@ from numba.extending import overload
 from models.arrays import Array, Flags
 from models.estimation.kernel_choice import KernelChoice, chosen
 from models.estimation.trusted_reading import (
+    OBSERVED,
     READING,
     TRUSTED_WORK_ROWS,
     trusted_reading_tick,
@@ -90,6 +91,13 @@ def _remember(choice: Any, table: Any, state: Any, q: Any, v: Any, load: Any) ->
     raise NotImplementedError
 
 
+def _observe_wrench(
+    choice: Any, table: Any, state: Any, signals: Any, J: Any, wrench: Any, covariance: Any
+) -> Any:
+    """`wrench` of the chosen observer, if it has one; returns whether."""
+    raise NotImplementedError
+
+
 @overload(_observe, inline="always")
 def _(choice: Any, table: Any, state: Any, signals: Any, J: Any) -> Any:
     output = chosen(choice, 0).output
@@ -98,6 +106,26 @@ def _(choice: Any, table: Any, state: Any, signals: Any, J: Any) -> Any:
         return output(table, state, signals, J)
 
     return call
+
+
+@overload(_observe_wrench, inline="always")
+def _(
+    choice: Any, table: Any, state: Any, signals: Any, J: Any, wrench: Any, covariance: Any
+) -> Any:
+    own = chosen(choice, 0).wrench
+
+    def call(
+        choice: Any, table: Any, state: Any, signals: Any, J: Any, wrench: Any, covariance: Any
+    ) -> Any:
+        own(table, state, signals, J, wrench, covariance)
+        return True
+
+    def leave(
+        choice: Any, table: Any, state: Any, signals: Any, J: Any, wrench: Any, covariance: Any
+    ) -> Any:
+        return False
+
+    return leave if own is None else call
 
 
 @overload(_take, inline="always")
@@ -217,12 +245,23 @@ def _corrected(known: Array, signals: Array, tau_ext: Array, fresh: bool) -> boo
 
 
 @njit(cache=True, error_model="numpy")
-def _read(wrench: Array, J: Array, counts: bool, out: Array, work: Array) -> None:
-    """Writes the reading of tau_ext, out[:n], after it."""
+def _read(
+    choice: KernelChoice,
+    wrench: Array,
+    observer: Array,
+    own: Array,
+    signals: Array,
+    J: Array,
+    counts: bool,
+    out: Array,
+    work: Array,
+) -> None:
+    """Writes the reading of tau_ext, out[:n], after it; `own` is the observer's state."""
     n = J.shape[1]
     quality = out[n + 42 : n + NUM_READING]
     covariance = out[n + 6 : n + 42].reshape(6, 6)
     reconstruct(wrench, J, out[:n], out[n : n + 6], covariance, quality, work)
+    _observe_wrench(choice, observer, own, signals, J, out[n : n + 6], covariance)
     if not counts:
         quality[1] = 0.0
 
@@ -284,9 +323,9 @@ def estimate_tick(
     known = sample[3:]
     _terms(chain, drives, friction, sample[0], sample[1], sample[2], known, signals, J, X, bodies)
     fresh = _output(choice, slip, observer, rows, state, known, signals, J)
-    _update(choice, slip, observer, rows, state, known, signals, J)
     counts = _corrected(known, signals, out[:n], fresh)
-    _read(wrench, J, counts, out, work)
+    _read(choice, wrench, observer, state[:rows], signals, J, counts, out, work)
+    _update(choice, slip, observer, rows, state, known, signals, J)
 
 
 @njit(cache=True, error_model="numpy")
@@ -321,6 +360,8 @@ def trusted_tick(
     known, parts = sample[3:], state[:tick_rows]
     _terms(chain, drives, friction, sample[0], sample[1], sample[2], known, signals, J, X, bodies)
     fresh = _output(choice, slip, observer, rows, parts, known, signals, J)
+    seen, doubt = work[OBSERVED, :6], work[OBSERVED + 1 : OBSERVED + 7, :6]
+    observes = _observe_wrench(choice, observer, parts[:rows], signals, J, seen, doubt)
     _update(choice, slip, observer, rows, parts, known, signals, J)
     counts = _corrected(known, signals, out[:n], fresh)
     transmitted = signals[TAU_J]
@@ -329,7 +370,7 @@ def trusted_tick(
     own = state[tick_rows:]
     trusted_reading_tick(
         *(error, lag, wrench, own, sample[0], sample[1], transmitted, J),
-        *(out[:n], counts, out[n:], work),
+        *(out[:n], counts, observes, out[n:], work),
     )
 
 
@@ -370,7 +411,7 @@ def tick_output(
     fresh = _output(choice, slip, observer, rows, parts, known, signals, J)
     counts = _corrected(known, signals, out[:n], fresh)
     out[counts_entry(n)] = 1.0 if counts else 0.0
-    _read(wrench, J, counts, out, work)
+    _read(choice, wrench, observer, parts[:rows], signals, J, counts, out, work)
 
 
 @njit(cache=True, error_model="numpy")
@@ -432,6 +473,8 @@ def trusted_output(
     _terms(chain, drives, friction, q, v, current, known, signals, J, X, bodies)
     parts = state.reshape(state.shape[0] // n, n)
     fresh = _output(choice, slip, observer, rows, parts[:tick_rows], known, signals, J)
+    seen, doubt = work[OBSERVED, :6], work[OBSERVED + 1 : OBSERVED + 7, :6]
+    observes = _observe_wrench(choice, observer, parts[:rows], signals, J, seen, doubt)
     counts = _corrected(known, signals, out[:n], fresh)
     out[counts_entry(n)] = 1.0 if counts else 0.0
     own = out[counts_entry(n) + 1 :]
@@ -441,7 +484,7 @@ def trusted_output(
     nothing[:] = np.nan
     trusted_reading_tick(
         *(error, lag, wrench, own.reshape(own.shape[0] // n, n), q, v, nothing, J),
-        *(out[:n], counts, out[n : n + READING], work),
+        *(out[:n], counts, observes, out[n : n + READING], work),
     )
 
 
@@ -528,9 +571,18 @@ def serial_log(
     J: Array,
     tau_ext: Array,
     counts: Flags,
+    observed: Array,
 ) -> None:
-    """Takes N samples of `terms_log` into `state`; writes tau_ext (N, n), and which count (N,)."""
+    """Takes N samples of `terms_log` into `state`; writes tau_ext (N, n), and which count (N,).
+
+    `observed` (N, 42) is written by an observer that reads the wrench itself: it and its
+    covariance. (N, 0) for others.
+    """
     for k in range(signals.shape[0]):
         fresh = _output(choice, slip, observer, rows, state, known[k], signals[k], J[k])
+        if observed.shape[1] > 0:
+            covariance = observed[k, 6:].reshape(6, 6)
+            own = state[:rows]
+            _observe_wrench(choice, observer, own, signals[k], J[k], observed[k, :6], covariance)
         _update(choice, slip, observer, rows, state, known[k], signals[k], J[k])
         counts[k] = _corrected(known[k], signals[k], tau_ext[k], fresh)

@@ -40,7 +40,8 @@ READING = 44  # entries of a reading: wrench, covariance, condition number, vali
 # Rows of the memory that a sample is read in, after the reconstruction's.
 _SEEN = WORK_ROWS
 _SD, _STICTION, _LATENESS, _SLOW = range(_SEEN + 6, _SEEN + 10)
-TRUSTED_WORK_ROWS = _SEEN + 11  # and one for the caller
+OBSERVED = _SEEN + 10  # the observer's own wrench, and its covariance in six rows
+TRUSTED_WORK_ROWS = OBSERVED + 8  # and one for the caller
 
 
 class TrustedReading:
@@ -109,6 +110,7 @@ class TrustedReading:
         tau_ext: Array,
         counts: bool,
         reading: Array,
+        observed: Array | None = None,
     ) -> None:
         """Reads one sample; what it transmitted is left for `transmit`.
 
@@ -117,10 +119,15 @@ class TrustedReading:
             q, v, J, tau_ext: (n,), (6, n) for J, as `run`.
             counts: whether it does.
             reading: (READING,), written: wrench, covariance, condition number, valid.
+            observed: (42,) as `run`.
         """
+        if observed is not None:
+            self._work[OBSERVED, :6] = observed[:6]
+            self._work[OBSERVED + 1 : OBSERVED + 7, :6] = observed[6:].reshape(6, 6)
         J = np.require(J, float, ("C", "W"))
         trusted_reading_tick(
-            *self.tables, state, q, v, self._nothing, J, tau_ext, counts, reading, self._work
+            *(*self.tables, state, q, v, self._nothing, J, tau_ext, counts),
+            *(observed is not None, reading, self._work),
         )
 
     def transmit(self, state: Array, transmitted: Array) -> None:
@@ -137,6 +144,7 @@ class TrustedReading:
         J: Array,
         tau_ext: Array,
         fresh: Flags,
+        observed: Array | None = None,
     ) -> tuple[Array, Array, Array, Flags, Array]:
         """Reads N samples.
 
@@ -146,6 +154,8 @@ class TrustedReading:
             J: (N, 6, n) at E in axes of W.
             tau_ext: (N, n) N m.
             fresh: (N,) which of them count.
+            observed: (N, 42) wrench and covariance that the observer reads itself, which then take
+                the place of the reading's; (N, 0) or None: it does not.
 
         Returns:
             Wrench (N, 6), covariance (N, 6, 6), condition number (N,), valid (N,), and the torque
@@ -164,6 +174,8 @@ class TrustedReading:
             self.reconstruction.table,
             *(J, seen, tau_ext, sd, stiction, wrench, covariance, quality),
         )
+        if observed is not None and observed.shape[1] > 0:
+            wrench, covariance = observed[:, :6].copy(), observed[:, 6:].reshape(N, 6, 6).copy()
         valid = (quality[:, 1] == 1.0) & fresh
         lag_log(self._lag.settings, slow, wrench, valid, covariance)
         return wrench, covariance, quality[:, 0], valid, sd
@@ -181,6 +193,7 @@ def trusted_reading_tick(
     J: Array,
     tau_ext: Array,
     counts: bool,
+    observes: bool,
     reading: Array,
     work: Array,
 ) -> None:
@@ -194,6 +207,8 @@ def trusted_reading_tick(
         J: (6, n).
         tau_ext: (n,).
         counts: whether the sample does.
+        observes: whether the observer reads the wrench itself; it then stands in `work`, at
+            OBSERVED.
         reading: (READING,), written.
         work: (TRUSTED_WORK_ROWS, max(n, 6)), overwritten.
     """
@@ -210,6 +225,11 @@ def trusted_reading_tick(
     reconstruct_with(
         wrench, J, seen, tau_ext, sd, stiction, reading[:6], covariance, quality, work[:WORK_ROWS]
     )
+    if observes:
+        for i in range(6):
+            reading[i] = work[OBSERVED, i]
+            for j in range(6):
+                covariance[i, j] = work[OBSERVED + 1 + i, j]
     valid = counts and quality[1] == 1.0
     quality[1] = 1.0 if valid else 0.0
     for k in range(6):

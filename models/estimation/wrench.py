@@ -49,6 +49,7 @@ from models.estimation.wrench_kernels import (
     WORK_ROWS,
     reconstruct_log,
 )
+from models.observers.observer import WrenchPrior
 
 STANDARD_GRAVITY = 9.80665
 PRIOR_LEVER = 0.05  # m; what a tool's contact is off E, for the live rule
@@ -129,6 +130,25 @@ def live_prior(payload: float) -> tuple[float, float]:
     """
     force_sd = 0.5 * payload * STANDARD_GRAVITY
     return force_sd, PRIOR_LEVER * force_sd
+
+
+def known_of_wrench(config: WrenchReconstructionConfig) -> WrenchPrior | None:
+    """What a configuration knows of the wrench, for an observer that reads it itself.
+
+    None for methods that no prior stands for. Without a live prior it is the reading's own.
+    """
+    own = [np.inf if sd is None else sd for sd in (config.prior_moment_sd, config.prior_force_sd)]
+    live = [
+        first if sd is None else sd
+        for sd, first in zip((config.live_moment_sd, config.live_force_sd), own, strict=True)
+    ]
+    if config.method in ("damped", "truncated"):
+        return None
+    if config.method == "force_only":
+        own, live[0] = [0.0, np.inf], 0.0
+    elif config.method == "inverse":
+        own = [np.inf, np.inf]
+    return WrenchPrior(*(float(sd) for sd in (*own, *live)))
 
 
 class WrenchReconstruction:

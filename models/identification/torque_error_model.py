@@ -111,7 +111,7 @@ class TorqueErrorModel:
         drift: share of the viscous torque.
         beyond_speed: share of the viscous coefficient.
         beyond_load: N m per N m.
-        scale: share of the wrench that is read; see `models.estimation.trust`.
+        scale: share of the wrench that is read; see `models.estimation.trusted_reading`.
 
     Raises:
         ValueError: shapes that disagree, a number that is negative or not finite, a correlation

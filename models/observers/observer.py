@@ -19,11 +19,21 @@ with
     J        (6, n) rows [angular; linear] at E in axes of W
 
 Both are compiled by `numba.njit(error_model="numpy")`; what a kernel does not read costs nothing.
+
+An observer may read the wrench itself, with what it knows over time; it then has a third kernel,
+whose reading takes the place of `wrench`'s:
+
+    wrench(table, state, signals, J, wrench, covariance) -> None
+        Writes F_E_W (6,) and its covariance (6, 6) right after a sample; `state` stays as it is.
 """
 
-from typing import Any, ClassVar, NamedTuple, Protocol, Self
+from typing import Any, ClassVar, NamedTuple, Protocol, Self, runtime_checkable
+
+from numpy.typing import ArrayLike
 
 from models.arrays import Array
+from models.friction.friction_law import FrictionLaw
+from models.identification.torque_error_model import TorqueErrorModel
 
 # Rows of `signals`.
 Q, V = 0, 1  # rad, rad/s
@@ -36,10 +46,43 @@ NUM_SIGNALS = 9
 
 
 class ObserverKernels(NamedTuple):
-    """The two kernels of a kind of observer, as this module states them."""
+    """The kernels of a kind of observer, as this module states them."""
 
     output: Any
     update: Any
+    wrench: Any = None  # of one that reads the wrench itself
+
+
+class WrenchPrior(NamedTuple):
+    """What a reading takes as known of the wrench, N m and N; inf for nothing.
+
+    Attributes:
+        moment_sd, force_sd: of the reading.
+        live_moment_sd, live_force_sd: before any log.
+    """
+
+    moment_sd: float
+    force_sd: float
+    live_moment_sd: float
+    live_force_sd: float
+
+
+class ModelKnowledge(NamedTuple):
+    """What an observer may know of the arm it observes.
+
+    Attributes:
+        torque_error: of the model; None where it has none.
+        torque_sd: (n,) N m, of what tau_ext errs by where nothing touches the arm, all in all.
+        friction: of the model, as sampled.
+        resolution: (n,) rad of the encoders; None: that of the logs that were fitted.
+        prior: of the reading; None for a method that no prior stands for.
+    """
+
+    torque_error: TorqueErrorModel | None
+    torque_sd: Array
+    friction: FrictionLaw
+    resolution: ArrayLike | None
+    prior: WrenchPrior | None
 
 
 class ObserverConfig(Protocol):
@@ -92,3 +135,15 @@ class Observer(Protocol):
 
     def initial_state(self) -> Array:
         """Returns the (state_rows, n) state before the first sample."""
+
+
+@runtime_checkable
+class InformedObserver(Protocol):
+    """An observer that rests on what the model knows of itself."""
+
+    def informed(self, knowledge: ModelKnowledge) -> Observer:
+        """Returns the observer with it.
+
+        Raises:
+            ValueError: it reads the wrench itself, and no prior stands for the method.
+        """

@@ -1,11 +1,18 @@
 """The kinds of observers that there are, by the configuration that asks for them."""
 
+import re
 from typing import TYPE_CHECKING, Any, Union
 
 from models.observers import observer
+from models.observers.kalman_observer import KalmanObserver
 from models.observers.momentum_observer import MomentumObserver
+from models.observers.super_twisting_observer import SuperTwistingObserver
 
-OBSERVERS: list[type[observer.Observer]] = [MomentumObserver]
+OBSERVERS: list[type[observer.Observer]] = [
+    MomentumObserver,
+    KalmanObserver,
+    SuperTwistingObserver,
+]
 """The first one is the default. A further kind is one line here, or one `OBSERVERS.append` in a
 program of one's own."""
 
@@ -16,14 +23,25 @@ else:
     """The field `observer` of a YAML file: of the default kind, or with the tag of another."""
 
 
+def kind_name(kind: type[observer.Observer]) -> str:
+    """What a command line calls it: `SuperTwistingObserver` is "super-twisting"."""
+    words = re.findall("[A-Z][a-z]*", kind.__name__.removesuffix("Observer"))
+    return "-".join(words).lower()
+
+
+def kind_of(config: Any) -> type[observer.Observer] | None:
+    """The kind that a configuration asks for; None where none is registered."""
+    return next((kind for kind in OBSERVERS if type(config) is kind.Config), None)
+
+
 def make_observer(config: Any, num_joints: int) -> observer.Observer:
     """Returns the observer that a configuration asks for.
 
     Raises:
         ValueError: no kind of observer has such a configuration, or it makes no sense.
     """
-    for kind in OBSERVERS:
-        if type(config) is kind.Config:
-            return kind(config, num_joints)
+    kind = kind_of(config)
+    if kind is not None:
+        return kind(config, num_joints)
     known = ", ".join(kind.Config.__name__ for kind in OBSERVERS)
     raise ValueError(f"observer: expected one of {known}, not {type(config).__name__}")

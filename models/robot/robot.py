@@ -23,6 +23,7 @@ from models.arrays import Array
 from models.files.configuration import load_configuration, nearest
 from models.files.input_error import InputError
 from models.rigid_body.serial_chain import SerialChain
+from models.robot.effective_urdf import EffectiveUrdf, JointLimits
 from models.robot.robot_config import (
     DriveConfig,
     JointFrictionConfig,
@@ -30,7 +31,7 @@ from models.robot.robot_config import (
     RobotConfig,
     ToolConfig,
 )
-from models.robot.urdf import EffectiveUrdf, JointLimits, read_urdf
+from models.robot.urdf import read_urdf
 
 
 @dataclass(frozen=True)
@@ -135,6 +136,11 @@ class Robot:
         return SerialChain.from_plant(plant, parts.model_instance, parts.frame_E)
 
     @cached_property
+    def unusable_collisions(self) -> tuple[str, ...]:
+        """Links with a collision shape that no distance can be taken to, each with the reason."""
+        return self._urdf.meshes.unusable()
+
+    @cached_property
     def kinematics_digest(self) -> str:
         """Short hash of what fixes the joint motions: names, kinds, frames and axes."""
         chain = self.chain
@@ -154,7 +160,9 @@ class Robot:
         ]
         return Robot(replace(self.config, drives=drives), self.source, self._urdf)
 
-    def add_to_plant(self, plant: Any, name: str | None = None) -> RobotInPlant:
+    def add_to_plant(
+        self, plant: Any, name: str | None = None, hulls: bool = False
+    ) -> RobotInPlant:
         """Adds the arm to a plant that is not finalized yet, and welds its base to the world.
 
         Sets the plant's gravity, one actuator per joint with rotor inertia, gear ratio and effort
@@ -163,8 +171,10 @@ class Robot:
         Args:
             plant: with or without a SceneGraph.
             name: of the model instance; the robot's own without it.
+            hulls: with collision meshes that Drake does not read as their convex hulls: for
+                distances. In a simulation hulls of neighbours, which overlap, would push.
         """
-        text = self._urdf.text(name or self.name)
+        text = self._urdf.text(name or self.name, hulls)
         (instance,) = Parser(plant).AddModelsFromString(text, "urdf")
         base = plant.GetFrameByName(self.config.base_link, instance)
         plant.WeldFrames(plant.world_frame(), base)

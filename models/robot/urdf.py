@@ -8,7 +8,6 @@ import math
 import xml.etree.ElementTree as ET
 import xml.parsers.expat
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
@@ -20,47 +19,18 @@ from models.arrays import Array
 from models.files.configuration import nearest
 from models.files.files_read import about_to_read
 from models.files.input_error import InputError
+from models.robot.collision_meshes import CollisionMeshes
+from models.robot.convex_hulls import HULL_SUFFIXES
+from models.robot.effective_urdf import EffectiveUrdf, JointLimits
 from models.robot.gltf import gltf_fault
 from models.robot.robot_config import RobotConfig, ShapeConfig, ToolConfig
+from models.robot.rotational_inertia import inertia_matrix, unphysical
 
 _MOVING = ("revolute", "continuous", "prismatic")
 _KNOWN_TYPES = (*_MOVING, "fixed", "floating", "planar")
 _MESHES = (".obj", ".gltf", ".vtk")
 _SHAPES = ("box", "cylinder", "sphere", "capsule", "ellipsoid", "drake:capsule", "drake:ellipsoid")
 _KEPT = ("link", "joint", "material", "drake:collision_filter_group")
-
-
-@dataclass(frozen=True)
-class JointLimits:
-    """What the URDF says of a moving joint."""
-
-    name: str
-    line: int
-    lower: float  # rad or m; -inf where there is none
-    upper: float
-    velocity: float  # rad/s or m/s; inf where there is none
-    effort: float | None  # N m or N; None where it is missing or not above 0
-
-
-class EffectiveUrdf:
-    """A checked serial arm as one self-contained URDF document."""
-
-    def __init__(
-        self,
-        root: ET.Element,
-        joints: tuple[JointLimits, ...],
-        notices: tuple[str, ...],
-        source: Path,
-    ) -> None:
-        self._root = root
-        self.joints = joints  # moving ones, base to tool
-        self.notices = notices
-        self.source = source
-
-    def text(self, name: str) -> str:
-        """The document, with `name` as the robot's."""
-        self._root.set("name", name)
-        return ET.tostring(self._root, encoding="unicode")
 
 
 def read_urdf(path: Path, config: RobotConfig, config_source: Path) -> EffectiveUrdf:
@@ -81,6 +51,7 @@ class _Reader:
         self.config_source = config_source
         self.lines: dict[ET.Element, int] = {}
         self.notices: list[str] = []
+        self.meshes = CollisionMeshes()
         self.root = self._parse()
         self.links: dict[str, ET.Element] = {}
         self.joints: dict[str, ET.Element] = {}
@@ -98,7 +69,7 @@ class _Reader:
         self._tidy_joints(moving)
         self._add_tool()
         limits = tuple(self._limits(joint) for joint in moving)
-        return EffectiveUrdf(self.root, limits, tuple(self.notices), self.path)
+        return EffectiveUrdf(self.root, limits, tuple(self.notices), self.path, self.meshes)
 
     # Reading ----------------------------------------------------------------------------------
 
@@ -287,9 +258,21 @@ class _Reader:
             for kind, meshes in (("visual", _MESHES), ("collision", _MESHES)):
                 for element in link.findall(kind):
                     reason = self._undrawable(element, meshes)
-                    if reason:
+                    if kind == "collision" and reason:
+                        mesh = self._mesh_for_hull(element)
+                        self.meshes.add(link, element, mesh, reason)
+                        link.remove(element)
+                        if mesh is not None:
+                            continue
+                        dropped[kind, reason] = dropped.get((kind, reason), 0) + 1
+                    elif reason:
                         link.remove(element)
                         dropped[kind, reason] = dropped.get((kind, reason), 0) + 1
+        if self.meshes.count:
+            self.notices.append(
+                f"{self.meshes.count} collision meshes count as their convex hulls where clearance "
+                "is asked for; in a simulation nothing collides with them"
+            )
         without = {"visual": "it is drawn without them", "collision": "nothing collides with them"}
         for (kind, reason), count in dropped.items():
             shapes = "shape" if count == 1 else "shapes"
@@ -317,6 +300,14 @@ class _Reader:
             return fault
         shape.set("filename", found.as_uri())
         return ""
+
+    def _mesh_for_hull(self, element: ET.Element) -> Path | None:
+        """The file of a collision mesh that Drake does not read, but whose hull can be made."""
+        shape = element.find("geometry/mesh")
+        name = "" if shape is None else shape.get("filename", "")
+        if Path(name).suffix.lower() not in HULL_SUFFIXES:
+            return None
+        return self._resolve(name)
 
     def _resolve(self, name: str) -> Path | None:
         """The file that a mesh's URI means; package:// is looked for upwards from the URDF."""
@@ -429,7 +420,11 @@ class _Reader:
                 parts.append((mass, pose @ com, R @ about_com @ R.T))
                 if tool is not None and name == self.config.flange:
                     parts.append(
-                        (tool.mass, pose @ np.array(tool.com), R @ _matrix(tool.inertia) @ R.T)
+                        (
+                            tool.mass,
+                            pose @ np.array(tool.com),
+                            R @ inertia_matrix(tool.inertia) @ R.T,
+                        )
                     )
             total = sum(mass for mass, _, _ in parts)
             link = self.links[body]
@@ -451,12 +446,12 @@ class _Reader:
     def _check_tool(self, tool: ToolConfig) -> None:
         if not tool.mass > 0:
             raise InputError(self.config_source, "tool.mass", f"{tool.mass:g}, expected kg above 0")
-        problem = _unphysical(_matrix(tool.inertia))
+        problem = unphysical(inertia_matrix(tool.inertia))
         if problem:
             raise InputError(self.config_source, "tool.inertia", f"not physical: {problem}")
 
     def _check_physical(self, link: ET.Element, what: str, inertia: Array) -> None:
-        problem = _unphysical(inertia)
+        problem = unphysical(inertia)
         if problem:
             inertial = link.find("inertial")
             self._fail(
@@ -478,7 +473,7 @@ class _Reader:
             keys = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
             values = [self._number(inertia_element, key, 0.0) for key in keys]
         R = pose.rotation().matrix()
-        return mass, pose.translation(), R @ _matrix(values) @ R.T
+        return mass, pose.translation(), R @ inertia_matrix(values) @ R.T
 
     # Small parts ------------------------------------------------------------------------------
 
@@ -577,23 +572,6 @@ class _Reader:
     def _fail(self, element: ET.Element, problem: str, remedy: str = "") -> NoReturn:
         line = self.lines.get(element)
         raise InputError(self.path, f"line {line}" if line else "", problem, remedy)
-
-
-def _matrix(values: list[float]) -> Array:
-    ixx, iyy, izz, ixy, ixz, iyz = values
-    return np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
-
-
-def _unphysical(inertia: Array) -> str:
-    """Why a rotational inertia about a centre of mass cannot be real; '' if it can."""
-    moments = np.linalg.eigvalsh(inertia)
-    listed = ", ".join(f"{moment:.3g}" for moment in moments)
-    if not moments[0] > 1e-12 * max(moments[2], 1e-12):
-        return f"principal moments {listed} are not all above 0"
-    # A flat body meets the triangle inequality with equality; published values are rounded.
-    if moments[0] + moments[1] < moments[2] * (1 - 1e-6):
-        return f"principal moments {listed} break the triangle inequality"
-    return ""
 
 
 def _text(values: "Array | list[float]") -> str:

@@ -448,6 +448,7 @@ def test_an_estimate_prints_its_table_and_its_doubts(invoke, monkeypatch, tmp_pa
         warnings=("it extrapolates [mostly]",),
         table=tmp_path / "wrench.csv",
         contacts=("contact at t = 1.20 s for 0.40 s, up to 31 N, not at E: link 4",),
+        comparison=None,
     )
     monkeypatch.setattr(estimation, "estimate_log", lambda *_: result)
     shown = invoke("estimate", "log.csv", "--robot", "r", "--out", tmp_path)
@@ -484,7 +485,7 @@ def test_options_reach_the_simulation(invoke, monkeypatch, tmp_path, scenario, a
 
     monkeypatch.setattr(simulation, "simulate_scenario", note)
     arguments = ("--robot", "r", "--model", "m", "--out", tmp_path, "--duration", 2.5, "--seed", 4)
-    arguments += ("--quick", "--no-page", "--graphviz")
+    arguments += ("--quick", "--no-recording", "--graphviz")
     assert invoke("simulate", *scenario, *arguments).exit_code == 130
     del seen["progress"]
     assert seen == {
@@ -492,7 +493,7 @@ def test_options_reach_the_simulation(invoke, monkeypatch, tmp_path, scenario, a
         "duration": 2.5,
         "seed": 4,
         "quick": True,
-        "page": False,
+        "record": False,
         "graph": True,
     }
 

@@ -79,7 +79,7 @@ def test_the_study_knows_it_and_its_figures_exist(result):
     for figure in found.figures:
         assert (out / figure.path).stat().st_size > 10_000
     assert all(note.strip() for note in found.notes)
-    (recording,) = found.pages
+    (recording,) = found.recordings
     assert (out / recording.path).read_text(encoding="utf-8").count("JCN") >= 3  # its legend
 
 

@@ -124,7 +124,7 @@ def test_nor_when_the_log_is_a_link_to_it(X, tmp_path, link):
 
 def test_simulate_does_not_overwrite_the_scenario_that_it_runs(tmp_path):
     out = tmp_path / "out"
-    first = _run("simulate", "--duration", 0.05, "--no-page", "--out", out)
+    first = _run("simulate", "--duration", 0.05, "--no-recording", "--out", out)
     assert first.exit_code == 0, first.output
     before = _files(out)
     line = _refused("simulate", "--scenario", out / "scenario.yaml", "--out", out)

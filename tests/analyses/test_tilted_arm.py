@@ -415,7 +415,11 @@ def test_identify_finds_the_arm(identified: Path, tilted_arm: Robot, oracle: _Or
 
 
 def test_torque_in_the_log_identifies_the_same_arm(
-    identified: Path, tilted_arm_file: Path, oracle: _Oracle, tmp_path: Path
+    identified: Path,
+    tilted_arm_file: Path,
+    tilted_arm: Robot,
+    oracle: _Oracle,
+    tmp_path: Path,
 ) -> None:
     t = np.arange(0.0, 20.0, 0.01)
     logs = []
@@ -429,6 +433,13 @@ def test_torque_in_the_log_identifies_the_same_arm(
         for folder in (tmp_path / "out", identified)
     )
     np.testing.assert_allclose(found, expected, rtol=1e-6)
+    # What the observer errs by is learnt with the drives' signs, though no drive was read.
+    own, of_currents = (
+        IdentifiedModel.load(folder / "model.yaml", tilted_arm).torque_error
+        for folder in (tmp_path / "out", identified)
+    )
+    assert own is not None and of_currents is not None
+    np.testing.assert_allclose(own.constant, of_currents.constant, rtol=1e-3)
 
 
 def test_both_engines_read_a_moving_arms_load(
@@ -494,7 +505,7 @@ Swing:
 """
     )
     out = tmp_path / "simulated"
-    _run("simulate", "--scenario", scenario, "--no-page", "--out", out)
+    _run("simulate", "--scenario", scenario, "--no-recording", "--out", out)
     metrics = json.loads((out / "metrics.json").read_text())
     tables = []
     for engine in ("batch", "diagram"):

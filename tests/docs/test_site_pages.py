@@ -91,3 +91,10 @@ def test_every_room_has_its_page(site_pages):
     }
     assert shown == rooms
     assert "::: models.estimation.wrench" in site_pages.api_of("models.estimation")
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
+def test_the_files_that_a_page_names_are_there(page):
+    packages = "models|systems|diagrams|analyses|tests|docs|examples|wrenchsight"
+    named = re.findall(rf"\b(?:{packages})/[\w/.-]+\.(?:py|yaml|md)\b", page.read_text())
+    assert not [name for name in named if not (ROOT / name).is_file()]

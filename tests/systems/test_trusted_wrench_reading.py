@@ -86,7 +86,7 @@ def test_ports(sts, model):
     estimator = WrenchEstimator(sts, model, WrenchEstimatorConfig())
     system = TrustedWrenchReading(estimator.trusted, T)
     names = [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
-    assert names == ["q", "v", "terms", "tau_ext", "tau_ext_valid", "tau_J", "tau_f"]
+    assert names == ["q", "v", "terms", "tau_ext", "tau_ext_valid", "tau_J", "tau_f", "observed"]
     assert system.GetOutputPort("reading").size() == 44
     for late in ("tau_J", "tau_f"):
         port = system.GetInputPort(late).get_index()

@@ -115,7 +115,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=_figures(context, readings, metrics),
-        pages=[write_runs_page(robot, runs, 1, context.out, "Pushed by hand along the path")],
+        recordings=[write_runs_page(robot, runs, 1, context.out, "Pushed by hand along the path")],
         comparison=_comparison(),
         notes=findings(metrics),
         configuration={

@@ -110,7 +110,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=_figures(context, run, readings, metrics, middle),
-        pages=[
+        recordings=[
             write_runs_page(
                 robot, {"initial": run}, 1, context.out, "Joints turning round under a hand"
             )

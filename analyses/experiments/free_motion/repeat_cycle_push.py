@@ -50,7 +50,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=_figures(context, cycles, metrics),
-        pages=[
+        recordings=[
             write_runs_page(
                 Robot.load(ROBOT), cycles.runs, 4, context.out, "Repeated cycles, pushed by hand"
             )

@@ -47,7 +47,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     draw_cloud(full, figures / "workspace.png")
     draw_distribution(full, figures / "distribution.png")
     draw_slice(cut, figures / "slice.png")
-    record(robot, full, context.out / "page.html")
+    record(robot, full, context.out / "recording.html")
     return ExperimentResult(
         metrics=metrics,
         figures=[
@@ -59,7 +59,9 @@ def run(context: ExperimentContext) -> ExperimentResult:
                 "tool pointing down within a cone; white line: 11. Here a table belongs.",
             ),
         ],
-        pages=[FigureFile(Path("page.html"), "Condition numbers in space, and the arm in them.")],
+        recordings=[
+            FigureFile(Path("recording.html"), "Condition numbers in space, and the arm in them.")
+        ],
         comparison=[
             ComparisonRow("Smallest JCN", "min", "", 9.1675, "the smallest of a random draw"),
             ComparisonRow(

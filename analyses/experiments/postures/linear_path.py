@@ -154,7 +154,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=_figures(out, found),
-        pages=_pages(context, found),
+        recordings=_pages(context, found),
         comparison=_comparison(metrics),
         notes=findings(found, metrics),
         configuration={

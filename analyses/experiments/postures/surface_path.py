@@ -30,7 +30,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=figures,
-        pages=pages,
+        recordings=pages,
         comparison=[
             ComparisonRow(
                 "Samples with a lower JCN", "samples_lower", "", None, "the article: every one"

@@ -55,7 +55,7 @@ LAWS: Final = {
 }
 NONE: Final = "none"
 SIMULATED_SHARE: Final = 2.0 / 3.0  # of the error, that an air pass takes away in our simulation
-_PROTOTYPE = "plain tools"
+_PLAIN_TOOLS = "plain tools"
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
@@ -229,7 +229,7 @@ def _comparison() -> list[ComparisonRow]:
             "N",
             [float(value) for value in values],
             "",
-            _PROTOTYPE,
+            _PLAIN_TOOLS,
         )
         for law, states in stated.items()
         for state, values in states.items()

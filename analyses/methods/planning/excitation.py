@@ -3,10 +3,11 @@
 Several random motions within all limits are drawn; the best of them starts the program of
 `models.excitation.excitation_program`. What comes out is checked between the samples: torque at the
 controller's rate, clearance by a bound on the arm's speed (`diagrams.clearance`). Where a check
-fails, the program is solved again with more in reserve.
+fails, the program is solved again with more in reserve; where that fails, too, the way back to the
+random motion is gone until all checks pass.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,7 +22,11 @@ from diagrams.clearance import Clearance, ClosestPair
 from diagrams.pages.motion_page import write_motion_page
 from models.arrays import Array
 from models.excitation.excitation_information import MEASURES, ExcitationInformation
-from models.excitation.excitation_program import ExcitationProgram, MotionBounds
+from models.excitation.excitation_program import (
+    ExcitationProgram,
+    ExcitationSolution,
+    MotionBounds,
+)
 from models.excitation.fourier_trajectory import FourierTrajectory
 from models.files.configuration import nearest, save_configuration
 from models.files.input_error import InputError
@@ -35,6 +40,9 @@ ProgressCallback = Callable[[float, str], None]
 # What a trajectory must keep in reserve at the samples, tried in this order: m, share of torque.
 # The second goes on where the first ended, the others start from the next best random ones.
 RESERVES = ((0.004, 0.02), (0.008, 0.05), (0.008, 0.05), (0.015, 0.15))
+# Where all of the solver's ends break a limit: parts of the way to the last one, from the random
+# motion that it came from. Where a solver ends is a matter of last bits; whether one is found not.
+RETREATS = (0.95, 0.85, 0.7, 0.5, 0.25, 0.0)
 LARGEST_CLEARANCE = 0.1  # m; Clearance looks no farther than a little beyond
 LONGEST_TABLE = 5e6  # rows for the controller: 83 minutes at 1 kHz
 UNDETERMINED = 1e-4  # pivot, relative to the largest, below which noise hides a parameter
@@ -148,7 +156,6 @@ def excite(
     exact = replace(information, friction_velocity=0.0)
     random = np.array([exact.condition_number(*_period(start)) for start in starts])
     ranked = [starts[i] for i in np.argsort(random, kind="stable")]
-    start = ranked[0]
     about = 1.6 * config.iterations  # evaluations that so many iterations take
 
     def watch(evaluations: int, cost: float) -> None:
@@ -156,12 +163,20 @@ def excite(
         value = f"condition number {np.exp(cost):.3g}" if config.measure == MEASURES[0] else ""
         progress(0.2 + 0.75 * share, f"optimising {value}")
 
-    for attempt, reserve in enumerate(RESERVES):
-        chosen = first if attempt == 0 else program(reserve)
-        if attempt > 1:
-            start = ranked[min(attempt - 1, len(ranked) - 1)]
-        solution = chosen.solve(start, config.iterations, watch)
-        trajectory = solution.trajectory
+    def ends() -> Iterator[tuple[ExcitationSolution, FourierTrajectory]]:
+        begin = start = ranked[0]
+        for attempt, reserve in enumerate(RESERVES):
+            chosen = first if attempt == 0 else program(reserve)
+            if attempt > 1:
+                begin = start = ranked[min(attempt - 1, len(ranked) - 1)]
+            solution = chosen.solve(start, config.iterations, watch)
+            yield solution, solution.trajectory
+            start = solution.trajectory
+        for share in RETREATS:
+            yield solution, _between(begin, solution.trajectory, share)
+
+    for end in ends():
+        solution, trajectory = end
         clear, closest = (
             clearance.certify(
                 lambda t, motion=trajectory: motion.sample(t)[0],  # type: ignore[misc]
@@ -175,7 +190,6 @@ def excite(
         torque = np.abs(robot.chain.inverse_dynamics(*motion)).max(axis=0)
         if clear and (torque <= bounds.torque).all():
             break
-        start = trajectory
     else:
         what = "torque"
         if not clear and closest is not None:
@@ -197,7 +211,7 @@ def excite(
         num_parameters=len(information.columns),
         undetermined=undetermined,
         peak_torque_share=torque / robot.effort_limit,
-        closest=closest,
+        closest=None if robot.unusable_collisions else closest,
         status=solution.status,
         evaluations=solution.evaluations,
         warnings=tuple(_warnings(robot, undetermined, clearance)),
@@ -205,6 +219,18 @@ def excite(
     )
     progress(1.0, "done")
     return result
+
+
+def _between(
+    first: FourierTrajectory, second: FourierTrajectory, share: float
+) -> FourierTrajectory:
+    """A part of the way from one trajectory to another: what limits each joint alone both keep."""
+    return FourierTrajectory(
+        first.base_frequency,
+        first.centre + share * (second.centre - first.centre),
+        first.sine + share * (second.sine - first.sine),
+        first.cosine + share * (second.cosine - first.cosine),
+    )
 
 
 def excite_robot(
@@ -266,7 +292,7 @@ def _excite_into(
         metrics["validation"] = results[1].metrics()
     folder.write_json("metrics.json", metrics)
     settings = ExciteSettings(
-        robot=str(robot_name), validation=validation, page=page, excitation=config
+        robot=str(robot_name), validation=validation, record=page, excitation=config
     )
     folder.write_settings("config.yaml", settings)
     progress(1.0, "done")
@@ -370,6 +396,11 @@ def _warnings(robot: Robot, undetermined: tuple[str, ...], clearance: Clearance)
     if not clearance.has_shapes:
         warnings.append(
             f"{robot.name} has no collision shapes: contact with itself or the floor is not checked"
+        )
+    if robot.unusable_collisions:
+        warnings.append(
+            "collision shapes cannot be used, so that no clearance is claimed: "
+            + ", ".join(robot.unusable_collisions)
         )
     warnings += [
         f"{pair} are near each other in the home posture: they keep {1e3 * kept:.0f} mm, not "

@@ -31,5 +31,5 @@ class ExciteSettings:
     command: str = "excite"  # which wrote it
     robot: str = ""  # a bundled name, or a robot.yaml
     validation: bool = True  # whether to find a second, independent trajectory
-    page: bool = True  # whether to write the pages on which the robot runs them
+    record: bool = True  # whether to write the pages on which the robot runs them
     excitation: ExcitationConfig = field(default_factory=ExcitationConfig)  # what kind

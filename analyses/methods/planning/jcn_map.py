@@ -202,7 +202,7 @@ def jcn_map(
     progress: Callable[[float, str], None] = lambda fraction, what: None,
 ) -> JcnMapResult:
     """The command `jcn-map`: writes samples.npz (q, jcn, p_WE), metrics.json, config.yaml, figures
-    and page.html into `out`; with a plane also slice.npz (p_WE, jcn, direction_W, q).
+    and recording.html into `out`; with a plane also slice.npz (p_WE, jcn, direction_W, q).
 
     Raises:
         InputError: see `sample` and `slice_plane`; or `out` cannot be written to.
@@ -236,7 +236,7 @@ def _map_into(
         np.savez(file, q=samples.q, jcn=samples.jcn, p_WE=samples.p_WE)
     draw_cloud(samples, folder / "figures" / "workspace.png")
     draw_distribution(samples, folder / "figures" / "distribution.png")
-    record(robot, samples, folder / "page.html")
+    record(robot, samples, folder / "recording.html")
     cut = None
     if plane is not None:
         if not is_closed_form(robot):

@@ -339,7 +339,7 @@ def write_placement(folder: OutputFolder, result: PlacementResult, settings: Pla
     folder.write_figure("convergence", figure)
     # A workpiece stands where the best path is; the initial one would run through it.
     alone = result.task.clearance is not None
-    write_placement_page(result, folder / "page.html", "Placement", with_initial=not alone)
+    write_placement_page(result, folder / "recording.html", "Placement", with_initial=not alone)
 
 
 def write_placement_page(
@@ -450,7 +450,7 @@ def _profile(
         return None
     jcn = ConditionNumber(robot.chain)
     distance = None
-    if cell is not None:
+    if cell is not None and not robot.unusable_collisions:
         distances = cell.distances(fine.q, fine.n_W, fine.p_WM, fine.quaternion)
         distance = float(np.min(distances))
     return Profile(

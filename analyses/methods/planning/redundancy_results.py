@@ -1,4 +1,4 @@
-"""What `redundancy` writes: joints along the path, figures (Figs. 11 to 13) and a recording."""
+"""What `redundancy` writes: joints along the path, figures (Figs. 11 to 13) and a page."""
 
 import csv
 import io
@@ -44,13 +44,13 @@ def draw(result: RedundancyResult, out: Path) -> tuple[list[FigureFile], list[Fi
     write_path_page(
         result.problem.robot,
         motions,
-        out / "page.html",
+        out / "recording.html",
         "Path on the surface",
         label=label,
         workpiece=result.workpiece,
     )
     caption = "The arm on the initial and on the optimised trajectory; the path's colour: " + label
-    return figures, [FigureFile(Path("page.html"), caption + ".")]
+    return figures, [FigureFile(Path("recording.html"), caption + ".")]
 
 
 def _ways(result: RedundancyResult) -> list[tuple[str, Trajectory, str]]:
@@ -134,7 +134,7 @@ def redundancy(
     content: RedundancyTask | None = None,
 ) -> RedundancyResult:
     """The command `redundancy`, for a bundled task or a task's file: writes trajectory.csv,
-    metrics.json, config.yaml, figures and page.html into `out`.
+    metrics.json, config.yaml, figures and recording.html into `out`.
 
     Args:
         content: what counts before the content of the task that `task_name` names.

@@ -1,18 +1,18 @@
 """How a log becomes wrenches: the settings of `estimate`."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
 from analyses.methods.sensors.reference_config import ReferenceConfig, checked_reference
 from models.detection.contact_detector import LARGEST_RATE, LEAST_RATE, ContactDetectionConfig
 from models.estimation.estimator import WrenchEstimatorConfig
-from models.estimation.wrench import live_prior
+from models.estimation.wrench import known_of_wrench, live_prior
 from models.estimation.wrench_kernels import METHODS
 from models.estimation.wrench_table import TABLES
 from models.files.input_error import InputError
 from models.observers.momentum_observer import LEAST_K_0, MomentumObserverConfig
-from models.observers.observer_kinds import make_observer
+from models.observers.observer_kinds import OBSERVERS, kind_name, make_observer
 from models.robot.robot import Robot
 
 ENGINES = ("batch", "diagram")
@@ -41,6 +41,7 @@ class EstimateConfig:
     not read as noise; or two numbers, N and N m: "30,2"."""
     engine: str = "batch"  # "batch": the kernels; "diagram": the same chain as a Drake diagram
     estimator: WrenchEstimatorConfig = field(default_factory=_estimator_of_logs)
+    smooth: bool = False  # each sample read with what comes after it, too: no lag
     max_gap: float = 0.0  # s, longest gap that is bridged; 0: 0.1 s or three steps
     check: bool = True  # hold the log against the robot's limits and gravity
     mcap: bool = False  # write the wrenches as ROS 2 messages too (wrench.mcap)
@@ -131,7 +132,36 @@ def checked_config(config: EstimateConfig, robot: Robot) -> EstimateConfig:
         raise refuse("K_0", found, "20 is the default")
     step = observer.time_step or 1e-3  # any: that of the log is not known yet
     try:
-        make_observer(replace(observer, time_step=step), robot.num_joints)
+        made = make_observer(replace(observer, time_step=step), robot.num_joints)
     except ValueError as error:
         raise refuse("observer", str(error), "see the command's --help") from None
+    if config.smooth and config.engine != "batch":
+        found = f"is {config.engine}, which knows nothing of what comes after a sample"
+        raise refuse("engine", found, "smooth with the batch engine")
+    if config.smooth and known_of_wrench(reconstruction) is None:
+        found = f"is {reconstruction.method}, for which smoothing has no prior"
+        raise refuse("method", found, "give bayesian, force_only or inverse")
+    if made.kernels.wrench is not None and known_of_wrench(reconstruction) is None:
+        name = kind_name(type(made))
+        found = f"is {reconstruction.method}, for which the {name} observer has no prior"
+        raise refuse("method", found, "give bayesian, force_only or inverse")
     return config
+
+
+def with_observer(config: EstimateConfig, name: str) -> EstimateConfig:
+    """Returns the configuration with another kind of observer, of the same grid and samples.
+
+    Raises:
+        InputError: no kind has that name.
+    """
+    kinds = {kind_name(kind): kind for kind in OBSERVERS}
+    if name not in kinds:
+        known = " or ".join(kinds)
+        raise InputError("estimate", "observer", f'unknown observer "{name}"', f"give {known}")
+    before = config.estimator.observer
+    if type(before) is kinds[name].Config:
+        return config
+    own = kinds[name].Config()
+    shared = {field.name for field in fields(own)} & {field.name for field in fields(before)}
+    own = replace(own, **{field: getattr(before, field) for field in shared})
+    return replace(config, estimator=replace(config.estimator, observer=own))

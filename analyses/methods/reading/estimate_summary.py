@@ -9,8 +9,8 @@ from analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
 from analyses.output.stream_summary import Envelope, EvenSample
 from models.arrays import Array, Flags
 from models.estimation.estimator import EstimateBatch, WrenchEstimatorConfig
-from models.estimation.sample_check import BEYOND, DISAGREES, FROZEN
 from models.identification.identified_model import IdentifiedModel
+from models.observers.sample_check import BEYOND, DISAGREES, FROZEN
 from models.recordings.recording import Recording
 from models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
 
@@ -226,11 +226,12 @@ class EstimateSummary:
             )
         return found
 
-    def figure(self, reads_moments: bool = True) -> "Figure":
+    def figure(self, reads_moments: bool = True, smoothed: bool = False) -> "Figure":
         """Reading and band over the log's own time, with the range of the valid samples.
 
         Args:
             reads_moments: whether the method reads moments; without, only forces are drawn.
+            smoothed: whether each sample was read with what comes after it.
         """
         low, high, mean = self._envelope.values()
         t, is_invalid, touches = mean[:, 0], mean[:, 1] > 0.5, mean[:, 2] > 0.0
@@ -270,7 +271,8 @@ class EstimateSummary:
                 panel.set_xlabel(f"time{origin} [s]")
         handles, labels = axes[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=4)
-        figure.suptitle("Wrench of the environment on the robot, at E in axes of W")
+        title = "Wrench of the environment on the robot, at E in axes of W"
+        figure.suptitle(title + (", smoothed" if smoothed else ""))
         return figure
 
     def _limits(self, k: int, low: Array, high: Array) -> tuple[float, float]:

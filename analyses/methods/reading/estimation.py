@@ -6,7 +6,7 @@ spread, of external torque and Jacobian; the prior is what explains those best
 (`models.estimation.evidence_prior.evidence_prior`). The second one writes the wrenches.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -26,6 +26,7 @@ from analyses.methods.reading.estimate_config import (
     stated_prior,
 )
 from analyses.methods.reading.estimate_summary import EstimateSummary
+from analyses.methods.reading.friction_watch import FrictionWatch
 from analyses.methods.reading.sample_screen import FAULT, SampleScreen
 from analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
 from analyses.methods.sensors.reference_config import ReferenceConfig, check_columns, check_tare
@@ -37,15 +38,17 @@ from models.arrays import Array, Flags
 from models.detection.contact_detector import ContactDetectionConfig, ContactDetector, Detection
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.evidence_prior import evidence_prior
-from models.estimation.sample_check import BEYOND
+from models.estimation.smoothing import WrenchSmoother
 from models.estimation.wrench import live_prior
 from models.estimation.wrench_bag import WrenchBagWriter
 from models.estimation.wrench_table import WrenchTableWriter
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
-from models.observers.observer_kinds import make_observer
+from models.observers.momentum_observer import MomentumObserverConfig
+from models.observers.observer_kinds import kind_name, kind_of, make_observer
+from models.observers.sample_check import BEYOND
 from models.recordings.position_resolution import position_resolution
-from models.recordings.recording import Recording
+from models.recordings.recording import Recording, concatenated
 from models.recordings.recording_format import SignalColumns, column_items
 from models.recordings.recording_reader import RecordingReader
 from models.recordings.resampling import plausible_step, resample_chunks
@@ -181,6 +184,12 @@ def estimate(
         known = robot.position_resolution
         step = np.where(np.isfinite(known), known, step)
         config = replace(config, position_resolution=step.tolist())
+    kind = kind_of(config.observer)
+    if kind is not None and kind.kernels.wrench is not None and model.torque_error is not None:
+        warnings.append(
+            f"contact and misfit are judged by what the {kind_name(kind)} observer reads; their "
+            "levels were learnt from the momentum observer's readings"
+        )
     rule = "given"
     stated = stated_prior(settings.estimate, robot)
     if stated is not None and not _has_prior(config):
@@ -197,7 +206,7 @@ def estimate(
     first = next(chunks)
     config = _timed(config, first)
     detection = settings.estimate.detection
-    engine: _Engine = _ENGINES[settings.estimate.engine](robot, model, config, detection)
+    estimates = _estimates(settings.estimate, robot, model, config, chain([first], chunks))
     observer = make_observer(config.observer, robot.num_joints)
     summary = EstimateSummary(model, observer.settling_time)
     reference = settings.estimate.reference
@@ -205,13 +214,13 @@ def estimate(
     episodes = ContactEpisodes(robot.num_joints)
     path = out / f"wrench.{settings.estimate.table}"
     with_covariance = settings.estimate.covariance
+    watch = FrictionWatch(model, model.chain(robot), observer.pole, config.observer.time_step)
     with ExitStack() as stack:
         table = stack.enter_context(WrenchTableWriter(path, robot.num_joints, with_covariance))
         bag: WrenchBagWriter | None = None
         if settings.estimate.mcap:
             bag = stack.enter_context(WrenchBagWriter(out / "wrench.mcap", robot.config.base_link))
-        for chunk in chain([first], chunks):
-            batch, found = engine.run(chunk.q, chunk.v, chunk.current)
+        for chunk, batch, found, tau_ext in estimates:
             fault = _fault(chunk, batch)
             found = found.without(chunk.dropout | (fault != 0))
             sd, valid = batch.standard_deviation, summary.judge(chunk, batch, config)
@@ -223,13 +232,15 @@ def estimate(
                 _, p_WE = robot.chain.pose(np.nan_to_num(chunk.q))
                 bag.write(chunk.t, batch.wrench, batch.covariance, p_WE)
             episodes.add(chunk.t, found, batch.wrench[:, 3:], valid)
+            settled = int(np.searchsorted(chunk.t, first.t[0] + observer.settling_time))
+            there = ~chunk.dropout & (np.arange(chunk.num_samples) >= settled)
+            watch.add(chunk.t, chunk.q, chunk.v, tau_ext, there, ~found.contact)
             summary.add(chunk, batch, sd, valid, _torque(chunk, robot), found.contact)
             summary.add_faults(fault)
             if beside is not None:
-                settled = int(np.searchsorted(chunk.t, first.t[0] + observer.settling_time))
                 _collect(beside, chunk, batch, sd, valid, robot, settled)
     episodes.finish()
-    metrics = summary.metrics(config, rule)
+    metrics = {**summary.metrics(config, rule), "smoothed": settings.estimate.smooth}
     metrics["contact"] = episodes.metrics(detection.false_alarms_per_hour)
     comparison = None if beside is None else _compared(beside, reference)
     notices = reader.notices + (screen.notices if screen is not None else ())
@@ -238,8 +249,10 @@ def estimate(
         notices += comparison.notices
         out.write_figure("reference", comparison.figure())
     warnings += summary.warnings()
+    if kind is None or kind.kernels.wrench is None:  # else tau_ext holds no friction
+        warnings += watch.sentences(settings.log, settings.robot, settings.model)
     reads_moments = config.reconstruction.method != "force_only"
-    out.write_figure("wrench", summary.figure(reads_moments))
+    out.write_figure("wrench", summary.figure(reads_moments, settings.estimate.smooth))
     used = replace(settings.estimate, estimator=config)
     out.write_settings("config.yaml", replace(settings, estimate=used))
     out.write_json("metrics.json", metrics)
@@ -327,7 +340,7 @@ class _BatchEngine:
 
     def run(self, q: Array, v: Array, current: Array) -> tuple[EstimateBatch, Detection]:
         batch = self._estimator.run(self._state, q, v, current)
-        missing = np.isnan(batch.J).any(axis=(1, 2))[:, None]
+        missing = np.isnan(batch.J[:, :1]).any(axis=2)
         q, v = np.where(missing, np.nan, q), np.where(missing, np.nan, v)
         return batch, self._detector.run(self._detector_state, q, v, batch)
 
@@ -361,6 +374,47 @@ _ENGINES: dict[str, type[_BatchEngine | _DiagramEngine]] = {
     "batch": _BatchEngine,
     "diagram": _DiagramEngine,
 }
+
+
+def _estimates(
+    settings: EstimateConfig,
+    robot: Robot,
+    model: IdentifiedModel,
+    config: WrenchEstimatorConfig,
+    chunks: Iterable[Recording],
+) -> Iterator[tuple[Recording, EstimateBatch, Detection, Array]]:
+    """The log's samples, what is read of them, contact and tau_ext as a controller would see it."""
+    engine = _ENGINES[settings.engine](robot, model, config, settings.detection)
+    if not settings.smooth:
+        for chunk in chunks:
+            batch, found = engine.run(chunk.q, chunk.v, chunk.current)
+            yield chunk, batch, found, batch.tau_ext
+        return
+    smoother = WrenchSmoother(WrenchEstimator(robot, model, config))
+    ahead: tuple[Recording, Detection, Array] | None = None
+    for chunk in chunks:
+        causal, found = engine.run(chunk.q, chunk.v, chunk.current)
+        whole, tau_ext = chunk, causal.tau_ext
+        if ahead is not None:
+            whole, found = concatenated([ahead[0], chunk]), _joined(ahead[1], found)
+            tau_ext = np.concatenate([ahead[2], tau_ext])
+        ready = smoother.take(chunk.q, chunk.v, chunk.current)
+        count = len(ready.valid)
+        if count:
+            yield whole[:count], ready, _part(found, slice(0, count)), tau_ext[:count]
+        ahead = whole[count:], _part(found, slice(count, None)), tau_ext[count:]
+    if ahead is not None:
+        yield ahead[0], smoother.finish(), *ahead[1:]
+
+
+def _joined(one: Detection, other: Detection) -> Detection:
+    pairs: Any = zip(one, other, strict=True)
+    return Detection(*(np.concatenate(pair) for pair in pairs))
+
+
+def _part(found: Detection, rows: slice) -> Detection:
+    columns: Any = (column[rows] for column in found)
+    return Detection(*columns)
 
 
 def _screen(robot: Robot, config: WrenchEstimatorConfig) -> SampleScreen | None:
@@ -409,9 +463,17 @@ def _with_evidence(
     """The configuration with the prior that explains the log best, and the rule's name."""
     J, tau_ext = EvenSample(_PRIOR_SAMPLES), EvenSample(_PRIOR_SAMPLES)
     estimator: WrenchEstimator | None = None
+    kind = kind_of(config.observer)
+    plain = config
+    if kind is not None and kind.kernels.wrench is not None:
+        # What reads the wrench by a prior says nothing of which prior explains the torque.
+        observer = MomentumObserverConfig(
+            time_step=config.observer.time_step, torque_samples=config.observer.torque_samples
+        )
+        plain = replace(config, observer=observer)
     for chunk in _uniform(reader, _screen(robot, config), config, max_gap, part):
         if estimator is None:
-            estimator = WrenchEstimator(robot, model, _timed(config, chunk))
+            estimator = WrenchEstimator(robot, model, _timed(plain, chunk))
             state = estimator.initial_state()
         batch = estimator.run(state, chunk.q, chunk.v, chunk.current)
         measured = ~chunk.dropout & (batch.fault == 0)

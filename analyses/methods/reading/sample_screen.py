@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from models.arrays import Array
-from models.estimation.sample_check import BEYOND, SampleCheck
+from models.observers.sample_check import BEYOND, SampleCheck
 from models.recordings.recording import Recording, place_of
 from models.robot.robot import Robot
 

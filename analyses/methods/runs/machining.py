@@ -185,7 +185,7 @@ def run_machining(
     scenario = replace(
         scenario,
         duration=longest_duration(plan, machining.phases),
-        page=replace(scenario.page, fps=_FPS, metres_per_newton=_METRES_PER_NEWTON),
+        recording=replace(scenario.recording, fps=_FPS, metres_per_newton=_METRES_PER_NEWTON),
     )
     meshcat: Meshcat | None = None
     if page is not None:

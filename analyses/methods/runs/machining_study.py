@@ -66,7 +66,7 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
     metrics: dict[str, Any] = {}
     shown: dict[float, tuple[MachiningRun, dict[str, dict[str, Array]]]] = {}
     without: dict[float, MachiningRun] = {}
-    picture = context.out / "page.html"
+    picture = context.out / "recording.html"
     for feed in FEEDS:
         one_way = feed * (QUICK_SHARE if context.quick else 1.0)
         runs: dict[str, MachiningRun] = {}
@@ -103,9 +103,9 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
     return ExperimentResult(
         metrics=metrics,
         figures=machining_figures(context, task, shown, without, metrics),
-        pages=[
+        recordings=[
             FigureFile(
-                Path("page.html"),
+                Path("recording.html"),
                 f"The arm at work without a sensor, one way in {FEEDS[0]:g} s: true force black, "
                 "estimated force blue.",
             )

@@ -14,5 +14,5 @@ class SimulateSettings:
     seed: int | None = None  # instead of the scenario's
     duration_s: float | None = None  # instead of the scenario's
     quick: bool = False  # at most a second
-    page: bool = True  # whether to write page.html
+    record: bool = True  # whether to write recording.html
     graph: bool = False  # whether to draw the diagram of all blocks

@@ -225,14 +225,14 @@ def simulate_scenario(
     seed: int | None = None,
     duration: float | None = None,
     quick: bool = False,
-    page: bool = True,
+    record: bool = True,
     graph: bool = False,
     progress: ProgressCallback = lambda fraction, what: None,
 ) -> SimulationResult:
     """The command `simulate`: runs a scenario and writes what happened into `out`.
 
     Writes metrics.json, config.yaml, scenario.yaml (which runs again), figures/wrench.png, log.csv
-    (for `estimate`), page.html, and with `graph` the drawing of the diagram.
+    (for `estimate`), recording.html, and with `graph` the drawing of the diagram.
 
     Args:
         scenario_name: of a bundled scenario; or FILE.yaml, or FILE.yaml:NAME.
@@ -240,7 +240,7 @@ def simulate_scenario(
         model_path: a model.yaml; without it see `known_model`.
         seed, duration: in the place of the scenario's.
         quick: at most a second.
-        page: whether to write page.html.
+        record: whether to write recording.html.
 
     Raises:
         InputError: as `load_scenario`, `Robot.load`, `IdentifiedModel.load`, `result_folder`; what
@@ -255,7 +255,7 @@ def simulate_scenario(
             seed,
             duration,
             quick,
-            page,
+            record,
             graph,
             progress,
         )
@@ -271,7 +271,7 @@ def _simulate_into(
     seed: int | None,
     duration: float | None,
     quick: bool,
-    page: bool,
+    record: bool,
     graph: bool,
     progress: ProgressCallback,
 ) -> SimulationResult:
@@ -301,7 +301,7 @@ def _simulate_into(
         scenario,
         robot,
         model,
-        page=folder / "page.html" if page else None,
+        page=folder / "recording.html" if record else None,
         graph=folder / "diagram.svg" if graph else None,
         title=name,
         progress=progress,
@@ -320,7 +320,7 @@ def _simulate_into(
         seed=scenario.seed,
         duration_s=scenario.duration,
         quick=quick,
-        page=page,
+        record=record,
         graph=graph,
     )
     files.append(folder.write_settings("config.yaml", settings))
@@ -386,7 +386,7 @@ def simulate(
     simulator = Simulator(loop.diagram)
     simulator.Initialize()
     if meshcat is not None:
-        start_animation(meshcat, scenario.page.fps)
+        start_animation(meshcat, scenario.recording.fps)
     elapsed = _advance(simulator, scenario, robot, loop, progress)
     if meshcat is not None and page is not None:
         write_page(meshcat, page, title)

@@ -214,7 +214,7 @@ def run_task(
 def write_runs_page(
     robot: Robot, runs: Mapping[str, TaskRun], passes: int, out: Path, title: str
 ) -> FigureFile:
-    """Writes page.html below `out`: the arm on the first pass of each run.
+    """Writes recording.html below `out`: the arm on the first pass of each run.
 
     Args:
         runs: by the path's name.
@@ -226,10 +226,10 @@ def write_runs_page(
         length = run.recording.num_samples // passes
         rows = np.linspace(0, length - 1, min(length, _FRAMES)).astype(int)
         motions.append(PathMotion(name, run.recording.q[rows], run.condition_number[rows]))
-    write_path_page(robot, motions, out / "page.html", title)
+    write_path_page(robot, motions, out / "recording.html", title)
     names = ", ".join(runs)
     caption = f"The arm as it went once along each path ({names}); the path's colour: JCN."
-    return FigureFile(Path("page.html"), caption)
+    return FigureFile(Path("recording.html"), caption)
 
 
 def read_run(

@@ -143,9 +143,9 @@ def test_every_command_with_settings_reads_them_from_a_file(call):
     excite.excitation.limits.floor, excite.excitation.num_starts = None, 3
     assert call("excite", config=excite)["values"][2:4] == (excite.excitation, False)
 
-    simulate = SimulateSettings(scenario="a.yaml:One", duration_s=2.0, page=False)
+    simulate = SimulateSettings(scenario="a.yaml:One", duration_s=2.0, record=False)
     seen = call("simulate", config=simulate)
-    assert (seen["values"][0], seen["duration"], seen["page"]) == ("a.yaml:One", 2.0, False)
+    assert (seen["values"][0], seen["duration"], seen["record"]) == ("a.yaml:One", 2.0, False)
     seen = call("simulate", "--name", "Two", config=simulate)
     assert seen["values"][0] == "a.yaml:Two"
 

@@ -20,7 +20,7 @@ def test_a_run_becomes_one_page_with_arm_arrows_and_legend(sts, tmp_path):
     for name in FORCE_ARROWS:
         assert meshcat.HasPath(f"/forces/{name}")
     assert meshcat.HasPath("visualizer/sts_sre4_600")
-    start_animation(meshcat, scenario.page.fps)
+    start_animation(meshcat, scenario.recording.fps)
     simulator.AdvanceTo(scenario.duration)
     path = tmp_path / "run.html"
     write_page(meshcat, path, "Polish <& press>")

@@ -9,7 +9,6 @@ import pytest
 
 from models.arrays import Array
 from models.estimation.estimator import Taught, WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.sample_check import CHECK_ROWS
 from models.estimation.wrench import WrenchReconstructionConfig, live_prior
 from models.estimation.wrench_kernels import METHODS
 from models.files.input_error import InputError
@@ -18,6 +17,7 @@ from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
 from models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
+from models.observers.sample_check import CHECK_ROWS
 from models.robot.motors import torque_to_current
 from models.robot.robot import Robot
 

@@ -47,9 +47,10 @@ def test_friction_comes_back_from_planned_passes(sts):
     for joint in range(6):
         found = separate(sts.chain, t, q, v, vdot, tau, joint, rest=1e-3, settle=0.05)
         assert len(found.speed) > 100
-        # The speeds of the two passes differ a little; friction is not linear.
+        # The speeds of the two passes differ, most in the weaker stretches between the planned
+        # passes, and friction is not linear.
         np.testing.assert_allclose(found.symmetric, friction(found.speed)[0], atol=0.05)
-        np.testing.assert_allclose(found.asymmetric, offset, atol=0.05)
+        assert np.median(found.asymmetric) == pytest.approx(offset, abs=0.01)
 
 
 def test_friction_comes_back_from_a_log(sts):

@@ -14,5 +14,5 @@ def test_the_experiment_is_repeatable(tmp_path: Path) -> None:
         results.append(EXPERIMENT.run(ExperimentContext(out, tmp_path, quick=True)))
     assert results[0].metrics == results[1].metrics
     assert "93.9 %" in results[0].notes[0]
-    for figure in (*results[0].figures, *results[0].pages):
+    for figure in (*results[0].figures, *results[0].recordings):
         assert (tmp_path / "a" / figure.path).is_file()

@@ -40,7 +40,7 @@ def test_the_case_with_a_table_keeps_its_clearance(ran: tuple[ExperimentResult, 
 @pytest.mark.slow
 def test_figures_recordings_and_rows_are_there(ran: tuple[ExperimentResult, Path]) -> None:
     result, out = ran
-    for file in (*result.figures, *result.pages):
+    for file in (*result.figures, *result.recordings):
         assert (out / file.path).stat().st_size > 10_000
         assert not file.path.is_absolute()
     for row in result.comparison:

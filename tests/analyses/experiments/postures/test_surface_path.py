@@ -17,5 +17,5 @@ def test_the_experiment_reaches_its_figures(tmp_path: Path) -> None:
     assert metrics["optimised"]["mean_jcn"] <= metrics["constant_angle"]["best_mean_jcn"]
     assert metrics["optimised"]["position_error_m"] < 1e-6
     assert metrics["optimised"]["normal_error_rad"] < 1e-6
-    for file in (*result.figures, *result.pages):
+    for file in (*result.figures, *result.recordings):
         assert (tmp_path / file.path).is_file()

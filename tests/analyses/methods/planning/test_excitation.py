@@ -7,10 +7,11 @@ import pytest
 from typer.testing import CliRunner
 
 from analyses.__main__ import app
-from analyses.methods.planning.excitation import excite, excite_robot
+from analyses.methods.planning.excitation import RESERVES, excite, excite_robot
 from analyses.methods.planning.excitation_config import ExcitationConfig
 from diagrams.clearance import Clearance
 from models.excitation.excitation_limits import ExcitationLimits
+from models.excitation.excitation_program import ExcitationProgram, ExcitationSolution
 from models.excitation.fourier_trajectory import FourierTrajectory
 from models.files.input_error import InputError
 
@@ -45,6 +46,28 @@ def test_files_and_their_content(sts, tmp_path):
     assert metrics["condition_number"] == pytest.approx(first.condition_number)
     assert metrics["validation"]["condition_number"] == pytest.approx(second.condition_number)
     assert (np.array(metrics["peak_torque_share"]) < 0.7).all()
+
+
+def test_where_the_solver_ends_beyond_the_limits_the_way_back_is_gone(sts, monkeypatch):
+    """Where it ends is a matter of the last bits: on another processor each end may collide."""
+    asked = []
+
+    def beyond(self, start, iterations, watch):
+        asked.append(start)
+        end = FourierTrajectory(
+            start.base_frequency, start.centre, 3 * start.sine, 3 * start.cosine
+        )
+        return ExcitationSolution(end, 0.0, False, "snopt 32", 1)
+
+    monkeypatch.setattr(ExcitationProgram, "solve", beyond)
+    result = excite(sts, ExcitationConfig(num_starts=2))
+    assert len(asked) == len(RESERVES)
+    begin = asked[-1].sine
+    stretched = np.linalg.norm(result.trajectory.sine) / np.linalg.norm(begin)
+    assert 1.0 <= stretched < 2.9
+    np.testing.assert_allclose(result.trajectory.sine, stretched * begin, rtol=1e-9, atol=1e-12)
+    assert result.closest is None or result.closest.slack > 0.0
+    assert (result.peak_torque_share <= 0.7).all()
 
 
 def test_a_motion_too_slow_to_tell_inertias_says_so(sts):

@@ -80,7 +80,7 @@ def test_the_command_writes_what_it_promises(tmp_path: Path) -> None:
     assert metrics["seed"] == 5 and metrics["slice"]["points"] == 25
     for name in ("workspace", "distribution", "slice"):
         assert (tmp_path / "figures" / f"{name}.png").stat().st_size > 10_000
-    page = (tmp_path / "page.html").read_text()
+    page = (tmp_path / "recording.html").read_text()
     assert "JCN" in page and "</html>" in page
     assert [path.name for path in tmp_path.glob(".*")] == [MARKER]
 

@@ -62,7 +62,7 @@ def test_all_files_are_there_and_say_the_same(written: tuple[PlacementResult, Pa
     names = {path.name for path in out.iterdir()}
     assert names == {
         MARKER, "metrics.json", "config.yaml", "timings.json", "postures.csv", "figures",
-        "page.html",
+        "recording.html",
     }  # fmt: skip
     for figure in ("path.png", "convergence.png"):
         assert (out / "figures" / figure).stat().st_size > 10_000

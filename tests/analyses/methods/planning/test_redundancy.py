@@ -68,7 +68,7 @@ def test_a_cam_file_gives_what_its_surface_gives(sts: Robot, tmp_path: Path) -> 
     assert "optimised" in result.stdout
     for name in ("measure", "poses", "joints"):
         assert (out / "figures" / f"{name}.png").is_file()
-    assert (out / "page.html").is_file() and (out / "config.yaml").is_file()
+    assert (out / "recording.html").is_file() and (out / "config.yaml").is_file()
 
 
 def test_a_task_without_an_initial_trajectory_is_solved_and_says_so(sts: Robot) -> None:

@@ -62,7 +62,7 @@ def _no_figure(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) 
     """Drawing takes longer than all else; one test draws, those of faults must not get so far."""
     if not any(word in request.node.name for word in ("figure", "absurd")):
         monkeypatch.setattr(OutputFolder, "write_figure", lambda self, name, figure: None)
-        monkeypatch.setattr(EstimateSummary, "figure", lambda self, reads_moments=True: None)
+        monkeypatch.setattr(EstimateSummary, "figure", lambda self, *given: None)
 
 
 def _recording(robot: Robot, duration: float = 1.5, step: float = 0.001) -> Recording:

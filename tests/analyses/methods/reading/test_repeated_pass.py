@@ -1,5 +1,7 @@
 """Passes that repeat themselves, by construction."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -61,3 +63,14 @@ def test_half_of_the_error_that_repeats_leaves_the_other_half(robot: Robot) -> N
     empty, loaded = _pass(robot, 0.0, 0.0, 1.0), _pass(robot, 0.0, _MASS, 2.0)
     found = loaded_pass(robot, np.eye(6), empty, loaded, _POINT, _MASS)
     assert np.allclose(found.repeated_share, 0.75, atol=0.02)
+
+
+def test_shares_are_parts_of_one_whole(robot: Robot) -> None:
+    empty, loaded = _pass(robot, 0.0, 0.0, 1.0), _pass(robot, 0.0, _MASS, 2.0)
+    found = loaded_pass(robot, np.eye(6), empty, loaded, _POINT, _MASS)
+    # Nothing is carried where no current flows: no load to grow with.
+    current = np.random.default_rng(0).normal(size=found.v.shape)
+    shares = replace(found, load_growth=current).shares()
+    assert np.allclose(sum(shares.values()), 1.0)
+    assert np.allclose(shares["repeated"], found.repeated_share)
+    assert all(np.all(part > -1e-12) for part in shares.values())

@@ -37,7 +37,7 @@ def test_writes_all_that_it_says(written):
         "config.yaml",
         "scenario.yaml",
         "log.csv",
-        "page.html",
+        "recording.html",
         "figures/wrench.png",
         drawing,
     }
@@ -81,10 +81,10 @@ def test_what_was_simulated_can_be_estimated_from_its_log(written, sts):
 
 def test_its_scenario_file_runs_again_to_the_same_metrics(written, tmp_path):
     _, out, _ = written
-    simulate_scenario(f"{out / 'scenario.yaml'}:Default", tmp_path, page=False)
+    simulate_scenario(f"{out / 'scenario.yaml'}:Default", tmp_path, record=False)
     again = (tmp_path / "metrics.json").read_bytes()
     assert again == (out / "metrics.json").read_bytes()
-    assert not (tmp_path / "page.html").exists()
+    assert not (tmp_path / "recording.html").exists()
 
 
 def test_figure_shows_truth_estimate_band_and_sensor(written):
@@ -127,7 +127,7 @@ def test_any_robot_and_a_model_of_ones_own(ur10e, tmp_path):
         robot_name="ur10e",
         model_path=tmp_path / "model.yaml",
         duration=0.6,
-        page=False,
+        record=False,
     )
     assert result.robot.name == "ur10e"
     assert not any("--model" in notice for notice in result.notices)
@@ -135,22 +135,22 @@ def test_any_robot_and_a_model_of_ones_own(ur10e, tmp_path):
 
 
 def test_a_robot_without_a_tool_does_without_the_sensor(tmp_path):
-    result = simulate_scenario("Default", tmp_path, "ur10e", duration=0.1, page=False)
+    result = simulate_scenario("Default", tmp_path, "ur10e", duration=0.1, record=False)
     assert result.ft_wrench is None
     assert any("no tool" in notice for notice in result.notices)
     with pytest.raises(InputError, match="feeds back a sensor"):
-        simulate_scenario("OneOfEverything", tmp_path, "ur10e", duration=0.1, page=False)
+        simulate_scenario("OneOfEverything", tmp_path, "ur10e", duration=0.1, record=False)
 
 
 def test_quick_is_short(tmp_path):
-    result = simulate_scenario("ConstantWrench", tmp_path, quick=True, page=False)
+    result = simulate_scenario("ConstantWrench", tmp_path, quick=True, record=False)
     assert result.t[-1] == pytest.approx(1.0)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["Polishing", "GrindingSensorless"])
 def test_a_machining_scenario_runs_to_its_end(tmp_path, name):
-    result = simulate_scenario(name, tmp_path / "out", quick=True, page=False)
+    result = simulate_scenario(name, tmp_path / "out", quick=True, record=False)
     assert result.fault == Fault.NONE
     assert result.phase[-1] == Phase.DONE
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())["machining"]

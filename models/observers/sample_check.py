@@ -120,7 +120,14 @@ class SampleCheck:
 
 
 @njit(cache=True, error_model="numpy")
-def check_motion(table, state, period, q, v, checked):  # type: ignore[no-untyped-def]
+def check_motion(
+    table: Array,
+    state: Array,
+    period: float,
+    q: Array,
+    v: Array,
+    checked: Array,
+) -> int:
     """Single-sample kernel: writes q and v into rows 0 and 1 of `checked` (3, n), NaN where they
     cannot be. `state` stays as it is.
 
@@ -139,7 +146,13 @@ def check_motion(table, state, period, q, v, checked):  # type: ignore[no-untype
 
 
 @njit(cache=True, error_model="numpy")
-def check_current(table, state, period, current, checked):  # type: ignore[no-untyped-def]
+def check_current(
+    table: Array,
+    state: Array,
+    period: float,
+    current: Array,
+    checked: Array,
+) -> None:
     """Writes the current (n,) into row 2 of `checked`, as `check_motion`; returns nothing: what was
     wrong is told with the next sample, as no reading of this one rests on it.
     """
@@ -149,7 +162,15 @@ def check_current(table, state, period, current, checked):  # type: ignore[no-un
 
 
 @njit(cache=True, error_model="numpy")
-def take_sample(table, state, period, q, v, current, checked):  # type: ignore[no-untyped-def]
+def take_sample(
+    table: Array,
+    state: Array,
+    period: float,
+    q: Array,
+    v: Array,
+    current: Array,
+    checked: Array,
+) -> None:
     """Single-sample kernel: takes a sample into `state`; `checked` is what both checks wrote."""
     for j in range(q.shape[0]):
         age = state[_AGE, j] + period
@@ -187,7 +208,14 @@ def take_sample(table, state, period, q, v, current, checked):  # type: ignore[n
 
 
 @njit(cache=True, error_model="numpy")
-def _wrong_motion(table, state, period, j, q, v):  # type: ignore[no-untyped-def]
+def _wrong_motion(
+    table: Array,
+    state: Array,
+    period: float,
+    j: int,
+    q: float,
+    v: float,
+) -> int:
     """What is wrong with q and v of one joint."""
     if not (np.isfinite(q) and np.isfinite(v)):
         return 0
@@ -211,7 +239,13 @@ def _wrong_motion(table, state, period, j, q, v):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True, error_model="numpy")
-def _wrong_current(table, state, period, j, i):  # type: ignore[no-untyped-def]
+def _wrong_current(
+    table: Array,
+    state: Array,
+    period: float,
+    j: int,
+    i: float,
+) -> int:
     """What is wrong with the current of one joint."""
     if not np.isfinite(i):
         return 0
@@ -226,19 +260,37 @@ def _wrong_current(table, state, period, j, i):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _disagreement(state, age, j, q, v):  # type: ignore[no-untyped-def]
+def _disagreement(
+    state: Array,
+    age: float,
+    j: int,
+    q: float,
+    v: float,
+) -> float:
     """r of one joint, rad/s (m/s)."""
-    return (q - state[_Q, j]) / age - 0.5 * (v + state[_V, j])
+    r: float = (q - state[_Q, j]) / age - 0.5 * (v + state[_V, j])
+    return r
 
 
 @njit(cache=True, error_model="numpy")
-def _bound(table, state, j):  # type: ignore[no-untyped-def]
+def _bound(
+    table: Array,
+    state: Array,
+    j: int,
+) -> float:
     """Largest r of one joint, rad/s (m/s)."""
-    return max(table[_SHARE, j], RISE * state[_LARGEST, j])
+    largest: float = max(table[_SHARE, j], RISE * state[_LARGEST, j])
+    return largest
 
 
 @njit(cache=True, error_model="numpy")
-def check_sample(table, state, period, sample, checked):  # type: ignore[no-untyped-def]
+def check_sample(
+    table: Array,
+    state: Array,
+    period: float,
+    sample: Array,
+    checked: Array,
+) -> int:
     """Takes the rows q, v and current of `sample` into `state`, and writes them checked; see above.
 
     Returns:
@@ -252,7 +304,14 @@ def check_sample(table, state, period, sample, checked):  # type: ignore[no-unty
 
 
 @njit(cache=True, error_model="numpy")
-def _check_log(table, state, samples, periods, checked, codes):  # type: ignore[no-untyped-def]
+def _check_log(
+    table: Array,
+    state: Array,
+    samples: Array,
+    periods: Array,
+    checked: Array,
+    codes: Codes,
+) -> None:
     sample, one = np.empty((3, samples.shape[2])), np.empty((3, samples.shape[2]))
     for k in range(samples.shape[1]):
         sample[:] = samples[:, k]

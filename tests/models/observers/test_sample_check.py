@@ -9,11 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.sample_check import BEYOND, DISAGREES, FROZEN, SampleCheck
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.estimation.wrench_kernels import METHODS
 from models.identification.identified_model import IdentifiedModel
 from models.observers.momentum_observer import MomentumObserverConfig
+from models.observers.sample_check import BEYOND, DISAGREES, FROZEN, SampleCheck
 from models.recordings.recording_reader import read_recording
 from models.recordings.resampling import resampled
 from models.robot.robot import Robot

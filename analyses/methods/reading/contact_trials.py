@@ -1,0 +1,212 @@
+"""Pushes put into logs, and what a detector makes of them.
+
+A push is put in where the motors are: a force F at a point with Jacobian J takes J^T F off the
+torque that the same motion asks of them. Observer, friction and detector see the log as any other.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from models.arrays import Array, Flags
+from models.detection.contact_detector import ContactDetectionConfig, ContactDetector, Detection
+from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from models.estimation.wrench import WrenchReconstructionConfig
+from models.identification.identified_model import IdentifiedModel
+from models.observers.momentum_observer import MomentumObserverConfig
+from models.recordings.position_resolution import position_resolution
+from models.recordings.recording import Recording
+from models.recordings.resampling import resampled
+from models.robot.robot import Robot
+
+LATE = 0.1  # s after a push in which it may still be found: the observer's own lag and more
+CONFIDENCE = 0.95  # of the largest rate that a count agrees with
+
+
+class TrialLog:
+    """A log on its uniform grid, ready to be read again and again with other currents.
+
+    Args:
+        recording: of free motion, or with contacts of its own.
+        robot: its robot.
+        model: that reads it.
+        time_step: s.
+        K_0: 1/s.
+        method: what a contact at E is, see `models.detection.contact_statistic`.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        robot: Robot,
+        model: IdentifiedModel,
+        time_step: float,
+        K_0: float,
+        method: str = "force_only",
+    ) -> None:
+        log = resampled(recording, time_step)
+        self.robot, self.time_step = robot, time_step
+        self.t, self.q, self.v, self.current = log.t - log.t[0], log.q, log.v, log.current
+        self.estimator = WrenchEstimator(
+            robot,
+            model,
+            WrenchEstimatorConfig(
+                MomentumObserverConfig([K_0], time_step),
+                WrenchReconstructionConfig(method),
+                position_resolution=position_resolution(recording.q).tolist(),
+            ),
+        )
+        self.momentum = self.estimator.chain.momentum_terms(self.q, self.v)[0]
+        self.J = self.estimator.chain.jacobian(self.q)
+
+    @property
+    def hours(self) -> float:
+        """h, of the whole log."""
+        return len(self.t) * self.time_step / 3600.0
+
+    def detector(self, rate: float) -> ContactDetector:
+        """With so many false alarms an hour."""
+        return ContactDetector.of(self.estimator, ContactDetectionConfig(rate))
+
+    def detect(self, detector: ContactDetector, tau_ext: Array | None = None) -> Detection:
+        """What is found with a torque from outside (N, n) put in."""
+        current = self.current
+        if tau_ext is not None:
+            gain = self.robot.current_sign * self.robot.torque_per_ampere
+            current = np.asarray(current - tau_ext / gain)
+        seen = self.estimator.observe(self.q, self.v, current)
+        return Detection.of(
+            detector.judge(
+                *(detector.initial_state(), self.q, self.v, seen.tau_J - seen.tau_f),
+                *(self.momentum, seen.J, seen.tau_ext, seen.fresh),
+            )
+        )
+
+
+def jacobian_on_link(J: Array, link: int) -> Array:
+    """(N, 3, n) of the point of link 1 to n - 1 that lies on the next joint's axis, nearest to E.
+
+    Args:
+        J: (N, 6, n) rows [angular; linear] at E, of revolute joints.
+        link: 1 to n - 1.
+    """
+    # Joint axis z through a point whose linear column is l: E lies at l x z from the axis.
+    p_EP = -np.cross(J[:, 3:, link], J[:, :3, link])
+    moved = J[:, 3:] + np.cross(J[:, :3], p_EP[:, :, None], axis=1)
+    moved[:, :, link:] = 0.0
+    return np.asarray(moved)
+
+
+@dataclass
+class Tally:
+    """What became of the pushes of a set."""
+
+    contacts: int = 0
+    delays: list[float] = field(default_factory=list)  # s, of those that were found
+    misfits: int = 0  # of those found, not at E for at least half of the time
+    links: dict[str, int] = field(default_factory=dict)  # "right", "wrong", "untold", of misfits
+
+    @property
+    def missed(self) -> int:
+        """Pushes that were not found."""
+        return self.contacts - len(self.delays)
+
+    def add(
+        self, detection: Detection, begin: int, end: int, time_step: float, link: int | None
+    ) -> None:
+        """Takes one push.
+
+        Args:
+            detection: along its log.
+            begin, end: first sample with it, and the one after its last.
+            time_step: s.
+            link: that it acts on, 1 to n; None: it acts at E.
+        """
+        late = round(LATE / time_step)
+        if detection.contact[max(begin - 1, 0)]:
+            return  # the one before is not over
+        self.contacts += 1
+        found = np.flatnonzero(detection.contact[begin : end + late])
+        if not len(found):
+            return
+        # The push may have begun up to a sample before the first that shows it.
+        self.delays.append((int(found[0]) + 1) * time_step)
+        inside = slice(begin + int(found[0]), end)
+        touched = detection.misfit[inside]
+        if len(touched) and touched.mean() >= 0.5:
+            self.misfits += 1
+            told = detection.link[inside][touched]
+            told = told[told > 0]
+            named = int(np.bincount(told).argmax()) if 2 * len(told) > touched.sum() else 0
+            verdict = "untold" if named == 0 else "right" if named == link else "wrong"
+            self.links[verdict] = self.links.get(verdict, 0) + 1
+
+    def metrics(self) -> dict[str, Any]:
+        """Under the keys of the experiment; delays are null where nothing was found."""
+        delays = np.array(self.delays)
+        found = len(delays)
+        return {
+            "contacts": self.contacts,
+            "missed": self.missed,
+            "missed_pct": 100.0 * self.missed / max(self.contacts, 1),
+            "delay_median_s": float(np.median(delays)) if found else None,
+            "delay_p95_s": float(np.quantile(delays, 0.95)) if found else None,
+            "delay_max_s": float(delays.max()) if found else None,
+            "misfit_pct": 100.0 * self.misfits / max(found, 1),
+            **{f"link_{name}": self.links.get(name, 0) for name in ("right", "wrong", "untold")},
+        }
+
+
+def onsets(contact: Flags) -> NDArray[np.intp]:
+    """Samples at which a flag (N,) begins to be set."""
+    return np.flatnonzero(np.diff(np.concatenate([[False], contact]).astype(int)) == 1)
+
+
+def false_alarm_metrics(alarms: int, hours: float) -> dict[str, Any]:
+    """Rate of what was counted, and the largest one that agrees with it."""
+    upper = 0.5 * float(chi2.ppf(CONFIDENCE, 2 * (alarms + 1)))
+    return {
+        "false_alarms": alarms,
+        "hours": hours,
+        "false_alarms_per_hour": alarms / hours,
+        "false_alarms_per_hour_upper": upper / hours,
+    }
+
+
+def schedule(
+    v: Array, duration: float, pause: float, first: float, time_step: float, slowest: float
+) -> list[tuple[int, int]]:
+    """(begin, end) of pushes one after another while the arm moves.
+
+    Args:
+        v: (N, n) rad/s.
+        duration, pause, first: s: of a push, after it, and before the first one.
+        time_step: s.
+        slowest: rad/s of the fastest joint, all through the push.
+    """
+    size, rest = round(duration / time_step), round(pause / time_step)
+    fast = np.abs(v).max(axis=1) >= slowest
+    found, begin = [], round(first / time_step)
+    while begin + size + rest < len(v):
+        if fast[begin : begin + size].all():
+            found.append((begin, begin + size))
+            begin += size + rest
+        else:
+            begin += max(1, rest // 10)
+    return found
+
+
+def put_in(
+    pushes: Sequence[tuple[int, int]], J: Array, size: float, rng: np.random.Generator
+) -> Array:
+    """Torque (N, n) of forces of `size` N in random directions, constant in W; J (N, 3, n)."""
+    tau = np.zeros((len(J), J.shape[2]))
+    for begin, end in pushes:
+        direction = rng.normal(size=3)
+        direction *= size / np.linalg.norm(direction)
+        tau[begin:end] = np.einsum("kij,i->kj", J[begin:end], direction)
+    return tau

@@ -1,0 +1,150 @@
+"""Does the friction of a log's contact-free stretches contradict the model's?
+
+What the observer reads there is the model's error. About ten rows a second of it are kept, with
+what friction's coefficients add to it through the observer's own pole, and judged by
+`models.calibration.friction_disagreement`.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.signal import lfilter
+
+from models.arrays import Array, Flags
+from models.calibration.friction_disagreement import FrictionDisagreement, friction_disagreements
+from models.calibration.residual_noise import ResidualRows
+from models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
+from models.identification.identified_model import IdentifiedModel
+from models.rigid_body.serial_chain import SerialChain
+
+ROW_TIME = 0.1  # s
+MOST_ROWS = 6000  # ten minutes
+MARGIN = 0.5  # s before and after a contact that are not contact-free
+SHORTEST = 4.0  # s of free motion that a refresh is offered
+MOSTLY = 0.5  # share of contact beyond which the flag itself is in doubt, and all rows are judged
+
+
+class FrictionWatch:
+    """Gathers the rows chunk by chunk.
+
+    Args:
+        model: that reads the log.
+        chain: with the model's inertias.
+        pole: (n,) 1/s of the observer; None for one without such a lag.
+        time_step: s.
+    """
+
+    def __init__(
+        self, model: IdentifiedModel, chain: SerialChain, pole: Array | None, time_step: float
+    ) -> None:
+        self._model, self._chain, self._time_step = model, chain, time_step
+        self._keep = None if pole is None else np.exp(-pole * time_step)
+        self._every = max(1, round(ROW_TIME / time_step))
+        self._memory = np.zeros((5, chain.num_joints))
+        self._rows: list[ResidualRows] = []
+        self._free: list[Flags] = []
+        self._count = 0
+        self._since = np.inf  # s without contact, so far
+        self._begin, self._longest = 0.0, (0.0, 0.0)
+        self._first: float | None = None
+
+    def add(self, t: Array, q: Array, v: Array, tau_ext: Array, known: Flags, free: Flags) -> None:
+        """Takes the next samples.
+
+        Args:
+            t: (N,) s.
+            q, v: (N, n) rad and rad/s.
+            tau_ext: (N, n) N m.
+            known: (N,) whether tau_ext counts.
+            free: (N,) whether nothing touches the arm.
+        """
+        if not len(t) or self._count >= MOST_ROWS:
+            return
+        self._first = float(t[0]) if self._first is None else self._first
+        free = known & self._clear_of_contact(t, free)
+        law = self._model.friction
+        carried = self._chain.gravity_torque(q)
+        dry, viscous = dry_and_viscous(law, q, v, carried)
+        sliding = sliding_columns(law, q, v, carried)
+        seen = np.stack([dry, viscous, *np.moveaxis(sliding, 2, 0)])
+        if self._keep is not None:
+            for j, keep in enumerate(self._keep):
+                part, memory = lfilter(
+                    [1.0 - keep], [1.0, -keep], seen[:, :, j], zi=self._memory[:, j, None]
+                )
+                seen[:, :, j], self._memory[:, j] = part, memory[:, 0]
+        at = np.flatnonzero(known & np.isfinite(tau_ext).all(axis=1))[:: self._every]
+        self._count += len(at)
+        self._free.append(free[at])
+        self._rows.append(
+            ResidualRows(
+                t=t[at],
+                v=v[at],
+                residual=-tau_ext[at],
+                dry=seen[0][at],
+                viscous=seen[1][at],
+                stiction=stiction(law, carried)[at],
+                sliding=np.moveaxis(seen[2:], 0, 2)[at],
+                sd=np.sqrt(np.diag(self._model.residual_covariance)),
+            )
+        )
+
+    def _clear_of_contact(self, t: Array, free: Flags) -> Flags:
+        """(N,) MARGIN away from contact; also keeps the longest stretch of this."""
+        reach = max(1, round(MARGIN / self._time_step))
+        touched = np.flatnonzero(~free)
+        padded = np.zeros(len(t) + 1)
+        np.add.at(padded, np.maximum(touched - reach, 0), 1.0)
+        np.add.at(padded, np.minimum(touched + reach + 1, len(t)), -1.0)
+        clear = np.cumsum(padded)[:-1] == 0.0
+        clear[: round(max(MARGIN - self._since, 0.0) / self._time_step)] = False
+        self._since = (
+            (len(t) - 1 - touched[-1]) * self._time_step
+            if len(touched)
+            else self._since + len(t) * self._time_step
+        )
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], clear, [False]])))
+        for begin, end in edges.reshape(-1, 2):
+            if begin > 0 or self._begin == 0.0:
+                self._begin = float(t[begin])
+            last = float(t[end - 1])
+            if last - self._begin > self._longest[1] - self._longest[0]:
+                self._longest = (self._begin, last)
+        return np.asarray(clear)
+
+    def disagreements(self) -> list[FrictionDisagreement]:
+        """The joints whose friction contradicts the model."""
+        if not self._rows:
+            return []
+        free = np.concatenate(self._free)
+        if free.mean() < 1.0 - MOSTLY:
+            free[:] = True
+        parts = {
+            name: np.concatenate([getattr(own, name) for own in self._rows])[free]
+            for name in ("t", "v", "residual", "dry", "viscous", "stiction", "sliding")
+        }
+        if not free.any():
+            return []
+        rows = replace(self._rows[0], **parts)
+        return friction_disagreements(rows, self._model.friction.coulomb_viscous)
+
+    def sentences(self, log: str, robot: str, model: str | None) -> list[str]:
+        """What to tell a user: each joint, and the command that brings its friction up to date.
+
+        Args:
+            log, robot, model: as they were given; without a model nothing is said.
+        """
+        if model is None or not self._model.provenance.logs:
+            return []
+        found = self.disagreements()
+        lines = [own.sentence(self._model.joint_names) for own in found]
+        if not found:
+            return []
+        begin, end = (x - (self._first or 0.0) for x in self._longest)
+        part = ""
+        touched = not all(own.all() for own in self._free)
+        if touched and end - begin >= SHORTEST:
+            part = f" --part {np.ceil(10.0 * begin) / 10.0:g},{np.floor(10.0 * end) / 10.0:g}"
+        where = "LOG (some seconds of free motion)" if touched and not part else log
+        command = f"wrenchsight identify {where} --robot {robot} --refresh {model}{part}"
+        return [*lines, f"friction of today: {command} --out refreshed"]

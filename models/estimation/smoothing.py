@@ -1,0 +1,186 @@
+"""The wrench along a log, each sample read with what comes before and after it: no lag.
+
+The model is that of `models.observers.kalman_observer`, but the slow part of the torque error is a
+state, too: z = [p, F, x, beta], and of each sample its distribution given the whole log is read,
+forward by a Kalman filter and backward by the adjoint of it (modified Bryson-Frazier, Bierman 1973,
+which asks for no inverse of a covariance):
+
+    lambda, Lambda <- A^T lambda, A^T Lambda A                            over a period
+    lambda <- (1 - K H)^T lambda - H^T S^-1 e                             over a measurement
+    Lambda <- (1 - K H)^T Lambda (1 - K H) + H^T S^-1 H
+    z_smoothed = z - P lambda,    P_smoothed = P - P Lambda P             z, P before it
+
+beta, the friction's drift, is what a log of some length tells apart from a force: by how it
+follows speed. It is thought to last DRIFT_TIME.
+
+A forward-backward first-order filter has no lag either, but no sd of its own: what the filter makes
+of the torque's error depends on how that is spread over frequencies, which the model above says.
+
+A log streams: a sample is read when LOOK_AHEAD after it has been seen, or the log's end. What comes
+later says nothing of it any more, but for its share in beta.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from models.arrays import Array, Flags
+from models.estimation.estimator import EstimateBatch, WrenchEstimator
+from models.identification.torque_error_model import TORQUE_ERROR_ROWS
+from models.observers.fixed_interval import NUM_KINDS, NUM_PERIOD, backward_log, forward_log
+from models.observers.kalman_observer import (
+    START_F,
+    KalmanObserver,
+    KalmanObserverConfig,
+    split_table,
+)
+from models.observers.observer import NUM_SIGNALS
+
+DRIFT_TIME = 600.0  # s
+LOOK_AHEAD, MOST_AHEAD = 10.0, 16384  # s, samples: what bounds the memory
+PASS = 8192  # samples that are read backward at a time, beside those ahead
+
+
+class _Kept(NamedTuple):
+    """What the forward pass leaves of N samples.
+
+    Attributes:
+        z, P, period, kinds: of `models.observers.fixed_interval.forward_log`.
+        batch: causal.
+    """
+
+    z: Array
+    P: Array
+    period: Array
+    kinds: Flags
+    batch: EstimateBatch
+
+    def part(self, rows: slice) -> "_Kept":
+        """Some of the samples, as a copy."""
+        z, P, period, kinds, batch = self
+        return _Kept(
+            *(z[rows].copy(), P[rows].copy(), period[rows].copy(), kinds[rows].copy()),
+            _rows(batch, rows),
+        )
+
+
+class WrenchSmoother:
+    """Smooths a log that comes in parts.
+
+        smoother = WrenchSmoother(estimator)
+        for q, v, current in parts:
+            ready = smoother.take(q, v, current)      # of samples before; may be none
+        rest = smoother.finish()
+
+    together are the log's samples, one by one. Of what a batch holds, wrench, covariance and
+    tau_ext = J^T F are smoothed; valid is the estimator's own, as it says what can be read at all.
+
+    Args:
+        estimator: whose model, prior and samples these are; any observer.
+        bandwidth_hz: as KalmanObserverConfig; None: that of the estimator's, or the default.
+
+    Raises:
+        ValueError: the estimator's method has no prior.
+    """
+
+    def __init__(self, estimator: WrenchEstimator, bandwidth_hz: float | None = None) -> None:
+        self._estimator = estimator
+        own = estimator.config.observer
+        if bandwidth_hz is None:
+            bandwidth_hz = getattr(own, "bandwidth_hz", KalmanObserverConfig().bandwidth_hz)
+        n, step = estimator.num_joints, estimator.observer.time_step
+        samples = "trapezoidal" if estimator.observer.reads_present_torque else "held"
+        config = KalmanObserverConfig(bandwidth_hz, step, samples)
+        self._table = KalmanObserver(config, n).informed(estimator.knowledge).table
+        self._ahead = min(int(np.ceil(LOOK_AHEAD / step)), MOST_AHEAD)
+        self._state = estimator.initial_state()
+        error = estimator.model.torque_error
+        rows = np.zeros((TORQUE_ERROR_ROWS + 1, n))
+        if error is not None:
+            rows[:TORQUE_ERROR_ROWS] = error.initial_state()
+        self._scale = 0.0 if error is None else error.scale
+        self._errors = rows
+        sixes = split_table(self._table, n)[1]
+        M = 3 * n + 6
+        self._z, self._P = np.zeros(M), np.zeros((M, M))
+        self._P[range(n, M), range(n, M)] = np.concatenate([sixes[START_F], np.ones(2 * n)])
+        self._running = np.zeros(1, np.bool_)
+        self._kept_drift = float(np.exp(-step / DRIFT_TIME))
+        self._kept: list[_Kept] = []
+
+    def take(self, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> EstimateBatch:
+        """Takes (N, n) samples, as `WrenchEstimator.run`; returns the samples that are read."""
+        q, v, current = (np.asarray(x, float) for x in (q, v, current))
+        ready = []
+        for start in range(0, len(q), PASS):
+            part = slice(start, start + PASS)
+            self._kept.append(self._forward(q[part], v[part], current[part]))
+            if sum(len(own.z) for own in self._kept) >= PASS + self._ahead:
+                ready.append(self._read(self._ahead))
+        return _joined(ready) if ready else self._nothing()
+
+    def finish(self) -> EstimateBatch:
+        """Returns the samples that are left."""
+        return self._read(0) if self._kept else self._nothing()
+
+    def _nothing(self) -> EstimateBatch:
+        empty = np.zeros((0, self._estimator.num_joints))
+        return self._estimator.run(self._estimator.initial_state(), empty, empty, empty)
+
+    def _forward(self, q: Array, v: Array, current: Array) -> _Kept:
+        N, n = q.shape
+        M = 3 * n + 6
+        signals = np.empty((N, NUM_SIGNALS, n))
+        batch = self._estimator.run(self._state, q, v, current, seen=signals)
+        z, P = np.empty((N, M)), np.empty((N, M, M))
+        period, kinds = np.empty((N, NUM_PERIOD, n)), np.empty((N, NUM_KINDS), np.bool_)
+        forward_log(
+            *(self._table, self._kept_drift, self._z, self._P, self._running, self._errors),
+            *(signals, batch.J, z, P, period, kinds),
+        )
+        return _Kept(z, P, period, kinds, batch)
+
+    def _read(self, ahead: int) -> EstimateBatch:
+        """Reads all that is kept but the last `ahead` samples, and lets go of it."""
+        columns = list(zip(*self._kept, strict=True))[:-1]
+        z, P, period, kinds = (np.concatenate(parts) for parts in columns)
+        kept = _Kept(z, P, period, kinds, _joined([own.batch for own in self._kept]))
+        ready = len(kept.z) - ahead
+        wrench, covariance = np.empty((ready, 6)), np.empty((ready, 6, 6))
+        backward_log(
+            *(self._table, self._kept_drift, kept.z, kept.P, kept.period, kept.kinds),
+            *(kept.batch.J, wrench, covariance),
+        )
+        if self._scale:
+            covariance += self._scale**2 * wrench[:, :, None] * wrench[:, None, :]
+        self._kept = [kept.part(slice(ready, None))] if ahead else []
+        causal = _rows(kept.batch, slice(0, ready))
+        tau_ext = np.einsum("kai,ka->ki", causal.J, wrench)
+        finite = np.isfinite(tau_ext).all(axis=1)
+        return causal._replace(
+            tau_ext=np.where(finite[:, None], tau_ext, 0.0), wrench=wrench, covariance=covariance
+        )
+
+
+def smoothed_estimate(
+    estimator: WrenchEstimator, q: ArrayLike, v: ArrayLike, current: ArrayLike
+) -> EstimateBatch:
+    """Reads a whole log, each sample with all others; arguments as `WrenchEstimator.run`.
+
+    Raises:
+        ValueError: shapes that disagree; a method without a prior.
+    """
+    smoother = WrenchSmoother(estimator)
+    return _joined([smoother.take(q, v, current), smoother.finish()])
+
+
+def _rows(batch: EstimateBatch, rows: slice) -> EstimateBatch:
+    columns: Any = (column[rows] for column in batch)
+    return EstimateBatch(*columns)
+
+
+def _joined(batches: list[EstimateBatch]) -> EstimateBatch:
+    if len(batches) == 1:
+        return batches[0]
+    return EstimateBatch(*(np.concatenate(parts) for parts in zip(*batches, strict=True)))

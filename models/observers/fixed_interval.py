@@ -1,0 +1,388 @@
+"""Kernels of a fixed-interval smoother: a Kalman filter forward, its adjoint backward.
+
+The equations are those of `models.estimation.smoothing`; z = [p, F, x, beta] of size M = 3 n + 6
+has the parts of `models.observers.kalman_observer`, and beta.
+"""
+
+import numpy as np
+from numba import njit
+
+from models.arrays import Array, Flags
+from models.observers.kalman_observer import (
+    KEPT_F,
+    NOISE_F,
+    PERIOD,
+    ROUND,
+    arrived_momentum,
+    error_parts,
+    split_table,
+)
+from models.observers.observer import CTV, GRAVITY, TAU_F, TAU_J
+
+# Kinds of a sample: whether it was measured, and whether the coming period is known.
+_MEASURED, _KNOWN, NUM_KINDS = range(3)
+# Rows of what is kept of a period: s and b, N m, a_x, and what the sample missed z by, N m s.
+_SMOOTH, _SLOW, _KEEPS, _MISS, NUM_PERIOD = range(5)
+
+
+@njit(cache=True, error_model="numpy")
+def _factor(
+    P: Array,
+    rounding: Array,
+    L: Array,
+) -> None:
+    """Cholesky of S = H P H^T + R into L (n, n), lower."""
+    n = L.shape[0]
+    for i in range(n):
+        for j in range(i + 1):
+            total = P[i, j] + (rounding[i] if i == j else 0.0)
+            for k in range(j):
+                total -= L[i, k] * L[j, k]
+            L[i, j] = np.sqrt(max(total, rounding[i])) if i == j else total / L[j, j]
+
+
+@njit(cache=True, error_model="numpy")
+def _solve(
+    L: Array,
+    x: Array,
+) -> None:
+    """S^-1 x in place."""
+    n = L.shape[0]
+    for i in range(n):
+        for k in range(i):
+            x[i] -= L[i, k] * x[k]
+        x[i] /= L[i, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            x[i] -= L[k, i] * x[k]
+        x[i] /= L[i, i]
+
+
+@njit(cache=True, error_model="numpy")
+def _gain(
+    P: Array,
+    rounding: Array,
+    L: Array,
+    K: Array,
+) -> None:
+    _factor(P, rounding, L)
+    n = L.shape[0]
+    for a in range(P.shape[0]):
+        for i in range(n):
+            K[a, i] = P[a, i]
+        _solve(L, K[a])
+
+
+@njit(cache=True, error_model="numpy")
+def _step_matrix(
+    numbers: Array,
+    sixes: Array,
+    kept_drift: float,
+    J: Array,
+    period: Array,
+    A: Array,
+) -> None:
+    """Writes what is not 1 of A (M, M): its first n rows beyond p, and the other diagonals."""
+    n = J.shape[1]
+    T = numbers[PERIOD]
+    for i in range(n):
+        for a in range(6):
+            A[i, n + a] = T * J[a, i]
+        A[i, n + 6 + i] = T * period[_SMOOTH, i]
+        A[i, 2 * n + 6 + i] = T * period[_SLOW, i]
+        A[2 * n + 6 + i, 2 * n + 6 + i] = kept_drift
+    for a in range(6):
+        A[n + a, n + a] = sixes[KEPT_F, a]
+
+
+@njit(cache=True, error_model="numpy")
+def forward_log(
+    table: Array,
+    kept_drift: float,
+    z: Array,
+    P: Array,
+    running: Flags,
+    errors: Array,
+    signals: Array,
+    J: Array,
+    z_log: Array,
+    P_log: Array,
+    period: Array,
+    kinds: Flags,
+) -> None:
+    """The filter over N samples; z (M,), P (M, M), running (1,) and errors go on from it.
+
+    Args:
+        table: KalmanObserver.table.
+        errors: rows of the torque error's state.
+        signals, J: (N, NUM_SIGNALS, n), (N, 6, n).
+        z_log, P_log, period, kinds: written, (N, M), (N, M, M) before a sample is measured,
+            (N, NUM_PERIOD, n), (N, NUM_KINDS).
+    """
+    N, _, n = signals.shape
+    M = 3 * n + 6
+    numbers, sixes, joints, mixing, error_table = split_table(table, n)
+    rounding, T = joints[ROUND], numbers[PERIOD]
+    L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
+    arrived, white = np.empty(n), np.empty(n)
+    for k in range(N):
+        own = signals[k]
+        z_log[k], P_log[k] = z, P
+        seen, known = True, True
+        for i in range(n):
+            arrived[i] = arrived_momentum(numbers, own, i)
+            u = own[TAU_J, i] + own[CTV, i] - own[GRAVITY, i] - own[TAU_F, i]
+            seen = seen and np.isfinite(arrived[i])
+            known = known and np.isfinite(arrived[i] + u)
+            for a in range(6):
+                known = known and np.isfinite(J[k, a, i])
+            period[k, _MISS, i] = 0.0
+        measured = seen and running[0]
+        kinds[k, _MEASURED], kinds[k, _KNOWN] = measured, known
+        if measured:
+            _gain(P, rounding, L, K)
+            above = P[:n].copy()
+            for i in range(n):
+                period[k, _MISS, i] = arrived[i] - z[i]
+            for a in range(M):
+                for i in range(n):
+                    z[a] += K[a, i] * period[k, _MISS, i]
+            for a in range(M):
+                for b in range(a + 1):
+                    for i in range(n):
+                        P[a, b] -= K[a, i] * above[i, b]
+                    P[b, a] = P[a, b]
+        else:
+            for i in range(n):
+                z[i] = arrived[i] if np.isfinite(arrived[i]) else 0.0
+                P[i], P[:, i] = 0.0, 0.0
+                P[i, i] = rounding[i]
+        error_parts(
+            *(numbers, joints, error_table, errors, own),
+            *(period[k, _SMOOTH], white, period[k, _SLOW], period[k, _KEEPS]),
+        )
+        running[0] = known
+        if not known:
+            for a in range(6):
+                P[n + a, n + a] += sixes[NOISE_F, a]
+            continue
+        _renew(period[k, _KEEPS], mixing, z, P, n)
+        _step_matrix(numbers, sixes, kept_drift, J[k], period[k], A)
+        z[:] = _times(A, z, n)
+        for i in range(n):
+            z[i] += T * (own[TAU_J, i] + own[CTV, i] - own[GRAVITY, i] - own[TAU_F, i])
+        _congruent(A, P, n)
+        for i in range(n):
+            P[i, i] += white[i]
+            P[2 * n + 6 + i, 2 * n + 6 + i] += 1.0 - kept_drift * kept_drift
+        for a in range(6):
+            P[n + a, n + a] += sixes[NOISE_F, a]
+
+
+@njit(cache=True, error_model="numpy")
+def _renew(
+    kept: Array,
+    mixing: Array,
+    z: Array,
+    P: Array,
+    n: int,
+) -> None:
+    """Renews the error's smooth part in z and P, in place."""
+    for i in range(n):
+        e = n + 6 + i
+        z[e] *= kept[i]
+        for b in range(P.shape[0]):
+            P[e, b] *= kept[i]
+        for b in range(P.shape[0]):
+            P[b, e] *= kept[i]
+    for i in range(n):
+        for j in range(n):
+            fade = (1.0 - kept[i] * kept[i]) * (1.0 - kept[j] * kept[j])
+            P[n + 6 + i, n + 6 + j] += mixing[i, j] * np.sqrt(fade)
+
+
+@njit(cache=True, error_model="numpy")
+def _times(
+    A: Array,
+    z: Array,
+    n: int,
+) -> Array:
+    """A z."""
+    out = np.empty_like(z)
+    for a in range(z.shape[0]):
+        out[a] = A[a, a] * z[a]
+        if a < n:
+            for b in range(n, z.shape[0]):
+                out[a] += A[a, b] * z[b]
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def _congruent(
+    A: Array,
+    P: Array,
+    n: int,
+) -> None:
+    """P <- A P A^T, in place; below its first n rows A is diagonal."""
+    M = P.shape[0]
+    for i in range(n):
+        for b in range(M):
+            total = P[i, b]
+            for c in range(n, M):
+                if A[i, c] != 0.0:
+                    total += A[i, c] * P[c, b]
+            P[i, b] = total
+    for i in range(n):
+        for b in range(M):
+            total = P[b, i]
+            for c in range(n, M):
+                if A[i, c] != 0.0:
+                    total += A[i, c] * P[b, c]
+            P[b, i] = total
+    for a in range(M):
+        for b in range(a + 1):
+            P[a, b] = 0.5 * (P[a, b] + P[b, a]) * A[a, a] * A[b, b]
+            P[b, a] = P[a, b]
+
+
+@njit(cache=True, error_model="numpy")
+def backward_log(
+    table: Array,
+    kept_drift: float,
+    z_log: Array,
+    P_log: Array,
+    period: Array,
+    kinds: Flags,
+    J: Array,
+    wrench: Array,
+    covariance: Array,
+) -> None:
+    """Reads the first rows of N that `forward_log` has left, with all N.
+
+    Args:
+        wrench, covariance: (K, 6), (K, 6, 6) with K at most N, written.
+        others: as `forward_log`.
+    """
+    N, _, n = period.shape
+    M = 3 * n + 6
+    numbers, sixes, joints, _, _ = split_table(table, n)
+    rounding = joints[ROUND]
+    L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
+    small, large = np.zeros(M), np.zeros((M, M))  # lambda, Lambda
+    inverse, product = np.empty((n, n)), np.empty((M, n))
+    for k in range(N - 1, -1, -1):
+        if kinds[k, _KNOWN]:
+            _step_matrix(numbers, sixes, kept_drift, J[k], period[k], A)
+            _adjoint(A, small, large, n)
+            for i in range(n):
+                e = n + 6 + i
+                small[e] *= period[k, _KEEPS, i]
+                for b in range(M):
+                    large[e, b] *= period[k, _KEEPS, i]
+                for b in range(M):
+                    large[b, e] *= period[k, _KEEPS, i]
+        else:  # the momentum of the next sample has nothing of this one's
+            small[:n], large[:n], large[:, :n] = 0.0, 0.0, 0.0
+        if kinds[k, _MEASURED]:
+            _gain(P_log[k], rounding, L, K)
+            for i in range(n):
+                for j in range(n):
+                    inverse[i, j] = 1.0 if i == j else 0.0
+                _solve(L, inverse[i])
+            for i in range(n):
+                total = 0.0
+                for a in range(M):
+                    total -= K[a, i] * small[a]
+                for j in range(n):
+                    total -= inverse[i, j] * period[k, _MISS, j]
+                product[0, i] = total
+            for i in range(n):
+                small[i] += product[0, i]
+            for a in range(M):
+                for i in range(n):
+                    total = 0.0
+                    for b in range(M):
+                        total += large[a, b] * K[b, i]
+                    product[a, i] = total
+            for a in range(M):
+                for i in range(n):
+                    large[a, i] -= product[a, i]
+            for i in range(n):
+                for b in range(M):
+                    total = 0.0
+                    for a in range(M):
+                        total += K[a, i] * large[a, b]
+                    product[b, i] = total
+            for i in range(n):
+                for b in range(M):
+                    large[i, b] -= product[b, i]
+                for j in range(n):
+                    large[i, j] += inverse[i, j]
+            for a in range(M):
+                for b in range(a):
+                    large[a, b] = 0.5 * (large[a, b] + large[b, a])
+                    large[b, a] = large[a, b]
+        else:
+            small[:n], large[:n], large[:, :n] = 0.0, 0.0, 0.0
+        if k < wrench.shape[0]:
+            _smoothed(z_log[k], P_log[k], small, large, n, wrench[k], covariance[k])
+
+
+@njit(cache=True, error_model="numpy")
+def _adjoint(
+    A: Array,
+    small: Array,
+    large: Array,
+    n: int,
+) -> None:
+    """lambda <- A^T lambda, Lambda <- A^T Lambda A, in place."""
+    M = small.shape[0]
+    for b in range(n, M):
+        total = A[b, b] * small[b]
+        for i in range(n):
+            total += A[i, b] * small[i]
+        small[b] = total
+    for a in range(M):
+        for b in range(n, M):
+            total = large[a, b] * A[b, b]
+            for i in range(n):
+                if A[i, b] != 0.0:
+                    total += large[a, i] * A[i, b]
+            large[a, b] = total
+    for b in range(n, M):
+        for c in range(M):
+            total = A[b, b] * large[b, c]
+            for i in range(n):
+                if A[i, b] != 0.0:
+                    total += A[i, b] * large[i, c]
+            large[b, c] = total
+
+
+@njit(cache=True, error_model="numpy")
+def _smoothed(
+    z: Array,
+    P: Array,
+    small: Array,
+    large: Array,
+    n: int,
+    wrench: Array,
+    covariance: Array,
+) -> None:
+    """F and its covariance given all, from what was known before a sample and the adjoint."""
+    M = z.shape[0]
+    half = np.empty((6, M))
+    for a in range(6):
+        total = z[n + a]
+        for b in range(M):
+            total -= P[n + a, b] * small[b]
+            half[a, b] = 0.0
+            for c in range(M):
+                half[a, b] += P[n + a, c] * large[c, b]
+        wrench[a] = total
+    for a in range(6):
+        for b in range(a + 1):
+            total = P[n + a, n + b]
+            for c in range(M):
+                total -= half[a, c] * P[c, n + b]
+            covariance[a, b] = total
+            covariance[b, a] = total

@@ -1,0 +1,131 @@
+"""Convex hulls of collision meshes, in files that Drake reads.
+
+Drake's distances know convex shapes only, and its hulls are made of .obj, .vtk and .gltf files
+alone. Robots come with STL and COLLADA files: their hull is computed once and kept in the user's
+cache, under the digest of the mesh.
+
+A hull contains its mesh, so that a motion that keeps clear of it keeps clear of the mesh.
+"""
+
+import hashlib
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from models.arrays import Array
+from models.files.files_read import about_to_read
+
+HULL_SUFFIXES = (".stl", ".dae", ".obj", ".ply", ".off", ".glb")
+_VERSION = b"1"  # of the way that hulls are made; another one leaves those in the cache alone
+_MOST_VERTICES = 800  # Drake's distances take longer with every vertex
+_DIRECTIONS = 150  # of the supporting planes that bound a hull of more
+
+
+class UnusableMeshError(Exception):
+    """A mesh has no hull; the message says why."""
+
+
+def hull_file(mesh: Path) -> Path:
+    """Returns the .obj file of a mesh's convex hull; made if it is not in the cache.
+
+    Raises:
+        UnusableMeshError: the file is damaged, flat, or of a kind that is not read.
+    """
+    suffix = mesh.suffix.lower()
+    if suffix not in HULL_SUFFIXES:
+        raise UnusableMeshError(suffix or "no file name")
+    about_to_read(mesh)
+    data = mesh.read_bytes()
+    digest = hashlib.sha256(_VERSION + suffix.encode() + data).hexdigest()[:32]
+    for folder in _cache_folders():
+        path = folder / f"{digest}.obj"
+        if path.is_file():
+            return path
+    vertices, faces = convex_hull(_vertices(mesh))
+    text = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in vertices.tolist())
+    text += "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in faces.tolist())
+    for folder in _cache_folders():
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            # Another process may make the same hull: each its own file, then one name.
+            handle, partial = tempfile.mkstemp(dir=folder, suffix=".partial")
+            with os.fdopen(handle, "w") as file:
+                file.write(text)
+            Path(partial).replace(folder / f"{digest}.obj")
+        except OSError:
+            continue
+        return folder / f"{digest}.obj"
+    raise UnusableMeshError("no folder to keep its convex hull in")
+
+
+def convex_hull(points: Array) -> tuple[Array, Any]:
+    """Vertices (V, 3) and triangles (F, 3), seen from outside counter-clockwise, of a hull.
+
+    A hull of many vertices is replaced by one of fewer that contains it: the part of space that
+    lies within the supporting planes of directions spread evenly over the sphere.
+
+    Raises:
+        UnusableMeshError: the points lie in a plane.
+    """
+    from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
+
+    try:
+        hull = ConvexHull(points)
+        if len(hull.vertices) > _MOST_VERTICES:
+            corners = points[hull.vertices]
+            normals = _spread_directions(_DIRECTIONS)
+            heights = (normals @ corners.T).max(axis=1)
+            inside = corners.mean(axis=0)
+            planes = np.column_stack([normals, -heights])
+            outer = HalfspaceIntersection(planes, inside).intersections
+            hull = ConvexHull(outer)
+            points = outer
+    except (QhullError, ValueError) as error:
+        raise UnusableMeshError("its points lie in a plane") from error
+    index = np.full(len(points), -1)
+    index[hull.vertices] = np.arange(len(hull.vertices))
+    faces = hull.simplices.copy()
+    corners = points[faces]
+    outward = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    turned = np.einsum("ij,ij->i", outward, hull.equations[:, :3]) < 0
+    faces[turned] = faces[turned][:, [0, 2, 1]]
+    return points[hull.vertices], index[faces]
+
+
+def _spread_directions(count: int) -> Array:
+    """(count, 3) unit vectors on a Fibonacci spiral, and the six axes: boxes stay boxes."""
+    k = np.arange(count) + 0.5
+    z = 1.0 - 2.0 * k / count
+    angle = np.pi * (1.0 + np.sqrt(5.0)) * k
+    r = np.sqrt(1.0 - z * z)
+    spiral = np.column_stack([r * np.cos(angle), r * np.sin(angle), z])
+    return np.concatenate([spiral, np.eye(3), -np.eye(3)])
+
+
+def _vertices(mesh: Path) -> Array:
+    """(N, 3) of a mesh file, its parts in their places, in the file's numbers.
+
+    A COLLADA file's own axes and unit count as robots' tools take them: the unit does, the
+    direction that is up does not.
+    """
+    import trimesh
+
+    try:
+        loaded = trimesh.load_scene(mesh)
+        vertices = np.asarray(loaded.to_mesh().vertices, np.float64)
+    except Exception as error:  # whatever a reader meets in a damaged file
+        raise UnusableMeshError(f"{mesh.suffix.lower()}, cannot be read") from error
+    if len(vertices) < 4 or not np.isfinite(vertices).all():
+        raise UnusableMeshError(f"{mesh.suffix.lower()}, holds no solid")
+    return vertices
+
+
+def _cache_folders() -> list[Path]:
+    """Where hulls are kept: the user's cache, else a folder for the user in the temporary one."""
+    cache = os.environ.get("XDG_CACHE_HOME") or str(Path("~").expanduser() / ".cache")
+    user = os.getuid() if hasattr(os, "getuid") else 0
+    temporary = Path(tempfile.gettempdir()) / f"wrenchsight-{user}"
+    return [Path(cache) / "wrenchsight" / "hulls", temporary / "hulls"]

@@ -1,0 +1,133 @@
+"""Every registered observer reads the same in a log, tick by tick, in the stages and fused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput
+
+from diagrams.estimator import add_estimator, make_estimator
+from models.estimation.estimator import (
+    EstimateBatch,
+    Taught,
+    WrenchEstimator,
+    WrenchEstimatorConfig,
+)
+from models.estimation.wrench import WrenchReconstructionConfig
+from models.identification.identified_model import IdentifiedModel
+from models.identification.torque_error_model import TorqueErrorModel
+from models.observers.kalman_observer import KalmanObserverConfig
+from models.observers.observer_kinds import OBSERVERS
+from models.observers.super_twisting_observer import SuperTwistingObserverConfig
+from models.robot.robot import Robot
+from systems.recording_player import RecordingPlayer, Samples
+
+T = 1e-3
+ROWS = 200
+OUTPUTS = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
+
+
+def model_of(robot: Robot, with_error: bool) -> IdentifiedModel:
+    n, rng = robot.num_joints, np.random.default_rng(3)
+    model = IdentifiedModel.nominal(robot)
+    if not with_error:
+        return model
+    error = TorqueErrorModel(
+        *(rng.uniform(0.01, 0.03, n) for _ in range(5)),
+        np.eye(n),
+        np.full(n, 0.2),
+        np.full(n, 0.05),
+        *(np.full(n, 1.0), np.full(n, 30.0), np.full(n, 20.0), np.full(n, 1e-6)),
+    )
+    return replace(model, torque_error=error)
+
+
+def samples(robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    n, rng = robot.num_joints, np.random.default_rng(2)
+    t = T * np.arange(ROWS)[:, None]
+    rate, phase = rng.uniform(1.0, 6.0, (2, 1, n))
+    q = robot.home + 0.3 * np.sin(rate * t + phase)
+    v = 0.3 * rate * np.cos(rate * t + phase)
+    current = np.sin(3.0 * q) + 0.1 * rng.normal(size=q.shape)
+    current[90, 1] = v[120, 0] = q[121, 2] = np.nan
+    return q, v, current
+
+
+def in_diagram(
+    robot: Robot,
+    model: IdentifiedModel,
+    config: WrenchEstimatorConfig,
+    log: tuple[np.ndarray, ...],
+    fused: bool,
+) -> dict[str, np.ndarray]:
+    builder = DiagramBuilder()
+    player = builder.AddSystem(RecordingPlayer(robot.num_joints, T))
+    ports = {name: player.GetOutputPort(name) for name in ("q", "v", "current")}
+    estimator = add_estimator(builder, robot, model, config, **ports, fused=fused)
+    sinks = {name: LogVectorOutput(estimator.GetOutputPort(name), builder, T) for name in OUTPUTS}
+    simulator = Simulator(builder.Build())
+    context = simulator.get_mutable_context()
+    player.load(player.GetMyMutableContextFromRoot(context), Samples(*log))
+    simulator.AdvanceTo((ROWS - 0.5) * T)
+    return {name: sink.FindLog(context).data().T for name, sink in sinks.items()}
+
+
+def columns(batch: EstimateBatch) -> dict[str, np.ndarray]:
+    found = {name: np.asarray(getattr(batch, name), float) for name in OUTPUTS}
+    return {name: values.reshape(ROWS, -1) for name, values in found.items()}
+
+
+@pytest.mark.parametrize("with_error", [False, True], ids=["one covariance", "torque error"])
+@pytest.mark.parametrize("kind", OBSERVERS, ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize("torque_samples", ["held", "trapezoidal"])
+def test_every_engine_reads_the_same(
+    sts: Robot, kind: type, with_error: bool, torque_samples: str
+) -> None:
+    own = kind.Config(time_step=T, torque_samples=torque_samples)  # type: ignore[attr-defined]
+    if isinstance(own, SuperTwistingObserverConfig):
+        own = replace(own, torque_rate=[5000.0])  # the log starts with tens of newton metres
+    reading = WrenchReconstructionConfig(max_force_sd=1e3, max_phantom=1e3)
+    config = WrenchEstimatorConfig(own, reading)
+    model, log = model_of(sts, with_error), samples(sts)
+    estimator = WrenchEstimator(sts, model, config)
+    state = estimator.initial_state()
+    halves = [
+        estimator.run(state, *(signal[part] for signal in log))
+        for part in (slice(0, 77), slice(77, None))
+    ]
+    found = columns(EstimateBatch(*(np.concatenate(both) for both in zip(*halves, strict=True))))
+    assert np.isfinite(found["wrench"]).all()
+    assert 0.0 < found["valid"].mean() < 1.0
+    state = estimator.initial_state()
+    ticks = [estimator.step(state, *sample) for sample in zip(*log, strict=True)]
+    # A force of 100 N in doubles, through gains of 1 / T: what is left is rounding.
+    close = {"rtol": 1e-12, "atol": 1e-12 * 1e3}
+    for name in ("tau_ext", "wrench", "covariance"):
+        stepped = np.array([getattr(tick, name) for tick in ticks]).reshape(ROWS, -1)
+        np.testing.assert_allclose(stepped, found[name], **close, err_msg=name)
+    for fused in (False, True):
+        seen = in_diagram(sts, model, config, log, fused)
+        for name in OUTPUTS[:3]:
+            np.testing.assert_allclose(seen[name], found[name], **close, err_msg=name)
+        np.testing.assert_array_equal(seen["valid"], found["valid"])
+
+
+def test_a_wrench_that_is_observed_takes_no_air_pass(sts: Robot) -> None:
+    config = WrenchEstimatorConfig(KalmanObserverConfig())
+    model = IdentifiedModel.nominal(sts)
+    estimator = WrenchEstimator(sts, model, config)
+    zero = np.zeros((1, sts.num_joints))
+    with pytest.raises(ValueError, match="no use for an air pass"):
+        estimator.run(
+            estimator.initial_state(), zero, zero, zero, taught=Taught(zero, zero, np.ones(1))
+        )
+    with pytest.raises(ValueError, match="no use for an air pass"):
+        make_estimator(sts, model, config, taught=True)
+
+
+def test_an_observed_wrench_needs_a_prior(sts: Robot) -> None:
+    config = WrenchEstimatorConfig(KalmanObserverConfig(), WrenchReconstructionConfig("damped"))
+    with pytest.raises(ValueError, match="bayesian, force_only or inverse"):
+        WrenchEstimator(sts, IdentifiedModel.nominal(sts), config)

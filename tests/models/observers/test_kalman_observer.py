@@ -1,0 +1,287 @@
+"""Kalman observer: against a plain filter, the steady state, and the estimator of a log."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import solve_discrete_are
+
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.identification.torque_error_model import TorqueErrorModel
+from models.observers.kalman_observer import (
+    WHITE_SHARE,
+    KalmanObserver,
+    KalmanObserverConfig,
+    changing_wrench,
+)
+from models.observers.observer import (
+    CTV,
+    GRAVITY,
+    MOMENTUM,
+    NUM_SIGNALS,
+    TAU_EXT,
+    TAU_F,
+    TAU_J,
+    TORQUE_SD,
+    ModelKnowledge,
+    Q,
+    V,
+    WrenchPrior,
+)
+
+STEP = 0.01
+N = 6
+LIVE = (3.0, 60.0)  # N m, N
+CONFIG = KalmanObserverConfig(0.02, STEP, "trapezoidal")
+
+
+def error_model(n: int = N) -> TorqueErrorModel:
+    rng = np.random.default_rng(3)
+    correlation = np.eye(n)
+    if n > 2:
+        correlation[1, 2] = correlation[2, 1] = 0.2
+    return TorqueErrorModel(
+        *(rng.uniform(0.1, 0.5, n) for _ in range(5)),
+        correlation,
+        rng.uniform(0.1, 0.4, n),
+        np.full(n, 0.05),
+        np.zeros(n),
+        np.zeros(n),
+        np.full(n, 20.0),
+        np.full(n, 1e-6),
+    )
+
+
+def friction(n: int = N) -> SemiParametricFriction:
+    return SemiParametricFriction(
+        CoulombViscous(np.full(n, 2.0), np.linspace(8.0, 2.0, n), np.zeros(n))
+    )
+
+
+def knowledge(
+    prior: WrenchPrior, error: TorqueErrorModel | None = None, n: int = N
+) -> ModelKnowledge:
+    return ModelKnowledge(error, np.linspace(1.0, 0.2, n), friction(n), None, prior)
+
+
+def log(rows: int, n: int = N) -> tuple[np.ndarray, np.ndarray]:
+    """Signals (rows, NUM_SIGNALS, n) of an arm in motion, and J; friction as signals, too."""
+    rng = np.random.default_rng(5)
+    t = STEP * np.arange(rows)[:, None]
+    signals = np.zeros((rows, NUM_SIGNALS, n))
+    for row in (MOMENTUM, CTV, GRAVITY, TAU_J, TAU_F):
+        rate, phase = rng.uniform(1.0, 5.0, (2, 1, n))
+        signals[:, row] = 5.0 * np.sin(rate * t + phase)
+    rate, phase = rng.uniform(1.0, 3.0, (2, 1, n))
+    signals[:, Q], signals[:, V] = np.sin(rate * t + phase), rate * np.cos(rate * t + phase)
+    signals[:, TORQUE_SD] = np.linspace(1.0, 0.2, n)
+    rate, phase = rng.uniform(0.5, 2.0, (2, 6, n))
+    return signals, np.sin(rate * t[..., None] + phase)
+
+
+def read(
+    observer: KalmanObserver, signals: np.ndarray, J: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Wrench (rows, 6), its covariance, and which rows are fresh; tau_ext into `signals`."""
+    state, rows = observer.initial_state(), len(signals)
+    wrench, covariance = np.empty((rows, 6)), np.empty((rows, 6, 6))
+    fresh = np.empty(rows, bool)
+    for k in range(rows):
+        before = state.copy()
+        fresh[k] = observer.kernels.output(observer.table, state, signals[k], J[k])
+        observer.kernels.wrench(observer.table, state, signals[k], J[k], wrench[k], covariance[k])
+        np.testing.assert_array_equal(state, before)  # an output changes nothing
+        observer.kernels.update(observer.table, state, signals[k], J[k])
+    return wrench, covariance, fresh
+
+
+def plain_filter(
+    signals: np.ndarray, J: np.ndarray, prior: WrenchPrior, error: TorqueErrorModel
+) -> tuple[np.ndarray, np.ndarray]:
+    """The module's equations as full matrices over [p, F, x, beta], written anew."""
+    rows, _, n = signals.shape
+    law = friction(n)
+    slow = error.drift * law.coulomb_viscous.viscous * signals[:, V]
+    transmitted = signals[:, TAU_J] - signals[:, TAU_F]
+    sd, stiction = error.along(law, signals[:, Q], signals[:, V], transmitted, STEP)
+    moving = sd**2 - stiction**2 - slow**2
+    slow = slow + np.sqrt(error.lasting * moving)
+    K_0, times = error.K_0, error.correlation_time
+    smooth = np.sqrt(
+        (1.0 - WHITE_SHARE) * (1.0 + K_0 * times) / (K_0 * times) * moving + stiction**2
+    )
+    white = WHITE_SHARE * 2.0 / K_0 * moving
+    kept, added, start = changing_wrench(prior, CONFIG.bandwidth_hz, STEP)
+    share = 1.0 - stiction**2 / smooth**2
+    a = np.exp(-STEP * share / times)
+    a[1:] *= np.minimum(smooth[1:] / smooth[:-1], smooth[:-1] / smooth[1:])
+    size = 3 * n + 6
+    p, F, x, beta = (slice(*ends) for ends in ((0, n), (n, n + 6), (n + 6, 2 * n + 6), (-n, None)))
+    H = np.eye(n, size)
+    R = np.diag((1e-3 * STEP * error.constant) ** 2)
+    m = np.zeros(size)
+    P = np.zeros((size, size))
+    P[F, F], P[x, x], P[beta, beta] = np.diag(start), np.eye(n), np.eye(n)
+    P[p, p] = R
+    wrench, covariance = np.zeros((rows, 6)), np.empty((rows, 6, 6))
+    for k in range(rows):
+        model = signals[k, CTV] - signals[k, GRAVITY] - signals[k, TAU_F]
+        u = model + signals[k, TAU_J]
+        y = signals[k, MOMENTUM] - 0.5 * STEP * u
+        if k == 0:
+            m[p] = y
+        else:
+            gain = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+            gain[beta] = 0.0  # considered, not estimated
+            m = m + gain @ (y - H @ m)
+            keep = np.eye(size) - gain @ H
+            P = keep @ P @ keep.T + gain @ R @ gain.T
+        wrench[k], covariance[k] = m[F], P[F, F]
+        fade = np.eye(size)
+        fade[x, x] = np.diag(a[k])
+        m, P = fade @ m, fade @ P @ fade.T
+        P[x, x] += error.correlation * np.sqrt(np.outer(1.0 - a[k] ** 2, 1.0 - a[k] ** 2))
+        A = np.eye(size)
+        A[p, F], A[p, x], A[p, beta] = (
+            STEP * J[k].T,
+            np.diag(STEP * smooth[k]),
+            np.diag(STEP * slow[k]),
+        )
+        A[F, F] = np.diag(kept)
+        noise = np.zeros((size, size))
+        noise[p, p], noise[F, F] = np.diag(STEP * white[k]), np.diag(added)
+        m = A @ m
+        m[p] += STEP * u
+        P = A @ P @ A.T + noise
+    return wrench, covariance
+
+
+@pytest.mark.parametrize(
+    "prior",
+    [
+        WrenchPrior(*LIVE, *LIVE),
+        WrenchPrior(1.0, 20.0, *LIVE),
+        WrenchPrior(0.0, np.inf, 0.0, LIVE[1]),
+        WrenchPrior(np.inf, np.inf, *LIVE),
+    ],
+    ids=["live", "of a log", "force only", "inverse"],
+)
+def test_it_is_a_plain_kalman_filter(prior: WrenchPrior) -> None:
+    signals, J = log(300)
+    error = error_model()
+    observer = KalmanObserver(CONFIG, N).informed(knowledge(prior, error))
+    wrench, covariance, fresh = read(observer, signals, J)
+    expected, expected_covariance = plain_filter(signals, J, prior, error)
+    # A start of thirty live sds, 2 kN, against noise of N m s / 1e5: rounding.
+    size = np.sqrt(np.diagonal(expected_covariance, axis1=1, axis2=2)).max()
+    close = {"rtol": 1e-6, "atol": 1e-8 * size}
+    np.testing.assert_allclose(wrench, expected, **close)
+    np.testing.assert_allclose(covariance, expected_covariance, rtol=1e-6, atol=1e-8 * size)
+    tau_ext = np.einsum("kai,ka->ki", J, expected)
+    np.testing.assert_allclose(signals[:, TAU_EXT], tau_ext, **close)
+    assert not fresh[0] and fresh[-1]
+
+
+def test_its_covariance_settles_where_the_riccati_equation_says() -> None:
+    signals, J = log(1)
+    prior, rows = WrenchPrior(*LIVE, *LIVE), 4000
+    sd = signals[0, TORQUE_SD]
+    observer = KalmanObserver(CONFIG, N).informed(knowledge(prior))
+    _, covariance, _ = read(observer, signals.repeat(rows, axis=0), J.repeat(rows, axis=0))
+
+    kept, added, _ = changing_wrench(prior, CONFIG.bandwidth_hz, STEP)
+    K_0, time = 20.0, 0.3
+    share = (1.0 - WHITE_SHARE) * (1.0 + K_0 * time) / (K_0 * time)
+    size = 2 * N + 6
+    A = np.eye(size)
+    A[:N, N : N + 6], A[:N, N + 6 :] = STEP * J[0].T, np.diag(STEP * np.sqrt(share) * sd)
+    A[N:, N:] = np.diag(np.concatenate([kept, np.full(N, np.exp(-STEP / time))]))
+    noise = np.concatenate(
+        [
+            STEP * WHITE_SHARE * 2.0 / K_0 * sd**2,
+            added,
+            np.full(N, -np.expm1(-2.0 * STEP / time)),
+        ]
+    )
+    R = np.diag((1e-3 * STEP * sd) ** 2)
+    H = np.eye(N, size)
+    P = solve_discrete_are(A.T, H.T, np.diag(noise), R)
+    settled = P - P @ H.T @ np.linalg.solve(H @ P @ H.T + R, H @ P)
+    np.testing.assert_allclose(
+        covariance[-1], settled[N : N + 6, N : N + 6], rtol=1e-6, atol=1e-6 * settled.max()
+    )
+
+
+def test_a_constant_wrench_is_read_within_its_stated_sd() -> None:
+    """Of a random walk nothing is lost in the end; the bias is the filter's own doubt."""
+    signals, J = log(1500)
+    F = np.array([0.5, -0.3, 0.2, 10.0, -20.0, 30.0])
+    prior = WrenchPrior(np.inf, np.inf, *LIVE)
+    observer = KalmanObserver(CONFIG, N).informed(knowledge(prior, error_model()))
+    # Momentum that obeys the filter's own discrete equation, without any error.
+    u = signals[:, CTV] - signals[:, GRAVITY] - signals[:, TAU_F] + signals[:, TAU_J]
+    total = np.cumsum(STEP * (u + np.einsum("kai,a->ki", J, F)), axis=0)
+    signals[1:, MOMENTUM] = total[:-1] + 0.5 * STEP * u[1:]
+    signals[0, MOMENTUM] = 0.5 * STEP * u[0]
+    wrench, covariance, _ = read(observer, signals, J)
+    sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    assert (np.abs(wrench - F)[100:] < 0.5 * sd[100:]).all()
+    assert np.abs(wrench[-1] - F).max() < 0.5
+    assert (wrench[-1, 3:] * F[3:] > 0.0).all()  # the sign: a push reads as what it is
+
+
+def test_a_hole_is_bridged_and_its_covariance_grows() -> None:
+    signals, J = log(300)
+    signals[100, TAU_J, 2] = np.nan
+    signals[200, [Q, V, MOMENTUM], 0] = np.nan
+    J[200, 3] = np.nan
+    prior = WrenchPrior(*LIVE, *LIVE)
+    observer = KalmanObserver(CONFIG, N).informed(knowledge(prior, error_model()))
+    wrench, covariance, fresh = read(observer, signals, J)
+    assert np.isfinite(wrench).all() and np.isfinite(covariance).all()
+    assert np.isfinite(signals[:, TAU_EXT]).all()
+    held = np.flatnonzero(~fresh[50:]) + 50
+    np.testing.assert_array_equal(held, [100, 101, 200, 201])
+    trace = np.trace(covariance, axis1=1, axis2=2)
+    assert trace[101] > trace[99]
+    assert np.linalg.eigvalsh(covariance)[:, 0].min() > -1e-9
+
+
+@pytest.mark.parametrize("n", [1, 2, 7])
+def test_any_number_of_joints(n: int) -> None:
+    signals, J = log(100, n)
+    prior = WrenchPrior(*LIVE, *LIVE)
+    observer = KalmanObserver(CONFIG, n).informed(knowledge(prior, error_model(n), n))
+    wrench, covariance, _ = read(observer, signals, J)
+    expected, expected_covariance = plain_filter(signals, J, prior, error_model(n))
+    np.testing.assert_allclose(wrench, expected, atol=1e-6)
+    np.testing.assert_allclose(covariance, expected_covariance, atol=1e-5)
+
+
+def test_its_bandwidth_is_a_parameter() -> None:
+    observer = KalmanObserver(CONFIG, N).informed(knowledge(WrenchPrior(*LIVE, *LIVE)))
+    other = observer.with_parameters({"bandwidth_hz": np.array([0.5])})
+    expected = KalmanObserver(replace(CONFIG, bandwidth_hz=0.5), N)
+    expected = expected.informed(knowledge(WrenchPrior(*LIVE, *LIVE)))
+    np.testing.assert_array_equal(other.table, expected.table)
+    assert (other.table != observer.table).any()
+    assert observer.reads_present_torque
+    assert not KalmanObserver(KalmanObserverConfig(), N).reads_present_torque
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        ({"bandwidth_hz": 0.0}, "bandwidth_hz must be positive"),
+        ({"time_step": -1.0}, "time_step must be positive"),
+        ({"torque_samples": "seldom"}, "torque_samples must be held or trapezoidal"),
+    ],
+)
+def test_bad_settings(change: dict[str, float | str], problem: str) -> None:
+    with pytest.raises(ValueError, match=problem):
+        KalmanObserver(replace(CONFIG, **change), N)  # type: ignore[arg-type]
+
+
+def test_a_method_without_a_prior() -> None:
+    with pytest.raises(ValueError, match="bayesian, force_only or inverse"):
+        KalmanObserver(CONFIG, N).informed(ModelKnowledge(None, np.ones(N), friction(), None, None))
