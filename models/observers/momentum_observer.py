@@ -49,6 +49,7 @@ from models.observers.observer import (
 TORQUE_SAMPLES = ("held", "trapezoidal")
 
 START_SHARE = 0.05  # 3 / K_0 after the start
+HELD_SHARE = START_SHARE / 50.0  # a hole of 4 / K_0 costs its own rows, a longer one more
 LEAST_K_0 = 0.01  # 1/s; below, a reading is never fresh
 LARGEST = 1e100  # kg m^2/s; more is as good as not finite: sums of it would not be
 
@@ -110,7 +111,7 @@ def observer_update(table: Array, state: Array, signals: Array, J: Array) -> Non
         if known and np.isfinite(state[0, i]):
             state[2, i] *= table[i, _POLE]
         elif not known and np.isnan(state[0, i]):  # what is held grows old
-            state[2, i] = 1.0 - table[i, _POLE] * (1.0 - state[2, i])
+            state[2, i] = min(1.0, max(state[2, i], HELD_SHARE) / table[i, _POLE])
         state[0, i] = predicted if known else np.nan
         state[1, i] = signals[TAU_EXT, i]
 

@@ -95,7 +95,7 @@ def synthetic_log(robot, num_rows):
     phase, rate = rng.uniform(0.0, 6.0, 6), rng.uniform(1.0, 9.0, 6)
     q = robot.home + 0.4 * np.sin(rate * t + phase)
     v = 0.4 * rate * np.cos(rate * t + phase)
-    current = 2.0 * np.sin(3.0 * rate * t) + 0.05 * rng.normal(size=(num_rows, 6))
+    current = 0.5 * np.sin(3.0 * rate * t) + 0.05 * rng.normal(size=(num_rows, 6))
     return q, v, current
 
 

@@ -65,7 +65,7 @@ def log(sts_reversed):
     phase, rate = rng.uniform(0.0, 6.0, N), rng.uniform(1.0, 9.0, N)
     q = sts_reversed.home + 0.4 * np.sin(rate * t + phase)
     v = 0.4 * rate * np.cos(rate * t + phase)
-    current = 2.0 * np.sin(3.0 * rate * t) + 0.05 * rng.normal(size=(ROWS, N))
+    current = 0.5 * np.sin(3.0 * rate * t) + 0.05 * rng.normal(size=(ROWS, N))
     q[250:252, 2] = np.nan
     current[300, 1] = np.inf
     return q, v, current

@@ -51,7 +51,7 @@ def synthetic(sts):
     rate = rng.uniform(1.0, 9.0, 6)
     q = sts.home + 0.4 * np.sin(rate * t)
     v = 0.4 * rate * np.cos(rate * t)
-    current = 2.0 * np.sin(3.0 * rate * t) + 0.05 * rng.normal(size=(700, 6))
+    current = 0.5 * np.sin(3.0 * rate * t) + 0.05 * rng.normal(size=(700, 6))
     return sts, IdentifiedModel.nominal(sts), (q, v, current)
 
 

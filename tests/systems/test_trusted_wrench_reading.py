@@ -63,7 +63,7 @@ def log(sts):
     rate = rng.uniform(5.0, 20.0, N)
     q = sts.home + 0.1 * (1.0 - np.cos(rate * t))
     v = 0.1 * rate * np.sin(rate * t)
-    current = 2.0 * np.sin(3.0 * rate * t) + 0.05 * rng.normal(size=(ROWS, N))
+    current = 0.5 * np.sin(3.0 * rate * t) + 0.05 * rng.normal(size=(ROWS, N))
     q[150:152, 2] = np.nan
     current[200, 1] = np.inf
     return q, v, current
