@@ -12,7 +12,8 @@ takes as a sample that never came. Held against are, joint by joint,
                   velocity disagree: no larger than DISAGREEMENT of the speed limit, nor than RISE
                   times the largest of the last RISE_TIME, with the encoder's own step on top
     drift         the sum of r dt over DRIFT_TIME, at most DRIFT times the speed limit: what a stuck
-                  encoder leaves behind, or a velocity that is none of this joint's
+                  encoder leaves behind, or a velocity that is none of this joint's; once over, it
+                  is forgotten within DRIFT_TIME ln DRIFT_KEPT
     life          a current that stays bit by bit the same for FROZEN_TIME while its joint moves is
                   none that was measured
 
@@ -44,6 +45,7 @@ ACCELERATION_MARGIN = 2.0
 DISAGREEMENT, JITTER = 0.1, 3.0
 RISE, RISE_TIME = 4.0, 1.0  # s
 DRIFT, DRIFT_TIME = 0.01, 0.5  # s at the speed limit, s
+DRIFT_KEPT = 1.1  # of the bound
 FROZEN_TIME = 0.5  # s
 MOVES = 0.02  # of the speed limit, above which a joint moves
 RESTART_TIME, RESTART_TICKS = 0.1, 3.5  # s, and at least as many periods
@@ -193,7 +195,10 @@ def take_sample(
                 r = _disagreement(state, age, j, q[j], v[j])
                 fade = np.exp(-age / RISE_TIME)
                 state[_LARGEST, j] = max(abs(r), state[_LARGEST, j] * fade)
-                state[_SUM, j] = state[_SUM, j] * np.exp(-age / DRIFT_TIME) + r * age
+                total = state[_SUM, j] * np.exp(-age / DRIFT_TIME) + r * age
+                # No more than is needed to tell it: a drift that is over is forgotten soon.
+                most = DRIFT_KEPT * table[_DRIFT, j]
+                state[_SUM, j] = min(max(total, -most), most)
             else:
                 state[_SUM, j] = 0.0
             state[_Q, j], state[_V, j], state[_AGE, j] = q[j], v[j], 0.0

@@ -381,7 +381,7 @@ def _summary_figure(metrics: Mapping[str, Any], out: Path) -> FigureFile:
     right.axvspan(90.0, 98.0, alpha=0.2, lw=0)
     right.set_xlim(50.0, 100.0)
     right.set_xlabel("inside the 95 % band [%]")
-    left.legend(loc="upper right")
+    figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=4)
     path = Path("figures") / "observers.png"
     save_figure(figure, out / path)
     return FigureFile(path, "Every observer on every log (force_only): error, and share inside.")

@@ -367,7 +367,7 @@ def _figure(metrics: dict[str, Any], logs: dict[str, TrialLog], out: Path) -> Fi
             panel.plot(SIZES, missed, style, marker="o", ms=3, color=SERIES[k], label=label)
     panel.set_xlabel("force [N]")
     panel.set_ylabel("missed [%]")
-    panel.legend()
+    panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     panel = axes[0, 1]
     rates: Array = np.array(RATES)
     counted = [metrics[f"threshold_{rate:g}_per_hour"] for rate in RATES]
@@ -378,7 +378,7 @@ def _figure(metrics: dict[str, Any], logs: dict[str, TrialLog], out: Path) -> Fi
     panel.loglog(rates, upper, "v", color=SERIES[1], label="largest that agrees (95 %)")
     panel.set_xlabel("stated false alarms per hour")
     panel.set_ylabel(f"in {60 * sum(log.hours for log in logs.values()):.1f} free minutes, per h")
-    panel.legend(loc="lower right")
+    panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     path = Path("figures") / "contact-detection.png"
     save_figure(figure, out / path)
     return FigureFile(path, "Pushes missed by size; false alarms counted against those stated.")
