@@ -22,7 +22,7 @@ from models.motion.redundancy import RedundancyProblem, best_on_grid, candidates
 from models.motion.surface_path import SurfacePath
 from models.rigid_body.ties import better
 from models.robot.robot import Robot
-from systems.machining_reference import MachiningReference
+from systems.machining.machining_reference import MachiningReference
 
 NUM_ANGLES = 36
 _MAX_STEP = math.radians(8.0)  # of a joint from one sample to the next

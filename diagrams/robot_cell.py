@@ -49,7 +49,7 @@ from systems.force_torque_sensor import ForceTorqueSensor
 from systems.free_joint_friction import FreeJointFriction
 from systems.gaussian_noise_source import GaussianNoiseSource
 from systems.joint_friction import JointFriction, add_holding_actuators
-from systems.machining_process import MachiningProcessSystem
+from systems.machining.machining_process import MachiningProcessSystem
 from systems.motor_current_sensor import MotorCurrentSensor, add_motor_current_sensor
 from systems.rigid_body_terms import RigidBodyTermsSystem
 

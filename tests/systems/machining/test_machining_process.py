@@ -4,7 +4,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.multibody.tree import BodyIndex
 
 from models.machining.machining_process import MachiningProcess, ProcessConfig
-from systems.machining_process import MachiningProcessSystem
+from systems.machining.machining_process import MachiningProcessSystem
 
 CONFIG = ProcessConfig(cutting_ratio=0.2, speed_exponent=0.0, unbalance=1e-5)
 T = 1e-3

@@ -5,7 +5,7 @@ from pydrake.common.value import AbstractValue
 from diagrams.machining import make_machining_path
 from diagrams.scenario import load_scenario
 from models.machining.machining_phases import Phase
-from systems.machining_reference import MachiningReference
+from systems.machining.machining_reference import MachiningReference
 
 T = 1e-3
 
