@@ -18,13 +18,17 @@ OTHER_PROCESSOR = NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=$(C
   GLIBC_TUNABLES=glibc.cpu.hwcaps=-AVX,-AVX2,-FMA,-FMA4,-AVX512F \
   ATEN_CPU_CAPABILITY=default MKL_CBWR=COMPATIBLE ONEDNN_MAX_CPU_ISA=SSE41
 
-.PHONY: study study-generic test test-generic lint bench docs readme clean
+.PHONY: study study-generic test test-all test-generic lint bench docs readme clean
 .DELETE_ON_ERROR:
 
 study: .venv/.ready
 	$(BIN)/wrenchsight study --out $(OUT) --data $(DATA) --jobs $(JOBS) $(STUDY_OPTIONS)
 
 test: .venv/.ready-test
+	$(BIN)/python -m pytest $(SIDE_BY_SIDE) -m "not slow"
+
+# With the tests that take long, whole experiments among them.
+test-all: .venv/.ready-test
 	$(BIN)/python -m pytest $(SIDE_BY_SIDE)
 
 # The same tests, and the same study, as another processor computes them. The last line says what the

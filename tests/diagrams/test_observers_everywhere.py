@@ -81,7 +81,9 @@ def columns(batch: EstimateBatch) -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize("with_error", [False, True], ids=["one covariance", "torque error"])
 @pytest.mark.parametrize("kind", OBSERVERS, ids=lambda kind: kind.__name__)
-@pytest.mark.parametrize("torque_samples", ["held", "trapezoidal"])
+@pytest.mark.parametrize(
+    "torque_samples", ["held", pytest.param("trapezoidal", marks=pytest.mark.slow)]
+)
 def test_every_engine_reads_the_same(
     sts: Robot, kind: type, with_error: bool, torque_samples: str
 ) -> None:
