@@ -4,8 +4,9 @@ Robots are immutable once loaded, so that one of each serves all tests of a proc
 """
 
 import os
+import signal
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -241,6 +242,25 @@ def tilted_arm_file() -> Path:
 @pytest.fixture(scope="session")
 def tilted_arm(tilted_arm_file: Path) -> Robot:
     return Robot.load(tilted_arm_file)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def signals_as_in_a_terminal() -> Iterator[None]:
+    """Tests that were started by nohup, or in a script's background, inherit signals that are
+    ignored, and so do the commands that they start.
+    """
+    usual: dict[int, Any] = {
+        signal.SIGINT: signal.default_int_handler,
+        signal.SIGTERM: signal.SIG_DFL,
+        signal.SIGHUP: signal.SIG_DFL,
+    }
+    before = {number: signal.getsignal(number) for number in usual}
+    for number, handler in usual.items():
+        if before[number] == signal.SIG_IGN:
+            signal.signal(number, handler)
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 def _written(

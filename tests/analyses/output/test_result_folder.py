@@ -336,7 +336,6 @@ with ends_are_interrupts():
 """
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_ends_at_random_moments_leave_one_run_s_results(tmp_path, number):
     """Of a program that does nothing but replace its results."""
