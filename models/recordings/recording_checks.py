@@ -105,11 +105,17 @@ class RecordingChecks:
         self._check_positions(chunk)
         self._check_speeds(chunk)
         self._check_jumps(part)
-        self._check_currents(chunk)
         self._add_motion(part)
         self._judge_motion(chunk)
-        self._add_gravity(chunk)
-        self._judge_gravity(chunk)
+        if self._has_drives():
+            self._check_currents(chunk)
+            self._add_gravity(chunk)
+            self._judge_gravity(chunk)
+
+    def _has_drives(self) -> bool:
+        """Whether the log says what the motors do; one of external torque does not."""
+        signals = ("current", "tau_J")
+        return self._layout is None or any(map(self._layout.signal, signals))
 
     def _check_positions(self, chunk: Recording) -> None:
         lower, upper = self._robot.position_lower, self._robot.position_upper

@@ -13,7 +13,8 @@ from models.arrays import Array
 from models.files.files_read import about_to_read
 from models.files.input_error import InputError
 from models.recordings.differentiation import HALF_WINDOW_S, with_velocities
-from models.recordings.header_layouts import known_layout, time_columns
+from models.recordings.layouts.external_torque import external_torque_layout
+from models.recordings.layouts.header_layouts import known_layout, time_columns
 from models.recordings.log_container import LogTable
 from models.recordings.log_containers import TEXT, container_of, usual_suffixes
 from models.recordings.recording import Recording, concatenated, place_of
@@ -314,6 +315,11 @@ class RecordingReader:
         known = self._known_format(table)
         if known is not None:
             return known
+        if table.names is not None and not _has_drives(table.names):
+            torques = external_torque_layout(table.names, path)
+            if torques is not None:
+                self._notices += torques.notices
+                return torques.form, str(path), table
         if table.names is not None and "q1" not in _in_lower_case(table.names):
             joint_names = self._robot.joint_names if self._robot is not None else None
             layout = known_layout(table.names, table.num_columns, path, joint_names)
@@ -437,6 +443,11 @@ def _unknown(name: str, names: Sequence[str], path: Path) -> InputError:
     return InputError(
         path, "header", f'unknown column "{name}", expected t, q1.., v1.., i1..', remedy
     )
+
+
+def _has_drives(names: Sequence[str]) -> bool:
+    """Whether a header names motor currents or motor torques."""
+    return not {"i1", "tau1"}.isdisjoint(_in_lower_case(names))
 
 
 def _in_lower_case(names: Sequence[str]) -> tuple[str, ...]:

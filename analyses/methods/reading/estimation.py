@@ -208,7 +208,7 @@ def estimate(
     detection = settings.estimate.detection
     estimates = _estimates(settings.estimate, robot, model, config, chain([first], chunks))
     observer = make_observer(config.observer, robot.num_joints)
-    summary = EstimateSummary(model, observer.settling_time)
+    summary = EstimateSummary(model.joint_names, model.validity, observer.settling_time)
     reference = settings.estimate.reference
     beside = SensorLogCollector(config.observer.time_step) if reference.columns else None
     episodes = ContactEpisodes(robot.num_joints)
