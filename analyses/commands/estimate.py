@@ -44,6 +44,7 @@ PLACES = {
     "max_gap": "estimate.max_gap",
     "smooth": "estimate.smooth",
     "check": "estimate.check",
+    "accept_signs": "estimate.accept_signs",
     "mcap": "estimate.mcap",
     "reference": "estimate.reference.columns",
     "reference_frame": "estimate.reference.frame",
@@ -195,6 +196,14 @@ def command(
     check: Annotated[
         bool, typer.Option(help="Hold the log against the robot's limits and gravity.")
     ] = DEFAULTS.check,
+    accept_signs: Annotated[
+        bool,
+        typer.Option(
+            "--accept-signs",
+            help="Take the drives' signs as the robot's file has them, although gravity, inertia "
+            "and friction contradict them; the result says so.",
+        ),
+    ] = DEFAULTS.accept_signs,
     mcap: Annotated[
         bool,
         typer.Option("--mcap", help="Write the wrenches as ROS 2 messages too: wrench.mcap."),
