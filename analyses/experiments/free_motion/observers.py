@@ -31,7 +31,7 @@ from analyses.methods.arms.ur10e_logs import FOLDER, identify_ur10e
 from analyses.methods.learning.identification_config import IdentificationConfig
 from analyses.methods.reading.known_payload import payload_reference
 from analyses.methods.reading.put_in_pushes import push_forces, pushed
-from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
+from analyses.output.figures import COLOUR, SERIES, legend_below, new_figure, save_figure
 from analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult, FigureFile
 from analyses.study.wording import change_between, listed
 from models.arrays import Array, Flags
@@ -400,8 +400,7 @@ def _push_figure(scene: Scene, shown: Mapping[str, Read], out: Path) -> FigureFi
         low, high = np.percentile([read.force[rows, k] for read in shown.values()], [1, 99])
         panel.set_ylim(min(low, -PUSH) - 5.0, max(high, PUSH) + 5.0)
     axes[2, 0].set_xlabel("time [s]")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+    legend_below(figure, axes[0, 0])
     path = Path("figures") / "pushes.png"
     save_figure(figure, out / path)
     return FigureFile(path, f"Pushes of {PUSH:g} N put into `{SHOWN[0].removesuffix('-pushes')}`.")
