@@ -25,6 +25,7 @@ from analyses.methods.learning.low_passed_logs import (
     log_names,
     low_pass_log,
 )
+from analyses.output.figures import COLOUR, new_figure
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from models.arrays import Array
@@ -270,8 +271,6 @@ def gains_told(calibration: GainCalibration) -> NDArray[np.bool_]:
 
 def calibration_figure(result: CalibrationResult) -> "Figure":
     """Torque constants over the stated ones, and load dependence, with their 95 % bands."""
-    from analyses.output.figures import COLOUR, new_figure
-
     found = result.calibration
     names = [name.removesuffix("_joint") for name in result.robot.joint_names]
     figure, axes = new_figure(2, 1, height=5.2, share_x=True)
