@@ -197,6 +197,8 @@ class RecordingChecks:
         remedy = "check the column, its unit and the robot's torque_per_ampere"
         if torque[j] / 1000 < limit[j]:
             remedy = "if these are milliamperes, set current: {unit: mA} in a description"
+        if (np.median(np.abs(chunk.current), axis=0) < limit).all():
+            remedy += "; if torques in N m, name the columns tau1.."
         raise self._error(
             chunk,
             None,
@@ -252,7 +254,7 @@ class RecordingChecks:
         if not len(chosen):
             return
         q = np.ascontiguousarray(chunk.q[chosen])
-        torque = chunk.current[chosen] * self._robot.current_sign * self._robot.torque_per_ampere
+        torque = self._robot.joint_torque(chunk.current[chosen])
         gravity = self._robot.chain.gravity_torque(q)
         self._gravity.add(gravity, torque, np.ones_like(torque, dtype=np.bool_))
 

@@ -152,7 +152,7 @@ class DriveEvidence:
         chain = self._robot.chain
         gravity = chain.gravity_torque(q)
         moving = chain.inverse_dynamics(q, v, vdot) - gravity
-        torque = chunk.current[inner] * self._robot.current_sign * self._robot.torque_per_ampere
+        torque = self._robot.joint_torque(chunk.current[inner])
         rows = np.stack(
             [gravity, moving, vdot, np.tanh(v / self._turn), v, torque], axis=-1
         )  # (N, n, 6)
