@@ -79,6 +79,7 @@ def make_closed_loop(
     log_only: Sequence[str] | None = None,
     with_estimator: bool = True,
     taught: TaughtTorque | None = None,
+    fused: bool = False,
 ) -> ClosedLoop:
     """Builds the loop of a scenario. Controller and estimator know `model`, never the truth.
 
@@ -104,6 +105,8 @@ def make_closed_loop(
         with_estimator: without it the tracking controller has the model's terms from a block of
             their own, and there is no tau_ext, wrench, covariance, condition_number and valid: for
             who wants the motion alone, in two thirds of the time.
+        fused: whether the estimator is one block instead of its stages: the same numbers, a tick
+            of a loop in contact a tenth faster.
 
     Raises:
         ValueError: no estimator for impedance control or a drawing, which need its wrench; taught
@@ -137,6 +140,7 @@ def make_closed_loop(
             v=out("v"),
             current=out("current"),
             taught=taught is not None,
+            fused=fused,
         )
         terms = estimator.GetOutputPort("terms")
     elif isinstance(scenario.controller, ImpedanceConfig) or meshcat is not None:
