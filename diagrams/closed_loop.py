@@ -10,6 +10,7 @@ from pydrake.systems.primitives import (
     Demultiplexer,
     Gain,
     LogVectorOutput,
+    MatrixGain,
     Multiplexer,
     TrajectorySource,
     VectorLogSink,
@@ -182,7 +183,12 @@ def make_closed_loop(
         builder.Connect(reference.get_output_port(), controller.GetInputPort("reference"))
         tau_command = controller.GetOutputPort("tau_command")
     drive_gain = motor_gain(robot.torque_per_ampere, robot.current_sign)
-    to_current = builder.AddNamedSystem("torque_to_current", Gain(1.0 / drive_gain))
+    to_motor = (
+        MatrixGain(robot.coupling.T / drive_gain[:, None])
+        if robot.is_coupled
+        else Gain(1.0 / drive_gain)
+    )
+    to_current = builder.AddNamedSystem("torque_to_current", to_motor)
     builder.Connect(tau_command, to_current.get_input_port())
     builder.Connect(to_current.get_output_port(), cell.diagram.GetInputPort("current_command"))
 
