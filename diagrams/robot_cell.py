@@ -126,8 +126,9 @@ def make_robot_cell(
         add_holding_actuators(plant, parts.joints, parts.actuators, friction)
     else:
         for i, joint in enumerate(parts.joints):
-            inside = friction is None or joints is not None  # else it is the joints' own
-            joint.set_default_damping(0.0 if inside else friction.viscous[i])
+            # Joints with mechanisms have their viscous friction in themselves.
+            damped = friction if joints is None else None
+            joint.set_default_damping(0.0 if damped is None else damped.viscous[i])
     if isinstance(scenario.workpiece, BladeConfig):
         add_blade(plant, scenario.workpiece)
     elif scenario.workpiece is not None:

@@ -175,9 +175,7 @@ class Robot:
             translation: (n, 3) m, in axes of each joint's frame.
             rotation: (n, 3) rad, rotation vectors in them.
         """
-        poses = {
-            name: (translation[i], rotation[i]) for i, name in enumerate(self.joint_names)
-        }
+        poses = {name: (translation[i], rotation[i]) for i, name in enumerate(self.joint_names)}
         return Robot(self.config, self.source, self._urdf.with_moved_joints(poses))
 
     def add_to_plant(
