@@ -153,7 +153,7 @@ def test_a_weak_push_is_found_by_its_mean(sts, model):
     tau_ext = noise(model, 4000, np.random.default_rng(7))
     detector = detector_of(model, sts)
     direction = np.linalg.cholesky(model.torque_error.correlation) @ np.ones(N) / np.sqrt(N)
-    sample, mean, _ = detector.levels
+    sample, mean, *_ = detector.levels
     scale = np.sqrt(CORRELATION_TIME / (CORRELATION_TIME + 0.3))
     size = 1.5 * mean * scale
     assert size < 0.95 * sample  # nothing that a sample without noise would show
