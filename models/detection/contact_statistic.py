@@ -31,22 +31,24 @@ held out):
 x = sign(tau) (|tau| - w b)+. Friction errs slowly: half of what a reading errs by in sliding lasts
 longer than WINDOW, and nearly all that drifts from day to day, while a push comes within the
 observer's lag. Its variance s'^2 is of the parts that sd^2 has, with shares of their own, and of
-the jolt's square, and g' is its own local scale. On the UR10e's other days g' stays within 1.0 to
-1.5 where g goes from .9 to 3.6. A model that does not know s' takes `sample` in its place.
+the jolt's square, and g' is its own local scale. The first WINDOW of a log has no mean yet and
+tells no change. Over the UR10e's other days, in units of those of the fit, the size of z goes from
+.9 to 3.6 and that of its changes from .9 to 2.5. A model that does not know s' takes `sample` in
+the place of `change`.
 
 **Contact** begins where `change` or `mean` exceeds its level, each of half of the stated rate, and
 lasts until `sample` and `mean` have been below RELEASE of it, or what noise often reaches, for
 QUIET. So that the mean does not outlast a contact, it does not count where less than LEFT of it is
-left in the present sample. A reading that averages out over LOCAL_TIME is no contact but an error that is larger than
-ever seen: after that time g follows it, as slowly as before.
+left in the present sample. A reading that averages out over LOCAL_TIME is no contact but an error
+that is larger than ever seen: after that time g follows it, as slowly as before.
 
 **Misfit**: what no force at E, with a moment within its prior, explains,
 
     D = min_F |y - U J^T F / (g s)|^2 + |moment / moment_sd|^2
 
 with J as the observer saw it and s widened by the model's scale error. It is asked in contact
-alone, so that its level is that of MISFIT_RATE, whatever the stated rate. D <= |y|^2, so that
-sqrt(LP(D)) exceeds the level of `power` no more often than that.
+alone, so that the level is one that a contact at E that lasts a second exceeds once in a hundred
+times, whatever the stated rate: D <= |y|^2, and sqrt(LP(D)) is held against the level of `power`.
 With six joints and an unknown moment nothing is left to tell: D = 0.
 
 **Link**: a force on link k loads joints 1 to k alone. Where the contact is not at E and joints
@@ -229,6 +231,7 @@ def detect_tick(
         pace = 1.0 - np.exp(-T / LOCAL_TIME)
         own[_SEEN] += T
         early = 1.0 - np.exp(-T / min(max(own[_SEEN], FIRST), LOCAL_TIME))
+        begins = 1.0 - np.exp(-T / min(own[_SEEN], WINDOW))
         follows = own[_CONTACT] == 0.0 or own[_TOUCHED] > LOCAL_TIME
         if own[_CONTACT] == 1.0:
             own[_TOUCHED] += T
@@ -248,7 +251,7 @@ def detect_tick(
             if not np.isfinite(state[_BASE, j]):
                 state[_BASE, j] = left
             elif own[_CONTACT] == 0.0:
-                state[_BASE, j] += (1.0 - keep) * (left - state[_BASE, j])
+                state[_BASE, j] += begins * (left - state[_BASE, j])
             change[j] = left - state[_BASE, j]
             state[_SLOW, j] += pace * (z[j] - state[_SLOW, j])
             state[_SQUARE, j] += pace * (z[j] * z[j] - state[_SQUARE, j])
@@ -291,7 +294,7 @@ def detect_tick(
             counted = 0.0
         quick = sample / settings[SAMPLE_LEVEL]
         if own[_CONTACT] == 0.0 and settings[CHANGE_LEVEL] < np.inf:
-            quick = changed / settings[CHANGE_LEVEL]
+            quick = changed / settings[CHANGE_LEVEL] if own[_SEEN] > WINDOW else 0.0
         ratio = max(quick, counted / settings[MEAN_LEVEL])
         own[_RATIO] = ratio
         if ratio > 1.0:

@@ -23,13 +23,13 @@ class ContactNoise:
     mean_scale: list[float] = field(default_factory=list, metadata=REQUIRED)
     """Per joint: sd of the error's mean over the window, in units of the error's sd."""
     time_step: float = field(default=0.0, metadata=REQUIRED)  # s, of the logs
-    change_sd: list[list[float]] = field(default_factory=list)
-    """Per joint, what the change of the error is made of: N m, then per unit of speed, load,
-    acceleration, reversal, stiction and jolt. None: changes are not looked at."""
     hours: float = field(default=0.0, metadata=REQUIRED)  # of contact-free motion
     sample: ExceedanceTail | None = None  # of a sample's statistic; null: assumed Gaussian
     mean: ExceedanceTail | None = None  # of that of the mean over the window
     power: ExceedanceTail | None = None  # of the root of the mean square over the window
+    change_sd: list[list[float]] = field(default_factory=list)
+    """Per joint, what the change of the error is made of: N m, then per unit of speed, load,
+    acceleration, reversal, stiction and jolt. None: changes are not looked at."""
     change: ExceedanceTail | None = None
     """Of the square of what a sample has beyond the mean over the window: of Gaussian errors of any
     size it is exponential, the least that is assumed."""
