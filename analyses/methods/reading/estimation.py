@@ -178,6 +178,11 @@ def estimate(
             "the model does not say what its torque errs by at rest and in motion: one covariance "
             "stands for both; identify it again"
         )
+    elif model.provenance.logs and model.contact_noise is None:
+        warnings.append(
+            "the model does not say what it reads without contact: how often contact is reported "
+            "where nothing touches the arm is not known; identify it again"
+        )
     config, max_gap = settings.estimate.estimator, settings.estimate.max_gap
     if config.position_resolution is None:
         step = position_resolution(next(iter(read().chunks())).q)
