@@ -33,8 +33,8 @@ _SLOW = 0.25  # of the velocity limit, all joints: gravity prevails over dynamic
 _GRAVITY_SHARE = 0.03  # of the effort limit: below, friction hides gravity
 _LEAST_GRAVITY = 1.0  # N m
 _OPPOSED = -0.5  # cosine between motor and gravity torque; on real logs at least +0.5
-_FACTOR = 2.5  # torque per ampere that tells N m from A at all
-_ALIKE = 1.6  # times more or less than gravity: a load, a poor model
+_FACTOR = 2.5  # least torque per ampere, or its inverse, at which N m and A can be told apart
+_ALIKE = 1.6  # factor that a load or a poor model may make between motor and gravity torque
 _FOLLOWS = 0.7  # cosine between motor and gravity torque
 _GRAVITY_SAMPLES = 500  # of a chunk
 _LEAST_GRAVITY_SAMPLES = 50
@@ -78,7 +78,7 @@ class _Sums:
 
 
 class RecordingChecks:
-    """Holds successive chunks of a recording against its robot.
+    """Checks successive chunks of a recording against its robot.
 
     Args:
         robot: limits, drives, gravity torque.
@@ -278,7 +278,7 @@ class RecordingChecks:
                 f"log the motor {word}, or give its column",
             )
         self._judge_unit(chunk, loaded & (cosine > _FOLLOWS))
-        # Whatever friction does to the shape, gravity must be held up, and with no multiple of it.
+        # Whatever friction adds, the motor holds gravity, and not several times gravity.
         size = np.sqrt(sums.yy / np.where(sums.xx > 0.0, sums.xx, np.inf))
         odd = np.flatnonzero(loaded & ((size < 0.02) | (size > 50)))
         if len(odd):
