@@ -1,6 +1,6 @@
 """Does something touch the arm, and at E? A statistic of what an observer reads, sample by sample.
 
-**Whitened torque.** What joint j reads, in units of what it errs by where nothing touches the arm:
+**Whitened torque.** What joint j reads, over its standard deviation where nothing touches the arm:
 
     z = sign(tau) (|tau| - w b)+ / (g s),    s^2 = sd^2 - w stiction^2 + jolt^2
 
@@ -18,8 +18,8 @@ beyond. Two things that the torque error does not hold:
             first LOCAL_TIME of a log it is the mean since the start, g = 1 counting for FIRST
 
 With y = U z, U upper triangular and U R U^T = 1 for the correlation R of the joints' errors, so
-that y_j.. holds what joints j and beyond say, three lengths are held against the level that each
-exceeds so and so often an hour (`models.signals.exceedance_tail`, of the logs that the model was
+that y_j.. depends on joints j and beyond alone, three norms are compared with the level that each
+exceeds at a stated rate per hour (`models.signals.exceedance_tail`, of the logs that the model was
 fitted on, held out):
 
     sample  |y|                          a push that is strong, at once
@@ -28,9 +28,9 @@ fitted on, held out):
 
 **Contact** begins where `sample` or `mean` exceeds its level, each of half of the stated rate, and
 lasts until both have been below RELEASE of it, or what noise often reaches, for QUIET. So that the
-mean does not outlast a contact, it does not count where less than LEFT of it is left in the present
-sample. A reading that averages out over LOCAL_TIME is no contact but an error that is larger than
-ever seen: after that time g follows it, as slowly as before.
+mean does not outlast a contact, it does not count where the present sample is less than LEFT of it.
+A reading whose mean over LOCAL_TIME vanishes is not a contact but an error larger than any before:
+after that time g follows it, as slowly as before.
 
 **Misfit**: what no force at E, with a moment within its prior, explains,
 
@@ -38,14 +38,14 @@ ever seen: after that time g follows it, as slowly as before.
 
 with J as the observer saw it and s widened by the model's scale error. D <= |y|^2, so that the
 level of `power`, which sqrt(LP(D)) is held against, is exceeded by noise no more often than stated.
-With six joints and an unknown moment nothing is left to tell: D = 0.
+With six joints and an unknown moment a force at E explains everything: D = 0.
 
 **Link**: a force on link k loads joints 1 to k alone. Where the contact is not at E and joints
 beyond k are within LOUD of their errors while k and beyond exceed the level of `power`, the contact
 is on link k, or its line meets the axes of all joints beyond. Else the joints cannot tell.
 
-WINDOW, LOCAL_TIME and that neither a high-pass nor more windows pay were settled on the held-out
-readings of the UR10e's three fitted runs, into which pushes and a drift of friction were put.
+WINDOW and LOCAL_TIME were chosen on the held-out readings of the UR10e's three fitted runs, to
+which pushes and a drift of friction were added. Neither a high-pass nor more windows helped there.
 """
 
 import numpy as np
@@ -69,7 +69,7 @@ OUTLIER = 3.0
 RELEASE, LARGEST_RELEASE = 0.5, 0.8
 LEFT = 0.3
 QUIET = 0.1  # s
-ONE_SIDED = 0.15  # share of a reading's mean square, beyond which its mean is no accident
+ONE_SIDED = 0.15  # share of a reading's mean square, beyond which its mean is not chance
 LOUD = 2.0  # root mean square over WINDOW
 REST_SPEED = 0.01  # rad/s (m/s)
 REST_TIME = 0.3  # s
@@ -91,7 +91,7 @@ SAMPLE_RELEASE, MEAN_RELEASE, NUM_SETTINGS = range(6, 9)
 STATISTIC, CONTACT, MISFIT, LINK, REST, OUT_OF_RANGE = range(6)
 SAMPLE_LENGTH, MEAN_LENGTH, POWER_LENGTH, NUM_OUT = range(6, 10)
 
-_FORCE_SD = 1e4  # N; stands for unknown, and keeps 1 in sight beside its square
+_FORCE_SD = 1e4  # N; stands for unknown, small enough that 1 is not lost beside its square
 UNKNOWN_MOMENT = 1e4  # N m, likewise
 
 
