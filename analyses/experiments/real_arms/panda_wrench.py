@@ -227,7 +227,7 @@ def _rms(x: Array) -> float:
 
 
 def _error_over_sd(poses: Sequence[PoseReading]) -> Array:
-    """Per pose, RMS of the error in units of its stated sd, over three axes; 1 is honest."""
+    """Per pose, RMS of the error in units of its stated sd, over three axes; ideally 1."""
     ratios = []
     for pose in poses:
         error, covariance = pose.error[pose.loaded], pose.covariance[pose.loaded]
@@ -339,7 +339,7 @@ def findings(metrics: dict[str, Any], knowledge: Knowledge, unloaded: Knowledge)
         )
         + ". One sd serves the rows with and without load. With the fixed 0.1 N m that ratio is "
         f"{fixed:.1f}.",
-        "The stated covariance says directions, which no condition number does: "
+        "The stated covariance shows directions, which no condition number does: "
         f"{worst['inverse']:.0f} % of eq. 22's squared error lies along the direction stated as "
         f"worst (33 % would be chance), {worst['bayesian']:.0f} % of the Bayesian reading's. As a "
         "single number per pose its rank correlation with eq. 22's errors is "

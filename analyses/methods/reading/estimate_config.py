@@ -16,7 +16,7 @@ from models.observers.observer_kinds import OBSERVERS, kind_name, make_observer
 from models.robot.robot import Robot
 
 ENGINES = ("batch", "diagram")
-LEAST_SD, LARGEST_SD = 1e-3, 1e9  # N or N m; a prior of less says that nothing acts
+LEAST_SD, LARGEST_SD = 1e-3, 1e9  # N or N m; a smaller prior means that nothing acts
 LEAST_STEP, LONGEST = 1e-4, 10.0  # s; finer grids only repeat what a log says
 PRIORS = ("live", "log")
 FLOOR_SHARE = 1.0 / 3.0
@@ -41,9 +41,9 @@ class EstimateConfig:
     not read as noise; or two numbers, N and N m: "30,2"."""
     engine: str = "batch"  # "batch": the kernels; "diagram": the same chain as a Drake diagram
     estimator: WrenchEstimatorConfig = field(default_factory=_estimator_of_logs)
-    smooth: bool = False  # each sample read with what comes after it, too: no lag
+    smooth: bool = False  # each sample estimated from those after it as well: no lag
     max_gap: float = 0.0  # s, longest gap that is bridged; 0: 0.1 s or three steps
-    check: bool = True  # hold the log against the robot's limits and gravity
+    check: bool = True  # check the log against the robot's limits and gravity
     mcap: bool = False  # write the wrenches as ROS 2 messages too (wrench.mcap)
     reference: ReferenceConfig = field(default_factory=ReferenceConfig)  # a force sensor in the log
     detection: ContactDetectionConfig = field(default_factory=ContactDetectionConfig)

@@ -114,7 +114,7 @@ class SensorComparison:
 
 
 def compare_with_sensor(log: SensorLog, config: ReferenceConfig) -> SensorComparison:
-    """Finds what the configuration leaves open, and holds the reading against the sensor.
+    """Finds what the configuration leaves open, and compares the reading with the sensor.
 
     Raises:
         InputError: another number of columns than 1, 3 or 6, or as `find_mounting`.
@@ -125,7 +125,7 @@ def compare_with_sensor(log: SensorLog, config: ReferenceConfig) -> SensorCompar
     sensor = mounting.on_robot(log.t, log.sensor, log.R_WE)
     reading = mounting.seen(log.reading, log.R_WE, k)
     if k == 1:
-        # The sd along an axis, at most: components are not known to err independently.
+        # The largest sd along an axis: the components' errors may not be independent.
         sd = np.sum(np.abs(mounting.direction(log.R_WE)) * log.sd[:, :3], axis=1)[:, None]
         axes: tuple[str, ...] = (ALONG,)
     else:
