@@ -1,6 +1,6 @@
 """Does something touch the arm, and at E? A statistic of what an observer reads, sample by sample.
 
-**Whitened torque.** What joint j reads, in units of what it errs by where nothing touches the arm:
+**Whitened torque.** What joint j reads, over its standard deviation where nothing touches the arm:
 
     z = sign(tau) (|tau| - w b)+ / (g s),    s^2 = sd^2 - w stiction^2 + jolt^2
 
@@ -55,8 +55,8 @@ With six joints and an unknown moment nothing is left to tell: D = 0.
 beyond k are within LOUD of their errors while k and beyond exceed the level of `power`, the contact
 is on link k, or its line meets the axes of all joints beyond. Else the joints cannot tell.
 
-WINDOW, LOCAL_TIME and that neither a high-pass nor more windows pay were settled on the held-out
-readings of the UR10e's three fitted runs, into which pushes and a drift of friction were put.
+WINDOW and LOCAL_TIME were chosen on the held-out readings of the UR10e's three fitted runs, to
+which pushes and a drift of friction were added. Neither a high-pass nor more windows helped there.
 """
 
 import numpy as np
@@ -82,7 +82,7 @@ OUTLIER = 3.0
 RELEASE, LARGEST_RELEASE = 0.5, 0.8
 LEFT = 0.3
 QUIET = 0.1  # s
-ONE_SIDED = 0.15  # share of a reading's mean square, beyond which its mean is no accident
+ONE_SIDED = 0.15  # share of a reading's mean square, beyond which its mean is not chance
 LOUD = 2.0  # root mean square over WINDOW
 REST_SPEED = 0.01  # rad/s (m/s)
 REST_TIME = 0.3  # s
@@ -106,7 +106,7 @@ STATISTIC, CONTACT, MISFIT, LINK, REST, OUT_OF_RANGE = range(6)
 SAMPLE_LENGTH, MEAN_LENGTH, POWER_LENGTH, CHANGE_LENGTH, NUM_OUT = range(6, 11)
 WORK_ROWS = 20  # and n more
 
-_FORCE_SD = 1e4  # N; stands for unknown, and keeps 1 in sight beside its square
+_FORCE_SD = 1e4  # N; stands for unknown, small enough that 1 is not lost beside its square
 UNKNOWN_MOMENT = 1e4  # N m, likewise
 
 

@@ -39,7 +39,7 @@ def check_contact_noise(path: Path, noise: ContactNoise | None, n: int) -> Conta
     """Returns what a model's file says of an arm with n joints.
 
     Raises:
-        InputError: a number that cannot be.
+        InputError: a number out of range.
     """
     if noise is None:
         return None

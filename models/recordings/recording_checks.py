@@ -78,7 +78,7 @@ class _Sums:
 
 
 class RecordingChecks:
-    """Holds successive chunks of a recording against its robot.
+    """Checks successive chunks of a recording against its robot.
 
     Args:
         robot: limits, drives, gravity torque.

@@ -139,7 +139,7 @@ class RecordingReader:
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """What the reader did beyond the plain; complete after the last chunk."""
+        """What the reader assumed or left out; complete after the last chunk."""
         missing: tuple[str, ...] = ()
         if self._num_missing:
             missing = (
@@ -247,7 +247,7 @@ class RecordingReader:
         return values[~lacking], rows[~lacking]
 
     def _check_size(self, chunk: Recording) -> None:
-        """Refuses numbers that are none: uninitialised memory, a wrong type in a logger."""
+        """Refuses absurd numbers: uninitialised memory, a wrong type in a logger."""
         for name, signal in (("q", chunk.q), ("v", chunk.v), ("current", chunk.current)):
             wrong = np.abs(signal) > _BEYOND_ANY_ROBOT
             if wrong.any():
@@ -356,7 +356,7 @@ class RecordingReader:
         if "" in table.names:
             self._notices.append("a column without a name is left out")
         num_joints = self._robot.num_joints if self._robot is not None else None
-        # Those are not unknown, however the log calls them; a wrong one is told first.
+        # Those are not unknown, however the log calls them; a wrong one is reported first.
         mine = {table.names[column] for signal in self._more(table) for column in signal.columns}
         names = _in_lower_case([name for name in table.names if name not in mine])
         return header_format(names, path, num_joints), str(path), table

@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 ProgressCallback = Callable[[float, str], None]
 
-GAIN_TOLD = 0.1  # relative sd; a torque constant that is less sure stays as the robot's file has it
+GAIN_TOLD = 0.1  # relative sd; a torque constant that is less certain stays as in the robot's file
 COM_TOLD = 0.02  # m
 SURE = 2.0  # standard errors, from which a load dependence is told from none
 
@@ -387,5 +387,5 @@ def _doubts(result: CalibrationResult) -> list[str]:
     else:
         vague = [names[j] for j in np.flatnonzero(np.abs(value) < SURE * sd)]
         if vague:
-            doubts.append(f"no load dependence of friction is told from none on {', '.join(vague)}")
+            doubts.append(f"the load dependence of friction is unclear on {', '.join(vague)}")
     return doubts

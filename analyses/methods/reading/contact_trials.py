@@ -1,4 +1,4 @@
-"""Pushes put into logs, and what a detector makes of them.
+"""Pushes added to logs, and what a detector finds of them.
 
 A push is put in where the motors are: a force F at a point with Jacobian J takes J^T F off the
 torque that the same motion asks of them. Observer, friction and detector see the log as any other.

@@ -7,8 +7,8 @@ tool works, from the first to the last motion, turns included:
     article          semi-parametric friction, K_0 = 20, eq. 22
     coulomb_viscous  the same with the identified law alone
     ours             the estimator in the loop, which reads with what an air pass has taught
-                     (`models.machining.air_pass`), wherever the feed is steady; where joints
-                     start, stop or turn round, the Bayesian reading with the covariance of
+                     (`models.machining.air_pass`), wherever the feed is steady; where joints start,
+                     stop or reverse, the Bayesian reading with the covariance of
                      contact-free logs
     known_friction   no estimator: the article's with the true friction taken off the torques
     sensor           no estimator: the sensor under the tool, behind its low-pass

@@ -132,7 +132,7 @@ def compare_with_sensor(
     sensor = mounting.on_robot(log.t, log.sensor, log.R_WE)
     reading = mounting.seen(log.reading, log.R_WE, k)
     if k == 1:
-        # The sd along an axis, at most: components are not known to err independently.
+        # The largest sd along an axis: the components' errors may not be independent.
         sd = np.sum(np.abs(mounting.direction(log.R_WE)) * log.sd[:, :3], axis=1)[:, None]
         axes: tuple[str, ...] = (ALONG,)
     else:
