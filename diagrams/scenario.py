@@ -28,6 +28,7 @@ from models.motion.paths import (
     thirds,
     uniform_acceleration,
 )
+from models.motion.workpiece_shapes import BladeShapeConfig
 from models.robot.robot import Robot
 from models.robot.robot_config import PoseConfig
 from systems.force_torque_sensor import ForceTorqueSensorConfig
@@ -129,18 +130,11 @@ class PlateConfig:
 
 
 @dataclass
-class BladeConfig:
+class BladeConfig(BladeShapeConfig):
     """A section of a wind turbine blade (models.motion.workpieces), fixed in W."""
 
     pose: PoseConfig = field(default_factory=lambda: PoseConfig([0.6, 0.0, 0.2]))
     # in W, of its frame P; its span is along y
-    span: float = 0.5  # m
-    root_chord: float = 0.34  # m
-    tip_chord: float = 0.26  # m
-    root_twist_deg: float = 10.0  # of the chord, at one end
-    tip_twist_deg: float = 2.0  # at the other end
-    thickness: float = 0.24  # of the chord
-    camber: float = 0.05  # of the chord
     mesh_size: float = 0.006  # m, edges of the triangles that are touched
     friction: float = 0.2  # Coulomb, static and dynamic
     modulus: float = 1e7  # Pa, hydroelastic, of the tool's tip

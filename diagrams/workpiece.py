@@ -20,7 +20,7 @@ from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 
 from diagrams.scenario import BladeConfig, PlateConfig
 from models.files.input_error import InputError
-from models.motion.workpieces import BladeSection, Plate, Surface, mesh
+from models.motion.workpieces import Plate, Surface, mesh
 from models.robot.robot_config import pose_of
 
 _PLATE_COLOUR = np.array([0.62, 0.68, 0.72, 1.0])
@@ -38,15 +38,7 @@ def surface_of(workpiece: PlateConfig | BladeConfig) -> Surface:
     """
     if isinstance(workpiece, PlateConfig):
         return Plate(workpiece.size[0], workpiece.size[1])
-    return BladeSection(
-        workpiece.span,
-        workpiece.root_chord,
-        workpiece.tip_chord,
-        math.radians(workpiece.root_twist_deg),
-        math.radians(workpiece.tip_twist_deg),
-        workpiece.thickness,
-        workpiece.camber,
-    )
+    return workpiece.surface()
 
 
 def pose_of_workpiece(workpiece: PlateConfig | BladeConfig) -> RigidTransform:

@@ -118,6 +118,34 @@ def new_figure(
     return figure, np.asarray(axes, dtype=np.object_)
 
 
+def panels_in_pairs(
+    count: int, xlabel: str, ylabel: str, share_x: bool = False
+) -> "tuple[Figure, list[Any]]":
+    """A figure of `count` panels, two a row, of one kind: such as one a joint.
+
+    Returns:
+        The figure and its panels, (count,) axes.
+    """
+    rows = (count + 1) // 2
+    figure, axes = new_figure(rows, 2, height=2.1 * rows + 0.6, share_x=share_x)
+    panels: list[Any] = list(axes.flat)
+    for k, axis in enumerate(panels[:count]):
+        axis.set_ylabel(ylabel)
+        if k >= count - 2:
+            axis.set_xlabel(xlabel)
+            axis.tick_params(labelbottom=True)
+    for axis in panels[count:]:
+        axis.set_visible(False)
+    return figure, panels[:count]
+
+
+def legend_below(figure: "Figure", panel: Any, ncols: int | None = None, **style: Any) -> None:
+    """One legend for all panels, with the entries of this one; in one row unless `ncols` says."""
+    handles, labels = panel.get_legend_handles_labels()
+    ncols = len(labels) if ncols is None else ncols
+    figure.legend(handles, labels, loc="outside lower center", ncols=ncols, **style)
+
+
 def save_figure(figure: "Figure", path: Path) -> Path:
     """Writes the figure as a PNG, whole or not at all, with the same bytes for the same figure.
 

@@ -1,5 +1,6 @@
 """Writes an experiment's figures where its report looks for them."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,3 +20,8 @@ def saved_figure(figure: "Figure", out: Path, name: str, caption: str) -> Figure
     path = Path("figures") / f"{name}.png"
     save_figure(figure, out / path)
     return FigureFile(path, caption)
+
+
+def saved_figures(figures: "Iterable[tuple[str, Figure, str]]", out: Path) -> list[FigureFile]:
+    """`saved_figure` for every name, figure and caption."""
+    return [saved_figure(figure, out, name, caption) for name, figure, caption in figures]

@@ -13,8 +13,8 @@ from models.observers.kalman_observer import (
     NOISE_F,
     PERIOD,
     ROUND,
-    arrived_momentum,
     error_parts,
+    sample_momentum,
     split_table,
 )
 from models.observers.observer import CTV, GRAVITY, TAU_F, TAU_J
@@ -130,7 +130,7 @@ def forward_log(
         z_log[k], P_log[k] = z, P
         seen, known = True, True
         for i in range(n):
-            arrived[i] = arrived_momentum(numbers, own, i)
+            arrived[i] = sample_momentum(numbers, own, i)
             u = own[TAU_J, i] + own[CTV, i] - own[GRAVITY, i] - own[TAU_F, i]
             seen = seen and np.isfinite(arrived[i])
             known = known and np.isfinite(arrived[i] + u)

@@ -46,11 +46,9 @@ from numba import njit
 
 from models.arrays import Array
 from models.identification.torque_error_model import TORQUE_ERROR_ROWS, torque_sd_tick
-from models.observers.momentum_observer import TORQUE_SAMPLES
 from models.observers.observer import (
     CTV,
     GRAVITY,
-    MOMENTUM,
     TAU_EXT,
     TAU_F,
     TAU_J,
@@ -61,6 +59,7 @@ from models.observers.observer import (
     V,
     WrenchPrior,
 )
+from models.observers.period_torque import arrived_momentum, checked_period, motor_share
 
 WHITE_SHARE = 0.6  # of a moving joint's error variance behind K_0: the UR10e's three fitted runs
 SETTLING = 3.0  # 1 / K_0 of the error model
@@ -128,17 +127,10 @@ def split_table(
 
 
 @njit(cache=True, error_model="numpy")
-def arrived_momentum(
-    table: Array,
-    signals: Array,
-    i: int,
-) -> float:
+def sample_momentum(table: Array, signals: Array, i: int) -> float:
     """y of joint i."""
-    model = signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i]
-    arrived: float = signals[MOMENTUM, i] - 0.5 * table[PERIOD] * model
-    if table[_BEFORE] != 0.0:
-        arrived -= table[_BEFORE] * signals[TAU_J, i]
-    return arrived
+    y: float = arrived_momentum(0.5 * table[PERIOD], table[_BEFORE], signals, i)
+    return y
 
 
 @njit(cache=True, error_model="numpy")
@@ -149,7 +141,7 @@ def _is_measured(
 ) -> bool:
     finite: bool = status[0] == _RUNNING
     for i in range(signals.shape[1]):
-        finite = finite and np.isfinite(arrived_momentum(table, signals, i))
+        finite = finite and np.isfinite(sample_momentum(table, signals, i))
     return finite
 
 
@@ -168,7 +160,7 @@ def _read_force(
         wrench[a] = x[n + a]
         if measured:
             for i in range(n):
-                wrench[a] += gain[n + a, i] * (arrived_momentum(table, signals, i) - x[i])
+                wrench[a] += gain[n + a, i] * (sample_momentum(table, signals, i) - x[i])
     return measured
 
 
@@ -245,7 +237,7 @@ def kalman_update(table: Array, state: Array, signals: Array, J: Array) -> None:
     arrived = np.empty(n)
     known = True  # what the coming period begins with
     for i in range(n):
-        arrived[i] = arrived_momentum(table, signals, i)
+        arrived[i] = sample_momentum(table, signals, i)
         predicted = arrived[i] + signals[TAU_J, i] + signals[CTV, i] - signals[TAU_F, i]
         known = known and np.isfinite(predicted)
         for a in range(6):
@@ -491,13 +483,9 @@ class KalmanObserver:
         num_joints: int,
         knowledge: ModelKnowledge | None = None,
     ) -> None:
-        T, f = float(config.time_step), float(config.bandwidth_hz)
-        for name, value in (("time_step", T), ("bandwidth_hz", f)):
-            if not (np.isfinite(value) and value > 0.0):
-                raise ValueError(f"{name} must be positive, not {value}")
-        if config.torque_samples not in TORQUE_SAMPLES:
-            known = " or ".join(TORQUE_SAMPLES)
-            raise ValueError(f"torque_samples must be {known}, not {config.torque_samples!r}")
+        T, f = checked_period(config.time_step, config.torque_samples), float(config.bandwidth_hz)
+        if not (np.isfinite(f) and f > 0.0):
+            raise ValueError(f"bandwidth_hz must be positive, not {f}")
         self.config = config
         self.num_joints = num_joints
         self.time_step = T
@@ -542,7 +530,7 @@ class KalmanObserver:
         K_0: Any = np.full(n, _PLAIN_K_0) if error is None else error.K_0
         times: Any = np.full(n, _PLAIN_TIME) if error is None else error.correlation_time
         numbers[PERIOD] = T
-        numbers[_BEFORE] = 0.5 * T if self.reads_present_torque else 0.0
+        numbers[_BEFORE] = motor_share(T, self.config.torque_samples)
         numbers[_SETTLED] = np.ceil(SETTLING / float(np.min(K_0)) / T)
         prior = WrenchPrior(1.0, 1.0, 1.0, 1.0) if knowledge is None else knowledge.prior
         if prior is None:
@@ -557,7 +545,7 @@ class KalmanObserver:
         if error is not None and knowledge is not None:
             numbers[_HAS_ERROR] = 1.0
             mixing = error.correlation
-            viscous = np.abs(knowledge.friction.coulomb_viscous.viscous)
+            viscous = np.abs(knowledge.friction.feedforward.coulomb_viscous.viscous)
             joints[_SLOW_VISCOUS] = error.drift * viscous
             joints[_LASTING] = np.sqrt(error.lasting)
             rest = error.table(knowledge.friction, T, error.K_0, knowledge.resolution)

@@ -45,8 +45,7 @@ from models.observers.observer import (
     TAU_J,
     ObserverKernels,
 )
-
-TORQUE_SAMPLES = ("held", "trapezoidal")
+from models.observers.period_torque import arrived_momentum, checked_period, positive_per_joint
 
 START_SHARE = 0.05  # 3 / K_0 after the start
 HELD_SHARE = START_SHARE / 50.0  # a hole of 4 / K_0 costs its own rows, a longer one more
@@ -80,10 +79,7 @@ def observer_output(table: Array, state: Array, signals: Array, J: Array) -> boo
     """
     fresh = True
     for i in range(table.shape[0]):
-        model = signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i]
-        arrived = signals[MOMENTUM, i] - table[i, _HALF] * model
-        if table[i, _BEFORE] != 0.0:
-            arrived -= table[i, _BEFORE] * signals[TAU_J, i]
+        arrived = arrived_momentum(table[i, _HALF], table[i, _BEFORE], signals, i)
         tau_ext = state[1, i]
         if abs(arrived) < LARGEST and np.isfinite(state[0, i]):
             tau_ext = table[i, _POLE] * state[1, i] + table[i, _GAIN] * (arrived - state[0, i])
@@ -147,21 +143,11 @@ class MomentumObserver:
     kernels: ClassVar[ObserverKernels] = ObserverKernels(observer_output, observer_update)
 
     def __init__(self, config: MomentumObserverConfig, num_joints: int) -> None:
-        K_0 = np.atleast_1d(np.asarray(config.K_0, float))
-        T = float(config.time_step)
-        if K_0.shape not in ((1,), (num_joints,)):
-            raise ValueError(f"K_0 must have 1 or {num_joints} values, not {K_0.shape[0]}")
-        if not np.all(np.isfinite(K_0) & (K_0 > 0.0)):
-            raise ValueError(f"K_0 must be positive, not {K_0}")
-        if not (np.isfinite(T) and T > 0.0):
-            raise ValueError(f"time_step must be positive, not {T}")
-        if config.torque_samples not in TORQUE_SAMPLES:
-            known = " or ".join(TORQUE_SAMPLES)
-            raise ValueError(f"torque_samples must be {known}, not {config.torque_samples!r}")
+        T = checked_period(config.time_step, config.torque_samples)
         self.config = config
         self.num_joints = num_joints
         self.time_step = T
-        self.K_0 = np.broadcast_to(K_0, (num_joints,)).copy()
+        self.K_0 = positive_per_joint("K_0", config.K_0, num_joints)
         self.reads_present_torque = config.torque_samples != "held"
         self.settling_time = 3.0 / float(self.K_0.min())
         one_minus_a = -np.expm1(-self.K_0 * T)

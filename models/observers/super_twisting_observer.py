@@ -37,16 +37,20 @@ import numpy as np
 from numba import njit
 
 from models.arrays import Array
-from models.observers.momentum_observer import TORQUE_SAMPLES
 from models.observers.observer import (
     CTV,
     GRAVITY,
-    MOMENTUM,
     TAU_EXT,
     TAU_F,
     TAU_J,
     ModelKnowledge,
     ObserverKernels,
+)
+from models.observers.period_torque import (
+    arrived_momentum,
+    checked_period,
+    motor_share,
+    positive_per_joint,
 )
 
 RATE = 60.0  # 1/s, of the torque's own sd: L where none is stated; the UR10e's three fitted runs
@@ -71,19 +75,6 @@ class SuperTwistingObserverConfig:
 
 
 @njit(cache=True, error_model="numpy")
-def _measured(
-    row: Array,
-    signals: Array,
-    i: int,
-) -> float:
-    model = signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i]
-    arrived: float = signals[MOMENTUM, i] - 0.5 * row[_PERIOD] * model
-    if row[_BEFORE] != 0.0:
-        arrived -= row[_BEFORE] * signals[TAU_J, i]
-    return arrived
-
-
-@njit(cache=True, error_model="numpy")
 def _left(
     row: Array,
     b: float,
@@ -104,7 +95,7 @@ def super_twisting_output(table: Array, state: Array, signals: Array, J: Array) 
     fresh = True
     for i in range(table.shape[0]):
         row = table[i]
-        b = _measured(row, signals, i) - state[_FORESEEN, i]
+        b = arrived_momentum(0.5 * row[_PERIOD], row[_BEFORE], signals, i) - state[_FORESEEN, i]
         tau_ext = state[_TAU, i]
         if np.isfinite(b):
             step = b / row[_PERIOD]
@@ -127,7 +118,7 @@ def super_twisting_update(table: Array, state: Array, signals: Array, J: Array) 
     """
     for i in range(table.shape[0]):
         row = table[i]
-        arrived = _measured(row, signals, i)
+        arrived = arrived_momentum(0.5 * row[_PERIOD], row[_BEFORE], signals, i)
         b = arrived - state[_FORESEEN, i]
         error = 0.0
         if np.isfinite(b):
@@ -161,28 +152,19 @@ class SuperTwistingObserver:
     def __init__(
         self, config: SuperTwistingObserverConfig, num_joints: int, torque_sd: Array | None = None
     ) -> None:
-        T = float(config.time_step)
+        T = checked_period(config.time_step, config.torque_samples)
         sd = np.ones(num_joints) if torque_sd is None else torque_sd
-        rate = np.array(config.torque_rate if len(config.torque_rate) else RATE * sd, float)
-        if rate.shape not in ((1,), (num_joints,)):
-            raise ValueError(f"torque_rate must have 1 or {num_joints} values, not {rate.shape[0]}")
-        if not np.all(np.isfinite(rate) & (rate > 0.0)):
-            raise ValueError(f"torque_rate must be positive, not {rate}")
-        if not (np.isfinite(T) and T > 0.0):
-            raise ValueError(f"time_step must be positive, not {T}")
-        if config.torque_samples not in TORQUE_SAMPLES:
-            known = " or ".join(TORQUE_SAMPLES)
-            raise ValueError(f"torque_samples must be {known}, not {config.torque_samples!r}")
+        rate = config.torque_rate if len(config.torque_rate) else RATE * sd
         self.config = config
         self.num_joints = num_joints
         self.time_step = T
-        self.torque_rate = np.broadcast_to(rate, (num_joints,)).copy()
+        self.torque_rate = positive_per_joint("torque_rate", rate, num_joints)
         self.reads_present_torque = config.torque_samples != "held"
         self.settling_time = float(np.max(_SETTLING * sd / (LEVANT_2 * self.torque_rate)))
         self._torque_sd = torque_sd
         self.table = np.empty((num_joints, 5))
         self.table[:, _PERIOD] = T
-        self.table[:, _BEFORE] = 0.5 * T if self.reads_present_torque else 0.0
+        self.table[:, _BEFORE] = motor_share(T, config.torque_samples)
         self.table[:, _ROOT] = LEVANT_1 * np.sqrt(self.torque_rate)
         self.table[:, _SLOPE] = LEVANT_2 * self.torque_rate
         self.table[:, _MISSED] = MISSED * sd

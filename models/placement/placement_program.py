@@ -108,7 +108,7 @@ class PlacementBounds:
         return max(0.0, *(float(part) for part in parts))
 
 
-class Clearance(Protocol):
+class PlacementClearance(Protocol):
     """Distances along a placement, for the program."""
 
     def margins(self, q: Array, n_W: Array, p_WM: Array, quaternion: Array) -> Array:
@@ -165,7 +165,7 @@ class PlacementProgram:
         bounds: PlacementBounds,
         path_length: float,
         num_segments: int,
-        clearance: Clearance | None = None,
+        clearance: PlacementClearance | None = None,
     ) -> None:
         self.chain, self.measure, self.bounds = chain, measure, bounds
         self.path_length, self.num_segments = path_length, num_segments

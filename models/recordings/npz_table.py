@@ -14,6 +14,7 @@ from models.arrays import Array
 from models.files.input_error import InputError
 from models.files.whole_file import whole_file, writing_to
 from models.recordings.recording_format import RecordingFormat
+from models.recordings.table_checks import first_missing, rows_within
 
 Rows = NDArray[np.int64]
 
@@ -103,14 +104,7 @@ class NpzTable:
     ) -> Iterator[tuple[Array, Rows]]:
         """As the protocol."""
         assert self.names is not None
-        first, last = rows or (1, self.num_rows)
-        if last > self.num_rows:
-            raise InputError(
-                self.path,
-                "",
-                f"has {self.num_rows} rows, but rows {first} to {last} are wanted",
-                "correct the rows in the description",
-            )
+        first, last = rows_within(self.path, rows, self.num_rows, "rows")
         optional = np.array([column in may_be_empty for column in columns])
         arrays = list(dict.fromkeys(self._places[column][0] for column in columns))
         try:
@@ -139,10 +133,10 @@ class NpzTable:
     def _check(
         self, values: Array, row: int, columns: list[int], optional: NDArray[np.bool_]
     ) -> None:
-        wrong = ~(np.isfinite(values) | (np.isnan(values) & optional))
-        if wrong.any():
+        missing = first_missing(values, optional)
+        if missing is not None:
             assert self.names is not None
-            i, k = (int(index[0]) for index in np.nonzero(wrong))
+            i, k = missing
             raise InputError(
                 self.path,
                 f"row {row + i}, column {self.names[columns[k]]}",

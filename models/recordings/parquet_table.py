@@ -13,6 +13,7 @@ from models.arrays import Array
 from models.files.input_error import InputError
 from models.files.whole_file import whole_file, writing_to
 from models.recordings.recording_format import RecordingFormat
+from models.recordings.table_checks import first_missing, rows_within
 
 Lines = NDArray[np.int64]
 
@@ -84,14 +85,7 @@ class ParquetTable:
         for column in columns:
             self._check_type(column)
         optional = np.array([column in may_be_empty for column in columns])
-        first, last = rows or (1, self.num_rows)
-        if last > self.num_rows:
-            raise InputError(
-                self.path,
-                "",
-                f"has {self.num_rows} rows, but rows {first} to {last} are wanted",
-                "correct the rows in the description",
-            )
+        first, last = rows_within(self.path, rows, self.num_rows, "rows")
         file = self._opened()
         begin = 1
         try:
@@ -124,9 +118,9 @@ class ParquetTable:
             else:
                 column = column.cast(pa.float64(), safe=False)
                 values[:, k] = column.to_numpy(zero_copy_only=False)
-        wrong = ~(np.isfinite(values) | (np.isnan(values) & optional))
-        if wrong.any():
-            i, k = (int(index[0]) for index in np.nonzero(wrong))
+        missing = first_missing(values, optional)
+        if missing is not None:
+            i, k = missing
             raise InputError(
                 self.path,
                 f"row {row + i}, column {names[k]}",

@@ -6,6 +6,7 @@ from pathlib import Path
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from models.files.configuration import REQUIRED
+from models.robot.truth_config import SimulatedTruthConfig
 
 
 @dataclass
@@ -62,26 +63,6 @@ class DriveConfig:
 
 
 @dataclass
-class JointFrictionConfig:
-    """True friction of a simulated arm, one number per joint (all zero where not given)."""
-
-    stiction: list[float] = field(default_factory=list)  # N m, to break away
-    coulomb: list[float] = field(default_factory=list)  # N m, once it moves
-    stribeck_velocity: list[float] = field(default_factory=list)  # rad/s
-    viscous: list[float] = field(default_factory=list)  # N m s/rad
-    load_dependence: list[float] = field(default_factory=list)  # N m of friction per N m carried
-    ripple_amplitude: list[float] = field(default_factory=list)  # N m, over the joint position
-    ripple_periods: list[float] = field(default_factory=list)  # per turn of the joint
-
-
-@dataclass
-class SimulatedTruthConfig:
-    """What only the simulation knows; no model or estimator reads it."""
-
-    friction: JointFrictionConfig = field(default_factory=JointFrictionConfig)
-
-
-@dataclass
 class RobotConfig:
     """The contents of a robot.yaml."""
 
@@ -96,6 +77,8 @@ class RobotConfig:
     home: list[float] = field(default_factory=list, metadata=REQUIRED)  # rad or m
     payload: float = field(default=0.0, metadata=REQUIRED)  # kg, rated
     drives: list[DriveConfig] = field(default_factory=list, metadata=REQUIRED)
+    coupling: list[list[float]] = field(default_factory=list)
+    # n rows of n: q_joint = coupling q_motor, motors behind their gears; without it: each its own
     simulated_truth: SimulatedTruthConfig = field(default_factory=SimulatedTruthConfig)
 
 

@@ -128,7 +128,7 @@ def test_the_tool_may_touch(sts, kind):
         piece = PlateConfig(PoseConfig(p_WE.tolist()), [0.02, 0.02, 0.02])
     else:
         size = {"span": 0.02, "root_chord": 0.02, "tip_chord": 0.02, "mesh_size": 0.004}
-        piece = BladeConfig(PoseConfig(p_WE.tolist()), **size)
+        piece = BladeConfig(pose=PoseConfig(p_WE.tolist()), **size)
     assert workpiece_clearance(sts, piece, sts.home) > 0.01
     # At the flange instead, it is in the way.
     behind = (p_WE - 0.12 * R_WE[:, 2]).tolist()

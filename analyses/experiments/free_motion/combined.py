@@ -37,7 +37,7 @@ from analyses.methods.runs.task_variants import (
     lag_alone,
     read_variants,
 )
-from analyses.output.figures import COLOUR, new_figure
+from analyses.output.figures import COLOUR, legend_below, new_figure
 from analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -45,7 +45,7 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
-from analyses.study.figure_files import saved_figure
+from analyses.study.figure_files import saved_figures
 from analyses.study.wording import change, compared, listed
 from diagrams.scenario import LineMotion
 from models.estimation.wrench import WrenchReconstructionConfig
@@ -242,8 +242,7 @@ def error_figure(readings: dict[str, ForceReading]) -> "Figure":
             draw_signal(panel, readings[key].t, readings[key].error[:, k], colour, label)
         panel.set_ylabel(f"error of f{AXES[k]} [N]")
     axes[-1, 0].set_xlabel("time [s]")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    legend_below(figure, axes[0, 0], 3)
     return figure
 
 
@@ -251,8 +250,7 @@ def _figures(
     context: ExperimentContext, readings: dict[str, ForceReading], metrics: dict[str, Any]
 ) -> list[FigureFile]:
     limits = np.array([1.15 * float(np.abs(readings[BEFORE].force[:, k]).max()) for k in range(3)])
-    files = []
-    for stem, figure, caption in (
+    figures = (
         (
             "without",
             axes_figure(
@@ -288,16 +286,15 @@ def _figures(
         (
             "variants",
             variants_figure(
-                {variant.key: metrics[variant.key] for variant in VARIANTS},
-                [variant.label for variant in VARIANTS],
+                metrics,
+                {variant.key: variant.label for variant in VARIANTS},
                 "Pushed by hand along the path: one change per row",
             ),
             "Errors of every variant. A row with + changes the row above it, one with B the row "
             "marked (B). Grey: where the share inside an honest 95 % band lies.",
         ),
-    ):
-        files.append(saved_figure(figure, context.out, stem, caption))
-    return files
+    )
+    return saved_figures(figures, context.out)
 
 
 EXPERIMENT = Experiment(

@@ -35,7 +35,7 @@ from analyses.methods.runs.task_variants import (
     read_variants,
 )
 from analyses.output.axes import limit_y
-from analyses.output.figures import COLOUR, SERIES, new_figure
+from analyses.output.figures import COLOUR, SERIES, legend_below, new_figure
 from analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -43,7 +43,7 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
-from analyses.study.figure_files import saved_figure
+from analyses.study.figure_files import saved_figures
 from analyses.study.wording import change
 from diagrams.scenario import LineMotion
 from models.robot.robot import Robot
@@ -227,8 +227,7 @@ def reversal_figure(run: TaskRun, readings: dict[str, ForceReading], middle: flo
     error.set_title("error: a peak where joints turn round")
     velocity.set_title("joint velocities")
     velocity.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    handles, labels = force.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    legend_below(figure, force, 3)
     return figure
 
 
@@ -239,8 +238,7 @@ def _figures(
     metrics: dict[str, Any],
     middle: float,
 ) -> list[FigureFile]:
-    files = []
-    for stem, figure, caption in (
+    figures = (
         (
             "force-z",
             reversal_figure(run, readings, middle),
@@ -249,15 +247,14 @@ def _figures(
         (
             "variants",
             variants_figure(
-                {variant.key: metrics[variant.key] for variant in VARIANTS},
-                [variant.label for variant in VARIANTS],
+                metrics,
+                {variant.key: variant.label for variant in VARIANTS},
                 "Joints turning round under a hand: one change per row",
             ),
             "Errors of every variant. Grey: where the share inside an honest 95 % band lies.",
         ),
-    ):
-        files.append(saved_figure(figure, context.out, stem, caption))
-    return files
+    )
+    return saved_figures(figures, context.out)
 
 
 EXPERIMENT = Experiment(

@@ -38,14 +38,14 @@ from analyses.methods.arms.ur10e_logs import FOLDER, identify_ur10e, validation_
 from analyses.methods.learning.identification import identify, predict_torque
 from analyses.methods.learning.identification_config import LAWS, IdentificationConfig
 from analyses.methods.learning.torque_fit import TorqueFit
-from analyses.output.figures import COLOUR, SERIES, new_figure
+from analyses.output.figures import COLOUR, SERIES, legend_below, new_figure, panels_in_pairs
 from analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
 )
-from analyses.study.figure_files import saved_figure
+from analyses.study.figure_files import saved_figures
 from analyses.study.wording import change
 from models.arrays import Array
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
@@ -267,7 +267,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     figures = []
     titles = {"simulated": "simulated arm", "real": "UR10e"}
     for name, arm in arms.items():
-        for stem, figure, caption in (
+        own = (
             (
                 f"laws_{name}",
                 near_zero_figure(arm, titles[name]),
@@ -280,8 +280,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
                 f"Error of each law on held-out data of the {titles[name]}: friction near zero "
                 "velocity, and torque over held-out runs.",
             ),
-        ):
-            figures.append(saved_figure(figure, context.out, stem, caption))
+        )
+        figures += saved_figures(own, context.out)
     metrics = {name: arm.metrics() for name, arm in arms.items()}
     return ExperimentResult(
         metrics=metrics,
@@ -366,11 +366,9 @@ def near_zero_figure(arm: LawsOnOneArm, title: str) -> "Figure":
     Points, not lines: a law with memory or load dependence is no function of velocity.
     """
     n = len(arm.joint_names)
-    rows = (n + 1) // 2
-    figure, axes = new_figure(rows, 2, height=2.2 * rows + 0.8)
-    panels: list[Any] = list(axes.flat)
+    figure, panels = panels_in_pairs(n, "velocity [rad/s]", "friction [N m]")
     shown = {PLAIN: COLOUR["before"], ARTICLE: COLOUR["article"], "presliding": COLOUR["estimate"]}
-    for j, axis in enumerate(panels[:n]):
+    for j, axis in enumerate(panels):
         own, edge = arm.near_zero[j], 1.3 * float(arm.edge[j])
         near = np.flatnonzero(np.abs(own.v) <= edge)
         near = near[np.linspace(0, len(near) - 1, min(len(near), 1500)).astype(int)]
@@ -380,13 +378,7 @@ def near_zero_figure(arm: LawsOnOneArm, title: str) -> "Figure":
             axis.plot(own.v[near], own.predicted[law][near], color=colour, label=law, **style)
         axis.set_xlim(-edge, edge)
         axis.set_title(arm.joint_names[j])
-        axis.set_ylabel("friction [N m]")
-        if j >= n - 2:
-            axis.set_xlabel("velocity [rad/s]")
-    for axis in panels[n:]:
-        axis.set_visible(False)
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4, markerscale=4)
+    legend_below(figure, panels[0], 4, markerscale=4)
     figure.suptitle(f"Friction near zero velocity, {title}")
     return figure
 

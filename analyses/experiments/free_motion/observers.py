@@ -31,7 +31,7 @@ from analyses.methods.arms.ur10e_logs import FOLDER, identify_ur10e
 from analyses.methods.learning.identification_config import IdentificationConfig
 from analyses.methods.reading.known_payload import payload_reference
 from analyses.methods.reading.put_in_pushes import push_forces, pushed
-from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
+from analyses.output.figures import COLOUR, SERIES, legend_below, new_figure, save_figure
 from analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult, FigureFile
 from analyses.study.wording import change_between, listed
 from models.arrays import Array, Flags
@@ -355,7 +355,13 @@ def _milliseconds(own: Mapping[str, Any]) -> str:
 
 
 def _summary_figure(metrics: Mapping[str, Any], out: Path) -> FigureFile:
-    logs = list(next(iter(metrics.values())))
+    named = next(iter(metrics.values()))
+    logs = [
+        log
+        for log in named
+        if any(own[log]["valid_rmse_n"] is not None for own in metrics.values())
+    ]
+    unread = [log for log in named if log not in logs]
     figure, axes = new_figure(1, 2, height=0.34 * len(logs) + 1.2)
     places = np.arange(len(logs))
     width = 0.8 / len(metrics)
@@ -376,15 +382,20 @@ def _summary_figure(metrics: Mapping[str, Any], out: Path) -> FigureFile:
     left: Any = axes[0, 0]
     right: Any = axes[0, 1]
     left.set_yticks(places, logs)
+    left.invert_yaxis()
     left.set_xlabel("force error, RMSE of valid samples [N]")
     right.set_yticks(places, [""] * len(logs))
+    right.invert_yaxis()
     right.axvspan(90.0, 98.0, alpha=0.2, lw=0)
     right.set_xlim(50.0, 100.0)
     right.set_xlabel("inside the 95 % band [%]")
     figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=4)
     path = Path("figures") / "observers.png"
     save_figure(figure, out / path)
-    return FigureFile(path, "Every observer on every log (force_only): error, and share inside.")
+    caption = "Every observer on every log (force_only): error, and share inside."
+    if unread:
+        caption += f" Not drawn, as no observer's reading was valid: {', '.join(unread)}."
+    return FigureFile(path, caption)
 
 
 def _push_figure(scene: Scene, shown: Mapping[str, Read], out: Path) -> FigureFile:
@@ -400,8 +411,7 @@ def _push_figure(scene: Scene, shown: Mapping[str, Read], out: Path) -> FigureFi
         low, high = np.percentile([read.force[rows, k] for read in shown.values()], [1, 99])
         panel.set_ylim(min(low, -PUSH) - 5.0, max(high, PUSH) + 5.0)
     axes[2, 0].set_xlabel("time [s]")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+    legend_below(figure, axes[0, 0])
     path = Path("figures") / "pushes.png"
     save_figure(figure, out / path)
     return FigureFile(path, f"Pushes of {PUSH:g} N put into `{SHOWN[0].removesuffix('-pushes')}`.")

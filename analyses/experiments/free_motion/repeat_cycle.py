@@ -41,7 +41,7 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
-from analyses.study.figure_files import saved_figure
+from analyses.study.figure_files import saved_figures
 from analyses.study.wording import change, change_between, listed
 from models.arrays import Array
 from models.motion.inverse_kinematics import follow_path
@@ -273,8 +273,7 @@ def _figures(
     context: ExperimentContext, cycles: RepeatedCycles, metrics: dict[str, Any]
 ) -> list[FigureFile]:
     largest = metrics[BEFORE]["max_error_y_n"]
-    files = []
-    for stem, figure, caption in (
+    figures = (
         (
             "torques",
             torque_figure(cycles),
@@ -290,15 +289,14 @@ def _figures(
         (
             "variants",
             variants_figure(
-                {variant.key: metrics[variant.key] for variant in VARIANTS},
-                [variant.label for variant in VARIANTS],
+                metrics,
+                {variant.key: variant.label for variant in VARIANTS},
                 "Second cycle without contact: one change per row",
             ),
             "Errors of every variant. Grey: where the share inside an honest 95 % band lies.",
         ),
-    ):
-        files.append(saved_figure(figure, context.out, stem, caption))
-    return files
+    )
+    return saved_figures(figures, context.out)
 
 
 EXPERIMENT = Experiment(

@@ -31,7 +31,7 @@ from analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
-from analyses.study.figure_files import saved_figure
+from analyses.study.figure_files import saved_figures
 from analyses.study.wording import change, compared
 from models.robot.robot import Robot
 
@@ -202,8 +202,7 @@ def close_figure(cycles: RepeatedCycles) -> "Figure":
 def _figures(
     context: ExperimentContext, cycles: RepeatedCycles, metrics: dict[str, Any]
 ) -> list[FigureFile]:
-    files = []
-    for stem, figure, caption in (
+    figures = (
         (
             "force-y",
             force_figure(cycles, 1, True, 1.1 * metrics[BEFORE]["max_error_y_n"]),
@@ -219,15 +218,14 @@ def _figures(
         (
             "variants",
             variants_figure(
-                {variant.key: metrics[variant.key] for variant in VARIANTS},
-                [variant.label for variant in VARIANTS],
+                metrics,
+                {variant.key: variant.label for variant in VARIANTS},
                 "Second cycle, pushed by hand: one change per row",
             ),
             "Errors of every variant. Grey: where the share inside an honest 95 % band lies.",
         ),
-    ):
-        files.append(saved_figure(figure, context.out, stem, caption))
-    return files
+    )
+    return saved_figures(figures, context.out)
 
 
 EXPERIMENT = Experiment(

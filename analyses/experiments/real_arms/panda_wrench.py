@@ -19,7 +19,14 @@ from numpy.typing import NDArray
 from scipy.stats import rankdata
 
 from analyses.output.axes import log_scale
-from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure, save_figure
+from analyses.output.figures import (
+    BAND_ALPHA,
+    COLOUR,
+    SERIES,
+    legend_below,
+    new_figure,
+    save_figure,
+)
 from analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -375,8 +382,7 @@ def _force_figure(
         condition = np.mean(inverse.poses[k].condition_number)
         axes[0, column].set_title(f"pose {k + 1}, condition number {condition:.0f}")
         axes[2, column].set_xlabel("time [s]")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    legend_below(figure, axes[0, 0], 4)
     path = Path("figures") / "force.png"
     save_figure(figure, out / path)
     return FigureFile(

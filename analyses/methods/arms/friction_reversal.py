@@ -15,14 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from analyses.methods.arms.simulated_logs import simulate_motion
-from analyses.output.figures import COLOUR, new_figure
+from analyses.output.figures import COLOUR, legend_below, panels_in_pairs
 from models.arrays import Array
 from models.excitation.friction_reversal import ReversalSamples, reversal_motion, separate
 from models.friction.velocity_friction import CoulombViscous
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
 from models.recordings.resampling import resampled
-from models.robot.motors import current_to_torque
 from models.robot.robot import Robot
 from models.signals.zero_phase import ZeroPhaseLowPass, derivative
 
@@ -114,7 +113,7 @@ def separate_recordings(
         low_pass = ZeroPhaseLowPass(cutoff, step)
         tau = uniform.tau_J
         if tau is None:
-            tau = current_to_torque(uniform.current, robot.torque_per_ampere, robot.current_sign)
+            tau = robot.joint_torque(uniform.current)
         q, v, tau = low_pass(uniform.q), low_pass(uniform.v), low_pass(tau)
         signals = uniform.t, q, v, derivative(v, step), tau
         for j in range(robot.num_joints) if joints is None else (joints[k],):
@@ -167,10 +166,8 @@ def reversal_figure(
 ) -> "Figure":
     """Separated friction over velocity, one panel a joint, with the law (the article's Fig. 18)."""
     n = len(separated.joint_names)
-    rows = (n + 1) // 2
-    figure, axes = new_figure(rows, 2, height=2.1 * rows + 0.6)
-    panels: list[Any] = list(axes.flat)
-    for j, axis in enumerate(panels[:n]):
+    figure, panels = panels_in_pairs(n, "velocity [rad/s]", "friction [N m]")
+    for j, axis in enumerate(panels):
         v, torque = separated.samples[j].friction()
         axis.plot(v, torque, ".", color=COLOUR["reference"], ms=2, alpha=0.4, label="separated")
         most = float(np.abs(v).max(initial=0.1))
@@ -182,13 +179,7 @@ def reversal_figure(
             axis.plot(line[:, j], other(line)[:, j], color=COLOUR["estimate"], label=other_name)
         share = separated.metrics()["asymmetric_pct"][j]
         axis.set_title(f"{separated.joint_names[j]}: asymmetric part {share:.0f} %")
-        axis.set_ylabel("friction [N m]")
-        if j >= n - 2:
-            axis.set_xlabel("velocity [rad/s]")
-    for axis in panels[n:]:
-        axis.set_visible(False)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    legend_below(figure, panels[0], 3)
     figure.suptitle(title)
     return figure
 

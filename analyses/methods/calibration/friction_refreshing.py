@@ -14,6 +14,7 @@ import numpy as np
 
 from analyses.methods.calibration.model_residual import ModelResidual, with_friction
 from analyses.methods.learning.identification_config import IdentifySettings, RefreshConfig
+from analyses.output.figures import COLOUR, legend_below, panels_in_pairs
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from models.arrays import Array
@@ -29,6 +30,7 @@ from models.identification.identified_model import FrictionSource, IdentifiedMod
 from models.identification.torque_error_model import TorqueErrorModel
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
+from models.robot.coupling import refuse_coupling
 from models.robot.robot import Robot
 
 if TYPE_CHECKING:
@@ -118,6 +120,7 @@ def refresh_model(
         InputError: a setting that makes no sense; as `ModelResidual.of`; no joint moves.
     """
     config = _checked(config or RefreshConfig())
+    refuse_coupling(robot.coupling, robot.source, "a refresh of friction")
     whole = ModelResidual.of(_part(recording, config), robot, model)
     before = whole.rows()
     still = before.moving_share == 0.0
@@ -179,15 +182,11 @@ def refresh_log(
 
 def friction_figure(result: RefreshResult) -> "Figure":
     """The residual by speed, before and after: one panel a joint."""
-    from analyses.output.figures import COLOUR, new_figure
-
     names = result.model.joint_names
     n = len(names)
-    lines = (n + 1) // 2
-    figure, axes = new_figure(lines, 2, height=2.1 * lines + 0.6)
-    panels: list[Any] = list(axes.flat)
+    figure, panels = panels_in_pairs(n, "joint velocity [rad/s]", "torque missed [N m]")
     errors = result.rmse
-    for j, axis in enumerate(panels[:n]):
+    for j, axis in enumerate(panels):
         for rows, colour, label in (
             (result.before, COLOUR["before"], "the model before"),
             (result.after, COLOUR["after"], "after"),
@@ -195,13 +194,7 @@ def friction_figure(result: RefreshResult) -> "Figure":
             axis.plot(rows.v[:, j], rows.residual[:, j], ".", color=colour, ms=3, label=label)
         axis.axhline(0.0, color=COLOUR["truth"], lw=0.8)
         axis.set_title(f"{names[j]}: RMSE {errors[0][j]:.2f} to {errors[1][j]:.2f} N m")
-        axis.set_ylabel("torque missed [N m]")
-        if j >= n - 2:
-            axis.set_xlabel("joint velocity [rad/s]")
-    for axis in panels[n:]:
-        axis.set_visible(False)
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2)
+    legend_below(figure, panels[0], 2)
     figure.suptitle("Measured minus predicted torque")
     return figure
 

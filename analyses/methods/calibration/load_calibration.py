@@ -25,6 +25,7 @@ from analyses.methods.learning.low_passed_logs import (
     log_names,
     low_pass_log,
 )
+from analyses.output.figures import COLOUR, new_figure
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from models.arrays import Array
@@ -42,6 +43,7 @@ from models.identification.identified_model import IdentifiedModel
 from models.identification.torque_regression import split_terms
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
+from models.robot.coupling import refuse_coupling
 from models.robot.robot import Robot
 
 if TYPE_CHECKING:
@@ -138,6 +140,7 @@ def calibrate(
     Raises:
         InputError: as `identify`; a loaded log without motor current.
     """
+    refuse_coupling(robot.coupling, robot.source, "finding torque per ampere from a load")
     for recording in (*recordings, *(one for one, _ in loaded)):
         check_recording(recording, robot)
         if recording.tau_J is not None:
@@ -268,8 +271,6 @@ def gains_told(calibration: GainCalibration) -> NDArray[np.bool_]:
 
 def calibration_figure(result: CalibrationResult) -> "Figure":
     """Torque constants over the stated ones, and load dependence, with their 95 % bands."""
-    from analyses.output.figures import COLOUR, new_figure
-
     found = result.calibration
     names = [name.removesuffix("_joint") for name in result.robot.joint_names]
     figure, axes = new_figure(2, 1, height=5.2, share_x=True)

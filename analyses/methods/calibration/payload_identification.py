@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from analyses.methods.calibration.model_residual import ModelResidual
 from analyses.methods.calibration.payload_config import PayloadConfig, PayloadSettings
+from analyses.output.figures import COLOUR, legend_below, panels_in_pairs
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from models.arrays import Array
@@ -32,6 +33,7 @@ from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
 from models.rigid_body.spatial_vectors import AXES
+from models.robot.coupling import refuse_coupling
 from models.robot.robot import Robot
 from models.robot.robot_config import ToolConfig
 
@@ -168,6 +170,7 @@ def identify_payload(
         InputError: a setting that makes no sense; as `ModelResidual.of`.
     """
     config = _checked(config or PayloadConfig())
+    refuse_coupling(robot.coupling, robot.source, "finding a load")
     whole = ModelResidual.of(recording, robot, model)
     bare = None if empty is None else ModelResidual.of(empty, robot, model).load_rows()
     prior = LoadPrior(
@@ -245,27 +248,16 @@ def payload_log(
 
 def load_figure(result: PayloadResult) -> "Figure":
     """The torque that the model without the load leaves, and the load's: one panel a joint."""
-    from analyses.output.figures import COLOUR, new_figure
-
     rows, names = result.rows, result.model.joint_names
     n = len(names)
-    lines = (n + 1) // 2
-    figure, axes = new_figure(lines, 2, height=2.1 * lines + 0.6, share_x=True)
-    panels: list[Any] = list(axes.flat)
+    figure, panels = panels_in_pairs(n, "time [s]", "torque [N m]", share_x=True)
     t = rows.t - rows.t[0]
     left = np.sqrt(np.mean((rows.residual - result.torque) ** 2, axis=0))
-    for j, axis in enumerate(panels[:n]):
+    for j, axis in enumerate(panels):
         axis.plot(t, rows.residual[:, j], color=COLOUR["truth"], label="left by the model")
         axis.plot(t, result.torque[:, j], color=COLOUR["estimate"], lw=1.0, label="of the load")
         axis.set_title(f"{names[j]}: {left[j]:.2f} N m apart (RMS)")
-        axis.set_ylabel("torque [N m]")
-        if j >= n - 2:
-            axis.set_xlabel("time [s]")
-            axis.tick_params(labelbottom=True)
-    for axis in panels[n:]:
-        axis.set_visible(False)
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2)
+    legend_below(figure, panels[0], 2)
     sd = result.load.standard_deviation
     figure.suptitle(f"Load of {result.load.mass:.3f} ± {sd[0]:.3f} kg on the flange")
     return figure

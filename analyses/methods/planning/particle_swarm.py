@@ -23,8 +23,8 @@ from models.motion.branches import all_branches
 from models.motion.path_postures import track_paths
 from models.placement.placement_descent import PlacementBatch
 from models.placement.placement_program import (
-    Clearance,
     Placement,
+    PlacementClearance,
     PlacementProgram,
     quaternion_from,
 )
@@ -51,7 +51,7 @@ class SwarmConfig:
 def place_by_swarm(
     robot: Robot,
     program: PlacementProgram,
-    clearance: Clearance | None = None,
+    clearance: PlacementClearance | None = None,
     seed: int = 0,
     config: SwarmConfig | None = None,
     progress: Callable[[float, str], None] = lambda fraction, what: None,
@@ -69,7 +69,7 @@ def place_by_swarm(
 def _swarm(
     robot: Robot,
     program: PlacementProgram,
-    clearance: Clearance | None,
+    clearance: PlacementClearance | None,
     seed: int,
     config: SwarmConfig,
     progress: Callable[[float, str], None],
@@ -149,7 +149,7 @@ class ParticleCost:
     """Cost of particles (N, 10): n, m, theta, r."""
 
     def __init__(
-        self, robot: Robot, program: PlacementProgram, clearance: Clearance | None
+        self, robot: Robot, program: PlacementProgram, clearance: PlacementClearance | None
     ) -> None:
         self._robot, self._program, self._clearance = robot, program, clearance
         bounds = program.bounds

@@ -34,7 +34,7 @@ from models.motion.redundancy import (
     task,
 )
 from models.motion.surface_path import SurfacePath
-from models.motion.workpieces import BladeSection, Plate, Surface, mesh
+from models.motion.workpieces import Surface, mesh
 from models.rigid_body.ties import better, beyond_rounding, first_of_least
 from models.robot.robot import Robot
 
@@ -300,21 +300,11 @@ def _check_task(config: RedundancyTask, name: str) -> None:
 
 
 def _surface(patch: PatchPathConfig, name: str) -> Surface:
-    if (patch.plate is None) == (patch.blade is None):
-        raise InputError(name, "surface", "expected one of plate and blade")
-    if patch.plate is not None:
-        return Plate(patch.plate.length, patch.plate.width)
-    blade = patch.blade
-    assert blade is not None
-    return BladeSection(
-        blade.span,
-        blade.root_chord,
-        blade.tip_chord,
-        math.radians(blade.root_twist_deg),
-        math.radians(blade.tip_twist_deg),
-        blade.thickness,
-        blade.camber,
-    )
+    if patch.plate is not None and patch.blade is None:
+        return patch.plate.surface()
+    if patch.blade is not None and patch.plate is None:
+        return patch.blade.surface()
+    raise InputError(name, "surface", "expected one of plate and blade")
 
 
 def _measure(robot: Robot, config: RedundancyTask, folder: Path) -> PostureMeasure:

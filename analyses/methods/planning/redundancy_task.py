@@ -12,36 +12,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from models.files.configuration import REQUIRED
+from models.motion.workpiece_shapes import BladeShapeConfig, PlateShapeConfig
 from models.robot.robot_config import PoseConfig
-
-
-@dataclass
-class PlateSurfaceConfig:
-    """A flat rectangle; m."""
-
-    length: float = 0.4  # along x and u
-    width: float = 0.3  # along y and v
-
-
-@dataclass
-class BladeSurfaceConfig:
-    """A section of a wind turbine blade; see `models.motion.workpieces.BladeSection`."""
-
-    span: float = 0.5  # m, along y and v
-    root_chord: float = 0.34  # m, along x
-    tip_chord: float = 0.26  # m
-    root_twist_deg: float = 10.0  # of the chord, at one end
-    tip_twist_deg: float = 2.0  # at the other end
-    thickness: float = 0.24  # of the chord
-    camber: float = 0.05  # of the chord
 
 
 @dataclass
 class PatchPathConfig:
     """A path on a bundled workpiece, straight in its parameters; one of plate and blade."""
 
-    plate: PlateSurfaceConfig | None = None
-    blade: BladeSurfaceConfig | None = None
+    plate: PlateShapeConfig | None = None
+    blade: BladeShapeConfig | None = None
     start: list[float] = field(default_factory=list, metadata=REQUIRED)  # (u, v)
     end: list[float] = field(default_factory=list, metadata=REQUIRED)  # (u, v)
     num_samples: int = 121  # along the path

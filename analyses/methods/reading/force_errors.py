@@ -6,7 +6,7 @@ bands. A variant's figures are compared with those of another one as reductions 
 where the error falls.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -141,18 +141,17 @@ def draw_band(axis: Any, reading: ForceReading, k: int, edges: bool = False) -> 
         axis.fill_between(at, low, high, color=SERIES[3], label=label, **style)
 
 
-def variants_figure(
-    metrics: Mapping[str, Mapping[str, Any]], labels: Sequence[str], title: str
-) -> "Figure":
+def variants_figure(metrics: Mapping[str, Any], labels: Mapping[str, str], title: str) -> "Figure":
     """One change per row: RMSE, largest error and share in the 95 % band of every variant.
 
     Args:
-        metrics: of `force_metrics` by variant, in the order of the rows.
-        labels: of the rows.
+        metrics: holds `force_metrics` by variant.
+        labels: of the rows, by variant.
     """
-    count = len(metrics)
+    count = len(labels)
     figure, axes = new_figure(1, 3, height=1.3 + 0.42 * count, share_y=True)
     rows = np.arange(count)
+    own_metrics = [metrics[variant] for variant in labels]
     columns = (
         ("rmse_{}_n", "RMSE [N]"),
         ("max_error_{}_n", "largest error [N]"),
@@ -160,12 +159,12 @@ def variants_figure(
     )
     for panel, (key, label) in zip(axes[0], columns, strict=True):
         for k, axis in enumerate(AXES):
-            values = [own[key.format(axis)] for own in metrics.values()]
+            values = [own[key.format(axis)] for own in own_metrics]
             panel.barh(rows + 0.27 * (k - 1), values, 0.25, color=SERIES[k], label=f"f{axis}")
         panel.set_xlabel(label)
     axes[0, 2].axvspan(0.90, 0.98, color=COLOUR["reference"], alpha=0.25, lw=0)
     axes[0, 2].set_xlim(0.0, 1.0)
-    axes[0, 0].set_yticks(rows, labels)
+    axes[0, 0].set_yticks(rows, list(labels.values()))
     axes[0, 0].invert_yaxis()
     handles, names = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=3)

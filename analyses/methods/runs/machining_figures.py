@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 from analyses.methods.reading.force_errors import draw_signal
 from analyses.methods.runs.machining import COMPONENTS, FEEDS, MachiningRun, MachiningTask, feed_key
 from analyses.output.axes import limit_y
-from analyses.output.figures import COLOUR, new_figure
+from analyses.output.figures import COLOUR, legend_below, new_figure
 from analyses.study.experiment import (
     ExperimentContext,
     FigureFile,
 )
-from analyses.study.figure_files import saved_figure
+from analyses.study.figure_files import saved_figures
 from models.arrays import Array
 from models.machining.machining_phases import Phase
 
@@ -42,8 +42,7 @@ def force_figure(
         panel.set_ylabel(f"{component} force [N]")
         panel.set_title(f"one way in {feed:g} s")
     axes[-1, 0].set_xlabel("time since the feed started [s]")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    legend_below(figure, axes[0, 0], 4)
     return figure
 
 
@@ -68,8 +67,7 @@ def regulation_figure(
         panel.set_ylim(bottom=0.0)
         panel.set_title(f"one way in {feed:g} s")
     axes[-1, 0].set_xlabel("time since the feed started [s]")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    legend_below(figure, axes[0, 0], 3)
     return figure
 
 
@@ -118,8 +116,7 @@ def machining_figures(
 ) -> list[FigureFile]:
     other = COMPONENTS[1 - COMPONENTS.index(task.component)]
     with_sensor = {feed: run for feed, (run, _) in shown.items()}
-    files = []
-    for stem, figure, caption in (
+    figures = (
         (
             "forces",
             force_figure(task, shown, task.component),
@@ -142,6 +139,5 @@ def machining_figures(
             feed_figure(task, metrics),
             "Is a slower feed harder? Errors of reading and of holding the force.",
         ),
-    ):
-        files.append(saved_figure(figure, context.out, stem, caption))
-    return files
+    )
+    return saved_figures(figures, context.out)

@@ -21,7 +21,7 @@ from analyses.methods.reading.force_errors import (
 )
 from analyses.methods.runs.task_runs import TaskRun, read_run
 from analyses.output.axes import limit_y
-from analyses.output.figures import COLOUR, new_figure
+from analyses.output.figures import COLOUR, legend_below, new_figure
 from models.arrays import Array
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.wrench import WrenchReconstructionConfig
@@ -116,7 +116,6 @@ def axes_figure(reading: ForceReading, title: str, colour: str, limits: Array) -
         limit_y(panel, -limits[k], limits[k], "N")
         panel.set_ylabel(f"force f{AXES[k]} [N]")
     axes[-1, 0].set_xlabel("time [s]")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+    legend_below(figure, axes[0, 0])
     figure.suptitle(title)
     return figure

@@ -34,6 +34,7 @@ from models.recordings.rosbag.messages import (
     nanoseconds,
     seconds,
 )
+from models.recordings.table_checks import first_missing, rows_within
 
 Rows = NDArray[np.int64]
 
@@ -223,14 +224,7 @@ class RosbagTable:
         wanted = [self._columns[column - 1] for column in columns if column > 0]
         main = self._main_topic(columns)
         count = self._counts[main]
-        first, last = rows or (1, count)
-        if last > count:
-            raise InputError(
-                self.path,
-                "",
-                f"has {count} messages on {main}, but rows {first} to {last} are wanted",
-                "correct the rows in the description",
-            )
+        first, last = rows_within(self.path, rows, count, f"messages on {main}")
         optional = np.array([column in may_be_empty for column in columns])
         followers = {
             topic: _Follower(self._stream(topic)) for topic in {t for t, _ in wanted} - {main}
@@ -268,10 +262,10 @@ class RosbagTable:
     def _check(
         self, values: Array, rows: Rows, columns: list[int], optional: NDArray[np.bool_]
     ) -> None:
-        wrong = ~(np.isfinite(values) | (np.isnan(values) & optional))
-        if wrong.any():
+        missing = first_missing(values, optional)
+        if missing is not None:
             assert self.names is not None
-            i, k = (int(index[0]) for index in np.nonzero(wrong))
+            i, k = missing
             raise InputError(
                 self.path,
                 f"message {rows[i]}, {self.names[columns[k]]}",

@@ -75,7 +75,7 @@ def test_errors_are_reading_minus_reference_and_rows_keep_their_order():
     reading = ForceReading("a", np.arange(5.0), 3 * three, three, three, np.ones(5))
     assert (reading.error == 2.0).all()
     metrics = {name: reading.metrics() for name in ("first", "second")}
-    figure = variants_figure(metrics, ["first", "second"], "title")
+    figure = variants_figure(metrics, {"first": "first", "second": "second"}, "title")
     axis = figure.axes[0]
     assert [label.get_text() for label in axis.get_yticklabels()] == ["first", "second"]
     assert axis.yaxis_inverted()  # the first row is on top
