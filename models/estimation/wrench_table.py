@@ -102,6 +102,9 @@ class WrenchTableWriter:
             statistic: (N,) of contact.
             flags: (N,) each, of FLAGS.
             covariance: (N, 6, 6), rotation first, where the table has its columns.
+
+        Raises:
+            ValueError: the table has columns for the covariance, and none is given.
         """
         columns = [t, *wrench[:, FORCE_FIRST].T, *standard_deviation[:, FORCE_FIRST].T]
         columns += [condition_number, valid.astype(np.int8), *tau_ext.T, statistic]

@@ -92,6 +92,7 @@ class ColumnLayout:
     column_names: tuple[str, ...]  # of every column; "column 3" where there is no header
 
     def signal(self, name: str) -> Signal | None:
+        """The signal of this name; None if the log does not hold it."""
         return next((s for s in self.signals if s.name == name), None)
 
     def column_of(self, name: str, index: int = 0) -> str:

@@ -158,6 +158,7 @@ def contradictions(
 
 
 def doubts(fit: Sequence[TorqueFit], base: BaseParameters, model: IdentifiedModel) -> list[str]:
+    """Warnings for a poor fit, a poorly excited motion and negative friction."""
     names = model.joint_names
     unexplained = pooled_rmse(fit) / rms(np.vstack([f.measured for f in fit]))
     found = [

@@ -276,4 +276,5 @@ def regulation(run: MachiningRun) -> dict[str, float]:
 
 
 def feed_key(feed: float) -> str:
+    """The key of a feed (s, one way) in the metrics: T15."""
     return f"T{feed:g}"

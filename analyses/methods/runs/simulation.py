@@ -164,7 +164,11 @@ class SimulationResult:
         return metrics
 
     def pressing_force(self) -> Array:
-        """(T,) N: the true push of the environment along the controlled direction."""
+        """(T,) N: the true push of the environment along the controlled direction.
+
+        Raises:
+            ValueError: the scenario controls no force.
+        """
         controller = self.scenario.controller
         if not isinstance(controller, ImpedanceConfig) or controller.force is None:
             raise ValueError("the scenario controls no force")
