@@ -56,7 +56,7 @@ class Reference:
 
     Attributes:
         direction: (N, 3) g - a_E in axes of W, m/s^2.
-        force: (N, 3) N, exerted on the robot.
+        mass: kg, of the payload.
     """
 
     direction: Array
