@@ -37,8 +37,8 @@ after that time g follows it, as slowly as before.
     D = min_F |y - U J^T F / (g s)|^2 + |moment / moment_sd|^2
 
 with J as the observer saw it and s widened by the model's scale error. D <= |y|^2, so that the
-level of `power`, which sqrt(LP(D)) is held against, is exceeded by noise no more often than stated.
-With six joints and an unknown moment a force at E explains everything: D = 0.
+level of `power`, with which sqrt(LP(D)) is compared, is exceeded by noise no more often than
+stated. With six joints and an unknown moment a force at E explains everything: D = 0.
 
 **Link**: a force on link k loads joints 1 to k alone. Where the contact is not at E and joints
 beyond k are within LOUD of their errors while k and beyond exceed the level of `power`, the contact

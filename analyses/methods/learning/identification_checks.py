@@ -40,7 +40,7 @@ def gain_ratios(
         oversampling: rows per independent sample.
 
     Returns:
-        (n,) factors and their sds; NaN and infinity where nothing is told of a factor.
+        (n,) factors and their sds; NaN and infinity where a factor is not determined.
     """
     n = len(factors[0].R)
     stacked = [

@@ -1,7 +1,7 @@
 """The studies of machining: each feed with a force/torque sensor in the force loop, and without.
 
 One way of the path in 15, 30 and 60 s, there and back (section 5). Each feed is machined twice:
-with a force/torque sensor in the force loop, the readings compared on one and the same run, and
+with a force/torque sensor in the force loop, the readings compared on the same run, and
 without any sensor, the loop closed by the estimate alone.
 """
 
