@@ -33,6 +33,7 @@ PLACES = {
     "refresh": "refresh",
     "part": "refreshing.part",
     "log_format": "log_format",
+    "accept_signs": "accept_signs",
     "cutoff_hz": "identification.cutoff",
     "friction": "identification.friction",
     "consistent": "identification.consistent",
@@ -84,6 +85,14 @@ def command(
             help="Keep every link's inertia physical; adds robot.urdf.",
         ),
     ] = DEFAULTS.consistent,
+    accept_signs: Annotated[
+        bool,
+        typer.Option(
+            "--accept-signs",
+            help="Take the drives' signs as the robot's file has them, although gravity, inertia "
+            "and friction contradict them; the result says so.",
+        ),
+    ] = IdentifySettings().accept_signs,
     config: Annotated[Path | None, config_option(IdentifySettings, PLACES)] = None,
     out: Out = Path("out/identify"),
 ) -> None:
@@ -94,20 +103,20 @@ def command(
         _refresh(settings, logs, out)
         return
     validation = [Path(log) for log in settings.validate]
-    common = (settings.log_format, settings.identification)
+    common, signs = (settings.log_format, settings.identification), settings.accept_signs
     with showing_progress("identify") as progress:
         if settings.load:
             from analyses.methods.calibration.load_calibration import calibrate_logs
 
             calibrated = calibrate_logs(
-                logs, settings.load, settings.robot, out, validation, *common, progress
+                logs, settings.load, settings.robot, out, validation, *common, progress, signs
             )
             result = calibrated.identification
         else:
             from analyses.methods.learning.identification import identify_logs
 
             calibrated = None
-            result = identify_logs(logs, settings.robot, out, validation, *common, progress)
+            result = identify_logs(logs, settings.robot, out, validation, *common, progress, signs)
     _print(result, out)
     if calibrated is not None:
         _print_calibration(calibrated, out)
@@ -128,6 +137,7 @@ def _refresh(settings: IdentifySettings, logs: list[Path], out: Path) -> None:
             settings.log_format,
             settings.refreshing,
             progress,
+            settings.accept_signs,
         )
     found, (before, after) = result.refresh, result.rmse
     table = new_table(

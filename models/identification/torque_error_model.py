@@ -408,13 +408,26 @@ def torque_error_features(
     for k in range(q.shape[0]):
         for i in range(q.shape[1]):
             _advance(table, state, i, q[k, i], v[k, i])
-            speed = v[k, i] if np.isfinite(v[k, i]) else 0.0
-            own = features[k, i]
-            own[0] = 1.0
-            own[1] = speed**2
-            own[2] = state[_TRANSMITTED, i] ** 2
-            own[3] = (table[i, _GAIN] * (speed - state[_SLOW_SPEED, i])) ** 2
-            own[4] = state[_TURNING, i] ** 2
-            own[5] = state[_UNKNOWN, i] ** 2
+            variance_parts(table, state, i, v[k, i], state[_TRANSMITTED, i], features[k, i])
             if np.isfinite(transmitted[k, i]):
                 state[_TRANSMITTED, i] = transmitted[k, i]
+
+
+@njit(cache=True, error_model="numpy")
+def variance_parts(table: Array, state: Array, i: int, v: float, load: float, parts: Array) -> None:
+    """Single-sample kernel: the features (NUM_FEATURES,) of joint i once `state` has its sample.
+
+    Args:
+        table, state: as `torque_sd_tick`.
+        i: joint.
+        v: rad/s.
+        load: L of the sample before, N m.
+        parts: (NUM_FEATURES,), written.
+    """
+    speed = v if np.isfinite(v) else 0.0
+    parts[0] = 1.0
+    parts[1] = speed**2
+    parts[2] = load**2
+    parts[3] = (table[i, _GAIN] * (speed - state[_SLOW_SPEED, i])) ** 2
+    parts[4] = state[_TURNING, i] ** 2
+    parts[5] = state[_UNKNOWN, i] ** 2

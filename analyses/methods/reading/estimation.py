@@ -133,7 +133,8 @@ def estimate_log(
 
         def read() -> RecordingReader:
             reader = RecordingReader(
-                log, log_format, robot, config.check, _further(config.reference), "estimate"
+                *(log, log_format, robot, config.check, _further(config.reference), "estimate"),
+                accept_signs=config.accept_signs,
             )
             reader.require_joint_signals()
             return reader
@@ -178,6 +179,11 @@ def estimate(
             "the model does not state its torque error at rest and in motion: one covariance "
             "stands for both; identify it again"
         )
+    elif model.provenance.logs and model.contact_noise is None:
+        warnings.append(
+            "the model does not say what it reads without contact: how often contact is reported "
+            "where nothing touches the arm is not known; identify it again"
+        )
     config, max_gap = settings.estimate.estimator, settings.estimate.max_gap
     if config.position_resolution is None:
         step = position_resolution(next(iter(read().chunks())).q)
@@ -208,7 +214,7 @@ def estimate(
     detection = settings.estimate.detection
     estimates = _estimates(settings.estimate, robot, model, config, chain([first], chunks))
     observer = make_observer(config.observer, robot.num_joints)
-    summary = EstimateSummary(model, observer.settling_time)
+    summary = EstimateSummary(model.joint_names, model.validity, observer.settling_time)
     reference = settings.estimate.reference
     beside = SensorLogCollector(config.observer.time_step) if reference.columns else None
     episodes = ContactEpisodes(robot.num_joints)
@@ -244,6 +250,8 @@ def estimate(
                 _collect(beside, chunk, batch, sd, valid, robot, settled)
     episodes.finish()
     metrics = {**summary.metrics(config, rule), "smoothed": settings.estimate.smooth}
+    signs = reader.sign_evidence
+    metrics["drive_signs"] = None if signs is None else signs.metrics()
     metrics["contact"] = episodes.metrics(detection.false_alarms_per_hour)
     comparison = None if beside is None else _compared(beside, reference)
     notices = reader.notices + (screen.notices if screen is not None else ())

@@ -104,7 +104,7 @@ def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tu
         raise InputError(
             "estimate", "--reference", "the log is too short to compare with", "record a longer one"
         )
-    plain = Mounting("world", np.eye(3), 1, _tare(log, config), 0.0)
+    plain = Mounting("world", np.eye(3), 1, tare_of(log, config), 0.0)
     coarse = log.every(max(1, len(log.t) // _ROWS))
     candidates = _candidates(plain, config, k)
     wants_delay = config.delay == FOUND
@@ -157,7 +157,8 @@ def error_of(log: SensorLog, mounting: Mounting, with_offset: bool) -> float:
     return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
 
 
-def _tare(log: SensorLog, config: ReferenceConfig) -> Array:
+def tare_of(log: SensorLog, config: ReferenceConfig) -> Array:
+    """(k,) what the configuration says the sensor reads without load; zero where it is fitted."""
     k = log.sensor.shape[1]
     given = tare_numbers(config)
     if given is not None:
