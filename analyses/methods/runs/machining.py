@@ -268,7 +268,7 @@ def errors(reading: Array, truth: Array) -> dict[str, float]:
 
 
 def errors_within_ways(reading: Array, truth: Array, ways: NDArray[np.int64]) -> dict[str, Any]:
-    """What a reading tells beyond the mean force of each way.
+    """How well a reading follows the force beyond the mean of each way.
 
     Friction along the feed changes its sign when the feed turns round: over several ways most of a
     correlation is that change. Here each way's means are taken off first.

@@ -279,7 +279,7 @@ def findings(task: MachiningTask, metrics: Mapping[str, Any]) -> list[str]:
         "Friction along the feed changes its sign when the feed turns round, and a correlation "
         "over all ways counts that as agreement. Within a way, its mean taken off, the article's "
         f"method correlates by {_row(metrics, 'article.within_ways.correlation')}, ours by "
-        f"{_row(metrics, 'ours.within_ways.correlation')}: what each tells of a force that lives.",
+        f"{_row(metrics, 'ours.within_ways.correlation')}: how well each follows a varying force.",
         "Ours reads with what a pass through the air has taught, just above the surface along the "
         "same motion: what the observer reads there is the model's error and is taken off (eq. 4, "
         "on the observer's output). What contact itself changes is left: friction that grows with "
