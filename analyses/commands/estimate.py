@@ -112,7 +112,7 @@ def command(
     torque_sd: Annotated[
         str,
         typer.Option(
-            help="What an external torque errs by, N m: one number, or one a joint with commas.",
+            help="Sd of an external torque's error, N m: one number, or one a joint with commas.",
             show_default="what the logs' torques say",
         ),
     ] = "",
@@ -240,7 +240,7 @@ def command(
         str, typer.Option(help="Its delay behind the motion, s, or found.")
     ] = REFERENCE.delay,
     reference_contact: Annotated[
-        float, typer.Option(help="Force of the sensor from which on there is contact, N.")
+        float, typer.Option(help="Force of the sensor above which there is contact, N.")
     ] = REFERENCE.contact_force,
     false_alarms_per_hour: Annotated[
         float, typer.Option(help="How often contact may be reported where nothing touches the arm.")

@@ -181,7 +181,7 @@ def estimate(
         )
     elif model.provenance.logs and model.contact_noise is None:
         warnings.append(
-            "the model does not say what it reads without contact: how often contact is reported "
+            "the model does not state its readings without contact: how often contact is reported "
             "where nothing touches the arm is not known; identify it again"
         )
     config, max_gap = settings.estimate.estimator, settings.estimate.max_gap

@@ -1,4 +1,4 @@
-"""What `estimate --reference` is told of the sensor in a log."""
+"""The settings of `estimate --reference`: the force sensor in a log."""
 
 from dataclasses import dataclass, field
 
