@@ -112,7 +112,7 @@ def command(
     torque_sd: Annotated[
         str,
         typer.Option(
-            help="What an external torque errs by, N m: one number, or one a joint with commas.",
+            help="Sd of an external torque's error, N m: one number, or one a joint with commas.",
             show_default="what the logs' torques say",
         ),
     ] = "",
@@ -135,7 +135,7 @@ def command(
         typer.Option(help="Momentum observer's gain, 1/s: one number, or one a joint with commas."),
     ] = joined(OBSERVER.K_0),
     bandwidth: Annotated[
-        float, typer.Option(help="Of a large force's prior in the kalman observer, Hz.")
+        float, typer.Option(help="Kalman observer: corner frequency of a large force's prior, Hz.")
     ] = KalmanObserverConfig().bandwidth_hz,
     torque_rate: Annotated[
         str,
@@ -148,8 +148,8 @@ def command(
     torque_samples: Annotated[
         str,
         typer.Option(
-            help="What a current is between its samples: held (a drive's own clock) or "
-            "trapezoidal (a continuous signal, sampled)."
+            help="Motor torque between samples: held (currents on the drive's own clock) or "
+            "trapezoidal (samples of a continuous signal)."
         ),
     ] = OBSERVER.torque_samples,
     prior_force_sd: Annotated[
@@ -164,7 +164,7 @@ def command(
     ] = READING.prior_moment_sd,
     max_force_sd: Annotated[
         float | None,
-        typer.Option(help="Largest force sd of a valid reading, N; else what the prior implies."),
+        typer.Option(help="Largest force sd of a valid reading, N; else 1/3 of the live prior's."),
     ] = READING.max_force_sd,
     damping: Annotated[
         float,
@@ -180,8 +180,8 @@ def command(
         bool,
         typer.Option(
             "--smooth/--causal",
-            help="Read each sample with what comes after it, too: no lag, less error; or as a "
-            "controller would have it.",
+            help="Estimate each sample from those before and after it (no lag, less error), or "
+            "from those before it, as a controller would.",
         ),
     ] = DEFAULTS.smooth,
     step: Annotated[
@@ -194,7 +194,7 @@ def command(
         ),
     ] = DEFAULTS.max_gap,
     check: Annotated[
-        bool, typer.Option(help="Hold the log against the robot's limits and gravity.")
+        bool, typer.Option(help="Check the log against the robot's limits and gravity.")
     ] = DEFAULTS.check,
     accept_signs: Annotated[
         bool,
@@ -217,7 +217,7 @@ def command(
         ),
     ] = REFERENCE.columns,
     reference_frame: Annotated[
-        str, typer.Option(help="Whose axes the sensor's are: world, tool, or found.")
+        str, typer.Option(help="Frame that the sensor is fixed in: world, tool, or found.")
     ] = REFERENCE.frame,
     reference_turn: Annotated[
         str, typer.Option(help="Roll, pitch, yaw of its axes in that frame, rad: 0,0,3.1416.")
@@ -225,8 +225,8 @@ def command(
     reference_sign: Annotated[
         str,
         typer.Option(
-            help="What it says: robot (what acts on it), environment (what the robot does), or "
-            "found."
+            help="Which force it reports: robot (on the robot), environment (on the environment), "
+            "or found."
         ),
     ] = REFERENCE.sign,
     reference_tare: Annotated[
@@ -237,10 +237,10 @@ def command(
         ),
     ] = REFERENCE.tare,
     reference_delay: Annotated[
-        str, typer.Option(help="How much later than the motion it is, s, or found.")
+        str, typer.Option(help="Its delay behind the motion, s, or found.")
     ] = REFERENCE.delay,
     reference_contact: Annotated[
-        float, typer.Option(help="Force of the sensor from which on there is contact, N.")
+        float, typer.Option(help="Force of the sensor above which there is contact, N.")
     ] = REFERENCE.contact_force,
     false_alarms_per_hour: Annotated[
         float, typer.Option(help="How often contact may be reported where nothing touches the arm.")
@@ -392,7 +392,7 @@ def _print_comparison(comparison: "SensorComparison", out: Path, W: str = "world
     mounting = comparison.mounting
     frame = W if mounting.frame == "world" else mounting.frame
     axes = "; ".join(" ".join(f"{x:.3g}" for x in row) for row in mounting.R.round(6) + 0.0)
-    says = "what acts on the robot" if mounting.sign > 0 else "what the robot does"
+    says = "force on the robot" if mounting.sign > 0 else "force on the environment"
     say(
         console,
         f"sensor: axes of the {frame} turned by [{axes}], {says}, "

@@ -46,7 +46,7 @@ def command(
     robot: RobotName,
     validate: Annotated[
         list[Path] | None,
-        typer.Option(metavar="LOG", help="Logs to predict, not fitted."),
+        typer.Option(metavar="LOG", help="Logs to validate on: predicted, not fitted."),
     ] = None,
     load: Annotated[
         list[str] | None,
@@ -60,7 +60,7 @@ def command(
         Path | None,
         typer.Option(
             metavar="MODEL",
-            help="A model.yaml: find only the friction that drifts anew, from seconds of one log.",
+            help="A model.yaml: re-estimate only its drifted friction, from seconds of one log.",
         ),
     ] = None,
     part: Annotated[
@@ -82,7 +82,7 @@ def command(
         bool,
         typer.Option(
             "--consistent",
-            help="Let every link have an inertia that can exist; adds robot.urdf.",
+            help="Keep every link's inertia physical; adds robot.urdf.",
         ),
     ] = DEFAULTS.consistent,
     accept_signs: Annotated[
@@ -127,7 +127,7 @@ def _refresh(settings: IdentifySettings, logs: list[Path], out: Path) -> None:
 
     if len(logs) != 1 or settings.load or settings.validate:
         problem = "takes one log, and neither --load nor --validate"
-        raise InputError("--refresh", "", problem, "give one log of seconds of today")
+        raise InputError("--refresh", "", problem, "give one log of today, some seconds long")
     with showing_progress("identify") as progress:
         result = refresh_log(
             Path(str(settings.refresh)),

@@ -43,7 +43,7 @@ def command(
     ] = None,
     log_format: LogFormat = None,
     check: Annotated[
-        bool, typer.Option(help="Hold the log against the robot's limits and gravity.")
+        bool, typer.Option(help="Check the log against the robot's limits and gravity.")
     ] = DEFAULTS.check,
     accept_signs: Annotated[
         bool,

@@ -227,7 +227,7 @@ def findings(metrics: dict[str, Any], knowledge: Knowledge, unloaded: Knowledge)
         )
         + ". One sd serves the rows with and without load. With the fixed 0.1 N m that ratio is "
         f"{fixed:.1f}.",
-        "The stated covariance says directions, which no condition number does: "
+        "The stated covariance shows directions, which no condition number does: "
         f"{worst['inverse']:.0f} % of eq. 22's squared error lies along the direction stated as "
         f"worst (33 % would be chance), {worst['bayesian']:.0f} % of the Bayesian reading's. As a "
         "single number per pose its rank correlation with eq. 22's errors is "

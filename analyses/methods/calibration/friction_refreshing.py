@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 
 ProgressCallback = Callable[[float, str], None]
 
-LITTLE = 0.2  # share of the prior's variance; a log that takes less away says little
-LARGEST_DRIFT = 0.3  # share of viscous friction, whatever a joint that stood leaves unknown
+LITTLE = 0.2  # share of the prior's variance; a log that removes less says little
+LARGEST_DRIFT = 0.3  # share of viscous friction, also where a joint at rest leaves more unknown
 MORE_THAN_FRICTION = 2.0  # of the residual's stated sd
 UNITS = {"coulomb": "N m", "viscous": "N m s/rad", "offset": "N m"}
 

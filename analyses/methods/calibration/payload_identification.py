@@ -44,9 +44,9 @@ ProgressCallback = Callable[[float, str], None]
 
 PASSES = 4  # the load's share of friction changes by less than 1 % from the third to the fourth
 TENSOR = ("xx", "yy", "zz", "xy", "xz", "yz")  # order of ToolConfig.inertia
-COM_TOLD = 0.02  # m, sd; where a centre of mass is less sure, the motion has not told it
+COM_TOLD = 0.02  # m, sd; beyond it the motion has not determined the centre of mass
 INERTIA_TOLD = 0.5  # share of the prior's variance
-SCATTER = 2.0  # times what the model states; more is no load's doing
+SCATTER = 2.0  # times what the model states; more is not caused by a load
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ _CHUNK = 1 << 15  # rows that are worked on at a time
 def is_torque_log(log: Path, log_format: str | Path | None, torque: str) -> bool:
     """Whether `estimate` reads a log's external torque rather than its currents.
 
-    A log that cannot be opened is none: whoever reads it says why.
+    False for a log that cannot be opened: its reader reports why.
 
     Args:
         torque: `EstimateConfig.torque`.

@@ -168,7 +168,8 @@ class IdentificationResult:
         """The robot's URDF with the identified inertias.
 
         Raises:
-            ValueError: a link that cannot exist; `IdentificationConfig.consistent` prevents it.
+            ValueError: a link whose inertia is not physical; `IdentificationConfig.consistent`
+                prevents it.
         """
         model = self.model
         rotors = model.chain(self.robot).rotor_matrix.diagonal()
@@ -299,7 +300,7 @@ def _identify(
         ),
     )
     if config.cross_validate:
-        progress(0.95, "what the observer errs by")
+        progress(0.95, "the observer's error")
         readings = held_out_readings(
             recordings, fitted, given.regressions, fits.held_out_models(chosen), robot, model
         )
@@ -491,7 +492,7 @@ def _model_error(
         how = "second moment of the low-passed residual of each log, predicted from the others"
     else:
         covariance = residual_covariance([f.residual for f in fit])
-        # The fit has bent towards its own log: undo it as far as counting parameters can.
+        # The fit has adapted to its own log: corrected by the number of parameters.
         growth = estimate.residual_sd / np.maximum(pooled_rmse(fit), 1e-300)
         growth = np.clip(growth, 1.0, 10.0)
         covariance = covariance * np.outer(growth, growth)

@@ -49,10 +49,10 @@ class EstimateConfig:
     """N m, of an external torque's error, one for all joints or one each; none: by the evidence."""
     engine: str = "batch"  # "batch": the kernels; "diagram": the same chain as a Drake diagram
     estimator: WrenchEstimatorConfig = field(default_factory=_estimator_of_logs)
-    smooth: bool = False  # each sample read with what comes after it, too: no lag
+    smooth: bool = False  # each sample estimated from those after it as well: no lag
     max_gap: float = 0.0  # s, longest gap that is bridged; 0: 0.1 s or three steps
     check: bool = True  # hold the log against the robot's limits and gravity
-    accept_signs: bool = False  # take the drives' signs as they are, whatever gravity says of them
+    accept_signs: bool = False  # take the drives' signs as they are, also against the evidence
     mcap: bool = False  # write the wrenches as ROS 2 messages too (wrench.mcap)
     reference: ReferenceConfig = field(default_factory=ReferenceConfig)  # a force sensor in the log
     detection: ContactDetectionConfig = field(default_factory=ContactDetectionConfig)

@@ -176,8 +176,13 @@ def estimate(
         warnings += model.fitted_robot.doubts(robot)
     if model.provenance.logs and model.torque_error is None:
         warnings.append(
-            "the model does not say what its torque errs by at rest and in motion: one covariance "
+            "the model does not state its torque error at rest and in motion: one covariance "
             "stands for both; identify it again"
+        )
+    elif model.provenance.logs and model.contact_noise is None:
+        warnings.append(
+            "the model does not state its readings without contact: how often contact is reported "
+            "where nothing touches the arm is not known; identify it again"
         )
     config, max_gap = settings.estimate.estimator, settings.estimate.max_gap
     if config.position_resolution is None:
@@ -433,7 +438,7 @@ def _fault(chunk: Recording, batch: EstimateBatch) -> NDArray[np.int64]:
     found = chunk.extra.get(FAULT)
     if found is None:
         return batch.fault
-    # Beside a sample that is missing an interpolated one is, too.
+    # An interpolated sample beside a missing one is missing, too.
     return np.asarray(batch.fault | np.where(found == 0.0, 0, BEYOND))
 
 
@@ -473,7 +478,7 @@ def _with_evidence(
     kind = kind_of(config.observer)
     plain = config
     if kind is not None and kind.kernels.wrench is not None:
-        # What reads the wrench by a prior says nothing of which prior explains the torque.
+        # An observer that reads the wrench by a prior cannot tell which prior explains the torque.
         observer = MomentumObserverConfig(
             time_step=config.observer.time_step, torque_samples=config.observer.torque_samples
         )

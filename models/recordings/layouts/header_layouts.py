@@ -45,7 +45,7 @@ def known_layout(
         joint_names: of the robot, base to tool; None: the log's own, in its order.
 
     Returns:
-        None: none of them.
+        The layout; None where the columns are of no known program.
 
     Raises:
         InputError: it is one, but a joint or its positions are missing, or two topics hold them.
