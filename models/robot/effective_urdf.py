@@ -4,6 +4,7 @@ import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
 
+from models.files.input_error import InputError
 from models.robot.collision_meshes import CollisionMeshes
 
 
@@ -12,7 +13,7 @@ class JointLimits:
     """What the URDF says of a moving joint."""
 
     name: str
-    line: int
+    line: int  # of the file; 0 where it was no URDF
     lower: float  # rad or m; -inf where there is none
     upper: float
     velocity: float  # rad/s or m/s; inf where there is none
@@ -29,12 +30,14 @@ class EffectiveUrdf:
         notices: tuple[str, ...],
         source: Path,
         meshes: CollisionMeshes,
+        inertia_fault: InputError | None = None,
     ) -> None:
         self._root = root
         self.meshes = meshes
         self.joints = joints  # moving ones, base to tool
         self.notices = notices
         self.source = source
+        self.inertia_fault = inertia_fault  # the first, where dynamics cannot be told
 
     def text(self, name: str, hulls: bool = False) -> str:
         """The document, with `name` as the robot's.

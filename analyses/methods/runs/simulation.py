@@ -349,6 +349,7 @@ def simulate(
     Raises:
         InputError: scenario, robot and model do not fit; or the motion diverges.
     """
+    robot.require_inertias("simulate")
     notices: list[str] = []
     plan = None
     if scenario.machining is not None:

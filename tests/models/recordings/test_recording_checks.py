@@ -39,6 +39,7 @@ def _robot() -> SimpleNamespace:
         effort_limit=np.array([80.0, 20.0]),
         torque_per_ampere=_GAIN,
         current_sign=_SIGN,
+        has_inertias=True,
         chain=SimpleNamespace(gravity_torque=_gravity, prismatic=np.zeros(2, bool)),
     )
     robot.joint_torque = lambda current: current * robot.torque_per_ampere * robot.current_sign
