@@ -19,6 +19,7 @@ from models.robot.robot import Robot
 
 INFLUENCE = 0.12  # m, beyond which a pair of shapes does not count
 SHARPNESS = 400.0  # 1/m, of the smooth minimum: below the true one by 2 mm for two pairs alike
+_LARGEST_SCALE = 10.0  # of a pair that must keep little, so that its gradient stays smooth
 
 
 @dataclass(frozen=True)
@@ -140,17 +141,22 @@ class Clearance:
         return float(min([INFLUENCE, *found]))
 
     def smooth_slack(self, q: ArrayLike) -> tuple[float, Array]:
-        """A smooth value (m) not above `slack`, and its gradient (n,) by q.
+        """A smooth value (m), positive where `slack` is, and its gradient (n,) by q.
 
         -1/k ln sum exp(-k slack_i), k = SHARPNESS, over all pairs and one that is always at
-        INFLUENCE.
+        INFLUENCE. A pair that must keep less than the margin, as the parts of a wrist, counts in
+        its own measure, margin / required: what a caller keeps in reserve then fits it too.
         """
         plant, context = self._plant, self._plant_context
         pairs = [p for p in self._pairs(q, INFLUENCE) if np.isfinite(self._requirement(p))]
-        slack = np.array([pair.distance - self._requirement(pair) for pair in pairs] + [INFLUENCE])
+        required = np.array([self._requirement(pair) for pair in pairs] + [self.margin])
+        scale = np.clip(self.margin / np.maximum(required, 1e-9), 1.0, _LARGEST_SCALE)
+        distance = np.array([pair.distance for pair in pairs] + [INFLUENCE + self.margin])
+        slack = scale * (distance - required)
         lowest = float(slack.min())
         share = np.exp(-SHARPNESS * (slack - lowest))
         total = float(share.sum())
+        share *= scale
         gradient = np.zeros(plant.num_velocities())
         world = plant.world_frame()
         for pair, part in zip(pairs, share / total, strict=False):
