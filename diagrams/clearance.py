@@ -52,9 +52,17 @@ class Clearance:
         robot: its collision shapes count.
         margin: m.
         floor: height of the floor in W, m; None for none.
+        workpiece: what stands there too; a blade counts as its convex hull. The tool, that works on
+            it, may touch it, all other links keep `margin`.
     """
 
-    def __init__(self, robot: Robot, margin: float = 0.02, floor: float | None = 0.0) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        margin: float = 0.02,
+        floor: float | None = 0.0,
+        workpiece: PlateConfig | BladeConfig | None = None,
+    ) -> None:
         builder = DiagramBuilder()
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
         parts = robot.add_to_plant(plant, hulls=True)
@@ -63,6 +71,10 @@ class Clearance:
             X_WF = RigidTransform([0.0, 0.0, floor - 0.5])
             material = CoulombFriction(0.5, 0.5)
             plant.RegisterCollisionGeometry(plant.world_body(), X_WF, slab, "floor", material)
+        if isinstance(workpiece, BladeConfig):
+            add_blade(plant, workpiece)
+        elif workpiece is not None:
+            add_plate(plant, workpiece)
         plant.Finalize()
         self._diagram = builder.Build()  # owns plant and context
         self._context = self._diagram.CreateDefaultContext()
@@ -80,12 +92,27 @@ class Clearance:
         for j, joint in enumerate(parts.joints):
             for body in plant.GetBodiesWeldedTo(joint.child_body()):
                 self._level[body.index()] = j + 1
+        self._piece = {
+            geometry
+            for geometry in self._body
+            if workpiece is not None and self._inspector.GetName(geometry).endswith("workpiece")
+        }
+        tool = parts.frame_E.body()
+        if parts.tool_weld is not None:
+            tool = plant.get_joint(parts.tool_weld).child_body()
+        self._may_touch_piece = {
+            geometry
+            for geometry, body in self._body.items()
+            if body.index() == tool.index() or self._level.get(body.index(), 0) == 0
+        }
         self.margin = margin
         self._required: dict[tuple[Any, Any], float] = {}
         overlapping: list[str] = []
         wrist: dict[tuple[Any, Any], float] = {}
         for pair in self._pairs(robot.home, 1.5 * INFLUENCE):
             key = (pair.id_A, pair.id_B)
+            if not self._piece.isdisjoint(key):
+                continue
             first, second = (self._level[self._body[shape].index()] for shape in key)
             if first == second:
                 self._required[key] = -np.inf
@@ -238,7 +265,12 @@ class Clearance:
         return list(query.ComputeSignedDistancePairwiseClosestPoints(influence))
 
     def _requirement(self, pair: Any) -> float:
-        return self._required.get((pair.id_A, pair.id_B), self.margin)
+        key = (pair.id_A, pair.id_B)
+        if not self._piece.isdisjoint(key):
+            return (
+                self.margin if self._may_touch_piece.isdisjoint(set(key) - self._piece) else -np.inf
+            )
+        return self._required.get(key, self.margin)
 
 
 def workpiece_clearance(robot: Robot, workpiece: PlateConfig | BladeConfig, q: ArrayLike) -> float:
