@@ -23,11 +23,13 @@ from models.robot.robot_config import RobotConfig, ShapeConfig, ToolConfig
 from models.robot.rotational_inertia import inertia_matrix, unphysical
 from models.robot.rounded_angles import exact_angle
 from models.robot.urdf_document import read_document
-from models.robot.urdf_shapes import drop_pictures
+from models.robot.urdf_pictures import drop_pictures
+from models.robot.urdf_shapes import settle_colours, settle_filters
 
 _MOVING = ("revolute", "continuous", "prismatic")
 _KNOWN_TYPES = (*_MOVING, "fixed", "floating", "planar")
 _KEPT = ("link", "joint", "material", "drake:collision_filter_group")
+_LARGEST = 1e6  # of any number in it, in SI units; a limit beyond is none
 
 
 def read_urdf(path: Path, config: RobotConfig, config_source: Path) -> EffectiveUrdf:
@@ -68,6 +70,7 @@ class _Reader:
         self._keep_below_base()
         moving = self._serial_chain()
         self._check_inertias(moving)
+        settle_colours(self.root, self.links.values())
         self.notices += drop_pictures(self.links, self.path, self.meshes)
         self._tidy_joints(moving)
         self._add_tool()
@@ -203,9 +206,7 @@ class _Reader:
         for element in list(self.root):
             if element.tag not in _KEPT:
                 self.root.remove(element)
-            for member in element.findall("drake:member"):
-                if member.get("link") not in kept:
-                    element.remove(member)
+        settle_filters(self.root, kept)
 
     def _serial_chain(self) -> list[ET.Element]:
         """The moving joints from base to flange; any other moving joint is a branch."""
@@ -435,19 +436,29 @@ class _Reader:
         limit = joint.find("limit")
         lower, upper, velocity, effort = -math.inf, math.inf, math.inf, 0.0
         if limit is not None:
-            velocity = self._number(limit, "velocity", 0.0) or math.inf
-            effort = self._number(limit, "effort", 0.0)
+            velocity = self._limit(limit, "velocity") or math.inf
+            effort = self._limit(limit, "effort")
             if joint.get("type") != "continuous":
-                lower = self._number(limit, "lower", 0.0)
-                upper = self._number(limit, "upper", 0.0)
+                lower, upper = self._limit(limit, "lower"), self._limit(limit, "upper")
         if lower >= upper:
             self._fail(
                 limit if limit is not None else joint,
                 f'joint "{name}": lower limit {lower:g} is not below the upper {upper:g}',
             )
+        if not velocity >= 1e-6:
+            self._fail(joint, f'joint "{name}": a velocity limit of {velocity:g}')
+        is_stated = 0 < effort < math.inf
         return JointLimits(
             name, self.lines.get(joint, 0), lower, upper, velocity, effort if effort > 0 else None
         )
+
+    def _limit(self, limit: ET.Element, key: str) -> float:
+        """A limit of a joint; what no robot reaches is no limit, and Drake is told so, too."""
+        value = self._number(limit, key, 0.0, math.inf)
+        if abs(value) > _LARGEST:
+            limit.attrib.pop(key)
+            value = math.copysign(math.inf, value)
+        return value
 
     def _axis(self, joint: ET.Element) -> Array:
         axis = joint.find("axis")
@@ -474,17 +485,20 @@ class _Reader:
             values = np.array([float(word) for word in text.split()])
         except ValueError:
             values = np.array([])
-        if values.shape != (3,) or not np.all(np.isfinite(values)):
-            self._fail(element, f'{key}="{text}" of <{element.tag}>, expected three numbers')
+        if values.shape != (3,) or not np.all(np.abs(values) <= _LARGEST):
+            problem = f'{key}="{text}" of <{element.tag}>, expected three numbers'
+            self._fail(element, f"{problem} of at most {_LARGEST:g}")
         return values
 
-    def _number(self, element: ET.Element, key: str, default: float) -> float:
+    def _number(
+        self, element: ET.Element, key: str, default: float, most: float = _LARGEST
+    ) -> float:
         text = element.get(key)
         try:
             value = default if text is None else float(text)
         except ValueError:
             value = math.nan
-        if not math.isfinite(value):
+        if not math.isfinite(value) or abs(value) > most:
             self._fail(element, f'{key}="{text}" of <{element.tag}>, expected a number')
         return value
 

@@ -4,10 +4,12 @@ import xml.etree.ElementTree as ET
 import xml.parsers.expat
 from pathlib import Path
 
-from models.files.files_read import about_to_read
 from models.files.input_error import InputError
+from models.files.limited_file import read_limited
 from models.robot.sdf_document import urdf_of_sdf
 from models.robot.xacro_document import urdf_of_xacro
+
+LARGEST_DOCUMENT = 1 << 26  # bytes
 
 
 def read_document(
@@ -27,13 +29,8 @@ def read_document(
         InputError: no such file, no valid XML, another root element, or as `urdf_of_xacro` and
             `urdf_of_sdf`.
     """
-    about_to_read(path)
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        what = "no such file" if isinstance(error, FileNotFoundError) else error.strerror
-        remedy = f"see {named_by}" if named_by is not None else "check the path"
-        raise InputError(path, "", f"URDF: {what}", remedy) from error
+    remedy = f"see {named_by}" if named_by is not None else "check the path"
+    data = read_limited(path, LARGEST_DOCUMENT, "URDF", remedy)
     root, lines = _parsed(data, path)
     if root.tag == "sdf":
         return urdf_of_sdf(root, path), {}
@@ -65,4 +62,6 @@ def _parsed(data: bytes, path: Path) -> tuple[ET.Element, dict[ET.Element, int]]
     except xml.parsers.expat.ExpatError as error:
         what = xml.parsers.expat.ErrorString(error.code)
         raise InputError(path, f"line {error.lineno}", f"no valid XML: {what}") from error
+    except (ValueError, LookupError) as error:  # of the encoding that it states
+        raise InputError(path, "line 1", f"cannot be read: {error}", "save it as UTF-8") from error
     return builder.close(), lines

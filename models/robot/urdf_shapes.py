@@ -1,102 +1,108 @@
-"""The visual and collision shapes of a URDF: what Drake can take, and what becomes of the rest."""
+"""What of a URDF is only drawn or collided with: left out where Drake could not take it.
 
+Drake ends the process over a box without a size, and refuses a whole robot over a colour. An arm
+whose picture is damaged can still be read.
+"""
+
+import math
 import xml.etree.ElementTree as ET
+from collections.abc import Collection
 from pathlib import Path
 
-from models.files.files_read import about_to_read
-from models.robot.collision_meshes import CollisionMeshes
-from models.robot.convex_hulls import HULL_SUFFIXES
-from models.robot.gltf import gltf_fault
-
-_MESHES = (".obj", ".gltf", ".vtk")
-_SHAPES = ("box", "cylinder", "sphere", "capsule", "ellipsoid", "drake:capsule", "drake:ellipsoid")
-
-
-def drop_pictures(
-    links: dict[str, ET.Element], urdf: Path, collisions: CollisionMeshes
-) -> list[str]:
-    """Drops the shapes that Drake cannot take; collision meshes go to `collisions`.
-
-    Args:
-        links: by name, changed.
-        urdf: the file; meshes are looked for beside it and above.
-        collisions: takes the meshes whose convex hulls can be made.
-
-    Returns:
-        What happened, a sentence each.
-    """
-    dropped: dict[tuple[str, str], int] = {}
-    for link in links.values():
-        for kind in ("visual", "collision"):
-            for element in link.findall(kind):
-                reason = _undrawable(element, urdf)
-                if not reason:
-                    continue
-                link.remove(element)
-                if kind == "collision":
-                    mesh = _mesh_for_hull(element, urdf)
-                    collisions.add(link, element, mesh, reason)
-                    if mesh is not None:
-                        continue
-                dropped[kind, reason] = dropped.get((kind, reason), 0) + 1
-    notices = []
-    if collisions.count:
-        notices.append(
-            f"{collisions.count} collision meshes count as their convex hulls where clearance "
-            "is asked for; in a simulation nothing collides with them"
-        )
-    without = {"visual": "it is drawn without them", "collision": "nothing collides with them"}
-    for (kind, reason), count in dropped.items():
-        shapes = "shape" if count == 1 else "shapes"
-        notices.append(f"{count} {kind} {shapes} dropped ({reason}): {without[kind]}")
-    return notices
+LARGEST_SHAPE = 1e3  # m; also the largest factor that a mesh may be scaled by
+_SIZES = {
+    "box": {"size": 3},
+    "sphere": {"radius": 1},
+    "cylinder": {"radius": 1, "length": 1},
+    "capsule": {"radius": 1, "length": 1},
+    "ellipsoid": {"a": 1, "b": 1, "c": 1},
+}
+_FILTER, _MEMBER = "drake:collision_filter_group", "drake:member"
+_IGNORED = "drake:ignored_collision_filter_group"
 
 
-def _undrawable(element: ET.Element, urdf: Path) -> str:
-    """Why Drake cannot take a visual or collision element; '' if it can."""
-    geometry = element.find("geometry")
-    shape = next(iter(geometry), None) if geometry is not None else None
-    if shape is None:
-        return "no geometry"
-    if shape.tag in _SHAPES:
+def size_fault(shape: ET.Element) -> str:
+    """Why a shape's size makes no sense, in a few words; '' if it does."""
+    name = shape.tag.removeprefix("drake:")
+    if name == "mesh":
+        scale = _numbers(shape.get("scale", "1 1 1"))
+        if len(scale) not in (1, 3) or not all(1e-9 < abs(x) <= LARGEST_SHAPE for x in scale):
+            return "scale that makes no sense"
         return ""
-    if shape.tag != "mesh":
-        return f"<{shape.tag}>"
-    name = shape.get("filename", "")
-    suffix = Path(name).suffix.lower()
-    if suffix not in _MESHES:
-        return suffix or "no file name"
-    found = resolved_mesh(name, urdf)
-    if found is None:
-        return f"{suffix}, file not found"
-    about_to_read(found)
-    if suffix == ".gltf" and (fault := gltf_fault(found)):
-        return fault
-    shape.set("filename", found.as_uri())
+    for key, count in _SIZES.get(name, {}).items():
+        values = _numbers(shape.get(key, ""))
+        if len(values) != count or not all(0.0 < x <= LARGEST_SHAPE for x in values):
+            return f"{name} without a size"
     return ""
 
 
-def _mesh_for_hull(element: ET.Element, urdf: Path) -> Path | None:
-    """The file of a collision mesh that Drake does not read, but whose hull can be made."""
-    shape = element.find("geometry/mesh")
-    name = "" if shape is None else shape.get("filename", "")
-    if Path(name).suffix.lower() not in HULL_SUFFIXES:
-        return None
-    return resolved_mesh(name, urdf)
+def hull_fault(path: Path) -> str:
+    """Why Drake can make no convex hull of a collision mesh that it reads; '' if it can."""
+    from pydrake.geometry import Convex
+
+    try:
+        Convex(str(path)).GetConvexHull()
+    except (RuntimeError, ValueError):
+        return f"{path.suffix.lower()}, has no convex hull"
+    return ""
 
 
-def resolved_mesh(name: str, urdf: Path) -> Path | None:
-    """The file that a mesh's URI means; package:// is looked for upwards from the URDF."""
-    folder = urdf.resolve().parent
-    if name.startswith("package://"):
-        relative = name.removeprefix("package://")
-        inside = relative.partition("/")[2]
-        candidates = [parent / relative for parent in (folder, *folder.parents)]
-        candidates += [
-            parent / inside
-            for parent in (folder, *folder.parents)
-            if (parent / "package.xml").is_file()
-        ]
-    else:
-        candidates = [folder / name.removeprefix("file://")]
-    return next((path for path in candidates if path.is_file()), None)
+def settle_colours(root: ET.Element, links: Collection[ET.Element]) -> None:
+    """Gives each visual its own colour; a name that stands for none, or for two, is no error."""
+    known: dict[str, list[float]] = {}
+    for material in root.findall("material"):
+        known.setdefault(material.get("name", ""), _colour(material))
+        root.remove(material)
+    visuals = [visual for link in links for visual in link.findall("visual")]
+    for visual in visuals:
+        for material in visual.findall("material"):
+            name = material.get("name", "")
+            known[name] = known.get(name) or _colour(material)
+    for number, visual in enumerate(visuals):
+        materials = visual.findall("material")
+        for material in materials:
+            visual.remove(material)
+        if not materials:
+            continue
+        colour = _colour(materials[0]) or known.get(materials[0].get("name", ""), [])
+        if colour:
+            own = ET.SubElement(visual, "material", name=f"colour_{number}")
+            ET.SubElement(own, "color", rgba=" ".join(repr(x) for x in colour))
+
+
+def settle_filters(root: ET.Element, links: Collection[str]) -> None:
+    """Keeps the collision filter groups that name links of the arm and groups that there are."""
+    groups = root.findall(_FILTER)
+    kept: list[ET.Element] = []
+    names: set[str] = set()
+    for group in groups:
+        name = group.get("name", "")
+        for child in list(group):
+            is_member = child.tag == _MEMBER and child.get("link") in links
+            if not is_member and child.tag != _IGNORED:
+                group.remove(child)
+        if name and name not in names and group.find(_MEMBER) is not None:
+            names.add(name)
+            kept.append(group)
+        else:
+            root.remove(group)
+    for group in kept:
+        for child in group.findall(_IGNORED):
+            if child.get("name") not in names:
+                group.remove(child)
+
+
+def _colour(material: ET.Element) -> list[float]:
+    """Red, green, blue, alpha, 0 to 1; [] where there is none that makes sense."""
+    element = material.find("color")
+    values = _numbers("" if element is None else element.get("rgba", ""))
+    return values if len(values) == 4 and all(0.0 <= x <= 1.0 for x in values) else []
+
+
+def _numbers(text: str) -> list[float]:
+    """The numbers of a text; [] where one is none, or not finite."""
+    try:
+        values = [float(word) for word in text.split()]
+    except ValueError:
+        return []
+    return values if all(math.isfinite(value) for value in values) else []
