@@ -449,7 +449,7 @@ class _Reader:
             self._fail(joint, f'joint "{name}": a velocity limit of {velocity:g}')
         is_stated = 0 < effort < math.inf
         return JointLimits(
-            name, self.lines.get(joint, 0), lower, upper, velocity, effort if effort > 0 else None
+            name, self.lines.get(joint, 0), lower, upper, velocity, effort if is_stated else None
         )
 
     def _limit(self, limit: ET.Element, key: str) -> float:

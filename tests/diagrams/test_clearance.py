@@ -135,11 +135,10 @@ def test_the_tool_may_touch(sts, kind):
     assert workpiece_clearance(sts, replace(piece, pose=PoseConfig(behind)), sts.home) < 0.0
 
 
-@pytest.mark.parametrize("kind", ["plate", "blade"])
-def test_a_workpiece_counts_as_taken_one_by_one(sts, kind):
+def test_a_workpiece_counts_as_taken_one_by_one(sts):
     """Against `workpiece_clearance`, with other shapes far away."""
     pose = PoseConfig([0.5, 0.0, 0.3], [0.0, 0.0, np.pi / 2])
-    piece = PlateConfig(pose) if kind == "plate" else BladeConfig(pose=pose)
+    piece = PlateConfig(pose)
     rng = np.random.default_rng(2)
     with_piece = Clearance(sts, 0.02, None, piece)
     without = Clearance(sts, 0.02, None)
