@@ -35,6 +35,7 @@ from pydrake.systems.primitives import (
 )
 
 from diagrams.scenario import BladeConfig, PlateConfig, Scenario
+from diagrams.truth.hard_joints import add_hard_joints, connect_hard_joints, hard_joints
 from diagrams.workpiece import add_blade, add_plate, contact_material, soft_tip
 from models.arrays import Array
 from models.control.wrench_script import WrenchScript
@@ -43,6 +44,7 @@ from models.friction.true_friction import DryFriction
 from models.machining.machining_process import MachiningProcess
 from models.robot.motors import motor_gain
 from models.robot.robot import Robot, RobotInPlant
+from models.truth.true_robot import true_robot
 from systems.environment_truth import EnvironmentTruth
 from systems.external_wrench_source import ExternalWrenchSource
 from systems.force_torque_sensor import ForceTorqueSensor
@@ -103,7 +105,7 @@ def make_robot_cell(
     Args:
         scenario: what stands in the cell, and what the tool suffers.
         robot: the true robot.
-        q_0: (n,) rad, where it is at the start, at rest.
+        q_0: (n,) rad, where its encoders are at the start, at rest.
         meshcat: draws the cell into it; without it there are no pictures.
         with_brakes: whether dry friction is solved by the plant together with contact
             (`JointFriction`), or without it (`FreeJointFriction`), which is faster and the same
@@ -115,14 +117,17 @@ def make_robot_cell(
     builder = DiagramBuilder()
     touches = scenario.workpiece is not None or scenario.floor
     with_brakes = touches if with_brakes is None else with_brakes
+    joints = hard_joints(scenario, robot)
+    true = robot if joints is None else true_robot(robot)
     plant, scene_graph = _add_plant(builder, scenario, touches or meshcat is not None)
-    parts = robot.add_to_plant(plant)
+    parts = true.add_to_plant(plant)
     friction = true_friction(scenario, robot)
-    if friction is not None and with_brakes:
+    if friction is not None and with_brakes and joints is None:
         add_holding_actuators(plant, parts.joints, parts.actuators, friction)
     else:
         for i, joint in enumerate(parts.joints):
-            joint.set_default_damping(0.0 if friction is None else friction.viscous[i])
+            inside = friction is None or joints is not None  # else it is the joints' own
+            joint.set_default_damping(0.0 if inside else friction.viscous[i])
     if isinstance(scenario.workpiece, BladeConfig):
         add_blade(plant, scenario.workpiece)
     elif scenario.workpiece is not None:
@@ -130,25 +135,36 @@ def make_robot_cell(
     if scene_graph is not None:
         _add_floor(plant, solid=scenario.floor)
     plant.Finalize()
-    plant.SetDefaultPositions(parts.model_instance, np.asarray(q_0, dtype=np.float64))
+    q_0 = np.asarray(q_0, dtype=np.float64)
+    if joints is not None:  # the encoders read q_0, their gears bent by the arm's weight
+        q_0 = joints.links_at(q_0, true.chain)
+    plant.SetDefaultPositions(parts.model_instance, q_0)
     if scene_graph is not None:
         _prepare_contact(plant, scene_graph, parts, scenario)
 
     n = robot.num_joints
     state = plant.get_state_output_port(parts.model_instance)
     split = builder.AddNamedSystem("encoders", Demultiplexer([n, n]))
-    terms = builder.AddNamedSystem("true_terms", RigidBodyTermsSystem(robot.chain))
+    terms = builder.AddNamedSystem("true_terms", RigidBodyTermsSystem(true.chain))
     builder.Connect(state, split.get_input_port())
     for i, name in enumerate(("q", "v")):
-        builder.ExportOutput(split.get_output_port(i), name)
+        if joints is None:
+            builder.ExportOutput(split.get_output_port(i), name)
         builder.Connect(split.get_output_port(i), terms.GetInputPort(name))
     builder.ExportOutput(state, "state")
 
-    tau_J = _add_drives(builder, scenario, robot)
-    builder.ExportOutput(tau_J, "tau_J_true")
+    if joints is None:
+        tau_J = _add_drives(builder, scenario, robot)
+        builder.ExportOutput(tau_J, "tau_J_true")
+    else:
+        block = add_hard_joints(builder, scenario, joints, touches)
     script = WrenchScript(scenario.wrench, scenario.seed, "scenario")
     tau_ext = _add_environment(builder, scenario, robot, plant, parts, script, terms, touches)
-    if friction is not None and with_brakes:
+    if joints is not None:
+        connect_hard_joints(
+            builder, scenario, robot, plant, parts, block, terms.get_output_port(), tau_ext
+        )
+    elif friction is not None and with_brakes:
         _connect_with_brakes(builder, plant, parts, tau_J)
         _add_friction(builder, plant, parts, friction, tau_J)
     else:

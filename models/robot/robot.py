@@ -26,11 +26,11 @@ from models.rigid_body.serial_chain import SerialChain
 from models.robot.effective_urdf import EffectiveUrdf, JointLimits
 from models.robot.robot_config import (
     DriveConfig,
-    JointFrictionConfig,
     PoseConfig,
     RobotConfig,
     ToolConfig,
 )
+from models.robot.truth_config import JointFrictionConfig, SimulatedTruthConfig
 from models.robot.urdf import read_urdf
 
 
@@ -159,6 +159,26 @@ class Robot:
             for drive in self.config.drives
         ]
         return Robot(replace(self.config, drives=drives), self.source, self._urdf)
+
+    def with_truth(self, truth: SimulatedTruthConfig) -> "Robot":
+        """Returns the same robot with another simulated truth.
+
+        Raises:
+            InputError: a list has another length than it should, or a value is out of range.
+        """
+        return Robot(replace(self.config, simulated_truth=truth), self.source, self._urdf)
+
+    def with_moved_joints(self, translation: Array, rotation: Array) -> "Robot":
+        """Returns the robot with the frames of its joints moved: another arm of the same make.
+
+        Args:
+            translation: (n, 3) m, in axes of each joint's frame.
+            rotation: (n, 3) rad, rotation vectors in them.
+        """
+        poses = {
+            name: (translation[i], rotation[i]) for i, name in enumerate(self.joint_names)
+        }
+        return Robot(self.config, self.source, self._urdf.with_moved_joints(poses))
 
     def add_to_plant(
         self, plant: Any, name: str | None = None, hulls: bool = False

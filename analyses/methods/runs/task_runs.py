@@ -41,6 +41,7 @@ from models.motion.paths import StraightPath
 from models.observers.lag import LagModel, lag_log
 from models.recordings.recording import Recording
 from models.robot.robot import Robot
+from models.truth.log_clock import clocked
 
 ProgressCallback = Callable[[float, str], None]
 
@@ -201,6 +202,9 @@ def run_task(
     recording = Recording(
         t=t, q=signals["q"], v=signals["v"], current=signals["current"], source=name
     )
+    mechanisms = robot.config.simulated_truth.mechanisms
+    if mechanisms is not None:
+        recording = clocked(recording, mechanisms.clock, scenario.seed)
     return TaskRun(
         name,
         recording,
