@@ -10,6 +10,7 @@ from pydrake.systems.primitives import (
     Demultiplexer,
     Gain,
     LogVectorOutput,
+    MatrixGain,
     Multiplexer,
     TrajectorySource,
     VectorLogSink,
@@ -79,6 +80,7 @@ def make_closed_loop(
     log_only: Sequence[str] | None = None,
     with_estimator: bool = True,
     taught: TaughtTorque | None = None,
+    fused: bool = False,
 ) -> ClosedLoop:
     """Builds the loop of a scenario. Controller and estimator know `model`, never the truth.
 
@@ -104,6 +106,8 @@ def make_closed_loop(
         with_estimator: without it the tracking controller has the model's terms from a block of
             their own, and there is no tau_ext, wrench, covariance, condition_number and valid: for
             who wants the motion alone, in two thirds of the time.
+        fused: whether the estimator is one block instead of its stages: the same numbers, a tick
+            of a loop in contact a tenth faster.
 
     Raises:
         ValueError: no estimator for impedance control or a drawing, which need its wrench; taught
@@ -137,6 +141,7 @@ def make_closed_loop(
             v=out("v"),
             current=out("current"),
             taught=taught is not None,
+            fused=fused,
         )
         terms = estimator.GetOutputPort("terms")
     elif isinstance(scenario.controller, ImpedanceConfig) or meshcat is not None:
@@ -178,7 +183,12 @@ def make_closed_loop(
         builder.Connect(reference.get_output_port(), controller.GetInputPort("reference"))
         tau_command = controller.GetOutputPort("tau_command")
     drive_gain = motor_gain(robot.torque_per_ampere, robot.current_sign)
-    to_current = builder.AddNamedSystem("torque_to_current", Gain(1.0 / drive_gain))
+    to_motor = (
+        MatrixGain(robot.coupling.T / drive_gain[:, None])
+        if robot.is_coupled
+        else Gain(1.0 / drive_gain)
+    )
+    to_current = builder.AddNamedSystem("torque_to_current", to_motor)
     builder.Connect(tau_command, to_current.get_input_port())
     builder.Connect(to_current.get_output_port(), cell.diagram.GetInputPort("current_command"))
 

@@ -101,9 +101,7 @@ def make_estimator(
         return _fused(estimator, name, taught, detection)
     builder = DiagramBuilder()
     terms = builder.AddNamedSystem("terms", RigidBodyTermsSystem(estimator.chain))
-    motor = builder.AddNamedSystem(
-        "motor", MotorCurrentTorqueSource(robot.torque_per_ampere, robot.current_sign)
-    )
+    motor = builder.AddNamedSystem("motor", MotorCurrentTorqueSource.of(robot))
     # At planned speeds friction needs no memory: it slides.
     remembers = model.friction.state_rows > 0 and not taught
     friction = builder.AddNamedSystem(
@@ -259,7 +257,7 @@ def _fused(
         robot = estimator.robot
         motor = builder.AddNamedSystem(
             "detection_motor",
-            MotorCurrentTorqueSource(robot.torque_per_ampere, robot.current_sign),
+            MotorCurrentTorqueSource.of(robot),
         )
         n = estimator.num_joints
         # The block's signals, row by row, J, whether tau_ext counts, and what else it keeps.

@@ -126,8 +126,9 @@ def make_robot_cell(
         add_holding_actuators(plant, parts.joints, parts.actuators, friction)
     else:
         for i, joint in enumerate(parts.joints):
-            inside = friction is None or joints is not None  # else it is the joints' own
-            joint.set_default_damping(0.0 if inside else friction.viscous[i])
+            # Joints with mechanisms have their viscous friction in themselves.
+            damped = friction if joints is None else None
+            joint.set_default_damping(0.0 if damped is None else damped.viscous[i])
     if isinstance(scenario.workpiece, BladeConfig):
         add_blade(plant, scenario.workpiece)
     elif scenario.workpiece is not None:
@@ -380,12 +381,12 @@ def _prepare_contact(
 
 def _add_drives(builder: DiagramBuilder, scenario: Scenario, robot: Robot) -> OutputPort:
     """From the commanded current to the motor torque; exports the measured current."""
-    limit = robot.effort_limit / robot.torque_per_ampere
+    limit = robot.current_limit
     drives = builder.AddNamedSystem("drives", Saturation(-limit, limit))
     builder.ExportInput(drives.get_input_port(), "current_command")
-    torque = builder.AddNamedSystem(
-        "motors", Gain(motor_gain(robot.torque_per_ampere, robot.current_sign))
-    )
+    gain = motor_gain(robot.torque_per_ampere, robot.current_sign)
+    motors = MatrixGain(robot.motor_rates.T * gain) if robot.is_coupled else Gain(gain)
+    torque = builder.AddNamedSystem("motors", motors)
     builder.Connect(drives.get_output_port(), torque.get_input_port())
     if scenario.current_noise:
         sensor = MotorCurrentSensor(

@@ -4,7 +4,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, NumericParameterIndex
 
-from models.robot.motors import motor_gain, motor_torque
+from models.arrays import Array
+from models.robot.motors import joint_torque, motor_gain
+from models.robot.robot import Robot
 
 
 class MotorCurrentTorqueSource(LeafSystem):
@@ -27,16 +29,25 @@ class MotorCurrentTorqueSource(LeafSystem):
     Args:
         torque_per_ampere: (n,) N m/A, positive.
         current_sign: (n,) +1 or -1: which way the drive counts. Fixed.
+        motor_rates: (n, n) D with v_motor = D v_joint where motors move several joints each: then
+            tau_J = D^T (gain current). None: each its own.
 
     Raises:
         ValueError: a gain is not positive and finite, or a sign is neither +1 nor -1.
     """
 
-    def __init__(self, torque_per_ampere: ArrayLike, current_sign: ArrayLike = 1.0) -> None:
+    def __init__(
+        self,
+        torque_per_ampere: ArrayLike,
+        current_sign: ArrayLike = 1.0,
+        motor_rates: Array | None = None,
+    ) -> None:
         LeafSystem.__init__(self)
         gain = np.atleast_1d(motor_gain(torque_per_ampere, current_sign))
         self._n = gain.shape[0]
         self._sign = np.sign(gain)
+        rates = np.zeros((0, self._n)) if motor_rates is None else np.array(motor_rates, float)
+        self._motor_rates = rates
         self._parameter = NumericParameterIndex(
             self.DeclareNumericParameter(BasicVector(np.abs(gain)))
         )
@@ -48,8 +59,14 @@ class MotorCurrentTorqueSource(LeafSystem):
             {self._current.ticket(), self.numeric_parameter_ticket(self._parameter)},
         )
 
+    @classmethod
+    def of(cls, robot: Robot) -> "MotorCurrentTorqueSource":
+        """That of a robot's drives."""
+        rates = robot.motor_rates if robot.is_coupled else None
+        return cls(robot.torque_per_ampere, robot.current_sign, rates)
+
     def _calc_tau_J(self, context: Context, output: BasicVector) -> None:
         gain = context.get_numeric_parameter(self._parameter).value() * self._sign
         tau_J = np.empty(self._n)
-        motor_torque(gain, self._current.Eval(context), tau_J)
+        joint_torque(gain, self._motor_rates, self._current.Eval(context), tau_J)
         output.SetFromVector(tau_J)

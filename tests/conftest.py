@@ -132,6 +132,18 @@ def ur10e_turned(ur10e: Robot, tmp_path_factory: pytest.TempPathFactory) -> Robo
     return _written(tmp_path_factory, config, urdf)
 
 
+@pytest.fixture(scope="session")
+def coupled_wrist(sts: Robot, tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    """The article's arm with a wrist whose motors turn each other's joints, one counting back."""
+    config = yaml.safe_load(sts.source.read_text(encoding="utf-8"))
+    config["urdf"] = str(sts.source.with_name(config["urdf"]))
+    config["drives"][4]["current_sign"] = -1
+    rows = [[float(i == k) for k in range(6)] for i in range(6)]
+    rows[4][3], rows[5][4] = 0.5, -1.0
+    config["coupling"] = rows
+    return _written(tmp_path_factory, config)
+
+
 # Robots of other people, and of nobody ------------------------------------------------------------
 
 

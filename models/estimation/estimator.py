@@ -250,7 +250,13 @@ class WrenchEstimator:
         sd = np.sqrt(np.diag(reconstruction.torque_covariance))
         return EstimatorTables(
             np.ascontiguousarray(self.chain.table),
-            np.stack([motor_gain(torque_per_ampere, self.robot.current_sign), sd]),
+            np.vstack(
+                [
+                    motor_gain(torque_per_ampere, self.robot.current_sign),
+                    sd,
+                    *(self.robot.motor_rates if self.robot.is_coupled else ()),
+                ]
+            ),
             friction.velocity_law.table,
             friction.slip_table,
             observer.table,
@@ -313,7 +319,7 @@ class WrenchEstimator:
             known = self._known(taught, tau_f, ())
             sample = np.vstack([sample, known])
             if tau_f is not None:
-                sample[2] -= np.asarray(tau_f, float) / self.tables.drives[GAIN]
+                sample[2] -= self._current_of(tau_f)
         out = np.empty(n + NUM_READING)
         rest: list[Any] = [state[: self._check_from], sample, out, self._scratch]
         if self.trusted is None:
@@ -374,8 +380,7 @@ class WrenchEstimator:
         if taught is not None or tau_f is not None:
             known = self._known(taught, tau_f, (N,))
             if tau_f is not None:
-                taken = np.asarray(tau_f, float) / self.tables.drives[GAIN]
-                current = np.asarray(current - taken)
+                current = np.asarray(current - self._current_of(tau_f))
         chain, drives, friction, slip, observer, wrench = self.tables
         tau_ext, J, F = np.empty((N, n)), np.empty((N, 6, n)), np.empty((N, 6))
         covariance, quality, counts = np.empty((N, 6, 6)), np.empty((N, 2)), np.empty(N, np.bool_)
@@ -461,6 +466,12 @@ class WrenchEstimator:
             *(tau_ext, fresh, np.empty((N, 0))),
         )
         return Observation(tau_ext, signals[:, TAU_J].copy(), signals[:, TAU_F].copy(), fresh, J)
+
+    def _current_of(self, tau_f: ArrayLike) -> Array:
+        """The current (..., n) in A that a torque (..., n) in N m on the joints takes."""
+        tau_f, robot = np.asarray(tau_f, float), self.robot
+        tau_motor = tau_f @ robot.coupling if robot.is_coupled else tau_f
+        return np.asarray(tau_motor / self.tables.drives[GAIN])
 
     def _known(
         self, taught: Taught | None, tau_f: ArrayLike | None, lead: tuple[int, ...]

@@ -40,9 +40,9 @@ from models.observers.observer import (
     V,
 )
 from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, observer_terms
-from models.robot.motors import motor_torque
+from models.robot.motors import joint_torque
 
-GAIN, ERROR_SD = range(2)  # rows of `drives`
+GAIN, ERROR_SD, MOTOR_RATES = range(3)  # rows of `drives`; the last only of coupled joints
 KNOWN_TAU_F, KNOWN_CORRECTION, KNOWN_COUNTS = range(3)  # rows of `known`
 NUM_READING = READING  # entries after tau_ext: wrench, covariance, condition number, valid
 
@@ -181,7 +181,7 @@ def _terms(
     observer_terms(
         chain, q, v, signals[MOMENTUM], signals[CTV], signals[GRAVITY], J, X[:3], X[3], scratch
     )
-    motor_torque(drives[GAIN], current, signals[TAU_J])
+    joint_torque(drives[GAIN], drives[MOTOR_RATES:], current, signals[TAU_J])
     if known.shape[0] == 0:
         friction_torque(friction, v, signals[TAU_F])
     for i in range(q.shape[0]):
@@ -306,7 +306,8 @@ def estimate_tick(
     Args:
         choice: of the observer's and the friction law's kernels.
         chain: SerialChain.table.
-        drives: (2, n) signed gain, N m/A; sd of the torque's error, N m.
+        drives: (2, n) signed gain, N m/A; sd of the torque's error, N m; (2 + n, n) with the
+            `motor_rates` of coupled joints behind.
         friction: table of the friction law's velocity_law.
         slip: FrictionLaw.slip_table.
         observer: Observer.table.
@@ -435,7 +436,7 @@ def tick_update(
     """
     n = current.shape[0]
     signals, J = _split(out[n + NUM_READING :], n)
-    motor_torque(drives[GAIN], current, signals[TAU_J])
+    joint_torque(drives[GAIN], drives[MOTOR_RATES:], current, signals[TAU_J])
     parts = state.reshape(state.shape[0] // n, n)
     _update(choice, slip, observer, rows, parts, known, signals, J)
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from models.arrays import Array
+from models.friction.coupled_friction import CoupledFriction, joint_side
 from models.friction.extended_friction import ExtendedFriction
 from models.friction.friction_law import FrictionLaw
 from models.friction.presliding_friction import PreslidingFriction
@@ -34,6 +35,8 @@ def with_sliding(law: FrictionLaw, sliding: CoulombViscous) -> FrictionLaw:
     if isinstance(law, SemiParametricFriction):
         return replace(law, coulomb_viscous=sliding)
     if isinstance(law, ExtendedFriction):
+        return replace(law, law=with_sliding(law.law, sliding))
+    if isinstance(law, CoupledFriction):
         return replace(law, law=with_sliding(law.law, sliding))
     raise TypeError(f"friction: {type(law).__name__} has no sliding part to exchange")
 
@@ -73,6 +76,9 @@ def stiction(law: FrictionLaw, load: Array) -> Array:
         law: the friction law.
         load: (N, n) transmitted torque, N m.
     """
+    if isinstance(law, CoupledFriction):
+        at_motors = stiction(law.law, load @ np.linalg.inv(law.motor_rates))
+        return joint_side(law, at_motors.T).T
     own = _without_further_terms(law)
     if isinstance(own, PreslidingFriction):
         return np.maximum(own.coulomb + own.stribeck + own.load * np.abs(load), 0.0)
@@ -84,7 +90,7 @@ def _without_further_terms(law: FrictionLaw) -> FrictionLaw:
 
 
 def _without_cubic(law: FrictionLaw) -> FrictionLaw:
-    if isinstance(law, ExtendedFriction):
+    if isinstance(law, ExtendedFriction | CoupledFriction):
         return replace(law, law=_without_cubic(law.law))
     if isinstance(law, PreslidingFriction):
         return replace(law, cubic=np.zeros(law.num_joints))

@@ -20,6 +20,7 @@ class FittedRobot:
     gravity: list[float] = field(default_factory=list)  # in W, m/s^2
     tool_mass: float | None = None  # kg; 0: without a tool; None: a load has been added since
     tool_com: list[float] = field(default_factory=list)  # m, in the flange
+    coupling: list[list[float]] = field(default_factory=list)  # of joints; empty: none
 
     @classmethod
     def of(cls, robot: Robot) -> "FittedRobot":
@@ -31,6 +32,7 @@ class FittedRobot:
             gravity=robot.gravity.tolist(),
             tool_mass=0.0 if tool is None else float(tool.mass),
             tool_com=[0.0, 0.0, 0.0] if tool is None else [float(x) for x in tool.com],
+            coupling=robot.coupling.tolist() if robot.is_coupled else [],
         )
 
     def check(self, robot: Robot, model: Path) -> None:
@@ -40,6 +42,14 @@ class FittedRobot:
             InputError: a key that every torque depends on differs, naming it and both values.
         """
         now = FittedRobot.of(robot)
+        if self.torque_per_ampere and not _same(self.coupling, now.coupling):
+            raise InputError(
+                model,
+                "fitted_robot.coupling",
+                f"the model was identified with {self.coupling or 'no coupling of joints'}, "
+                f"{robot.source} has {now.coupling or 'none'}",
+                "set it back, or identify again",
+            )
         for key in ("torque_per_ampere", "current_sign", "gravity"):
             then, found = getattr(self, key), getattr(now, key)
             if not then:
@@ -82,3 +92,7 @@ class FittedRobot:
             f"besides acts as a force ({weight:.3g} N of weight); use the model.yaml that payload "
             "writes, or identify again with this tool"
         ]
+
+
+def _same(a: list[list[float]], b: list[list[float]]) -> bool:
+    return np.shape(a) == np.shape(b) and bool(np.allclose(a, b, rtol=_TOLERANCE, atol=1e-12))

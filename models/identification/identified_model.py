@@ -14,6 +14,7 @@ import numpy as np
 from models.arrays import Array
 from models.files.configuration import REQUIRED, load_configuration, save_configuration
 from models.files.input_error import InputError
+from models.friction.coupled_friction import CoupledFriction
 from models.friction.extended_friction import ExtendedFriction
 from models.friction.friction_law import FrictionLaw
 from models.friction.friction_network import FrictionNetworks
@@ -196,7 +197,8 @@ class IdentifiedModel:
             Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the joint frame's origin (kg, kg m, kg m^2). One
             realisation of the base parameters: only those combinations are measured, so single
             entries may be non-physical while every torque is right.
-        reflected_inertia: (n,) rotor inertia seen from the joint side, kg m^2 (kg if prismatic).
+        reflected_inertia: (n,) rotor inertia seen from the joint side, kg m^2 (kg if prismatic);
+            of motors that move several joints, each seen from behind its own gear.
         friction: tau_f, N m, positive for v > 0.
         residual_covariance: (n, n) covariance of measured minus predicted torque, (N m)^2.
         base_parameters: the identified combinations, with standard deviations.
@@ -322,7 +324,9 @@ class IdentifiedModel:
                 path, "inertial_parameters", block.inertial_parameters, (n, 10)
             ),
             reflected_inertia=_numbers(path, "reflected_inertia", block.reflected_inertia, (n,)),
-            friction=_with_terms(path, block.friction, _read_friction(path, block.friction, n)),
+            friction=_at_joints(
+                _with_terms(path, block.friction, _read_friction(path, block.friction, n)), robot
+            ),
             residual_covariance=_read_covariance(path, block.residual_covariance, n),
             base_parameters=_read_base_parameters(path, block.base_parameters),
             condition_number=float(_numbers(path, "condition_number", block.condition_number, ())),
@@ -392,7 +396,16 @@ def _numbers(path: Path, key: str, values: object, shape: tuple[int, ...]) -> Ar
     return array
 
 
+def _at_joints(law: FrictionLaw, robot: Robot) -> FrictionLaw:
+    """The law of a file, which is the motors'; `FittedRobot.check` holds their couplings."""
+    if not robot.is_coupled or law.num_joints != robot.num_joints:
+        return law
+    return CoupledFriction(law, robot.motor_rates)
+
+
 def _friction_block(law: FrictionLaw) -> _FrictionBlock:
+    if isinstance(law, CoupledFriction):
+        return _friction_block(law.law)
     if isinstance(law, ExtendedFriction):
         block = _friction_block(law.law)
         names = (term.name for term in law.terms)

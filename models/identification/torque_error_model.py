@@ -48,6 +48,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from models.arrays import Array
+from models.friction.coupled_friction import CoupledFriction, joint_side
 from models.friction.extended_friction import ExtendedFriction
 from models.friction.friction_law import FrictionLaw
 from models.friction.slip_elements import SLIDING_COLUMNS, bounded_cubic, within_rounding
@@ -190,10 +191,10 @@ class TorqueErrorModel:
         step = self.resolution if resolution is None else np.asarray(resolution, float)
         table = np.zeros((n, _COLUMNS))
         table[:, :SLIDING_COLUMNS] = sliding_columns(friction)
-        viscous = np.abs(friction.coulomb_viscous.viscous)
+        viscous = np.abs(friction.feedforward.coulomb_viscous.viscous)
         smooth = K_0 / (1.0 + K_0 * self.correlation_time)
         smooth /= self.K_0 / (1.0 + self.K_0 * self.correlation_time)
-        table[:, _VISCOUS] = friction.coulomb_viscous.viscous
+        table[:, _VISCOUS] = friction.feedforward.coulomb_viscous.viscous
         table[:, _HALF_STEP] = 0.5 * np.broadcast_to(step, (n,))
         table[:, _PERIOD] = time_step
         table[:, _POLE] = np.exp(-K_0 * time_step)
@@ -292,6 +293,11 @@ def averaged_share(x: ArrayLike) -> Array:
 
 def sliding_columns(friction: FrictionLaw) -> Array:
     """(n, SLIDING_COLUMNS) of a friction law; without memory its Coulomb friction is the level."""
+    if isinstance(friction, CoupledFriction):
+        own = sliding_columns(friction.law)
+        sizes = (_C, _S, _LOAD, _CUBIC, _BEYOND)
+        own[:, sizes] = joint_side(friction, own[:, sizes])
+        return own
     if isinstance(friction, ExtendedFriction):
         friction = friction.law
     if friction.state_rows > 0:

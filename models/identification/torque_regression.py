@@ -7,6 +7,10 @@ With n joints there are 14 n parameters x: ten inertial ones per moving link (or
 Other friction laws put other terms in the place of the last three
 (`models.friction.friction_structure`).
 
+Where motors move several joints, all of this is written for the motors: row k is C^T times the
+joints' rows, and rotor inertia and friction are those of motor k at its own speed
+(`models.robot.coupling`).
+
 A log enters as one triangular factor per joint, R^T R = [W tau]^T [W tau]. Everything after (rank,
 weighting passes, fits that leave logs out, residual norms) works on these small matrices.
 """
@@ -108,9 +112,10 @@ class RegressionRows:
     """One log's rows of the regression, before friction.
 
     Attributes:
-        rigid: per joint (m, 10 (n - j) + 1): inertial columns of the links that the joint carries,
-            then its rotor inertia, through the low-pass. (A joint's torque depends on no other.)
-        tau: (m, n) N m.
+        rigid: per joint (motor) (m, 10 (n - j) + 1): inertial columns of the links from j on, that
+            the joint (motor) carries, then its rotor inertia, through the low-pass. (A joint's
+            torque depends on no other.)
+        tau: (m, n) N m, of the joints (motors).
         low_pass: along time; friction columns go through it too.
         rows: (m,) samples of the log that are used, after the filter.
     """
@@ -131,14 +136,25 @@ class RegressionRows:
         low_pass: Callable[[Array], Array],
         rows: NDArray[np.intp],
     ) -> "RegressionRows":
-        """Builds them; arguments as `factorise`."""
+        """Builds them; arguments as `factorise`, all of the joints."""
         n = q.shape[1]
         Y = chain.regressor(q, v, vdot)
+        first = list(range(n))
+        if chain.motor_rates.size:
+            C = np.linalg.inv(chain.motor_rates)
+            Y = np.einsum("jk,tjp->tkp", C, Y)
+            tau, vdot = tau @ C, vdot @ chain.motor_rates.T
+            first = [int(np.flatnonzero(column)[0]) for column in C.T]
         rigid = tuple(
-            low_pass(np.hstack([Y[:, j, _INERTIAL * j :], vdot[:, j : j + 1]]))[rows]
-            for j in range(n)
+            low_pass(np.hstack([Y[:, k, _INERTIAL * j :], vdot[:, k : k + 1]]))[rows]
+            for k, j in enumerate(first)
         )
         return cls(rigid, tau[rows], low_pass, rows)
+
+    @property
+    def _first_links(self) -> list[int]:
+        """Of each joint's (motor's) rows, the first link that they depend on."""
+        return [self.tau.shape[1] - W.shape[1] // _INERTIAL for W in self.rigid]
 
     @cached_property
     def _orthogonal(self) -> list[tuple[Array, Array]]:
@@ -166,7 +182,7 @@ class RegressionRows:
         starts = _INERTIAL * n + np.concatenate([[0], np.cumsum(counts)])
         whole = part == slice(None) and weights is None
         factors = []
-        for j in range(n):
+        for j, first in enumerate(self._first_links):
             other = np.hstack([friction[j], self.tau[:, j : j + 1]])
             if whole:  # the rigid part is orthogonal already: only the few other columns are new
                 Q, upper = self._orthogonal[j]
@@ -178,7 +194,9 @@ class RegressionRows:
                 if weights is not None:
                     W = W * np.sqrt(weights[part, j : j + 1])
                 R = triangular_factor(W)
-            columns = np.r_[_INERTIAL * j : _INERTIAL * n, starts[j] : starts[j + 1], starts[-1]]
+            columns = np.r_[
+                _INERTIAL * first : _INERTIAL * n, starts[j] : starts[j + 1], starts[-1]
+            ]
             embedded = np.zeros((R.shape[0], starts[-1] + 1))
             embedded[:, columns] = R
             factors.append(embedded)
@@ -186,11 +204,10 @@ class RegressionRows:
 
     def residual(self, friction: Sequence[Array], x: Array) -> Array:
         """Measured minus predicted torque (m, n) for all parameters x."""
-        n = self.tau.shape[1]
         inertial, rotor, own = split_terms(x, [f.shape[1] for f in friction])
         predicted = [
-            self.rigid[j] @ np.r_[inertial[j:].ravel(), rotor[j]] + friction[j] @ own[j]
-            for j in range(n)
+            self.rigid[j] @ np.r_[inertial[first:].ravel(), rotor[j]] + friction[j] @ own[j]
+            for j, first in enumerate(self._first_links)
         ]
         return np.asarray(self.tau - np.stack(predicted, axis=1))
 

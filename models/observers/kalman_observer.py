@@ -545,7 +545,7 @@ class KalmanObserver:
         if error is not None and knowledge is not None:
             numbers[_HAS_ERROR] = 1.0
             mixing = error.correlation
-            viscous = np.abs(knowledge.friction.coulomb_viscous.viscous)
+            viscous = np.abs(knowledge.friction.feedforward.coulomb_viscous.viscous)
             joints[_SLOW_VISCOUS] = error.drift * viscous
             joints[_LASTING] = np.sqrt(error.lasting)
             rest = error.table(knowledge.friction, T, error.K_0, knowledge.resolution)

@@ -75,7 +75,7 @@ class SampleCheck:
     ) -> None:
         self.num_joints = n = robot.num_joints
         speed = np.minimum(robot.velocity_limit, FASTEST)
-        current = robot.effort_limit / robot.torque_per_ampere
+        current = robot.current_limit
         with np.errstate(divide="ignore"):
             acceleration = robot.effort_limit / robot.reflected_inertia
         self.table = np.zeros((_NUM_BOUNDS, n))

@@ -239,7 +239,7 @@ class RecordingChecks:
         if not len(chosen):
             return
         q = np.ascontiguousarray(chunk.q[chosen])
-        torque = chunk.current[chosen] * self._robot.current_sign * self._robot.torque_per_ampere
+        torque = self._robot.joint_torque(chunk.current[chosen])
         gravity = self._robot.chain.gravity_torque(q)
         self._gravity.add(gravity, torque, np.ones_like(torque, dtype=np.bool_))
 

@@ -261,7 +261,7 @@ class RecordingReader:
         tau_J = found.pop("tau_J", None)
         current = found.pop("current", None)
         if current is None and tau_J is not None and self._robot is not None:
-            current = tau_J / (self._robot.current_sign * self._robot.torque_per_ampere)
+            current = self._robot.motor_current(tau_J)
         dropout = found.pop("dropout", None)
         flags = np.asarray(np.isnan(values).any(axis=1))
         if dropout is not None:

@@ -9,6 +9,7 @@ from numba import njit, prange
 from models.arrays import Array
 from models.rigid_body.chain_kernels import (
     SCRATCH_COLUMNS,
+    add_coupled_rotors,
     gravity_terms,
     inverse_dynamics_regressor,
     link_accelerations,
@@ -123,6 +124,7 @@ def inverse_dynamics_rows(
         link_velocities(v[k], scratch)
         link_accelerations(v[k], vdot[k], gx, gy, gz, scratch)
         newton_euler(table, vdot[k], tau[k], scratch)
+        add_coupled_rotors(table, vdot[k], tau[k])
 
 
 @njit(cache=True, error_model="numpy", parallel=True)

@@ -24,6 +24,7 @@ from models.arrays import Array
 # Columns of SerialChain.table, one row per joint; the last row holds E and gravity. The kernels
 # spell the columns of vectors as numbers: 0-8 R_PJ row by row, 9-11 p_PJ, 12-14 axis, 15 prismatic
 # or not, 16-25 inertial parameters, 26 reflected inertia; last row: R_LE, p_LE, gravity in 12-14.
+# Where motors move several joints, n columns more: the rotors' part of M, row by row, and 26 is 0.
 TABLE_COLUMNS = 32
 PRISMATIC = 15
 REFLECTED = 26
@@ -270,6 +271,17 @@ def momentum_and_forces(
             + sz * (hx * gy - hy * gx)
             + m * (tx * gx + ty * gy + tz * gz)
         )
+    add_coupled_rotors(table, v, momentum)
+
+
+@njit(cache=True, error_model="numpy")
+def add_coupled_rotors(table: Array, rate: Array, out: Array) -> None:
+    """Adds the rotors' part of M times `rate` (n,), where motors move several joints."""
+    if table.shape[1] == TABLE_COLUMNS:
+        return
+    for j in range(rate.shape[0]):
+        for k in range(rate.shape[0]):
+            out[j] += table[j, TABLE_COLUMNS + k] * rate[k]
 
 
 @njit(cache=True, error_model="numpy")
@@ -325,6 +337,8 @@ def composite_mass_matrix(table: Array, M: Array, scratch: Array) -> None:
             M[i, j] = value
             M[j, i] = value
         M[j, j] += table[j, REFLECTED]
+        for k in range(table.shape[1] - TABLE_COLUMNS):
+            M[j, k] += table[j, TABLE_COLUMNS + k]
 
 
 @njit(cache=True, error_model="numpy")
@@ -357,7 +371,10 @@ def link_accelerations(
 
 @njit(cache=True, error_model="numpy")
 def newton_euler(table: Array, vdot: Array, tau: Array, scratch: Array) -> None:
-    """Torques that cause the accelerations; needs place_inertia and link_accelerations."""
+    """Torques that cause the accelerations; needs place_inertia and link_accelerations.
+
+    Of rotors that move several joints nothing: `add_coupled_rotors` adds it.
+    """
     fx, fy, fz, lx, ly, lz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # moment about W's origin, force
     for j in range(tau.shape[0] - 1, -1, -1):
         wx, wy, wz = scratch[j, 18], scratch[j, 19], scratch[j, 20]

@@ -99,10 +99,13 @@ class SerialChain:
         axis: (n, 3) unit axis in the joint frame.
         inertial_parameters: (n, 10) of moving body i about the origin and in axes of its joint
             frame: m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
-        reflected_inertia: (n,) rotor inertia on the joint side, kg m^2 (kg).
+        reflected_inertia: (n,) rotor inertia of the motors behind their gears, kg m^2 (kg).
+        motor_rates: (n, n) D with v_motor = D v_joint, so that the rotors add
+            D^T diag(reflected_inertia) D to M; empty where each motor moves its own joint alone.
         gravity: (3,) in W, m/s^2.
         R_LE, p_LE: pose of E in the last joint frame.
-        table: (n + 1, TABLE_COLUMNS) the same numbers, packed for the kernels.
+        table: (n + 1, TABLE_COLUMNS) the same numbers, packed for the kernels; n columns more
+            with motor_rates: the rotors' part of M.
     """
 
     joint_names: tuple[str, ...]
@@ -115,6 +118,7 @@ class SerialChain:
     gravity: Array
     R_LE: Array
     p_LE: Array
+    motor_rates: Array = field(default_factory=lambda: np.zeros((0, 0)))
     table: Array = field(init=False, repr=False)
     _scratch: Array = field(init=False, repr=False)
 
@@ -130,6 +134,7 @@ class SerialChain:
             "gravity": (3,),
             "R_LE": (3, 3),
             "p_LE": (3,),
+            "motor_rates": (n, n) if np.size(self.motor_rates) else (0, 0),
         }
         for name, shape in shapes.items():
             value = np.array(getattr(self, name), dtype=np.float64, order="C")
@@ -144,13 +149,16 @@ class SerialChain:
             )
         prismatic.flags.writeable = False
         object.__setattr__(self, "prismatic", prismatic)
-        table = np.zeros((n + 1, TABLE_COLUMNS))
+        table = np.zeros((n + 1, TABLE_COLUMNS + len(self.motor_rates)))
         table[:n, 0:9] = self.R_PJ.reshape(n, 9)
         table[:n, 9:12] = self.p_PJ
         table[:n, 12:15] = self.axis
         table[:n, PRISMATIC] = self.prismatic
         table[:n, 16:26] = self.inertial_parameters
         table[:n, REFLECTED] = self.reflected_inertia
+        if self.motor_rates.size:
+            table[:n, REFLECTED] = 0.0  # the kernels take all of it from the columns behind
+            table[:n, TABLE_COLUMNS:] = self.rotor_matrix
         table[n, 0:9] = self.R_LE.reshape(9)
         table[n, 9:12] = self.p_LE
         table[n, 12:15] = self.gravity
@@ -162,6 +170,13 @@ class SerialChain:
     def num_joints(self) -> int:
         """n."""
         return len(self.joint_names)
+
+    @property
+    def rotor_matrix(self) -> Array:
+        """(n, n) what the rotors add to M, kg m^2."""
+        if not self.motor_rates.size:
+            return np.diag(self.reflected_inertia)
+        return np.asarray(self.motor_rates.T @ (self.reflected_inertia[:, None] * self.motor_rates))
 
     @classmethod
     def from_plant(
@@ -344,7 +359,7 @@ class SerialChain:
     def regressor(self, q: ArrayLike, v: ArrayLike, vdot: ArrayLike) -> Array:
         """Y (..., n, 10 n) with Y @ inertial_parameters.ravel() = M vdot + C v + G less rotors.
 
-        The rotors' part is reflected_inertia * vdot.
+        The rotors' part is rotor_matrix vdot.
         """
         shape, rows = self._rows(q, v, vdot)
         n = self.num_joints

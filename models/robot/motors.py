@@ -55,3 +55,25 @@ def motor_torque(gain: Array, current: Array, tau_J: Array) -> None:
     """Single-sample kernel: writes tau_J (n,) from the signed gain and the current (n,)."""
     for i in range(gain.shape[0]):
         tau_J[i] = gain[i] * current[i]
+
+
+@njit(cache=True, error_model="numpy")
+def joint_torque(gain: Array, motor_rates: Array, current: Array, tau_J: Array) -> None:
+    """Single-sample kernel: as `motor_torque`, for motors that move several joints.
+
+    Args:
+        gain: (n,) signed, of the motors, N m/A.
+        motor_rates: (n, n) D with v_motor = D v_joint; (0, n) where each moves its own alone.
+        current: (n,) A.
+        tau_J: (n,) N m, written: D^T (gain current).
+    """
+    if motor_rates.shape[0] == 0:
+        motor_torque(gain, current, tau_J)
+        return
+    n = gain.shape[0]
+    for i in range(n):
+        tau_J[i] = 0.0
+    for k in range(n):
+        for i in range(n):
+            if motor_rates[k, i] != 0.0:  # so that a NaN stays with the joints it belongs to
+                tau_J[i] += motor_rates[k, i] * gain[k] * current[k]

@@ -23,7 +23,9 @@ from models.arrays import Array
 from models.files.configuration import load_configuration, nearest
 from models.files.input_error import InputError
 from models.rigid_body.serial_chain import SerialChain
+from models.robot.coupling import coupling_notice, coupling_of, is_coupled, motor_rates
 from models.robot.effective_urdf import EffectiveUrdf, JointLimits
+from models.robot.motors import current_to_torque, torque_to_current
 from models.robot.robot_config import (
     DriveConfig,
     PoseConfig,
@@ -80,6 +82,10 @@ class Robot:
         self.torque_per_ampere = _frozen([_torque_per_ampere(d, source) for d in drives])
         self.reflected_inertia = _frozen([_reflected_inertia(d, source) for d in drives])
         self.current_sign = _frozen([float(d.current_sign) for d in drives])
+        self.coupling = coupling_of(config.coupling, self.num_joints, source)
+        self.coupling.setflags(write=False)
+        if self.is_coupled:
+            self.notices += (coupling_notice(self.coupling, self.joint_names),)
         self.current_resolution = _frozen([d.current_resolution for d in drives])
         self.current_noise_sd = _frozen([d.current_noise_sd for d in drives])
         self.position_resolution = _frozen(  # nan: not known
@@ -133,7 +139,40 @@ class Robot:
         plant = MultibodyPlant(0.0)
         parts = self.add_to_plant(plant)
         plant.Finalize()
-        return SerialChain.from_plant(plant, parts.model_instance, parts.frame_E)
+        chain = SerialChain.from_plant(plant, parts.model_instance, parts.frame_E)
+        if not self.is_coupled:
+            return chain
+        return replace(
+            chain, reflected_inertia=self.reflected_inertia, motor_rates=self.motor_rates
+        )
+
+    @property
+    def is_coupled(self) -> bool:
+        """Whether a motor moves more joints than its own."""
+        return is_coupled(self.coupling)
+
+    @cached_property
+    def motor_rates(self) -> Array:
+        """(n, n) with v_motor = motor_rates v_joint, motors behind their gears."""
+        return _frozen(motor_rates(self.coupling))
+
+    def joint_torque(self, current: Array) -> Array:
+        """tau_J (..., n) in N m on the joints, of the motors' current (..., n) in A."""
+        tau_motor = current_to_torque(current, self.torque_per_ampere, self.current_sign)
+        return tau_motor @ self.motor_rates if self.is_coupled else tau_motor
+
+    @property
+    def current_limit(self) -> Array:
+        """(n,) A, of the motors: what the joints' effort limits take."""
+        effort = self.effort_limit
+        if self.is_coupled:
+            effort = np.abs(self.coupling.T) @ effort
+        return np.asarray(effort / self.torque_per_ampere)
+
+    def motor_current(self, tau_J: Array) -> Array:
+        """The motors' current (..., n) in A that puts tau_J (..., n) in N m on the joints."""
+        tau_motor = np.asarray(tau_J, float) @ self.coupling if self.is_coupled else tau_J
+        return torque_to_current(tau_motor, self.torque_per_ampere, self.current_sign)
 
     @cached_property
     def unusable_collisions(self) -> tuple[str, ...]:
@@ -175,9 +214,7 @@ class Robot:
             translation: (n, 3) m, in axes of each joint's frame.
             rotation: (n, 3) rad, rotation vectors in them.
         """
-        poses = {
-            name: (translation[i], rotation[i]) for i, name in enumerate(self.joint_names)
-        }
+        poses = {name: (translation[i], rotation[i]) for i, name in enumerate(self.joint_names)}
         return Robot(self.config, self.source, self._urdf.with_moved_joints(poses))
 
     def add_to_plant(
@@ -201,12 +238,14 @@ class Robot:
         plant.mutable_gravity_field().set_gravity_vector(self.gravity)
         joints = tuple(plant.GetJointByName(joint, instance) for joint in self.joint_names)
         actuators = []
+        # The plant knows a rotor's inertia about its own joint only: see `motor_rates`.
+        rotors = np.square(self.motor_rates).T @ self.reflected_inertia
         for i, (joint, drive) in enumerate(zip(joints, self._drives, strict=True)):
             actuator = plant.AddJointActuator(joint.name(), joint, float(self.effort_limit[i]))
             # Without a gear ratio the inertia is given on the joint side: a ratio of one.
             ratio = drive.gear_ratio if drive.gear_ratio is not None else 1.0
             actuator.set_default_gear_ratio(ratio)
-            actuator.set_default_rotor_inertia(float(self.reflected_inertia[i]) / ratio**2)
+            actuator.set_default_rotor_inertia(float(rotors[i]) / ratio**2)
             joint.set_default_positions([float(self.home[i])])
             actuators.append(actuator)
         tool_weld = None
@@ -267,7 +306,7 @@ def _urdf_path(config: RobotConfig, source: Path) -> Path:
     return config.urdf if config.urdf.is_absolute() else source.parent / config.urdf
 
 
-def _frozen(values: Sequence[float]) -> Array:
+def _frozen(values: Sequence[float] | Array) -> Array:
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array

@@ -77,6 +77,8 @@ class RobotConfig:
     home: list[float] = field(default_factory=list, metadata=REQUIRED)  # rad or m
     payload: float = field(default=0.0, metadata=REQUIRED)  # kg, rated
     drives: list[DriveConfig] = field(default_factory=list, metadata=REQUIRED)
+    coupling: list[list[float]] = field(default_factory=list)
+    # n rows of n: q_joint = coupling q_motor, motors behind their gears; without it: each its own
     simulated_truth: SimulatedTruthConfig = field(default_factory=SimulatedTruthConfig)
 
 

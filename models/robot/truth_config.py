@@ -19,7 +19,8 @@ Where the numbers and the equations come from:
     elasticity    Spong, "Modeling and control of elastic joint robots", ASME J. Dyn. Syst. 109,
                   1987: its slow manifold
     cogging       Holtz, Springob, "Identification and compensation of torque ripple in
-                  high-precision permanent magnet motor drives", IEEE Trans. Ind. Electronics 43, 1996
+                  high-precision permanent magnet motor drives", IEEE Trans. Industrial
+                  Electronics 43, 1996
     kinematics    Hollerbach, Khalil, Gautier, "Model identification", Springer Handbook of
                   Robotics, 2016 (sizes of what a calibration leaves)
 

@@ -189,9 +189,7 @@ def _run(
         encoder_reading(
             table, state, G, q, v, on_motor, seed + VELOCITY_STREAM, tick, q_read, v_read
         )
-        all_terms(
-            model, q_read, v_read, p, CTv, Cv_m, G_m, M_m, J, R_WE, p_WE, V_WE, scratch
-        )
+        all_terms(model, q_read, v_read, p, CTv, Cv_m, G_m, M_m, J, R_WE, p_WE, V_WE, scratch)
         tracking_torque(
             computed,
             gains,
@@ -220,9 +218,7 @@ def _run(
             log[3, row], log[4, row] = q, v
             log[5, row], log[6, row] = signals[TAU_J], signals[TAU_F]
             log[7, row] = state[RISE]
-        advance_integral(
-            time_step, gains, effort_limit, q_read, reference[tick, :n], tau, integral
-        )
+        advance_integral(time_step, gains, effort_limit, q_read, reference[tick, :n], tau, integral)
         _step(M, time_step, signals[TAU_J], signals[TORQUE], Cv, G, q, v)
         state[:] = after
 

@@ -15,8 +15,8 @@ of the tick before:
     c     = viscous exp(-share rise) / (1 + |v| / saturation)
     rise  : d(rise)/dt = (heating P - rise) / time_constant,  P = (sum_k s_k + c v) v
 
-and kept_k = exp(-h / creep_time_k): a spring creeps as a Maxwell element does. s_k and c v are taken
-at the velocity v+ at the tick's end, with limit and c of its beginning:
+and kept_k = exp(-h / creep_time_k): a spring creeps as a Maxwell element does. s_k and c v are
+taken at the velocity v+ at the tick's end, with limit and c of its beginning:
 
     M (v+ - v) / h + sum_k s_k(v+) + c v+ = tau_J + tau_ext - C v - G - (what depends on position)
 
@@ -26,20 +26,20 @@ however stiff the springs. The spring's stiffness is constant and the clip only 
 
     sum_k s_k v+ h >= change of sum_k s_k^2 / (2 k_k),
 
-friction never gives more than its springs hold. A ripple with a constant amplitude is a potential; one
-that grows with the load gives nothing over a turn under a constant load. Without displacement an
-element is a damper of RIGID N m s/rad that gives way at its limit.
+friction never gives more than its springs hold. A ripple with a constant amplitude is a potential;
+one that grows with the load gives nothing over a turn under a constant load. Without displacement
+an element is a damper of RIGID N m s/rad that gives way at its limit.
 
-The gear's deflection d follows the load as an oscillator damped by DAMPING, and an encoder on the motor
-reads q + d, v + d':
+The gear's deflection d follows the load as an oscillator damped by DAMPING, and an encoder on the
+motor reads q + d, v + d':
 
     d'' + 2 DAMPING w d' + w^2 d = w^2 L / stiffness,   w = 2 pi bandwidth
 
 Contact forces are known when the plant has solved for them: where something touches, tau_ext is
 that of the tick before, and springs are shortened by the displacement that came of it.
 
-The deflection is the slow manifold of Spong's flexible joint with the lag of its resonance; the fast motion of
-rotor against link, tens of Hz, is left out. Sources: `models.robot.truth_config`.
+The deflection is the slow manifold of Spong's flexible joint with a lag; the fast motion of rotor
+against link, tens of Hz, is left out. Sources: `models.robot.truth_config`.
 """
 
 import math
@@ -102,7 +102,12 @@ def joint_tick(
     n = q.shape[0]
     K = (state.shape[0] - SLIPS) // 3
     force, viscous = np.empty(n), np.empty(n)
-    stiff, before, low, high = np.empty((K, n)), np.empty((K, n)), np.empty((K, n)), np.empty((K, n))
+    stiff, before, low, high = (
+        np.empty((K, n)),
+        np.empty((K, n)),
+        np.empty((K, n)),
+        np.empty((K, n)),
+    )
     for i in range(n):
         row = table[i]
         pole = row[POLE]
@@ -166,9 +171,7 @@ def joint_tick(
 
 
 @njit(cache=True, error_model="numpy")
-def spring_torque(
-    table: Array, time_step: float, state: Array, i: int, k: int, v: float
-) -> float:
+def spring_torque(table: Array, time_step: float, state: Array, i: int, k: int, v: float) -> float:
     """Torque in the spring of joint i's element k, N m, now that its velocity is v, rad/s.
 
     By the displacement that the links really made, which is the predicted one where nothing but

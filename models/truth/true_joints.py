@@ -1,4 +1,4 @@
-"""The true joints of a simulated arm: `MechanismsConfig` checked, drawn and packed for the kernels."""
+"""The true joints of a simulated arm: `MechanismsConfig` checked, drawn and packed."""
 
 import dataclasses
 import math
@@ -228,9 +228,7 @@ class _Reader:
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
 
-    def each(
-        self, config: Any, name: str, least: float = 0.0, below: float = math.inf
-    ) -> Array:
+    def each(self, config: Any, name: str, least: float = 0.0, below: float = math.inf) -> Array:
         values: Sequence[float] = getattr(config, name)
         n = self._robot.num_joints
         if not values:

@@ -1,4 +1,4 @@
-"""The true robot behind a nominal one: with the frames of its joints as they really are; presets."""
+"""The true robot behind a nominal one: the frames of its joints as they really are; presets."""
 
 import math
 from pathlib import Path

@@ -82,7 +82,8 @@ class TrueJointsSystem(LeafSystem):
         )
 
     def _table_of(self, context: Context) -> Array:
-        return context.get_numeric_parameter(self._table).value().reshape(self._n, -1)
+        table: Array = context.get_numeric_parameter(self._table).value()
+        return table.reshape(self._n, -1)
 
     def _calc_tick(self, context: Context, value: Value) -> None:
         terms = cast(RigidBodyTerms, self._terms.Eval(context))

@@ -13,6 +13,7 @@ from diagrams.estimator import add_estimator, make_estimator
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.files.input_error import InputError
+from models.friction.coupled_friction import CoupledFriction
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
@@ -99,12 +100,12 @@ def synthetic_log(robot, num_rows):
     return q, v, current
 
 
-def play(robot, model, configuration, log):
+def play(robot, model, configuration, log, fused=False):
     """The diagram's outputs at every tick."""
     builder = DiagramBuilder()
     player = builder.AddSystem(RecordingPlayer(6, T))
     ports = {name: player.GetOutputPort(name) for name in ("q", "v", "current")}
-    estimator = add_estimator(builder, robot, model, configuration, **ports)
+    estimator = add_estimator(builder, robot, model, configuration, **ports, fused=fused)
     sinks = {name: LogVectorOutput(estimator.GetOutputPort(name), builder, T) for name in OUTPUTS}
     simulator = Simulator(builder.Build())
     context = simulator.get_mutable_context()
@@ -314,3 +315,19 @@ def test_without_a_correction_and_as_planned_it_is_the_batch_estimator(sts, mode
     batch = WrenchEstimator(sts, rubbing, config())
     expected = batch.run(batch.initial_state(), *log).wrench
     np.testing.assert_allclose(sink.FindLog(context).data().T, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("fused", [False, True])
+def test_coupled_joints_are_those_of_the_batch_estimator(coupled_wrist, fused):
+    rng = np.random.default_rng(4)
+    law = SemiParametricFriction(CoulombViscous(*rng.uniform(1, 5, (3, 6))))
+    model = replace(
+        IdentifiedModel.nominal(coupled_wrist),
+        friction=CoupledFriction(law, coupled_wrist.motor_rates),
+    )
+    log = synthetic_log(coupled_wrist, 100)
+    played = play(coupled_wrist, model, config("trapezoidal"), log, fused=fused)
+    estimator = WrenchEstimator(coupled_wrist, model, config("trapezoidal"))
+    batch = estimator.run(estimator.initial_state(), *log)
+    np.testing.assert_allclose(played["tau_ext"], batch.tau_ext, rtol=0.0, atol=1e-9)
+    np.testing.assert_array_equal(played["valid"][:, 0], batch.valid)

@@ -22,7 +22,6 @@ from models.friction.velocity_friction import CoulombViscous
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
 from models.recordings.resampling import resampled
-from models.robot.motors import current_to_torque
 from models.robot.robot import Robot
 from models.signals.zero_phase import ZeroPhaseLowPass, derivative
 
@@ -114,7 +113,7 @@ def separate_recordings(
         low_pass = ZeroPhaseLowPass(cutoff, step)
         tau = uniform.tau_J
         if tau is None:
-            tau = current_to_torque(uniform.current, robot.torque_per_ampere, robot.current_sign)
+            tau = robot.joint_torque(uniform.current)
         q, v, tau = low_pass(uniform.q), low_pass(uniform.v), low_pass(tau)
         signals = uniform.t, q, v, derivative(v, step), tau
         for j in range(robot.num_joints) if joints is None else (joints[k],):

@@ -20,7 +20,6 @@ from analyses.methods.learning.identification_config import IdentificationConfig
 from models.arrays import Array
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
-from models.robot.motors import current_to_torque
 from models.robot.robot import Robot
 
 ProgressCallback = Callable[[float, str], None]
@@ -79,7 +78,7 @@ def with_known_friction(
 
     def without(log: SimulatedLog) -> Recording:
         recording = log.recording
-        tau = current_to_torque(recording.current, robot.torque_per_ampere, robot.current_sign)
+        tau = robot.joint_torque(recording.current)
         return replace(recording, tau_J=tau - log.tau_f_true)
 
     return identify([without(logs[0])], robot, [without(logs[1])], config)

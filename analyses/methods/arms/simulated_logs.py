@@ -107,7 +107,7 @@ def _simulate_motion(
     known = IdentifiedModel.nominal(robot) if model is None else model
     mechanisms = robot.config.simulated_truth.mechanisms
     if mechanisms is not None:
-        # The same as the cell's tick by tick (tests/models/truth/test_free_arm.py), 40 times faster.
+        # The same as the cell's tick by tick, much faster (tests/models/truth/test_free_arm.py).
         log = simulate_free_arm(robot, trajectory, drive_servo(robot, known), seed=seed)
         progress(1.0, f"simulating {name}")
         exact = Recording(t=log.t, q=log.q, v=log.v, current=log.current, source=name)

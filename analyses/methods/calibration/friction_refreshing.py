@@ -30,6 +30,7 @@ from models.identification.identified_model import FrictionSource, IdentifiedMod
 from models.identification.torque_error_model import TorqueErrorModel
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
+from models.robot.coupling import refuse_coupling
 from models.robot.robot import Robot
 
 if TYPE_CHECKING:
@@ -119,6 +120,7 @@ def refresh_model(
         InputError: a setting that makes no sense; as `ModelResidual.of`; no joint moves.
     """
     config = _checked(config or RefreshConfig())
+    refuse_coupling(robot.coupling, robot.source, "a refresh of friction")
     whole = ModelResidual.of(_part(recording, config), robot, model)
     before = whole.rows()
     still = before.moving_share == 0.0

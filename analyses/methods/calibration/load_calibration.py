@@ -43,6 +43,7 @@ from models.identification.identified_model import IdentifiedModel
 from models.identification.torque_regression import split_terms
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
+from models.robot.coupling import refuse_coupling
 from models.robot.robot import Robot
 
 if TYPE_CHECKING:
@@ -139,6 +140,7 @@ def calibrate(
     Raises:
         InputError: as `identify`; a loaded log without motor current.
     """
+    refuse_coupling(robot.coupling, robot.source, "finding torque per ampere from a load")
     for recording in (*recordings, *(one for one, _ in loaded)):
         check_recording(recording, robot)
         if recording.tau_J is not None:

@@ -33,6 +33,7 @@ from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
 from models.rigid_body.spatial_vectors import AXES
+from models.robot.coupling import refuse_coupling
 from models.robot.robot import Robot
 from models.robot.robot_config import ToolConfig
 
@@ -169,6 +170,7 @@ def identify_payload(
         InputError: a setting that makes no sense; as `ModelResidual.of`.
     """
     config = _checked(config or PayloadConfig())
+    refuse_coupling(robot.coupling, robot.source, "finding a load")
     whole = ModelResidual.of(recording, robot, model)
     bare = None if empty is None else ModelResidual.of(empty, robot, model).load_rows()
     prior = LoadPrior(

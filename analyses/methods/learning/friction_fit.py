@@ -60,11 +60,17 @@ HUBER = 3.0  # scales of the residual from which it counts linearly, no longer s
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """One log's filtered motion: (N, n) each."""
+    """One log's filtered motion: (N, n) each, of the joints."""
 
     q: Array
     v: Array
     vdot: Array
+
+    def of_motors(self, motor_rates: Array) -> "Motion":
+        """That of the motors, which friction depends on; without rates the joints' own."""
+        if not motor_rates.size:
+            return self
+        return Motion(*(x @ motor_rates.T for x in (self.q, self.v, self.vdot)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +213,8 @@ class FrictionFit:
         sd = np.maximum(solution.estimate.residual_sd, 1e-12) * np.sqrt(self.oversampling)
         rows = np.vstack([own / sd[j] for factor in kept for j, own in enumerate(factor.R)])
         prior, spread = parameter_prior(self.robot, [len(own) for own in structure.terms])
-        v_max = np.max([np.abs(m.v).max(axis=0) for m in self.motions], axis=0)
+        rates = self.robot.chain.motor_rates
+        v_max = np.max([np.abs(m.of_motors(rates).v).max(axis=0) for m in self.motions], axis=0)
         found = fit_consistent(rows[:, :-1], rows[:, -1], prior, spread, structure, v_max)
         values = solution.base.combination @ found.x
         return replace(solution, x=found.x, estimate=replace(solution.estimate, values=values))
@@ -218,17 +225,19 @@ class FrictionFit:
         return self._fold_factors(columns, self.weights)
 
     def loads(self, solution: Solution) -> list[Array]:
-        """The rigid-body torque of each log, (N, n) N m."""
+        """The rigid-body torque of each log, (N, n) N m, as the motors feel it."""
         inertial, rotor, _ = solution.parts()
         chain: SerialChain = self.robot.chain.with_inertial_parameters(inertial, rotor)
-        return [np.asarray(chain.inverse_dynamics(m.q, m.v, m.vdot)) for m in self.motions]
+        found = [np.asarray(chain.inverse_dynamics(m.q, m.v, m.vdot)) for m in self.motions]
+        return [tau @ self.robot.coupling for tau in found] if self.robot.is_coupled else found
 
     def columns(
         self, structure: FrictionStructure, loads: Sequence[Array] | None
     ) -> list[list[Array]]:
         """Friction columns per log and joint, low-passed, at the rows."""
         for k in range(len(self._kept), len(self.regressions)):
-            self._kept[k] = _LogColumns(self.motions[k], self.regressions[k])
+            moved = self.motions[k].of_motors(self.robot.chain.motor_rates)
+            self._kept[k] = _LogColumns(moved, self.regressions[k])
         return [
             self._kept[k].of(structure, None if loads is None else loads[k])
             for k in range(len(self.regressions))

@@ -59,6 +59,7 @@ from analyses.study.shared_results import digest, shared
 from models.arrays import Array
 from models.detection.contact_noise_fit import fit_contact_noise
 from models.files.input_error import InputError
+from models.friction.coupled_friction import CoupledFriction
 from models.friction.extended_friction import ExtendedFriction
 from models.friction.friction_law import FrictionLaw
 from models.friction.friction_structure import structures
@@ -144,6 +145,7 @@ class IdentificationResult:
                 "offset_nm": law.offset,
                 **_slip_metrics(model.friction),
             },
+            "coupling": self.robot.coupling if self.robot.is_coupled else None,
             "law_cross_validation": {
                 name: {"rmse_nm": rmse, **_extremes(self.extrapolated.get(name))}
                 for name, rmse in self.held_out.items()
@@ -160,7 +162,8 @@ class IdentificationResult:
             ValueError: a link that cannot exist; `IdentificationConfig.consistent` prevents it.
         """
         model = self.model
-        return identified_urdf(self.robot, model.inertial_parameters, model.reflected_inertia)
+        rotors = model.chain(self.robot).rotor_matrix.diagonal()
+        return identified_urdf(self.robot, model.inertial_parameters, rotors)
 
     def write(self, out: OutputFolder, settings: IdentifySettings) -> None:
         """Writes model.yaml, metrics.json, config.yaml and figures/torque_<log>.png; of a
@@ -423,6 +426,8 @@ def residual_covariance(residuals: Sequence[Array]) -> Array:
 
 
 def _slip_metrics(friction: FrictionLaw) -> dict[str, Any]:
+    if isinstance(friction, CoupledFriction):
+        return _slip_metrics(friction.law)
     if isinstance(friction, ExtendedFriction):
         names = (term.name for term in friction.terms)
         further = dict(zip(names, friction.coefficients.T, strict=True))

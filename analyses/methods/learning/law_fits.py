@@ -13,6 +13,8 @@ from analyses.methods.learning.low_passed_logs import LowPassedLog
 from analyses.methods.learning.torque_fit import TorqueFit, pooled_rmse
 from analyses.study.shared_results import shared
 from models.arrays import Array
+from models.files.input_error import InputError
+from models.friction.coupled_friction import CoupledFriction
 from models.friction.friction_law import FrictionLaw
 from models.friction.friction_structure import FrictionStructure
 from models.friction.presliding_friction import PreslidingFriction
@@ -151,8 +153,9 @@ class LawFits:
 
     def _extrapolated(self, law: str, fit: _LinearFit) -> tuple[Array, ...]:
         problem, runs = self._problem, self._runs
+        rates = problem.robot.motor_rates
         speeds = [
-            np.abs(motion.v[own.rows])
+            np.abs(motion.v[own.rows] @ rates.T)
             for motion, own in zip(problem.motions, problem.regressions, strict=True)
         ]
         low, high = (np.quantile(np.vstack(speeds), x, axis=0) for x in (1.0 - EXTREME, EXTREME))
@@ -177,7 +180,8 @@ class LawFits:
                 friction = bounded(friction, limit)
             squares, count = np.zeros(problem.robot.num_joints), np.zeros(problem.robot.num_joints)
             for run in runs:
-                residual, v = run.predict(chain, friction).residual, np.abs(run.v[run.used])
+                residual = run.predict(chain, friction).residual
+                v = np.abs(run.v[run.used] @ rates.T)
                 outside = v > high if limit is not None else v < low
                 squares += (residual**2 * outside).sum(axis=0)
                 count += outside.sum(axis=0)
@@ -190,6 +194,12 @@ class LawFits:
         inertial, rotor, coefficients = solution.parts()
         chain = self._problem.robot.chain.with_inertial_parameters(inertial, rotor)
         friction = solution.structure.law(coefficients)
+        robot = self._problem.robot
+        if robot.is_coupled:
+            if law in WITH_NETWORK:
+                problem = "a network is trained on the friction of single joints, not of a coupling"
+                raise InputError("identify", "friction", problem, f"take {WITH_NETWORK[law]}")
+            friction = CoupledFriction(friction, robot.motor_rates)
         if law in WITH_NETWORK:
             runs = [self._runs[k] for k in logs]
             friction = shared(
@@ -199,12 +209,17 @@ class LawFits:
                     solution.structure, coefficients, friction, chain, runs, self._config
                 ),
             )
-        fastest = np.max([np.abs(run.v[run.used]).max(axis=0) for run in self._runs], axis=0)
+        fastest = np.max(
+            [np.abs(run.v[run.used] @ robot.motor_rates.T).max(axis=0) for run in self._runs],
+            axis=0,
+        )
         return chain, bounded(friction, fastest)
 
 
 def bounded(friction: FrictionLaw, speed: Array) -> FrictionLaw:
-    """The law with a limit (n,) rad/s to what it was fitted on, where it has one."""
+    """The law with a limit (n,) rad/s, of the motors, to what it was fitted on, if it has one."""
+    if isinstance(friction, CoupledFriction):
+        return replace(friction, law=bounded(friction.law, speed))
     if isinstance(friction, PreslidingFriction) and (speed > 0.0).all():
         return replace(friction, speed_limit=speed)
     return friction

@@ -20,7 +20,6 @@ from models.identification.torque_regression import RegressionRows
 from models.recordings.recording import Recording
 from models.recordings.resampling import resampled
 from models.rigid_body.serial_chain import SerialChain
-from models.robot.motors import current_to_torque
 from models.robot.robot import Robot
 from models.signals.zero_phase import ZeroPhaseLowPass, derivative
 
@@ -123,7 +122,7 @@ def low_pass_log(
     uniform = resampled(recording, step)
     tau = uniform.tau_J
     if tau is None:
-        tau = current_to_torque(uniform.current, robot.torque_per_ampere, robot.current_sign)
+        tau = robot.joint_torque(uniform.current)
     low_pass = ZeroPhaseLowPass(cutoff, step, config.filter_order)
     q, v, tau = low_pass(uniform.q), low_pass(uniform.v), low_pass(tau)
     vdot = derivative(v, step)

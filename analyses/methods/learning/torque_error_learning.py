@@ -21,7 +21,6 @@ from models.observers.momentum_observer import MomentumObserverConfig
 from models.recordings.position_resolution import position_resolution
 from models.recordings.recording import Recording
 from models.recordings.resampling import resampled
-from models.robot.motors import torque_to_current
 from models.robot.robot import Robot
 
 SETTLING = 5.0  # 1 / K_0 after the start of a log: the observer begins at zero
@@ -59,7 +58,7 @@ def held_out_readings(
             log = resampled(recordings[k], time_step)
             current = log.current
             if log.tau_J is not None:  # what the identification takes, too
-                current = torque_to_current(log.tau_J, robot.torque_per_ampere, robot.current_sign)
+                current = robot.motor_current(log.tau_J)
             config = WrenchEstimatorConfig(
                 observer=MomentumObserverConfig(time_step=time_step),
                 position_resolution=step.tolist(),

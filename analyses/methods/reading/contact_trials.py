@@ -76,8 +76,7 @@ class TrialLog:
         """What is found with a torque from outside (N, n) put in."""
         current = self.current
         if tau_ext is not None:
-            gain = self.robot.current_sign * self.robot.torque_per_ampere
-            current = np.asarray(current - tau_ext / gain)
+            current = np.asarray(current - self.robot.motor_current(tau_ext))
         seen = self.estimator.observe(self.q, self.v, current)
         return Detection.of(
             detector.judge(

@@ -214,7 +214,9 @@ def estimate(
     episodes = ContactEpisodes(robot.num_joints)
     path = out / f"wrench.{settings.estimate.table}"
     with_covariance = settings.estimate.covariance
-    watch = FrictionWatch(model, model.chain(robot), observer.pole, config.observer.time_step)
+    watch: FrictionWatch | None = None
+    if not robot.is_coupled:  # else a joint's friction is that of several motors
+        watch = FrictionWatch(model, model.chain(robot), observer.pole, config.observer.time_step)
     with ExitStack() as stack:
         table = stack.enter_context(WrenchTableWriter(path, robot.num_joints, with_covariance))
         bag: WrenchBagWriter | None = None
@@ -234,7 +236,8 @@ def estimate(
             episodes.add(chunk.t, found, batch.wrench[:, 3:], valid)
             settled = int(np.searchsorted(chunk.t, first.t[0] + observer.settling_time))
             there = ~chunk.dropout & (np.arange(chunk.num_samples) >= settled)
-            watch.add(chunk.t, chunk.q, chunk.v, tau_ext, there, ~found.contact)
+            if watch is not None:
+                watch.add(chunk.t, chunk.q, chunk.v, tau_ext, there, ~found.contact)
             summary.add(chunk, batch, sd, valid, _torque(chunk, robot), found.contact)
             summary.add_faults(fault)
             if beside is not None:
@@ -249,7 +252,8 @@ def estimate(
         notices += comparison.notices
         out.write_figure("reference", comparison.figure())
     warnings += summary.warnings()
-    if kind is None or kind.kernels.wrench is None:  # else tau_ext holds no friction
+    # An observer of the wrench leaves no friction in tau_ext.
+    if watch is not None and (kind is None or kind.kernels.wrench is None):
         warnings += watch.sentences(settings.log, settings.robot, settings.model)
     reads_moments = config.reconstruction.method != "force_only"
     out.write_figure("wrench", summary.figure(reads_moments, settings.estimate.smooth))
@@ -432,7 +436,7 @@ def _fault(chunk: Recording, batch: EstimateBatch) -> NDArray[np.int64]:
 
 def _torque(chunk: Recording, robot: Robot) -> Array:
     """(N, n) motor torque on the joint side, N m."""
-    return np.asarray(chunk.current * (robot.current_sign * robot.torque_per_ampere))
+    return np.asarray(robot.joint_torque(chunk.current))
 
 
 def _uniform(

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from models.arrays import Array
 from models.recordings.recording import Recording
-from models.robot.motors import motor_gain
 from models.robot.robot import Robot
 
 RISE = 0.03  # s, of a hand's push
@@ -51,5 +50,4 @@ def pushed(recording: Recording, robot: Robot, forces: ArrayLike) -> Recording:
     """The recording (N samples) as it would have been with forces (N, 3) N at E, in axes of W."""
     J = robot.chain.jacobian(recording.q)
     tau = np.einsum("kaj,ka->kj", J[:, 3:], np.asarray(forces, float))
-    gain = motor_gain(robot.torque_per_ampere, robot.current_sign)
-    return replace(recording, current=recording.current - tau / gain)
+    return replace(recording, current=recording.current - robot.motor_current(tau))

@@ -186,9 +186,8 @@ def loaded_pass(
     t = recording.t - recording.t[0]
     ahead = alignment(empty.recording, recording)
     lesson = _at(empty.recording, empty.tau_ext, t + ahead)
-    K = robot.torque_per_ampere * robot.current_sign
-    carried = recording.current * K
-    carried_before = _at(empty.recording, empty.recording.current * K, t + ahead)
+    carried = robot.joint_torque(recording.current)
+    carried_before = _at(empty.recording, robot.joint_torque(empty.recording.current), t + ahead)
     R_WE, _ = robot.chain.pose(recording.q)
     J = jacobian_at(loaded.J, R_WE, p_EP)
     reference = payload_reference(robot, recording, REFERENCE_CUTOFF, p_EP)

@@ -5,7 +5,6 @@ from scipy.signal import lfilter
 
 from models.arrays import Array
 from models.recordings.recording import Recording
-from models.robot.motors import current_to_torque
 from models.robot.robot import Robot
 
 
@@ -21,7 +20,7 @@ def repetition_torque(
         period: samples.
         K_0: 1/s, of a first-order low-pass as the momentum observer's; None: raw, as eq. 4 stands.
     """
-    tau = current_to_torque(recording.current, robot.torque_per_ampere, robot.current_sign)
+    tau = robot.joint_torque(recording.current)
     tau_ext = tau[:-period] - tau[period:]
     if K_0 is None:
         return np.asarray(tau_ext)

@@ -200,6 +200,7 @@ def run_machining(
         machining_path=plan,
         log_only=_LOGGED,
         taught=taught,
+        fused=True,
     )
     simulator = Simulator(loop.diagram)
     simulator.Initialize()

@@ -16,6 +16,7 @@ _ROBOT = SimpleNamespace(
     joint_names=("shoulder", "elbow"),
     torque_per_ampere=np.array([10.0, 4.0]),
     current_sign=np.ones(2),
+    motor_current=lambda tau_J: tau_J / [10.0, 4.0],
 )
 
 

@@ -29,7 +29,7 @@ def _gravity(q: np.ndarray) -> np.ndarray:
 
 
 def _robot() -> SimpleNamespace:
-    return SimpleNamespace(
+    robot = SimpleNamespace(
         name="pendulum",
         num_joints=2,
         joint_names=("shoulder", "elbow"),
@@ -41,6 +41,8 @@ def _robot() -> SimpleNamespace:
         current_sign=_SIGN,
         chain=SimpleNamespace(gravity_torque=_gravity, prismatic=np.zeros(2, bool)),
     )
+    robot.joint_torque = lambda current: current * robot.torque_per_ampere * robot.current_sign
+    return robot
 
 
 def _check_plausible(recording: Recording, robot: Any) -> None:

@@ -767,3 +767,29 @@ def test_kernels_are_compiled_tells_of_the_wait(sts: Robot, tmp_path: Path) -> N
         for _ in range(2)
     ]
     assert seen == ["False", "True"]
+
+
+def test_motors_that_move_several_joints_carry_their_rotors_along(sts, coupled_wrist):
+    """Kinetic energy of the rotors, 1/2 sum I (D v)^2, and its derivatives."""
+    chain, plain = coupled_wrist.chain, sts.chain
+    rng = np.random.default_rng(0)
+    q, v, vdot = rng.normal(size=(3, 80, 6))  # enough for the kernels of many samples
+    D = np.linalg.inv(coupled_wrist.coupling)
+    rotors = D.T @ np.diag(sts.reflected_inertia) @ D
+    added = rotors - np.diag(sts.reflected_inertia)
+    assert np.abs(added).max() > 1e-2
+    terms, before = chain.terms(q[0], v[0]), plain.terms(q[0], v[0])
+    # 1e-9 of some 100 kg m^2 and N m: sums in another order.
+    np.testing.assert_allclose(terms.M, before.M + added, atol=1e-9)
+    np.testing.assert_allclose(terms.momentum, before.momentum + added @ v[0], atol=1e-9)
+    np.testing.assert_allclose(terms.CTv, before.CTv, atol=1e-9)
+    np.testing.assert_allclose(terms.Cv, before.Cv, atol=1e-9)
+    np.testing.assert_allclose(
+        chain.inverse_dynamics(q, v, vdot),
+        plain.inverse_dynamics(q, v, vdot) + vdot @ added,
+        atol=1e-9,
+    )
+    np.testing.assert_allclose(
+        chain.momentum_terms(q, v)[0], plain.momentum_terms(q, v)[0] + v @ added, atol=1e-9
+    )
+    np.testing.assert_allclose(chain.rotor_matrix, rotors, atol=1e-12)

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from pydrake.systems.analysis import Simulator
 
 from analyses.methods.arms.simulated_logs import TRACKING, drive_servo
 from diagrams.closed_loop import make_closed_loop
@@ -13,7 +14,6 @@ from models.motion.paths import JointTrajectory
 from models.robot.robot import Robot
 from models.truth.free_arm import simulate_free_arm
 from models.truth.true_robot import hard_truth
-from pydrake.systems.analysis import Simulator
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def swing(robot, duration=0.6, amplitude=0.3):
 
 
 def test_it_is_the_cell_of_drake_tick_by_tick(robot):
-    """Every mechanism on: the same to rounding, in the order of 1e-14, here grown over 600 ticks."""
+    """Every mechanism on: the same to rounding, which 600 ticks let grow."""
     motion, seed = swing(robot), 5
     model = IdentifiedModel.nominal(robot)
     scenario = Scenario(robot=robot.name, duration=motion.duration, seed=seed, controller=TRACKING)
@@ -61,9 +61,7 @@ def test_it_is_the_cell_of_drake_tick_by_tick(robot):
 
 def test_the_same_seed_gives_the_same_log_and_another_another(robot):
     servo = drive_servo(robot, IdentifiedModel.nominal(robot))
-    first, again, other = (
-        simulate_free_arm(robot, swing(robot), servo, seed=s) for s in (1, 1, 2)
-    )
+    first, again, other = (simulate_free_arm(robot, swing(robot), servo, seed=s) for s in (1, 1, 2))
     for field in dataclasses.fields(first):
         np.testing.assert_array_equal(getattr(first, field.name), getattr(again, field.name))
     assert np.any(first.current != other.current)

@@ -52,7 +52,12 @@ class Bench:
 
     def __init__(self, joints, M=1.0, q=0.0, v=0.0, G=0.0):
         self.joints, self.state = joints, joints.initial_state()
-        self.M, self.G, self.q, self.v = np.array([[M]]), np.array([G]), np.array([q]), np.array([v])
+        self.M, self.G, self.q, self.v = (
+            np.array([[M]]),
+            np.array([G]),
+            np.array([q]),
+            np.array([v]),
+        )
         self.signals = np.empty((SIGNALS, 1))
 
     def tick(self, command=0.0, tau_ext=0.0, q=None, v=None):
@@ -106,7 +111,8 @@ def test_hysteresis_is_that_of_play_operators():
     before = 0.0
     for x in path:
         bench.tick(q=x, v=(x - before) / H)
-        torque.append(sum(spring_torque(bench.joints.table, H, bench.state, 0, k, bench.v[0]) for k in range(3)))  # fmt: skip
+        table, v = bench.joints.table, bench.v[0]
+        torque.append(sum(spring_torque(table, H, bench.state, 0, k, v) for k in range(3)))
         reach = np.array([0.3, 0.5, 0.2]) * 8.0 / np.array([3e4, 2e4, 5e3])
         plays = np.clip(plays, x - reach, x + reach)  # where the sliders are
         expected.append(float(np.array([3e4, 2e4, 5e3]) @ (x - plays)))
@@ -173,7 +179,9 @@ def test_the_solver_finds_the_minimum_and_so_the_root():
         gap = M @ (x - v) / H + np.clip(before + stiff * x, low, high).sum(axis=0) + viscous * x
         return float(np.sum((gap - force) ** 2))
 
-    other = minimize(cost, at + rng.normal(0, 0.01, n), method="Nelder-Mead", options={"xatol": 1e-10, "fatol": 1e-14, "maxiter": 20000, "maxfev": 20000}).x  # fmt: skip
+    start = at + rng.normal(0, 0.01, n)
+    fine = {"xatol": 1e-10, "fatol": 1e-14, "maxiter": 20000, "maxfev": 20000}
+    other = minimize(cost, start, method="Nelder-Mead", options=fine).x
     np.testing.assert_allclose(at, other, atol=1e-6)
 
 

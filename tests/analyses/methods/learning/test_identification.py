@@ -27,7 +27,9 @@ from models.friction.friction_structure import STRUCTURES
 from models.identification.identified_model import IdentifiedModel
 from models.observers.momentum_observer import MomentumObserverConfig
 from models.recordings.recording import Recording
+from models.recordings.recording_reader import read_recording
 from models.recordings.recording_writer import write_recording
+from models.robot.robot import Robot
 
 STEP = 0.01
 COULOMB = np.array([8.0, 7.0, 5.0, 2.0, 2.5, 1.5])
@@ -526,3 +528,64 @@ def test_figures_for_any_number_of_joints(tmp_path):
         figure = torque_figure(fit, [f"joint_{j}" for j in range(n)], "validation")
         path = OutputFolder(tmp_path).write_figure(f"fit_{n}", figure)
         assert path.stat().st_size > 10_000
+
+
+def coupled_logs(robot, truth, seeds):
+    """As `recording`, the torques of the motors that move several joints."""
+    logs = []
+    D = robot.motor_rates
+    more = D.T @ (truth.armature[:, None] * D) - np.diag(truth.armature)
+    for seed in seeds:
+        log = recording(robot, truth, seed)
+        v_motor = log.v @ D.T
+        friction = COULOMB * np.sign(v_motor) + VISCOUS * v_motor + OFFSET
+        own = COULOMB * np.sign(log.v) + VISCOUS * log.v + OFFSET
+        tau_J = log.current * robot.torque_per_ampere * robot.current_sign - own + friction @ D
+        tau_J += np.gradient(log.v, STEP, axis=0) @ more  # .5 Hz at most, known to 1e-4
+        logs.append(replace(log, current=robot.motor_current(tau_J)))
+    return logs
+
+
+def test_friction_of_coupled_motors_comes_back(coupled_wrist, truth, tmp_path):
+    found = identify(coupled_logs(coupled_wrist, truth, (1, 2, 3)), coupled_wrist)
+    law = found.model.friction.coulomb_viscous
+    # As without coupling: the instant of a reversal is known to 10 ms.
+    np.testing.assert_allclose(law.coulomb, COULOMB, rtol=0.015)
+    np.testing.assert_allclose(law.viscous, VISCOUS, rtol=0.03)
+    # Alone determined only for the last three joints: others' rotors stand with a link's inertia.
+    np.testing.assert_allclose(found.solution.parts()[1][3:], truth.armature[3:], rtol=0.02)
+    for fit in found.cross_validation:
+        assert (fit.relative < 0.015).all()
+    np.testing.assert_array_equal(found.metrics()["coupling"], coupled_wrist.coupling)
+    found.model.save(tmp_path / "model.yaml")
+    read = IdentifiedModel.load(tmp_path / "model.yaml", coupled_wrist)
+    v = np.random.default_rng(0).normal(size=(5, 6))
+    np.testing.assert_array_equal(
+        read.friction.torque_along(v, v, v), found.model.friction.torque_along(v, v, v)
+    )
+
+
+def test_a_model_of_other_couplings_is_refused(sts, coupled_wrist, truth, tmp_path):
+    log = coupled_logs(coupled_wrist, truth, (1,))
+    identify(log, coupled_wrist).model.save(tmp_path / "model.yaml")
+    with pytest.raises(InputError, match=r"current_sign|coupling"):
+        IdentifiedModel.load(tmp_path / "model.yaml", sts)
+
+
+TX40_COUPLING = [[float(i == k) - float((i, k) == (5, 4)) for k in range(6)] for i in range(6)]
+
+
+def test_the_coupled_wrist_of_a_real_arm(data, tmp_path):
+    """Joint 5 of the TX40 moves against the friction of motors 5 and 6."""
+    source = data("staubli_tx40/excitation.csv").parent
+    config = yaml.safe_load((source / "robot.yaml").read_text(encoding="utf-8"))
+    config |= {"urdf": str(source / "robot.urdf"), "coupling": TX40_COUPLING}
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(config), encoding="utf-8")
+    layout = yaml.safe_load((source / "recording.yaml").read_text(encoding="utf-8"))
+    layout["motor_torque"] = {"columns": layout.pop("current")["columns"], "unit": "N m"}
+    (tmp_path / "log.yaml").write_text(yaml.safe_dump(layout), encoding="utf-8")
+    robot = Robot.load(tmp_path / "robot.yaml")
+    log = read_recording(source / "excitation.csv", tmp_path / "log.yaml", robot)
+    found = identify([log], robot, config=IdentificationConfig(cutoff=10.0, cross_validate=False))
+    # What was asked of joint 5; the others as they are without coupling, to the digit stated.
+    assert (found.fit[0].rmse < [2.55, 2.85, 1.7, 0.9, 1.3, 1.6]).all()

@@ -1,0 +1,185 @@
+"""Friction of motors that move several joints each: a law in motor coordinates, felt at the joints.
+
+    q_motor = D q,   tau_f(q, v) = D^T f(D q, D v),   load of a motor = D^-T load of the joints
+
+with f any law of this room and D = `motor_rates` of `models.robot.coupling`. A wrist whose last
+motor also turns while the joint before moves is felt by both: TX40's joint 5 moves against the
+friction of motors 5 and 6.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from typing import Any, Self
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from models.arrays import Array
+from models.friction.friction_law import FrictionLaw
+from models.friction.slip_elements import FrictionKernels
+from models.friction.velocity_friction import (
+    CoulombViscous,
+    SemiParametricFriction,
+    friction_torque,
+)
+
+_VELOCITY_COLUMNS = 7  # of the velocity law's table, which has no networks here
+
+
+@dataclass(frozen=True, eq=False)
+class CoupledFriction:
+    """tau_f = D^T f(D q, D v); a `friction_law.FrictionLaw`.
+
+    Attributes:
+        law: f, one entry a motor.
+        motor_rates: (n, n) D.
+
+    Raises:
+        ValueError: shapes that disagree, a D without an inverse, or a law with networks, which are
+            trained on the friction of single joints.
+    """
+
+    law: FrictionLaw
+    motor_rates: Array
+
+    def __post_init__(self) -> None:
+        n = self.law.num_joints
+        D = np.array(self.motor_rates, float)
+        object.__setattr__(self, "motor_rates", D)
+        if D.shape != (n, n) or not np.isfinite(D).all() or np.linalg.matrix_rank(D) < n:
+            raise ValueError(f"friction: motor_rates must be an invertible ({n}, {n}), not {D}")
+        if self.law.velocity_law.networks is not None:
+            raise ValueError("friction: networks are for motors that move one joint each")
+
+    @property
+    def num_joints(self) -> int:
+        """How many joints, n."""
+        return self.law.num_joints
+
+    @property
+    def coulomb_viscous(self) -> CoulombViscous:
+        """The motors' coefficients."""
+        return self.law.coulomb_viscous
+
+    @property
+    def feedforward(self) -> SemiParametricFriction:
+        """That of a joint that moves alone: the friction of all motors that it turns."""
+        own = self.law.feedforward.coulomb_viscous
+        D = self.motor_rates
+        size = np.abs(D)
+        return SemiParametricFriction(
+            CoulombViscous(size.T @ own.coulomb, (D**2).T @ own.viscous, D.T @ own.offset)
+        )
+
+    @property
+    def velocity_law(self) -> SemiParametricFriction:
+        """None: a joint's friction is no function of its own velocity alone."""
+        return SemiParametricFriction(CoulombViscous.zero(self.num_joints))
+
+    def sampled(self, time_step: float, resolution: ArrayLike | None = None) -> Self:
+        """The same on the law below; a motor's step is that of all joints it moves together."""
+        if resolution is not None:
+            step = np.broadcast_to(np.asarray(resolution, float), (self.num_joints,))
+            resolution = np.abs(self.motor_rates) @ step
+        return replace(self, law=self.law.sampled(time_step, resolution))
+
+    @property
+    def kernels(self) -> FrictionKernels:
+        """Those of the law below, between the two maps."""
+        return _kernels(self.law.kernels, self.law.state_rows > 0)
+
+    @cached_property
+    def slip_table(self) -> Array:
+        """Side by side: table of the law below, of its velocity law, D, and its inverse."""
+        D = self.motor_rates
+        parts = [self.law.slip_table, self.law.velocity_law.table, D, np.linalg.inv(D)]
+        return np.ascontiguousarray(np.hstack(parts))
+
+    @property
+    def state_rows(self) -> int:
+        """Rows of the law below; one at least, so that its kernels are called."""
+        return max(1, self.law.state_rows)
+
+    @property
+    def parameters(self) -> dict[str, Array]:
+        """Those of the law below."""
+        return self.law.parameters
+
+    def with_parameters(self, values: dict[str, Array]) -> Self:
+        """Returns the law with other parameters."""
+        return replace(self, law=self.law.with_parameters(values))
+
+    def initial_state(self) -> Array:
+        """That of the law below; a row of zeros if it has none."""
+        own = self.law.initial_state()
+        return own if len(own) else np.zeros((1, self.num_joints))
+
+    def torque_along(self, q: Array, v: Array, load: Array) -> Array:
+        """tau_f (N, n) in N m along a log that starts at rest, for the joints' load L."""
+        D = self.motor_rates
+        q, v, load = (np.asarray(x, float) for x in (q, v, load))
+        own = self.law.torque_along(q @ D.T, v @ D.T, load @ np.linalg.inv(D))
+        return np.asarray(own @ D)
+
+
+@cache
+def _kernels(below: FrictionKernels, remembers: bool) -> FrictionKernels:
+    """The composed kernels; what is kept of them on disk: see `extended_friction`."""
+    add_below, update_below = below.add_torque, below.update
+
+    @njit(error_model="numpy")
+    def add_torque(table: Array, state: Array, q: Array, v: Array, tau_f: Array) -> None:
+        n = table.shape[0]
+        own = table.shape[1] - 2 * n - _VELOCITY_COLUMNS
+        D = table[:, table.shape[1] - 2 * n : table.shape[1] - n]
+        motor = np.zeros((3, n))
+        product(D, q, motor[0])
+        product(D, v, motor[1])
+        friction_torque(
+            np.ascontiguousarray(table[:, own : own + _VELOCITY_COLUMNS]), motor[1], motor[2]
+        )
+        if remembers:
+            add_below(np.ascontiguousarray(table[:, :own]), state, motor[0], motor[1], motor[2])
+        add_transposed_product(D, motor[2], tau_f)
+
+    @njit(error_model="numpy")
+    def update(table: Array, state: Array, q: Array, v: Array, transmitted: Array) -> None:
+        if remembers:
+            n = table.shape[0]
+            own = table.shape[1] - 2 * n - _VELOCITY_COLUMNS
+            D = table[:, table.shape[1] - 2 * n : table.shape[1] - n]
+            motor = np.zeros((3, n))
+            product(D, q, motor[0])
+            product(D, v, motor[1])
+            add_transposed_product(table[:, table.shape[1] - n :], transmitted, motor[2])
+            update_below(np.ascontiguousarray(table[:, :own]), state, motor[0], motor[1], motor[2])
+
+    return FrictionKernels(add_torque, update, below)
+
+
+@njit(cache=True, error_model="numpy")
+def product(A: Array, x: Array, out: Array) -> None:
+    """Writes A x; a NaN in x stays with the rows that it belongs to."""
+    for i in range(A.shape[0]):
+        total = 0.0
+        for k in range(A.shape[1]):
+            if A[i, k] != 0.0:
+                total += A[i, k] * x[k]
+        out[i] = total
+
+
+@njit(cache=True, error_model="numpy")
+def add_transposed_product(A: Array, x: Array, out: Array) -> None:
+    """Adds A^T x to `out`; NaN as in `product`."""
+    for i in range(A.shape[0]):
+        for k in range(A.shape[1]):
+            if A[i, k] != 0.0:
+                out[k] += A[i, k] * x[i]
+
+
+def joint_side(law: FrictionLaw, columns: Any) -> Array:
+    """Sizes (n, k) that belong to a law's motors, summed up for each joint that turns them."""
+    if isinstance(law, CoupledFriction):
+        return np.asarray(np.abs(law.motor_rates).T @ columns)
+    return np.asarray(columns)

@@ -1,0 +1,92 @@
+"""Joints that several motors move together, as in a wrist whose gears sit in one another.
+
+With q_motor_i the angle of motor i behind its own gear, and a constant matrix C,
+
+    q_joint = C q_motor,   tau_motor = C^T tau_joint,
+
+the second because power is the same on both sides. Friction and rotor inertia belong to a motor:
+
+    tau_f,joint = C^-T f(C^-1 v_joint),   rotors' part of M = C^-T diag(I_rotor) C^-1
+
+(Siciliano, Sciavicco, Villani and Oriolo, Robotics, 2009, section 5.1.2, "transmissions").
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from models.arrays import Array
+from models.files.input_error import InputError
+
+_LARGEST_CONDITION = 1e4  # of a gear that a person has built
+
+
+def coupling_of(rows: Sequence[Sequence[float]], num_joints: int, source: Path) -> Array:
+    """The matrix C (n, n) of a robot.yaml; the identity for no rows.
+
+    Args:
+        rows: the key `coupling`.
+        num_joints: n.
+        source: the robot.yaml.
+
+    Raises:
+        InputError: another shape, a number that is not finite, or a matrix without an inverse.
+    """
+    if not rows:
+        return np.eye(num_joints)
+    lengths = {len(row) for row in rows}
+    if len(rows) != num_joints or lengths != {num_joints}:
+        found = f"{len(rows)} rows of {' or '.join(str(k) for k in sorted(lengths))} numbers"
+        raise InputError(
+            source,
+            "coupling",
+            f"{found}, expected {num_joints} rows of {num_joints}",
+            "one row a joint: how far each motor, behind its own gear, turns it",
+        )
+    matrix = np.array(rows, dtype=np.float64)
+    if not np.isfinite(matrix).all() or np.linalg.cond(matrix) > _LARGEST_CONDITION:
+        raise InputError(
+            source,
+            "coupling",
+            "the matrix has no inverse: some joint would move without any motor",
+            "q_joint = coupling q_motor, 1 on the diagonal where a motor drives its own joint",
+        )
+    return matrix
+
+
+def motor_rates(coupling: Array) -> Array:
+    """C^-1 (n, n): v_motor = C^-1 v_joint. Exact for a matrix of ones and zeros."""
+    inverse = np.linalg.inv(coupling)
+    whole = np.round(inverse)
+    exact = bool(np.array_equal(coupling @ whole, np.eye(len(coupling))))
+    return np.asarray(whole + 0.0 if exact else inverse)
+
+
+def is_coupled(coupling: Array) -> bool:
+    """Whether any motor moves another joint than its own, or its own at another rate."""
+    return not np.array_equal(coupling, np.eye(len(coupling)))
+
+
+def coupling_notice(coupling: Array, joint_names: Sequence[str]) -> str:
+    """Which motors move which joints, and what the simulation leaves out, as a sentence."""
+    moved = []
+    for j, row in enumerate(coupling):
+        others = [joint_names[int(k)] for k in np.flatnonzero(row) if k != j]
+        if others:
+            moved.append(f"{joint_names[j]} (also by that of {', '.join(others)})")
+    return (
+        f"several motors move {', '.join(moved) or 'joints at other rates'}: friction and rotors "
+        "are the motors'; in a simulation they are the joints'"
+    )
+
+
+def refuse_coupling(coupling: Array, source: Path, what: str) -> None:
+    """Raises InputError where joints are coupled and `what` is written for single joints."""
+    if is_coupled(coupling):
+        raise InputError(
+            source,
+            "coupling",
+            f"{what} is for joints that each have a motor of their own",
+            "identify the whole model again from free motion: that knows the coupling",
+        )
