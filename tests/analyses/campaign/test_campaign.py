@@ -106,7 +106,9 @@ def experiment(tmp_path, monkeypatch):
 
 @pytest.fixture
 def campaign(tmp_path):
-    def campaign(*names, worlds=3, jobs=2, folder="campaign", cluster=None, fresh=False, **settings):
+    def campaign(
+        *names, worlds=3, jobs=2, folder="campaign", cluster=None, fresh=False, **settings
+    ):
         return run_campaign(
             CampaignSettings(names, worlds, **settings),
             tmp_path / folder,
