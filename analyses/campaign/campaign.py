@@ -280,7 +280,7 @@ class _Campaign:
             with staged(self._out, COMMAND, self._earlier, removed) as folder:
                 if record.worlds:
                     write_table(record, folder / TABLE, order)
-                    folder.write_text(METRICS, json_text(plain(distribution_metrics(found))))
+                    folder.write_text(METRICS, json_text(self._metrics(found)))
                     timings = self._timings()
                     folder.write_text(TIMINGS, json_text(timings))
                     seconds = {name: own["seconds_a_world"] for name, own in timings.items()}
@@ -295,6 +295,15 @@ class _Campaign:
                         self._drawings(alone).rename(folder.path / _folder(alone))
             self.parts.clear()
         return found
+
+    def _metrics(self, found: Sequence[Distribution]) -> dict[str, Any]:
+        record = self.record
+        settings = {key: record.settings[key] for key in ("seed", "quick")}
+        metrics = {
+            COMMAND: settings | {"worlds": len(record.worlds)},
+            **distribution_metrics(found),
+        }
+        return dict(plain(metrics))
 
     def _timings(self) -> dict[str, Any]:
         """Of a processor, by experiment, in a world: of all that were ever measured here."""

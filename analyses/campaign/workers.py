@@ -45,15 +45,15 @@ def on_this_machine(tasks: Sequence[WorldTask], jobs: int, log: Path) -> Generat
             try:
                 while source or under_way:
                     while source and len(under_way) < (1 if alone else jobs):
-                        task = source.popleft()
                         with _for_this_process_alone():
-                            under_way[executor.submit(run_world, task)] = task
+                            under_way[executor.submit(run_world, source[0])] = source[0]
+                        source.popleft()  # not before: a broken pool takes no more
                     for future in wait(under_way, return_when=FIRST_COMPLETED).done:
                         outcome = future.result()
                         del under_way[future]
                         yield outcome
             except broken:
-                left = list(under_way.values())
+                left = list(under_way.values()) or [source.popleft()]
                 if alone:
                     yield killed(left[0])
                 else:
@@ -90,7 +90,7 @@ def on_cluster(tasks: Sequence[WorldTask], address: str) -> Generator[WorldOutco
         # Not pure: two campaigns may ask the same of one scheduler, and one may end before.
         futures = {client.submit(run_world, task, pure=False): task for task in tasks}
         try:
-            for future in as_completed(list(futures)):
+            for future in as_completed(list(futures), loop=client.loop):
                 try:
                     outcome = future.result()
                 except KilledWorker:

@@ -80,6 +80,13 @@ class WorldOutcome:
 class UnfitWorkerError(InputError):
     """A worker whose figures would not be those of this machine."""
 
+    def __init__(self, place: str, problem: str, remedy: str) -> None:
+        super().__init__("a worker", place, problem, remedy)
+        self._arguments = place, problem, remedy
+
+    def __reduce__(self) -> tuple[Any, ...]:  # it comes from another process
+        return type(self), self._arguments
+
 
 def run_world(task: WorldTask) -> WorldOutcome:
     """Runs the experiments of a task in its world; one that fails does not stop the others.
@@ -164,11 +171,11 @@ def _check_recordings(experiment: Experiment, data: Path) -> None:
 def _check_worker(module: str, software: str) -> None:
     remedy = "install the same version wherever it is to run"
     if _software_here(module) != software:
-        raise UnfitWorkerError("a worker", "", f"has another version of {module}", remedy)
+        raise UnfitWorkerError("", f"has another version of {module}", remedy)
     several = [name for name in THREADS if os.environ.get(name) != "1"]
     if several:
         remedy = "start workers with a nanny, as `dask worker` does, or set it"
-        raise UnfitWorkerError("a worker", several[0], "is not 1 in its environment", remedy)
+        raise UnfitWorkerError(several[0], "is not 1 in its environment", remedy)
 
 
 @cache

@@ -101,9 +101,7 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
     context.progress(0.96, "figures")
     return ExperimentResult(
         metrics=metrics,
-        figures=machining_figures(context, task, shown, without, metrics)
-        if context.draws
-        else [],
+        figures=machining_figures(context, task, shown, without, metrics) if context.draws else [],
         recordings=[
             FigureFile(
                 Path("recording.html"),

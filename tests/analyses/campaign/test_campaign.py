@@ -6,133 +6,22 @@ import signal
 import subprocess
 import sys
 import time
-from importlib import invalidate_caches
 
 import pyarrow.parquet as pq
 import pytest
 
-from analyses.campaign.campaign import CampaignSettings, run_campaign
-from analyses.study.registry import REGISTRY
 from models.files.input_error import InputError
 from models.truth.worlds import draw_world
 
-_MODULE = '''
-import os, signal, time
-from pathlib import Path
-import numpy as np
-from analyses.study.experiment import (
-    ComparisonRow, Experiment, ExperimentContext, ExperimentResult
-)
-from analyses.study.shared_results import shared
 
-FOLDER = Path({folder!r})
-
-
-def count(what):
-    with (FOLDER / what).open("a") as file:
-        file.write("x")
-
-
-def run(context: ExperimentContext) -> ExperimentResult:
-    drawn = context.world(Fake())
-    arm = shared("arm", (context.seed,), lambda: count("identified") or context.seed)
-{body}
-    count("ran_{name}")
-    random = np.random.default_rng(context.seed)
-    noise = random.normal(size=3) @ random.normal(size=(3, 3))
-    if context.draws:
-        (context.out / "drawn.txt").write_text("a figure")
-    return ExperimentResult(
-        metrics=dict(
-            optimised=dict(rmse_n=1.0 + random.random()),
-            ours=dict(rmse_n=1.0, nothing=float("nan")),
-            rmse_nm=noise,
-            coulomb=drawn.config,
-            words="not a number",
-            arm=arm,
-        ),
-        comparison=[
-            ComparisonRow("RMSE, with", "optimised.rmse_n", "N", 1.5, ours="ours.rmse_n"),
-            ComparisonRow("Torque RMSE", "rmse_nm", "N m", [0.1, 0.2, 0.3]),
-        ],
-    )
-
-
-class Fake:
-    """In the place of a robot: a world makes another of it."""
-
-    num_joints = 1
-    source = Path("nowhere/robot.yaml")
-
-    def __init__(self, config=None):
-        from models.robot.truth_config import JointFrictionConfig, SimulatedTruthConfig
-        self.truth = SimulatedTruthConfig(JointFrictionConfig(stiction=[2.0], coulomb=[1.0]))
-        self._config = config
-
-    @property
-    def config(self):
-        from types import SimpleNamespace
-        return self._config or SimpleNamespace(simulated_truth=self.truth)
-
-    def with_truth(self, truth):
-        return Fake(truth.friction.coulomb[0])
-
-
-EXPERIMENT = Experiment("{name}", "The {name} experiment", "4.3", run)
-'''
-
-
-@pytest.fixture
-def experiment(tmp_path, monkeypatch):
-    """Returns a function that registers an experiment of which each world counts its runs."""
-    folder = tmp_path / "modules"
-    folder.mkdir()
-    monkeypatch.syspath_prepend(str(folder))
-    monkeypatch.setenv("PYTHONPATH", str(folder))
-    registered = []
-
-    def add(name, body=""):
-        module = f"campaign_{name.replace('-', '_')}"
-        text = _MODULE.format(name=name, body=body, folder=str(tmp_path))
-        (folder / f"{module}.py").write_text(text)
-        invalidate_caches()
-        REGISTRY.register(module)
-        registered.append(name)
-
-    yield add
-    for name in registered:
-        REGISTRY.unregister(name)
-
-
-@pytest.fixture
-def campaign(tmp_path):
-    def campaign(
-        *names, worlds=3, jobs=2, folder="campaign", cluster=None, fresh=False, **settings
-    ):
-        return run_campaign(
-            CampaignSettings(names, worlds, **settings),
-            tmp_path / folder,
-            jobs=jobs,
-            cluster=cluster,
-            fresh=fresh,
-        )
-
-    return campaign
-
-
-def counted(tmp_path, what):
-    path = tmp_path / what
-    return len(path.read_text()) if path.exists() else 0
-
-
-def test_one_row_a_world_experiment_and_key(tmp_path, experiment, campaign):
+def test_one_row_a_world_experiment_and_key(tmp_path, experiment, campaign, counted):
     experiment("toy")
     experiment("other")
     result = campaign("toy", "other")
     assert result.worlds == 3
     assert not result.failures
     # What the experiments of a world have in common is computed once.
-    assert counted(tmp_path, "identified") == 3
+    assert counted("identified") == 3
     table = pq.read_table(tmp_path / "campaign" / "campaign.parquet")
     world = draw_world(0, 1)
     drawn = list(world.parameters())
@@ -166,18 +55,18 @@ def test_one_row_a_world_experiment_and_key(tmp_path, experiment, campaign):
     assert "The toy experiment" in (tmp_path / "campaign" / "campaign.html").read_text()
 
 
-def test_what_is_done_is_never_run_again(tmp_path, experiment, campaign):
+def test_what_is_done_is_never_run_again(tmp_path, experiment, campaign, counted):
     experiment("toy")
     experiment("other")
     campaign("toy", worlds=2, jobs=1)
     before = (tmp_path / "campaign" / "campaign.parquet").read_bytes()
     assert campaign("toy", worlds=2).kept == 2
-    assert counted(tmp_path, "ran_toy") == 2
+    assert counted("ran_toy") == 2
     assert (tmp_path / "campaign" / "campaign.parquet").read_bytes() == before
     assert campaign("toy", worlds=3).worlds == 3
-    assert counted(tmp_path, "ran_toy") == 3
+    assert counted("ran_toy") == 3
     campaign("other", worlds=3)
-    assert (counted(tmp_path, "ran_toy"), counted(tmp_path, "ran_other")) == (3, 3)
+    assert (counted("ran_toy"), counted("ran_other")) == (3, 3)
     # The same bytes as those of a campaign that ran at once, in another order.
     campaign("toy", "other", worlds=3, folder="at_once", jobs=1)
     assert file_of(tmp_path, "campaign") == file_of(tmp_path, "at_once")
@@ -187,7 +76,7 @@ def file_of(tmp_path, folder):
     return (tmp_path / folder / "campaign.parquet").read_bytes()
 
 
-def test_a_failing_world_is_listed_and_runs_alone(tmp_path, experiment, campaign):
+def test_a_failing_world_is_listed_and_runs_alone(tmp_path, experiment, campaign, counted):
     seed = draw_world(0, 1).seed
     body = f"""
     if context.seed == {seed} and not (FOLDER / "repaired").exists():
@@ -203,12 +92,12 @@ def test_a_failing_world_is_listed_and_runs_alone(tmp_path, experiment, campaign
     assert f"seed {seed}" in text
     assert "raise ValueError" in text
     assert "the arm broke" in (tmp_path / "campaign" / "campaign.html").read_text()
-    assert counted(tmp_path, "ran_other") == 3  # the others went on, in that world too
+    assert counted("ran_other") == 3  # the others went on, in that world too
 
     (tmp_path / "repaired").touch()
     assert not campaign("toy", "other", jobs=1, world=1).failures
     assert (tmp_path / "campaign" / "world-00001" / "toy" / "drawn.txt").is_file()
-    assert counted(tmp_path, "ran_toy") == 3
+    assert counted("ran_toy") == 3
     assert not (tmp_path / "campaign" / "failures").exists()
     campaign("toy", "other", folder="never_failed")
     assert file_of(tmp_path, "campaign") == file_of(tmp_path, "never_failed")
@@ -262,7 +151,7 @@ def test_an_interrupt_keeps_what_is_done(tmp_path, experiment):
     assert not list((out / ".campaign").glob("*.json"))
 
 
-def test_a_kill_keeps_what_is_done(tmp_path, experiment, campaign):
+def test_a_kill_keeps_what_is_done(tmp_path, experiment, campaign, counted):
     experiment("toy")
     experiment("other")
     campaign("toy", worlds=2)
@@ -277,11 +166,11 @@ def test_a_kill_keeps_what_is_done(tmp_path, experiment, campaign):
         outcome.described = record.described
         kept.add(outcome, record.settings, record.software)
     assert campaign("toy", worlds=2, folder="again").kept == 2
-    assert counted(tmp_path, "ran_toy") == 2
+    assert counted("ran_toy") == 2
     assert not list(parts.glob("*.json"))
 
 
-def test_another_campaign_s_folder_is_refused(tmp_path, experiment, campaign):
+def test_another_campaign_s_folder_is_refused(tmp_path, experiment, campaign, counted):
     experiment("toy")
     campaign("toy", worlds=1, jobs=1)
     with pytest.raises(InputError, match=r"holds worlds of another seed.*--fresh"):
@@ -293,7 +182,7 @@ def test_another_campaign_s_folder_is_refused(tmp_path, experiment, campaign):
     with pytest.raises(InputError, match="of toy as another version of the software runs it"):
         campaign("toy")
     assert campaign("toy", worlds=1, jobs=1, fresh=True).kept == 0
-    assert counted(tmp_path, "ran_toy") == 2
+    assert counted("ran_toy") == 2
     (tmp_path / "campaign" / "notes.txt").write_text("mine")
     with pytest.raises(InputError, match=r"holds notes.txt"):
         campaign("toy", worlds=1)
