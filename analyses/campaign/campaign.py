@@ -307,10 +307,9 @@ class _Campaign:
 
     def _timings(self) -> dict[str, Any]:
         """Of a processor, by experiment, in a world: of all that were ever measured here."""
-        try:
+        before: dict[str, Any] = {}
+        with suppress(OSError, ValueError):
             before = json.loads((self._out / TIMINGS).read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            before = {}
         for name, own in self._seconds.items():
             total = before.get(name, {"worlds": 0, "seconds_a_world": 0.0})
             worlds = total["worlds"] + len(own)

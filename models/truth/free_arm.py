@@ -162,7 +162,19 @@ def simulate_free_arm(
         log,
         wrenches,
     )
-    return FreeLog(times[::every].copy(), *log, wrenches)
+    q_read, v_read, current, q_true, v_true, tau_J, tau_f, rise = log
+    return FreeLog(
+        times[::every].copy(),
+        q_read,
+        v_read,
+        current,
+        q_true,
+        v_true,
+        tau_J,
+        tau_f,
+        rise,
+        wrenches,
+    )
 
 
 @njit(cache=True, error_model="numpy")
