@@ -3,10 +3,10 @@
     python -m analyses.study.readme_table [STUDY_FOLDER] [README] [CAMPAIGN_FOLDER]
 
 writes the report's figures, with their spread over worlds where a campaign (by default in
-`campaign` beside the study) has it, into docs/results.json beside the README, and then the table of those
-that count most (`readme` of the experiments) between the README's two markers; all else stays as it
-is. The documentation shows them all. Both files are committed: a test compares them, so that a
-table edited by hand, or figures without their table, do not pass.
+`campaign` beside the study) has it, into docs/results.json beside the README, and then the table of
+those that count most (`readme` of the experiments) between the README's two markers; all else stays
+as it is. The documentation shows them all. Both files are committed: a test compares them, so that
+a table edited by hand, or figures without their table, do not pass.
 """
 
 import json
