@@ -64,15 +64,17 @@ def checked_config(config: IdentificationConfig) -> IdentificationConfig:
     Raises:
         InputError: a setting that makes no sense.
     """
-    for key, least in (
-        ("cutoff", 1e-3),
-        ("filter_order", 1),
-        ("num_passes", 1),
-        ("time_step", 0),
+    for key, least, most in (
+        ("cutoff", 1e-3, 1e6),
+        ("filter_order", 1, 10),
+        ("num_passes", 1, 100),
+        ("time_step", 0, 1.0),
     ):
         value = getattr(config, key)
         if not (np.isfinite(value) and value >= least):
             raise InputError("identify", key, f"expected at least {least:g}, found {value:g}")
+        if value > most:
+            raise InputError("identify", key, f"expected at most {most:g}, found {value:g}")
     known = (*structures(), *WITH_NETWORK, "best")
     if config.friction not in known:
         remedy = f"{nearest(config.friction, known)} known are {', '.join(known)}".strip()

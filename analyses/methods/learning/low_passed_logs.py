@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from hashlib import sha256
+from hashlib import file_digest
 from pathlib import Path
 
 import numpy as np
@@ -143,7 +143,7 @@ def low_pass_log(
         name=name,
         log=LogSource(
             name=path.name,
-            sha256=sha256(path.read_bytes()).hexdigest() if path.is_file() else "",
+            sha256=_checksum(path) if path.is_file() else "",
             first_row=1 if rows is None else int(rows[0]),
             last_row=recording.num_samples if rows is None else int(rows[-1]),
             duration=round(recording.duration, 6),
@@ -218,3 +218,8 @@ def low_pass_logs(
             RegressionRows.of(robot.chain, run.q, run.v, run.vdot, run.tau, run.match, rows)
         )
     return LowPassedLogs(fitted, kept, tuple(regressions))
+
+
+def _checksum(path: Path) -> str:
+    with path.open("rb") as file:
+        return file_digest(file, "sha256").hexdigest()

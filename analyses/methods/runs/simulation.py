@@ -301,15 +301,20 @@ def _simulate_into(
         scenario = replace(scenario, force_torque_sensor=None)
         notices = (f"{robot.name} has no tool to put the scenario's force/torque sensor under",)
     check_scenario(scenario, scenario_name)
-    result = simulate(
-        scenario,
-        robot,
-        model,
-        page=folder / "recording.html" if record else None,
-        graph=folder / "diagram.svg" if graph else None,
-        title=name,
-        progress=progress,
-    )
+    try:
+        result = simulate(
+            scenario,
+            robot,
+            model,
+            page=folder / "recording.html" if record else None,
+            graph=folder / "diagram.svg" if graph else None,
+            title=name,
+            progress=progress,
+        )
+    except InputError:
+        raise
+    except ValueError as error:  # of a block that is given what it cannot work with
+        raise InputError(scenario_name, "", str(error), "correct the scenario") from error
     progress(1.0, "writing")
     files = list(result.files)
     files.append(folder / "log.csv")
