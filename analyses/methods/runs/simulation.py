@@ -313,7 +313,7 @@ def _simulate_into(
         )
     except InputError:
         raise
-    except ValueError as error:  # of a block that is given what it cannot work with
+    except ValueError as error:  # of a block that refuses its parameters
         raise InputError(scenario_name, "", str(error), "correct the scenario") from error
     progress(1.0, "writing")
     files = list(result.files)
