@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from analyses.commands.options import (
+    AcceptSigns,
+    Check,
     LogFormat,
     Out,
     config_option,
@@ -193,17 +195,8 @@ def command(
             help="Longest gap that is bridged, s; 0: the longer of 0.1 s and three steps."
         ),
     ] = DEFAULTS.max_gap,
-    check: Annotated[
-        bool, typer.Option(help="Check the log against the robot's limits and gravity.")
-    ] = DEFAULTS.check,
-    accept_signs: Annotated[
-        bool,
-        typer.Option(
-            "--accept-signs",
-            help="Take the drives' signs as the robot's file has them, although gravity, inertia "
-            "and friction contradict them; the result says so.",
-        ),
-    ] = DEFAULTS.accept_signs,
+    check: Check = DEFAULTS.check,
+    accept_signs: AcceptSigns = DEFAULTS.accept_signs,
     mcap: Annotated[
         bool,
         typer.Option("--mcap", help="Write the wrenches as ROS 2 messages too: wrench.mcap."),

@@ -23,7 +23,7 @@ from analyses.methods.external_torque.force_readings import (
     knowledge_by_evidence,
 )
 from analyses.methods.external_torque.rows_beside_sensor import RowsBesideSensor
-from analyses.methods.external_torque.torque_log import REFERENCE, TorqueLog
+from analyses.methods.external_torque.torque_log import TorqueLog
 from analyses.methods.reading.estimate_config import (
     FLOOR_SHARE,
     PRIORS,
@@ -35,7 +35,7 @@ from analyses.methods.reading.estimate_config import (
 from analyses.methods.reading.estimate_summary import EstimateSummary
 from analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
 from analyses.methods.sensors.mounting import find_mounting, tare_of
-from analyses.methods.sensors.reference_config import ReferenceConfig
+from analyses.methods.sensors.reference_config import REFERENCE, ReferenceConfig
 from analyses.methods.sensors.sensor_log import SensorLogCollector, joined_logs
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
