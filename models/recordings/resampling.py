@@ -94,7 +94,7 @@ def plausible_step(chunk: Recording) -> float:
     """The median step of the first samples of a recording, s, to nine digits.
 
     Raises:
-        InputError: the step is none of a robot's log: time in another unit.
+        InputError: the step is not that of a robot's log: time in another unit.
     """
     if chunk.num_samples < 2:
         raise InputError(chunk.source, "", "holds one sample only", "record a longer log")
@@ -160,7 +160,7 @@ class _Grid:
         )
 
     def _interpolated(self, part: Recording, steps: Array) -> Recording:
-        """Grid points in (t[0], t[-1]] of the part, both ends later by what rounding may do."""
+        """Grid points in (t[0], t[-1]] of the part, both ends moved later by the rounding error."""
         h = self._step
         ends = part.t + _ROUNDING * h
         last = int(np.floor((ends[-1] - self._origin) / h)) + 1

@@ -373,7 +373,7 @@ def simulate(
             known += " and a Coulomb-viscous fit of its true friction"
         notices.append(
             f"without --model, controller and estimator are given {known}: "
-            "identify a model for an honest error"
+            "identify a model for a realistic error"
         )
     taught = None
     if plan is not None and scenario.machining is not None and scenario.machining.air_pass > 0.0:
