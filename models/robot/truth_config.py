@@ -22,7 +22,7 @@ Where the numbers and the equations come from:
                   high-precision permanent magnet motor drives", IEEE Trans. Industrial
                   Electronics 43, 1996
     kinematics    Hollerbach, Khalil, Gautier, "Model identification", Springer Handbook of
-                  Robotics, 2016 (sizes of what a calibration leaves)
+                  Robotics, 2016 (sizes of the errors after calibration)
 
 The equations, as they are simulated, stand in `models.truth.joint_kernels`.
 """
@@ -70,7 +70,7 @@ class LubricationConfig:
     """Viscous friction that falls as the joint warms, with speed, and from day to day."""
 
     saturation: list[float] = field(default_factory=list)
-    # rad/s at which viscous friction is half of what its slope at rest makes of it; 0: linear
+    # rad/s at which viscous friction is half of its linear value (slope at rest); 0: linear
     temperature_share: list[float] = field(default_factory=list)  # 1/K, by which it falls
     heating: list[float] = field(default_factory=list)  # K per W of friction, once settled
     time_constant: float = 1500.0  # s, of warming and cooling
@@ -147,8 +147,8 @@ class MechanismsConfig:
     motor: MotorConfig | None = None
     kinematics: KinematicsConfig | None = None
     clock: ClockConfig | None = None
-    individual: int = 0  # seed of what differs from arm to arm: phases, frames of the joints
-    day: int = 0  # seed of what differs from day to day
+    individual: int = 0  # seed of an arm's own phases and joint frames
+    day: int = 0  # seed of a day's own values
 
 
 @dataclass

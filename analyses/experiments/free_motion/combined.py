@@ -299,7 +299,7 @@ def _figures(
                 "Pushed by hand along the path: one change per row",
             ),
             "Errors of every variant. A row with + changes the row above it, one with B the row "
-            "marked (B). Grey: where the share inside an honest 95 % band lies.",
+            "marked (B). Grey: where the share inside a correct 95 % band lies.",
         ),
     )
     return saved_figures(figures, context.out)

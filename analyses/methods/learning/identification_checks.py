@@ -122,7 +122,7 @@ def payload_differences(
 POOR_FIT = 0.5  # share of a joint's torque that stays unexplained
 PAYLOAD_DIFFERENCE = 0.3  # kg between logs; on the UR10e's unloaded runs 0.01
 GAIN_DIFFERENCE = 0.2  # of 1; on the UR10e with plain friction up to 0.1 with right constants
-SURE = 6.0  # standard deviations; many, as they do not cover what no model explains
+SURE = 6.0  # standard deviations; many, as these do not cover errors of the model's structure
 HIGH_CONDITION_NUMBER = 100.0  # above it, small torque errors move the parameters a lot
 
 

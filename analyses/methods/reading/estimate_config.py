@@ -74,10 +74,10 @@ class EstimateSettings:
 
 
 def stated_prior(config: EstimateConfig, robot: Robot | None) -> tuple[float, float] | None:
-    """Force sd (N) and moment sd (N m) that `prior` says without the log; None: it is the log's.
+    """Force sd (N) and moment sd (N m) that `prior` gives without the log; None: the log gives it.
 
     Raises:
-        InputError: it rests on a robot, and there is none.
+        InputError: it needs a robot, and none is given.
     """
     if config.prior == "log":
         return None
