@@ -35,6 +35,7 @@ from pydrake.systems.primitives import (
 )
 
 from diagrams.scenario import BladeConfig, PlateConfig, Scenario
+from diagrams.truth.hard_joints import add_hard_joints, connect_hard_joints, hard_joints
 from diagrams.workpiece import add_blade, add_plate, contact_material, soft_tip
 from models.arrays import Array
 from models.control.wrench_script import WrenchScript
@@ -43,6 +44,7 @@ from models.friction.true_friction import DryFriction
 from models.machining.machining_process import MachiningProcess
 from models.robot.motors import motor_gain
 from models.robot.robot import Robot, RobotInPlant
+from models.truth.true_robot import true_robot
 from systems.environment_truth import EnvironmentTruth
 from systems.external_wrench_source import ExternalWrenchSource
 from systems.force_torque_sensor import ForceTorqueSensor
@@ -101,28 +103,32 @@ def make_robot_cell(
     t + time_step. The drives saturate at the robot's effort limits.
 
     Args:
-        scenario: what stands in the cell, and what the tool suffers.
+        scenario: what stands in the cell, and what acts on the tool.
         robot: the true robot.
-        q_0: (n,) rad, where it is at the start, at rest.
+        q_0: (n,) rad, where its encoders are at the start, at rest.
         meshcat: draws the cell into it; without it there are no pictures.
         with_brakes: whether dry friction is solved by the plant together with contact
             (`JointFriction`), or without it (`FreeJointFriction`), which is faster and the same
             where nothing touches; by default with brakes where there is something to touch.
 
     Raises:
-        InputError: a sensor without a tool to sit on, or true friction that is no friction.
+        InputError: a sensor without a tool to sit on, or true friction out of range.
     """
     builder = DiagramBuilder()
     touches = scenario.workpiece is not None or scenario.floor
     with_brakes = touches if with_brakes is None else with_brakes
+    joints = hard_joints(scenario, robot)
+    true = robot if joints is None else true_robot(robot)
     plant, scene_graph = _add_plant(builder, scenario, touches or meshcat is not None)
-    parts = robot.add_to_plant(plant)
+    parts = true.add_to_plant(plant)
     friction = true_friction(scenario, robot)
-    if friction is not None and with_brakes:
+    if friction is not None and with_brakes and joints is None:
         add_holding_actuators(plant, parts.joints, parts.actuators, friction)
     else:
         for i, joint in enumerate(parts.joints):
-            joint.set_default_damping(0.0 if friction is None else friction.viscous[i])
+            # Joints with mechanisms have their viscous friction in themselves.
+            damped = friction if joints is None else None
+            joint.set_default_damping(0.0 if damped is None else damped.viscous[i])
     if isinstance(scenario.workpiece, BladeConfig):
         add_blade(plant, scenario.workpiece)
     elif scenario.workpiece is not None:
@@ -130,25 +136,36 @@ def make_robot_cell(
     if scene_graph is not None:
         _add_floor(plant, solid=scenario.floor)
     plant.Finalize()
-    plant.SetDefaultPositions(parts.model_instance, np.asarray(q_0, dtype=np.float64))
+    q_0 = np.asarray(q_0, dtype=np.float64)
+    if joints is not None:  # the encoders read q_0, their gears bent by the arm's weight
+        q_0 = joints.links_at(q_0, true.chain)
+    plant.SetDefaultPositions(parts.model_instance, q_0)
     if scene_graph is not None:
         _prepare_contact(plant, scene_graph, parts, scenario)
 
     n = robot.num_joints
     state = plant.get_state_output_port(parts.model_instance)
     split = builder.AddNamedSystem("encoders", Demultiplexer([n, n]))
-    terms = builder.AddNamedSystem("true_terms", RigidBodyTermsSystem(robot.chain))
+    terms = builder.AddNamedSystem("true_terms", RigidBodyTermsSystem(true.chain))
     builder.Connect(state, split.get_input_port())
     for i, name in enumerate(("q", "v")):
-        builder.ExportOutput(split.get_output_port(i), name)
+        if joints is None:
+            builder.ExportOutput(split.get_output_port(i), name)
         builder.Connect(split.get_output_port(i), terms.GetInputPort(name))
     builder.ExportOutput(state, "state")
 
-    tau_J = _add_drives(builder, scenario, robot)
-    builder.ExportOutput(tau_J, "tau_J_true")
+    if joints is None:
+        tau_J = _add_drives(builder, scenario, robot)
+        builder.ExportOutput(tau_J, "tau_J_true")
+    else:
+        block = add_hard_joints(builder, scenario, joints, touches)
     script = WrenchScript(scenario.wrench, scenario.seed, "scenario")
     tau_ext = _add_environment(builder, scenario, robot, plant, parts, script, terms, touches)
-    if friction is not None and with_brakes:
+    if joints is not None:
+        connect_hard_joints(
+            builder, scenario, robot, plant, parts, block, terms.get_output_port(), tau_ext
+        )
+    elif friction is not None and with_brakes:
         _connect_with_brakes(builder, plant, parts, tau_J)
         _add_friction(builder, plant, parts, friction, tau_J)
     else:
@@ -239,7 +256,7 @@ def _add_environment(
 def _add_plant(
     builder: DiagramBuilder, scenario: Scenario, with_scene: bool
 ) -> tuple[MultibodyPlant, SceneGraph | None]:
-    """The plant; without a SceneGraph where nothing touches and nobody looks: it costs time."""
+    """The plant; without a SceneGraph, which costs time, where nothing touches or is drawn."""
     config = MultibodyPlantConfig(
         time_step=scenario.time_step,
         discrete_contact_approximation="lagged",
@@ -308,7 +325,7 @@ def true_friction(scenario: Scenario, robot: Robot) -> DryFriction | None:
 
 
 def _add_floor(plant: MultibodyPlant, solid: bool) -> None:
-    """The floor, for the eye; a solid one is felt as well."""
+    """The floor, as drawn; a solid one can be touched as well."""
     body = plant.world_body()
     slab, X_WV = Box(1.6, 1.6, 0.02), RigidTransform([0.0, 0.0, -0.01])
     plant.RegisterVisualGeometry(body, X_WV, slab, "floor", _FLOOR_COLOUR)
@@ -323,7 +340,7 @@ def _prepare_contact(
 ) -> None:
     """Links do not touch each other; they meet the workpiece with the workpiece's own material.
 
-    Of a robot at a blade only the ball at the tool's tip is felt: links pass through it unseen.
+    At a blade only the ball at the tool's tip makes contact: the links pass through the blade.
     """
     inspector = scene_graph.model_inspector()
     touches = scenario.workpiece is not None or scenario.floor
@@ -347,7 +364,7 @@ def _prepare_contact(
                 scene_graph.AssignRole(source, geometry, material, RoleAssign.kReplace)
                 links.Add(geometry)
             else:
-                # With nothing to touch, nobody need look for contact at every tick.
+                # With nothing to touch, contact need not be looked for at every tick.
                 scene_graph.RemoveRole(source, geometry, Role.kProximity)
     filters = scene_graph.collision_filter_manager()
     filters.Apply(CollisionFilterDeclaration().ExcludeWithin(links))
@@ -393,7 +410,7 @@ def _add_drives(builder: DiagramBuilder, scenario: Scenario, robot: Robot) -> Ou
 def _connect_with_brakes(
     builder: DiagramBuilder, plant: MultibodyPlant, parts: RobotInPlant, tau_J: OutputPort
 ) -> None:
-    """The motors come first; the brakes behind them are told nothing but to rest."""
+    """The motors come first; the desired state of the brakes behind them is rest."""
     n = len(parts.actuators)
     spread = builder.AddNamedSystem("actuation", MatrixGain(np.eye(2 * n, n)))
     builder.Connect(tau_J, spread.get_input_port())

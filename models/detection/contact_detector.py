@@ -72,8 +72,8 @@ class Detection(NamedTuple):
     """What the readings right after each of N samples say; see `contact_statistic`.
 
     Attributes:
-        statistic: (N,) in units of the level above which contact begins; 0 where the model does not
-            say what its torque errs by.
+        statistic: (N,) in units of the level above which contact begins; 0 where the model states
+            no torque error.
         contact: (N,).
         misfit: (N,) a contact that no force at E explains.
         link: (N,) the link, 1 to n, whose contact explains a misfit; 0 where there is none or the
@@ -90,7 +90,7 @@ class Detection(NamedTuple):
     out_of_range: Flags
 
     def without(self, unknown: Flags) -> "Detection":
-        """The same without contact where a sample (N,) is not to be believed."""
+        """The same, without contact where a sample (N,) may not be used."""
         contact, misfit = self.contact & ~unknown, self.misfit & ~unknown
         link = np.where(unknown, 0, self.link).astype(np.int8)
         return self._replace(contact=contact, misfit=misfit, link=link)
@@ -111,8 +111,8 @@ class Detection(NamedTuple):
 class ContactDetector:
     """Contact and misfit of what one estimator reads.
 
-    A model without a torque error finds no contact: rest and range alone are told. One that has no
-    `contact_noise` is taken as Gaussian.
+    With a model without a torque error no contact is found: only rest and range are reported. One
+    without `contact_noise` is taken as Gaussian.
 
     Args:
         model: that the estimator reads with.
@@ -324,7 +324,7 @@ def _moment_sd(reconstruction: WrenchReconstructionConfig) -> float:
 
 
 def _assumed_error(model: IdentifiedModel) -> TorqueErrorModel:
-    """Stands in where there is none: no level is ever exceeded, and ranges are the model's."""
+    """For a model without a torque error: no level is ever exceeded; the ranges are the model's."""
     n = len(model.joint_names)
     ranges = model.validity
     zero, one = np.zeros(n), np.ones(n)

@@ -34,7 +34,7 @@ USUAL = 0.99  # share of the samples that have no more than the usual jolt
 def fit_contact_noise(
     readings: Sequence[HeldOutReading], model: IdentifiedModel, chain: SerialChain
 ) -> ContactNoise | None:
-    """Returns what `model.contact_noise` is to be; None where no reading is used.
+    """Returns the value for `model.contact_noise`; None where no reading is used.
 
     Args:
         readings: of motions that their models were not fitted on; of one time step.

@@ -181,13 +181,13 @@ def most_likely(F: Array, e: Array) -> Array:
         for start in (np.zeros(A.shape[1]), alone)
     ]
     found = min(climbs, key=lambda climb: float(climb.fun)).x
-    # What the likelihood pushed to its bound is not there, and what no sample showed neither.
+    # A term that the likelihood pushed to its bound, or that no sample showed, is zero.
     there = (found > -_SPAN + 1e-6) & (A.max(axis=0) > 0.0)
     return np.where(there, scale * np.exp(found), 0.0)
 
 
 def _correlation(scaled: Array) -> Array:
-    """(n, n), slightly drawn to none: joints that err as one would leave no inverse."""
+    """(n, n), shrunk a little towards 1, so that equal errors of two joints leave an inverse."""
     size = np.sqrt(np.maximum(np.mean(scaled**2, axis=0), 1e-300))
     R = (scaled / size).T @ (scaled / size) / len(scaled)
     n = len(R)

@@ -2,6 +2,7 @@
 
 import difflib
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,12 +14,15 @@ from models.arrays import Array
 from models.files.files_read import about_to_read
 from models.files.input_error import InputError
 from models.recordings.differentiation import HALF_WINDOW_S, with_velocities
-from models.recordings.header_layouts import known_layout, time_columns
+from models.recordings.layouts.external_torque import external_torque_layout
+from models.recordings.layouts.header_layouts import known_layout, time_columns
 from models.recordings.log_container import LogTable
 from models.recordings.log_containers import TEXT, container_of, usual_suffixes
+from models.recordings.plausibility.drive_evidence import SignEvidence
 from models.recordings.recording import Recording, concatenated, place_of
 from models.recordings.recording_checks import RecordingChecks
 from models.recordings.recording_format import (
+    MOST_COLUMNS,
     ColumnLayout,
     RecordingFormat,
     Signal,
@@ -34,6 +38,7 @@ from models.recordings.rosbag.table import is_bag
 from models.robot.robot import Robot
 
 _BEYOND_ANY_ROBOT = 1e9  # SI; sums of squares of smaller numbers cannot overflow
+_BEYOND_ANY_CLOCK = 1e19  # s; nanoseconds since 1970 that are read as seconds have their own line
 MIN_SAMPLES = 10  # less is no motion
 _DESCRIBE = "or describe the columns with --log-format"
 _ID_COLUMNS = ("frame_id", "seq", "header.frame_id", "header.seq")  # beside a stamp
@@ -45,6 +50,7 @@ def read_recording(
     description: str | Path | None = None,
     robot: Robot | None = None,
     check: bool = True,
+    accept_signs: bool = False,
 ) -> Recording:
     """Reads a whole log into memory; `RecordingReader` streams a long one.
 
@@ -56,11 +62,13 @@ def read_recording(
         description: of other columns: a bundled name or the path of a *.yaml.
         robot: that the log must fit: number of joints, and where `check` is set also limits,
             velocity against position, current against gravity.
+        accept_signs: whether drives whose current has the wrong sign are taken as they are; a
+            notice says so.
 
     Raises:
         InputError: the log is missing, damaged or implausible.
     """
-    reader = RecordingReader(path, description, robot, check)
+    reader = RecordingReader(path, description, robot, check, accept_signs=accept_signs)
     return replace(concatenated(list(reader.chunks())), notices=reader.notices)
 
 
@@ -68,7 +76,7 @@ class RecordingReader:
     """A log on disk; `chunks()` reads it with constant memory.
 
     Args:
-        path, description, robot, check: as in `read_recording`.
+        path, description, robot, check, accept_signs: as in `read_recording`.
         further: signals besides those of the description, by name; they stand in `extra`.
         asked_by: who names these, for error lines.
 
@@ -84,6 +92,7 @@ class RecordingReader:
         check: bool = True,
         further: dict[str, SignalColumns] | None = None,
         asked_by: str = "",
+        accept_signs: bool = False,
     ) -> None:
         path = Path(path)
         if path.suffix.lower() in (".yaml", ".yml"):
@@ -95,9 +104,13 @@ class RecordingReader:
         self.path = path
         self._notices: list[str] = []
         self._robot = robot
-        self._check = check
+        self._check, self._accept_signs = check, accept_signs
+        self.sign_evidence: SignEvidence | None = None  # once read, where currents are checked
         self._further, self._asked_by = further or {}, asked_by
         form, form_source, table = self._opened(description)
+        if table.num_columns > MOST_COLUMNS:
+            problem = f"has {table.num_columns} columns, expected {MOST_COLUMNS} at most"
+            raise InputError(path, "", problem, "leave out those that are no signals")
         self.format = form
         self._table = table
         names = table.names
@@ -132,14 +145,23 @@ class RecordingReader:
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """What the reader did beyond the plain; complete after the last chunk."""
+        """What the reader assumed or left out; complete after the last chunk."""
         missing: tuple[str, ...] = ()
         if self._num_missing:
             missing = (
                 f"{self._num_missing} samples lack a number (first: {self._first_missing}) and are "
                 "left out: short gaps are bridged",
             )
-        return (*self._notices, *self._table.notices, *missing)
+        signs = self._accepted_signs()
+        return (*self._notices, *self._table.notices, *missing, *signs)
+
+    def _accepted_signs(self) -> tuple[str, ...]:
+        found, robot = self.sign_evidence, self._robot
+        if found is None or robot is None or not len(found.contradicted()):
+            return ()
+        return (
+            f"signs accepted as asked, although {found.sentence('current', robot.joint_names)}",
+        )
 
     @property
     def progress(self) -> float:
@@ -184,6 +206,8 @@ class RecordingReader:
             last = chunk[-1:]
             num_samples += chunk.num_samples
             yield chunk
+        if checks is not None:
+            self.sign_evidence = checks.sign_evidence
         if num_samples < MIN_SAMPLES:
             found = f"holds {num_samples} samples" if num_samples else "holds no samples"
             if self._num_missing:
@@ -229,9 +253,9 @@ class RecordingReader:
         return values[~lacking], rows[~lacking]
 
     def _check_size(self, chunk: Recording) -> None:
-        """Refuses numbers that are none: uninitialised memory, a wrong type in a logger."""
+        """Refuses absurd numbers: uninitialised memory, a wrong type in a logger."""
         for name, signal in (("q", chunk.q), ("v", chunk.v), ("current", chunk.current)):
-            wrong = np.abs(signal) > _BEYOND_ANY_ROBOT
+            wrong = np.abs(signal) > _BEYOND_ANY_ROBOT  # also of what a gain made infinite
             if wrong.any():
                 k, j = (int(index[0]) for index in np.nonzero(wrong))
                 column = self.layout.column_of(name if self.layout.signal(name) else "tau_J", j)
@@ -241,11 +265,17 @@ class RecordingReader:
                     f"{signal[k, j]:.3g} is beyond any robot",
                     "correct or remove the row; a short gap is bridged",
                 )
+        wrong = np.abs(chunk.t) > _BEYOND_ANY_CLOCK
+        if wrong.any():
+            k = int(np.argmax(wrong))
+            place = f"{place_of(chunk, k)}, {self.layout.column_of('t')}"
+            problem = f"{chunk.t[k]:.3g} s is beyond any clock"
+            raise InputError(self.path, place, problem, "correct or remove the row")
 
     def _checks(self) -> RecordingChecks | None:
         if self._robot is None or not self._check or not self.num_joints:
             return None
-        return RecordingChecks(self._robot, self.layout)
+        return RecordingChecks(self._robot, self.layout, self._accept_signs)
 
     def _recording(self, values: Array, rows: NDArray[np.int64], used: list[int]) -> Recording:
         position = {column: k for k, column in enumerate(used)}
@@ -253,7 +283,8 @@ class RecordingReader:
         found: dict[str, Array] = {}
         for signal in self.layout.signals:
             columns = values[:, [position[c] for c in signal.columns]]
-            scaled = columns * signal.scale + signal.offset
+            with np.errstate(over="ignore"):  # refused by its size
+                scaled = columns * signal.scale + signal.offset
             if signal.name == "t" and scaled.shape[1] > 1:
                 scaled = scaled[:, 0] + scaled[:, 1]  # seconds and nanoseconds
             found[signal.name] = scaled.reshape(size, *signal.shape)
@@ -314,6 +345,11 @@ class RecordingReader:
         known = self._known_format(table)
         if known is not None:
             return known
+        if table.names is not None and not _has_drives(table.names):
+            torques = external_torque_layout(table.names, path)
+            if torques is not None:
+                self._notices += torques.notices
+                return torques.form, str(path), table
         if table.names is not None and "q1" not in _in_lower_case(table.names):
             joint_names = self._robot.joint_names if self._robot is not None else None
             layout = known_layout(table.names, table.num_columns, path, joint_names)
@@ -333,7 +369,7 @@ class RecordingReader:
         if "" in table.names:
             self._notices.append("a column without a name is left out")
         num_joints = self._robot.num_joints if self._robot is not None else None
-        # Those are not unknown, however the log calls them; a wrong one is told first.
+        # Those are not unknown, however the log calls them; a wrong one is reported first.
         mine = {table.names[column] for signal in self._more(table) for column in signal.columns}
         names = _in_lower_case([name for name in table.names if name not in mine])
         return header_format(names, path, num_joints), str(path), table
@@ -378,15 +414,16 @@ def header_format(
     split = [int(column) - 1 for column in str(stamps.columns).split(",")] if stamps else []
     # Without a name: a table's index, or a separator at the line's end.
     names = [name for k, name in enumerate(names) if name and k not in split]
+    times_there = Counter(names)
     for name in names:
-        if list(names).count(name) > 1:
+        if times_there[name] > 1:
             what = f'the column "{name}" is there twice'
             raise InputError(path, place, what, "correct the header, " + _DESCRIBE)
     joints: dict[str, list[int]] = {letter: [] for letter in _JOINT_SIGNALS}
     extra: dict[str, list[int]] = {}
     for name in names:
-        joint = re.fullmatch(r"(q|v|i|tau)(\d+)", name)
-        part = re.fullmatch(r"(.+)\.(\d+)", name)
+        joint = re.fullmatch(r"(q|v|i|tau)(\d{1,4})", name)  # no more than MOST_COLUMNS
+        part = re.fullmatch(r"(.+)\.(\d{1,4})", name)
         if joint and int(joint[2]) > 0:
             joints[joint[1]].append(int(joint[2]))
         elif part and part[1] not in ("t", "q", "v", "current", "tau_J", "dropout"):
@@ -437,6 +474,11 @@ def _unknown(name: str, names: Sequence[str], path: Path) -> InputError:
     return InputError(
         path, "header", f'unknown column "{name}", expected t, q1.., v1.., i1..', remedy
     )
+
+
+def _has_drives(names: Sequence[str]) -> bool:
+    """Whether a header names motor currents or motor torques."""
+    return not {"i1", "tau1"}.isdisjoint(_in_lower_case(names))
 
 
 def _in_lower_case(names: Sequence[str]) -> tuple[str, ...]:

@@ -1,9 +1,16 @@
 """A checked serial arm as one URDF document."""
 
+import copy
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from pydrake.common.eigen_geometry import AngleAxis
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+
+from models.arrays import Array
 from models.robot.collision_meshes import CollisionMeshes
 
 
@@ -35,6 +42,33 @@ class EffectiveUrdf:
         self.joints = joints  # moving ones, base to tool
         self.notices = notices
         self.source = source
+
+    def with_moved_joints(self, moved: Mapping[str, tuple[Array, Array]]) -> "EffectiveUrdf":
+        """A copy with the frames of some joints moved.
+
+        Args:
+            moved: by joint, translation (3,) m and rotation vector (3,) rad, in its frame's axes.
+        """
+        root = copy.deepcopy(self._root)
+        for joint in root.iter("joint"):
+            if joint.get("name") not in moved or joint.find("axis") is None:
+                continue
+            translation, rotation = moved[str(joint.get("name"))]
+            origin = joint.find("origin")
+            if origin is None:
+                origin = ET.SubElement(joint, "origin")
+            xyz, rpy = (
+                np.array(origin.get(key, "0 0 0").split(), dtype=np.float64)
+                for key in ("xyz", "rpy")
+            )
+            angle = float(np.linalg.norm(rotation))
+            axis = rotation / angle if angle > 0.0 else np.array([0.0, 0.0, 1.0])
+            step = RigidTransform(RotationMatrix(AngleAxis(angle, axis)), translation)
+            pose = RigidTransform(RollPitchYaw(rpy), xyz) @ step
+            angles = RollPitchYaw(pose.rotation()).vector()
+            origin.set("xyz", " ".join(f"{x:.17g}" for x in pose.translation()))
+            origin.set("rpy", " ".join(f"{x:.17g}" for x in angles))
+        return EffectiveUrdf(root, self.joints, self.notices, self.source, self.meshes)
 
     def text(self, name: str, hulls: bool = False) -> str:
         """The document, with `name` as the robot's.

@@ -2,7 +2,8 @@
 
 A robot is a `robot.yaml` beside a URDF. The URDF is read once, checked, and turned into one
 self-contained text (`Robot.urdf_text`) that Drake and any other URDF reader load alike: base link
-as root, locked joints fixed, the tool and the frame E added, pictures that cannot be drawn dropped.
+as root, locked joints fixed, the tool and the frame E added, visuals that Drake cannot draw
+dropped.
 """
 
 import hashlib
@@ -28,12 +29,17 @@ from models.robot.effective_urdf import EffectiveUrdf, JointLimits
 from models.robot.motors import current_to_torque, torque_to_current
 from models.robot.robot_config import (
     DriveConfig,
-    JointFrictionConfig,
     PoseConfig,
     RobotConfig,
     ToolConfig,
 )
+from models.robot.truth_config import JointFrictionConfig, SimulatedTruthConfig
 from models.robot.urdf import read_urdf
+
+# What no robot is beyond: in a number, a slip of the unit or of the pen.
+_FAR = 1e3  # m, rad, m/s^2, A
+_LIGHT, _HEAVY = 1e-3, 1e5  # kg, kg m^2
+_WEAK, _STRONG = 1e-5, 1e6  # N m, N m/A
 
 
 @dataclass(frozen=True)
@@ -199,6 +205,24 @@ class Robot:
         ]
         return Robot(replace(self.config, drives=drives), self.source, self._urdf)
 
+    def with_truth(self, truth: SimulatedTruthConfig) -> "Robot":
+        """Returns the same robot with another simulated truth.
+
+        Raises:
+            InputError: a list has another length than it should, or a value is out of range.
+        """
+        return Robot(replace(self.config, simulated_truth=truth), self.source, self._urdf)
+
+    def with_moved_joints(self, translation: Array, rotation: Array) -> "Robot":
+        """Returns the robot with the frames of its joints moved: another arm of the same make.
+
+        Args:
+            translation: (n, 3) m, in axes of each joint's frame.
+            rotation: (n, 3) rad, rotation vectors in them.
+        """
+        poses = {name: (translation[i], rotation[i]) for i, name in enumerate(self.joint_names)}
+        return Robot(self.config, self.source, self._urdf.with_moved_joints(poses))
+
     def add_to_plant(
         self, plant: Any, name: str | None = None, hulls: bool = False
     ) -> RobotInPlant:
@@ -214,7 +238,10 @@ class Robot:
                 distances. In a simulation hulls of neighbours, which overlap, would push.
         """
         text = self._urdf.text(name or self.name, hulls)
-        (instance,) = Parser(plant).AddModelsFromString(text, "urdf")
+        try:
+            (instance,) = Parser(plant).AddModelsFromString(text, "urdf")
+        except (RuntimeError, ValueError) as error:
+            raise InputError(self._urdf.source, "", f"Drake cannot take it: {error}") from error
         base = plant.GetFrameByName(self.config.base_link, instance)
         plant.WeldFrames(plant.world_frame(), base)
         plant.mutable_gravity_field().set_gravity_vector(self.gravity)
@@ -295,36 +322,47 @@ def _frozen(values: Sequence[float] | Array) -> Array:
 
 
 def _check_lists(config: RobotConfig, source: Path) -> None:
-    """Lengths and signs that the YAML schema cannot state."""
+    """Lengths, signs and sizes that the YAML schema cannot state."""
 
-    def expect(values: Sequence[float], length: int, place: str) -> None:
+    def expect(values: Sequence[float], length: int, place: str, most: float = _FAR) -> None:
         if len(values) != length:
             raise InputError(source, place, f"{len(values)} numbers, expected {length}")
-        if not all(math.isfinite(value) for value in values):
-            raise InputError(source, place, f"{list(values)} is not finite")
+        if not all(abs(value) <= most for value in values):
+            problem = f"{list(values)}, expected numbers between {-most:g} and {most:g}"
+            raise InputError(source, place, problem)
 
     expect(config.tool_frame.xyz, 3, "tool_frame.xyz")
     expect(config.tool_frame.rpy, 3, "tool_frame.rpy")
     expect(config.gravity, 3, "gravity")
-    if not (math.isfinite(config.payload) and config.payload > 0):
-        raise InputError(source, "payload", f"{config.payload:g}, expected kg above 0")
+    expect(list(config.locked_joints.values()), len(config.locked_joints), "locked_joints")
+    expect(config.home, len(config.home), "home", _HEAVY)
+    if not _LIGHT <= config.payload <= _HEAVY:
+        problem = f"{config.payload:g}, expected {_LIGHT:g} to {_HEAVY:g} kg"
+        raise InputError(source, "payload", problem)
     if config.tool is None:
         return
+    expect([config.tool.mass], 1, "tool.mass", _HEAVY)
     expect(config.tool.com, 3, "tool.com")
-    expect(config.tool.inertia, 6, "tool.inertia (ixx, iyy, izz, ixy, ixz, iyz)")
+    inertia = "tool.inertia (ixx, iyy, izz, ixy, ixz, iyz)"
+    expect(config.tool.inertia, 6, inertia, _HEAVY)
     for kind in ("visual", "collision"):
         for index, shape in enumerate(getattr(config.tool, kind)):
             place = f"tool.{kind}[{index}]"
             expect(shape.pose.xyz, 3, f"{place}.pose.xyz")
             expect(shape.pose.rpy, 3, f"{place}.pose.rpy")
-            expect(shape.rgba, 4, f"{place}.rgba")
+            expect(shape.rgba, 4, f"{place}.rgba", 1.0)
             given = [n for n in ("sphere", "cylinder", "box") if getattr(shape, n) is not None]
             if len(given) != 1:
                 raise InputError(source, place, "expected one of sphere, cylinder and box")
+            sizes = [] if shape.sphere is None else [shape.sphere]
             if shape.cylinder is not None:
                 expect(shape.cylinder, 2, f"{place}.cylinder (radius, length)")
+                sizes = shape.cylinder
             if shape.box is not None:
                 expect(shape.box, 3, f"{place}.box")
+                sizes = shape.box
+            if not all(0.0 < size <= _FAR for size in sizes) or min(shape.rgba) < 0.0:
+                raise InputError(source, place, "a size or a colour is not above 0", "correct it")
 
 
 def _ordered_drives(
@@ -343,21 +381,24 @@ def _ordered_drives(
         by_joint[drive.joint] = drive
         checks = {
             "current_sign": (drive.current_sign in (-1, 1), "expected 1 or -1"),
-            "rotor_inertia": (0 <= drive.rotor_inertia < math.inf, "expected kg m^2, 0 or more"),
+            "rotor_inertia": (0 <= drive.rotor_inertia <= _FAR, "expected kg m^2, 0 or more"),
             "rotor_inertia_side": (
                 drive.rotor_inertia_side in ("motor", "joint"),
                 'expected "motor" or "joint"',
             ),
-            "current_resolution": (0 <= drive.current_resolution < math.inf, "expected A"),
-            "current_noise_sd": (0 <= drive.current_noise_sd < math.inf, "expected A"),
+            "current_resolution": (0 <= drive.current_resolution <= _FAR, "expected A"),
+            "current_noise_sd": (0 <= drive.current_noise_sd <= _FAR, "expected A"),
             "position_resolution": (
                 drive.position_resolution is None or 0 <= drive.position_resolution < 0.1,
                 "expected rad (m) below 0.1, the step of the encoder at the joint",
             ),
-            "gear_ratio": (drive.gear_ratio is None or 0 < drive.gear_ratio < math.inf, "> 0"),
+            "gear_ratio": (
+                drive.gear_ratio is None or 1e-3 <= drive.gear_ratio <= _HEAVY,
+                f"expected 0.001 to {_HEAVY:g}",
+            ),
             "current_bandwidth": (
-                drive.current_bandwidth is None or drive.current_bandwidth > 0,
-                "expected Hz above 0",
+                drive.current_bandwidth is None or drive.current_bandwidth >= 1e-3,
+                "expected Hz, 0.001 or more",
             ),
         }
         for key, (holds, expected) in checks.items():
@@ -389,11 +430,11 @@ def _torque_per_ampere(drive: DriveConfig, source: Path) -> float:
         raise InputError(
             source, place, "needs torque_per_ampere, or torque_constant with gear_ratio"
         )
-    if not 0 < value < math.inf:
+    if not _WEAK <= value <= _STRONG:
         raise InputError(
             source,
             place,
-            f"{value:g} N m/A, expected a positive number",
+            f"{value:g} N m/A, expected a positive number, {_WEAK:g} to {_STRONG:g}",
             "the sign belongs in current_sign",
         )
     return value
@@ -411,13 +452,17 @@ def _reflected_inertia(drive: DriveConfig, source: Path) -> float:
             "rotor_inertia is on the motor side, and gear_ratio is missing",
             "add it, or set rotor_inertia_side: joint",
         )
-    return drive.rotor_inertia * drive.gear_ratio**2
+    reflected = drive.rotor_inertia * drive.gear_ratio**2
+    if reflected > _STRONG:
+        problem = f"a rotor inertia of {reflected:.3g} kg m^2 on the joint side"
+        raise InputError(source, f"drive of {drive.joint}", problem, "rotor_inertia is in kg m^2")
+    return reflected
 
 
 def _effort_limit(drive: DriveConfig, joint: JointLimits, source: Path, urdf: Path) -> float:
     if drive.effort_limit is not None:
-        if not 0 < drive.effort_limit < math.inf:
-            problem = f"effort_limit {drive.effort_limit:g}, expected N m above 0"
+        if not _WEAK <= drive.effort_limit <= _STRONG:
+            problem = f"effort_limit {drive.effort_limit:g}, expected {_WEAK:g} to {_STRONG:g} N m"
             raise InputError(source, f"drive of {drive.joint}", problem)
         return drive.effort_limit
     if joint.effort is None:
@@ -438,12 +483,12 @@ def _simulated_truth(
         values: list[float] = getattr(friction, name)
         place = f"simulated_truth.friction.{name}"
         if not values:
-            # One rad/s, so that nobody divides by a Stribeck velocity of zero.
+            # One rad/s, so that no kernel divides by a Stribeck velocity of zero.
             values = [1.0 if name == "stribeck_velocity" else 0.0] * num_joints
         if len(values) != num_joints:
             raise InputError(source, place, f"{len(values)} numbers, expected {num_joints}")
-        if not all(0 <= value < math.inf for value in values):
-            raise InputError(source, place, f"{values}, expected numbers of 0 or more")
+        if not all(0 <= value <= _STRONG for value in values):
+            raise InputError(source, place, f"{values}, expected numbers of 0 to {_STRONG:g}")
         arrays[name] = _frozen(values)
     if np.any(arrays["stiction"] < arrays["coulomb"]) and friction.stiction:
         raise InputError(

@@ -6,6 +6,7 @@ from pathlib import Path
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from models.files.configuration import REQUIRED
+from models.robot.truth_config import SimulatedTruthConfig
 
 
 @dataclass
@@ -59,26 +60,6 @@ class DriveConfig:
     # rad (m), step of the measured position, seen from the joint; without it: the log's
     current_bandwidth: float | None = None  # Hz, of the measurement; without it: not limited
     effort_limit: float | None = None  # N m; without it: the URDF's
-
-
-@dataclass
-class JointFrictionConfig:
-    """True friction of a simulated arm, one number per joint (all zero where not given)."""
-
-    stiction: list[float] = field(default_factory=list)  # N m, to break away
-    coulomb: list[float] = field(default_factory=list)  # N m, once it moves
-    stribeck_velocity: list[float] = field(default_factory=list)  # rad/s
-    viscous: list[float] = field(default_factory=list)  # N m s/rad
-    load_dependence: list[float] = field(default_factory=list)  # N m of friction per N m carried
-    ripple_amplitude: list[float] = field(default_factory=list)  # N m, over the joint position
-    ripple_periods: list[float] = field(default_factory=list)  # per turn of the joint
-
-
-@dataclass
-class SimulatedTruthConfig:
-    """What only the simulation knows; no model or estimator reads it."""
-
-    friction: JointFrictionConfig = field(default_factory=JointFrictionConfig)
 
 
 @dataclass

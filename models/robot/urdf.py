@@ -19,18 +19,22 @@ from models.arrays import Array
 from models.files.configuration import nearest
 from models.files.files_read import about_to_read
 from models.files.input_error import InputError
+from models.files.limited_file import read_limited
 from models.robot.collision_meshes import CollisionMeshes
 from models.robot.convex_hulls import HULL_SUFFIXES
 from models.robot.effective_urdf import EffectiveUrdf, JointLimits
 from models.robot.gltf import gltf_fault
 from models.robot.robot_config import RobotConfig, ShapeConfig, ToolConfig
 from models.robot.rotational_inertia import inertia_matrix, unphysical
+from models.robot.urdf_shapes import hull_fault, settle_colours, settle_filters, size_fault
 
 _MOVING = ("revolute", "continuous", "prismatic")
 _KNOWN_TYPES = (*_MOVING, "fixed", "floating", "planar")
 _MESHES = (".obj", ".gltf", ".vtk")
 _SHAPES = ("box", "cylinder", "sphere", "capsule", "ellipsoid", "drake:capsule", "drake:ellipsoid")
 _KEPT = ("link", "joint", "material", "drake:collision_filter_group")
+LARGEST_URDF = 1 << 26  # bytes
+_LARGEST = 1e6  # of any number in it, in SI units; a limit beyond is none
 
 
 def read_urdf(path: Path, config: RobotConfig, config_source: Path) -> EffectiveUrdf:
@@ -74,12 +78,7 @@ class _Reader:
     # Reading ----------------------------------------------------------------------------------
 
     def _parse(self) -> ET.Element:
-        about_to_read(self.path)
-        try:
-            data = self.path.read_bytes()
-        except OSError as error:
-            what = "no such file" if isinstance(error, FileNotFoundError) else error.strerror
-            raise InputError(self.path, "", f"URDF: {what}", f"see {self.config_source}") from error
+        data = read_limited(self.path, LARGEST_URDF, "URDF", f"see {self.config_source}")
         builder = ET.TreeBuilder()
         parser = xml.parsers.expat.ParserCreate()
 
@@ -94,6 +93,10 @@ class _Reader:
         except xml.parsers.expat.ExpatError as error:
             what = xml.parsers.expat.ErrorString(error.code)
             raise InputError(self.path, f"line {error.lineno}", f"no valid XML: {what}") from error
+        except (ValueError, LookupError) as error:  # of the encoding that it states
+            raise InputError(
+                self.path, "line 1", f"cannot be read: {error}", "save it as UTF-8"
+            ) from error
         root = builder.close()
         if root.tag != "robot":
             self._fail(root, f"<{root.tag}> is the root element, expected <robot> of a URDF")
@@ -214,9 +217,7 @@ class _Reader:
         for element in list(self.root):
             if element.tag not in _KEPT:
                 self.root.remove(element)
-            for member in element.findall("drake:member"):
-                if member.get("link") not in kept:
-                    element.remove(member)
+        settle_filters(self.root, kept)
 
     def _serial_chain(self) -> list[ET.Element]:
         """The moving joints from base to flange; any other moving joint is a branch."""
@@ -253,6 +254,7 @@ class _Reader:
         return chain
 
     def _drop_pictures(self) -> None:
+        settle_colours(self.root, self.links.values())
         dropped: dict[tuple[str, str], int] = {}
         for link in self.links.values():
             for kind, meshes in (("visual", _MESHES), ("collision", _MESHES)):
@@ -284,10 +286,12 @@ class _Reader:
         shape = next(iter(geometry), None) if geometry is not None else None
         if shape is None:
             return "no geometry"
-        if shape.tag in _SHAPES:
-            return ""
-        if shape.tag != "mesh":
+        if shape.tag not in (*_SHAPES, "mesh"):
             return f"<{shape.tag}>"
+        if fault := size_fault(shape):
+            return fault
+        if shape.tag != "mesh":
+            return ""
         name = shape.get("filename", "")
         suffix = Path(name).suffix.lower()
         if suffix not in meshes:
@@ -297,6 +301,8 @@ class _Reader:
             return f"{suffix}, file not found"
         about_to_read(found)
         if suffix == ".gltf" and (fault := gltf_fault(found)):
+            return fault
+        if element.tag == "collision" and (fault := hull_fault(found)):
             return fault
         shape.set("filename", found.as_uri())
         return ""
@@ -502,19 +508,29 @@ class _Reader:
         limit = joint.find("limit")
         lower, upper, velocity, effort = -math.inf, math.inf, math.inf, 0.0
         if limit is not None:
-            velocity = self._number(limit, "velocity", 0.0) or math.inf
-            effort = self._number(limit, "effort", 0.0)
+            velocity = self._limit(limit, "velocity") or math.inf
+            effort = self._limit(limit, "effort")
             if joint.get("type") != "continuous":
-                lower = self._number(limit, "lower", 0.0)
-                upper = self._number(limit, "upper", 0.0)
+                lower, upper = self._limit(limit, "lower"), self._limit(limit, "upper")
         if lower >= upper:
             self._fail(
                 limit if limit is not None else joint,
                 f'joint "{name}": lower limit {lower:g} is not below the upper {upper:g}',
             )
+        if not velocity >= 1e-6:
+            self._fail(joint, f'joint "{name}": a velocity limit of {velocity:g}')
+        is_stated = 0 < effort < math.inf
         return JointLimits(
-            name, self.lines[joint], lower, upper, velocity, effort if effort > 0 else None
+            name, self.lines[joint], lower, upper, velocity, effort if is_stated else None
         )
+
+    def _limit(self, limit: ET.Element, key: str) -> float:
+        """A limit of a joint; what no robot reaches is no limit, and Drake is told so, too."""
+        value = self._number(limit, key, 0.0, math.inf)
+        if abs(value) > _LARGEST:
+            limit.attrib.pop(key)
+            value = math.copysign(math.inf, value)
+        return value
 
     def _axis(self, joint: ET.Element) -> Array:
         axis = joint.find("axis")
@@ -541,17 +557,20 @@ class _Reader:
             values = np.array([float(word) for word in text.split()])
         except ValueError:
             values = np.array([])
-        if values.shape != (3,) or not np.all(np.isfinite(values)):
-            self._fail(element, f'{key}="{text}" of <{element.tag}>, expected three numbers')
+        if values.shape != (3,) or not np.all(np.abs(values) <= _LARGEST):
+            problem = f'{key}="{text}" of <{element.tag}>, expected three numbers'
+            self._fail(element, f"{problem} of at most {_LARGEST:g}")
         return values
 
-    def _number(self, element: ET.Element, key: str, default: float) -> float:
+    def _number(
+        self, element: ET.Element, key: str, default: float, most: float = _LARGEST
+    ) -> float:
         text = element.get(key)
         try:
             value = default if text is None else float(text)
         except ValueError:
             value = math.nan
-        if not math.isfinite(value):
+        if not math.isfinite(value) or abs(value) > most:
             self._fail(element, f'{key}="{text}" of <{element.tag}>, expected a number')
         return value
 

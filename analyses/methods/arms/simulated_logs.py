@@ -8,6 +8,7 @@ as a real arm's; the true friction is kept beside it.
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
 from pydrake.systems.analysis import Simulator
 
 from analyses.methods.advance import advance, even_stretches
@@ -20,6 +21,8 @@ from models.identification.identified_model import IdentifiedModel
 from models.motion.paths import JointTrajectory
 from models.recordings.recording import Recording
 from models.robot.robot import Robot
+from models.truth.free_arm import Servo, simulate_free_arm
+from models.truth.log_clock import clocked
 from systems.joint_tracking_controller import JointTrackingConfig
 
 ProgressCallback = Callable[[float, str], None]
@@ -101,13 +104,21 @@ def _simulate_motion(
     model: IdentifiedModel | None,
     progress: ProgressCallback,
 ) -> SimulatedLog:
+    known = IdentifiedModel.nominal(robot) if model is None else model
+    mechanisms = robot.config.simulated_truth.mechanisms
+    if mechanisms is not None:
+        # The same as the cell's tick by tick, much faster (tests/models/truth/test_free_arm.py).
+        log = simulate_free_arm(robot, trajectory, drive_servo(robot, known), seed=seed)
+        progress(1.0, f"simulating {name}")
+        exact = Recording(t=log.t, q=log.q, v=log.v, current=log.current, source=name)
+        return SimulatedLog(clocked(exact, mechanisms.clock, seed), log.tau_f_true)
     scenario = Scenario(
         robot=robot.name, duration=trajectory.duration, seed=seed, controller=TRACKING
     )
     loop = make_closed_loop(
         scenario,
         robot,
-        IdentifiedModel.nominal(robot) if model is None else model,
+        known,
         also_log=("tau_f_true",),
         trajectory=trajectory,
         with_estimator=False,
@@ -124,3 +135,15 @@ def _simulate_motion(
         t=t, q=signals["q"], v=signals["v"], current=signals["current"], source=name
     )
     return SimulatedLog(recording, signals["tau_f_true"])
+
+
+def drive_servo(robot: Robot, model: IdentifiedModel) -> Servo:
+    """The drives' own controller with the gains of TRACKING, for `simulate_free_arm`."""
+    gains = [TRACKING.kp, TRACKING.kd, TRACKING.ki, TRACKING.integral_limit]
+    return Servo(
+        model.chain(robot),
+        np.stack([np.broadcast_to(np.asarray(row, float), robot.num_joints) for row in gains]),
+        model.friction.feedforward,
+        TRACKING.friction_velocity,
+        TRACKING.law == "computed_torque",
+    )

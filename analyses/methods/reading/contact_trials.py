@@ -1,4 +1,4 @@
-"""Pushes put into logs, and what a detector makes of them.
+"""Pushes added to logs, and what a detector finds of them.
 
 A push is put in where the motors are: a force F at a point with Jacobian J takes J^T F off the
 torque that the same motion asks of them. Observer, friction and detector see the log as any other.
@@ -24,7 +24,7 @@ from models.recordings.resampling import resampled
 from models.robot.robot import Robot
 
 LATE = 0.1  # s after a push in which it may still be found: the observer's own lag and more
-PROMPT = 0.05 + 1e-9  # s, what is asked; a delay is a multiple of the period
+PROMPT = 0.05 + 1e-9  # s, the delay that is wanted; delays are multiples of the period
 CONFIDENCE = 0.95  # of the largest rate that a count agrees with
 
 

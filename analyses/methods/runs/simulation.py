@@ -125,7 +125,7 @@ class SimulationResult:
     def metrics(self) -> dict[str, Any]:
         """Errors of estimate, sensor, motion and force, as written to metrics.json.
 
-        `rmse_*`, `max_error_*` and `correlation_*` hold the estimate against the truth, axis by
+        `rmse_*`, `max_error_*` and `correlation_*` compare the estimate with the truth, axis by
         axis; the same below `sensor`. `coverage_share` is how often the true force lies in the
         stated 95 % band. Below `valid` the readings that are not valid are left out. Nothing in it
         depends on the machine's speed.
@@ -164,7 +164,11 @@ class SimulationResult:
         return metrics
 
     def pressing_force(self) -> Array:
-        """(T,) N: the true push of the environment along the controlled direction."""
+        """(T,) N: the true push of the environment along the controlled direction.
+
+        Raises:
+            ValueError: the scenario controls no force.
+        """
         controller = self.scenario.controller
         if not isinstance(controller, ImpedanceConfig) or controller.force is None:
             raise ValueError("the scenario controls no force")
@@ -297,15 +301,20 @@ def _simulate_into(
         scenario = replace(scenario, force_torque_sensor=None)
         notices = (f"{robot.name} has no tool to put the scenario's force/torque sensor under",)
     check_scenario(scenario, scenario_name)
-    result = simulate(
-        scenario,
-        robot,
-        model,
-        page=folder / "recording.html" if record else None,
-        graph=folder / "diagram.svg" if graph else None,
-        title=name,
-        progress=progress,
-    )
+    try:
+        result = simulate(
+            scenario,
+            robot,
+            model,
+            page=folder / "recording.html" if record else None,
+            graph=folder / "diagram.svg" if graph else None,
+            title=name,
+            progress=progress,
+        )
+    except InputError:
+        raise
+    except ValueError as error:  # of a block that is given what it cannot work with
+        raise InputError(scenario_name, "", str(error), "correct the scenario") from error
     progress(1.0, "writing")
     files = list(result.files)
     files.append(folder / "log.csv")

@@ -41,11 +41,12 @@ from models.motion.paths import StraightPath
 from models.observers.lag import LagModel, lag_log
 from models.recordings.recording import Recording
 from models.robot.robot import Robot
+from models.truth.log_clock import clocked
 
 ProgressCallback = Callable[[float, str], None]
 
 PATHS = ("initial", "optimised", "found")
-HAND_HZ = 3.0  # up to which the stated band holds a low-pass's lag behind a hand
+HAND_HZ = 3.0  # Hz, up to which the stated band covers a low-pass's lag behind a hand
 _BLOCK = 50_000  # rows read at a time: a covariance a row is much memory
 _FRAMES = 200  # of a pass in a recording
 _STRETCH = 0.5  # s between two reports of progress
@@ -73,7 +74,7 @@ class TaskRun:
 
     @property
     def reference(self) -> Array:
-        """(T, 3) N that readings are held against: the sensor's force, or the true one."""
+        """(T, 3) N that readings are compared with: the sensor's force, or the true one."""
         wrench = self.wrench_true if self.ft_wrench is None else self.ft_wrench
         return wrench[:, 3:]
 
@@ -94,7 +95,7 @@ class TaskRun:
 def uniform_motion(motion: LineMotion) -> tuple[float, float]:
     """From when to when, s, the arm moves evenly on its one pass: between the ramps.
 
-    At rest before it, dry friction holds whatever it likes, which no law of it can say.
+    At rest before it, dry friction may hold any torque within stiction, which no law can predict.
     """
     ramp = motion.ramp * motion.one_way
     return motion.start + ramp, motion.start + motion.one_way - ramp
@@ -114,6 +115,9 @@ def on_path(scenario: Scenario, robot: Robot, path: StraightPath, posture: Array
 
     Args:
         posture: (n,) at the path's midpoint, names the branch.
+
+    Raises:
+        ValueError: the scenario's motion is not a line.
     """
     if not isinstance(scenario.motion, LineMotion):
         raise ValueError("the scenario has no line to move")
@@ -201,6 +205,9 @@ def run_task(
     recording = Recording(
         t=t, q=signals["q"], v=signals["v"], current=signals["current"], source=name
     )
+    mechanisms = robot.config.simulated_truth.mechanisms
+    if mechanisms is not None:
+        recording = clocked(recording, mechanisms.clock, scenario.seed)
     return TaskRun(
         name,
         recording,

@@ -1,0 +1,1 @@
+"""The true robot's joints in its cell: drives, friction and encoders between command and plant."""

@@ -1,0 +1,159 @@
+"""What a simulated arm truly does: the part of robot.yaml that no model or estimator reads.
+
+`friction` is the plain truth: dry friction with stiction, a load share and a ripple, everything
+else exact. `mechanisms` adds, one by one, what real arms do besides; each is off where its key is
+left out. SI units, radians, one number per joint, on the joint side; an empty list is zero for all.
+
+Where the numbers and the equations come from:
+
+    slip          Maxwell slip: Al-Bender, Lampaert, Swevers, IEEE Trans. Automatic Control 50(11),
+                  2005; creep as a Maxwell element's relaxation
+    load          Hamon, Gautier, Garrec, "Dynamic identification of robots with a dry friction
+                  model depending on load and velocity", IROS 2010 (motoring, generating)
+    lubrication   Bittencourt, Gunnarsson, "Static friction in a robot joint: modeling and
+                  identification of load and temperature effects", ASME J. Dyn. Syst. 134, 2012;
+                  heat: Simoni, Beschi, Legnani, Visioli, "Friction modeling with temperature
+                  effects for industrial robot manipulators", IROS 2015
+    ripple        Tuttle, Seering, "A nonlinear model of a harmonic drive gear transmission", IEEE
+                  Trans. Robotics and Automation 12(3), 1996
+    elasticity    Spong, "Modeling and control of elastic joint robots", ASME J. Dyn. Syst. 109,
+                  1987: its slow manifold
+    cogging       Holtz, Springob, "Identification and compensation of torque ripple in
+                  high-precision permanent magnet motor drives", IEEE Trans. Industrial
+                  Electronics 43, 1996
+    kinematics    Hollerbach, Khalil, Gautier, "Model identification", Springer Handbook of
+                  Robotics, 2016 (sizes of what a calibration leaves)
+
+The equations, as they are simulated, stand in `models.truth.joint_kernels`.
+"""
+
+from dataclasses import dataclass, field
+
+
+@dataclass
+class JointFrictionConfig:
+    """True friction of a simulated arm, one number per joint (all zero where not given)."""
+
+    stiction: list[float] = field(default_factory=list)  # N m, to break away
+    coulomb: list[float] = field(default_factory=list)  # N m, once it moves
+    stribeck_velocity: list[float] = field(default_factory=list)  # rad/s
+    viscous: list[float] = field(default_factory=list)  # N m s/rad
+    load_dependence: list[float] = field(default_factory=list)  # N m of friction per N m carried
+    ripple_amplitude: list[float] = field(default_factory=list)  # N m, over the joint position
+    ripple_periods: list[float] = field(default_factory=list)  # per turn of the joint
+
+
+@dataclass
+class SlipConfig:
+    """Elastic presliding with hysteresis: springs in series with sliders, that creep at rest."""
+
+    displacement: list[float] = field(default_factory=list)  # rad, from rest to sliding
+    # Shares of the elements in stiction, sum 1; and each one's displacement over `displacement`
+    weight: list[float] = field(default_factory=lambda: [1.0])
+    spread: list[float] = field(default_factory=lambda: [1.0])  # see weight
+    # s in which the spring of an element at rest fades to 1/e, one each element; inf: no creep
+    creep_time: list[float] = field(default_factory=lambda: [1e9])
+
+
+@dataclass
+class LoadFrictionConfig:
+    """Coulomb friction by load and by direction; in the place of `load_dependence`."""
+
+    motoring: list[float] = field(default_factory=list)  # N m per N m that drives the motion
+    generating: list[float] = field(default_factory=list)  # N m per N m that the motion drives
+    # Coulomb and stiction are (1 + asymmetry) times theirs forwards, (1 - asymmetry) backwards
+    asymmetry: list[float] = field(default_factory=list)
+
+
+@dataclass
+class LubricationConfig:
+    """Viscous friction that falls as the joint warms, with speed, and from day to day."""
+
+    saturation: list[float] = field(default_factory=list)
+    # rad/s at which viscous friction is half of what its slope at rest makes of it; 0: linear
+    temperature_share: list[float] = field(default_factory=list)  # 1/K, by which it falls
+    heating: list[float] = field(default_factory=list)  # K per W of friction, once settled
+    time_constant: float = 1500.0  # s, of warming and cooling
+    start_rise: float = 0.0  # K above the temperature at which `viscous` holds, at a log's start
+    day_sd: float = 0.0  # relative, of viscous friction from day to day
+    coulomb_day_sd: float = 0.0  # relative, of Coulomb friction and stiction from day to day
+
+
+@dataclass
+class RippleConfig:
+    """What of the ripple grows with the load; its periods are `friction.ripple_periods`."""
+
+    load_share: list[float] = field(default_factory=list)  # N m per N m carried
+    # Of a second ripple, of the gear's other wheel: N m, N m per N m carried, periods per turn
+    second_amplitude: list[float] = field(default_factory=list)
+    second_load_share: list[float] = field(default_factory=list)  # see second_amplitude
+    second_periods: list[float] = field(default_factory=list)  # see second_amplitude
+
+
+@dataclass
+class ElasticityConfig:
+    """Elastic gears between encoder and link."""
+
+    stiffness: list[float] = field(default_factory=list)  # N m/rad; 0: rigid
+    bandwidth: float = 8.0  # Hz, with which the deflection follows the load
+    encoder: str = "motor"  # which side the encoder sits on: motor, or link
+
+
+@dataclass
+class EncoderConfig:
+    """What the controller reads of the joints."""
+
+    resolution: list[float] = field(default_factory=list)  # rad, of the position
+    velocity_noise_sd: list[float] = field(default_factory=list)  # rad/s, of one sample
+    velocity_resolution: list[float] = field(default_factory=list)  # rad/s
+
+
+@dataclass
+class MotorConfig:
+    """Motors that are not as their data sheet, and their current loops."""
+
+    torque_factor: list[float] = field(default_factory=list)  # true torque per stated; 0 is 1
+    bandwidth: float = 0.0  # Hz at -3 dB, of the current loop; 0: not limited
+    cogging_amplitude: list[float] = field(default_factory=list)  # N m, that no current shows
+    cogging_periods: list[float] = field(default_factory=list)  # per turn of the joint
+
+
+@dataclass
+class KinematicsConfig:
+    """Errors of each joint's frame in the link before it, that a calibration has left."""
+
+    translation_sd: float = 0.0  # m, along each axis
+    rotation_sd: float = 0.0  # rad, about each axis; about the joint's own: an encoder offset
+
+
+@dataclass
+class ClockConfig:
+    """A log whose samples are not from when its clock says, and not all from the same moment."""
+
+    latency: float = 0.0  # s by which currents are older than positions in the same row
+    jitter_sd: float = 0.0  # s, of the moment of sampling about the moment written
+
+
+@dataclass
+class MechanismsConfig:
+    """What a real arm does besides; what is null is off."""
+
+    slip: SlipConfig | None = None
+    load: LoadFrictionConfig | None = None
+    lubrication: LubricationConfig | None = None
+    ripple: RippleConfig | None = None
+    elasticity: ElasticityConfig | None = None
+    encoder: EncoderConfig | None = None
+    motor: MotorConfig | None = None
+    kinematics: KinematicsConfig | None = None
+    clock: ClockConfig | None = None
+    individual: int = 0  # seed of what differs from arm to arm: phases, frames of the joints
+    day: int = 0  # seed of what differs from day to day
+
+
+@dataclass
+class SimulatedTruthConfig:
+    """What only the simulation knows; no model or estimator reads it."""
+
+    friction: JointFrictionConfig = field(default_factory=JointFrictionConfig)
+    mechanisms: MechanismsConfig | None = None

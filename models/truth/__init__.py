@@ -1,0 +1,1 @@
+"""The simulated true robot: its joints, with effects that no model here contains; fast logs."""

@@ -1,0 +1,255 @@
+"""The true joints of a simulated arm: `MechanismsConfig` checked, drawn and packed."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from models.arrays import Array
+from models.files.input_error import InputError
+from models.rigid_body.serial_chain import SerialChain
+from models.robot.motors import motor_gain
+from models.robot.robot import Robot
+from models.robot.truth_config import (
+    ElasticityConfig,
+    EncoderConfig,
+    LoadFrictionConfig,
+    LubricationConfig,
+    MechanismsConfig,
+    MotorConfig,
+    RippleConfig,
+    SlipConfig,
+)
+from models.truth.joint_kernels import (
+    BACKWARDS,
+    COMPLIANCE,
+    COULOMB,
+    CURRENT,
+    DEFLECTION,
+    ELEMENTS,
+    FORWARDS,
+    FREQUENCY,
+    GAIN,
+    GENERATING,
+    HEATING,
+    INVERSE_SATURATION,
+    INVERSE_TIME,
+    MOTORING,
+    POLE,
+    RESOLUTION,
+    RIGID,
+    RIPPLES,
+    RISE,
+    SLIPS,
+    SPEED,
+    STICTION,
+    TEMPERATURE_SHARE,
+    TRANSMITTED,
+    VELOCITY_NOISE,
+    VELOCITY_RESOLUTION,
+    VISCOUS,
+    spring_torque,
+)
+
+_PLACE = "simulated_truth.mechanisms"
+_LEAST = 1e-9  # N m s/rad per tick, so that no element is without any stiffness
+_PHASES, _DAY = 17, 18  # streams of the individual's and the day's random numbers
+
+
+@dataclass(frozen=True, eq=False)
+class TrueJoints:
+    """What `models.truth.joint_kernels` reads of a robot.
+
+    Attributes:
+        table: (n, ELEMENTS + 3 K).
+        start_rise: K, of the joints at the start.
+        on_motor: whether the encoders sit on the motors, and so see the gears' deflection.
+        time_step: s, of a tick.
+    """
+
+    table: Array
+    start_rise: float
+    on_motor: bool
+    time_step: float
+
+    @property
+    def num_joints(self) -> int:
+        """n."""
+        return int(self.table.shape[0])
+
+    @property
+    def num_elements(self) -> int:
+        """K."""
+        return int(self.table.shape[1] - ELEMENTS) // 3
+
+    @property
+    def compliance(self) -> Array:
+        """(n,) rad per N m between an encoder and its link; zero where it sees the link."""
+        return self.table[:, COMPLIANCE] if self.on_motor else np.zeros(self.num_joints)
+
+    def initial_state(self) -> Array:
+        """(SLIPS + 3 K, n) of joints at rest, springs relaxed, gears settled under their load."""
+        state = np.zeros((SLIPS + 3 * self.num_elements, self.num_joints))
+        state[[CURRENT, TRANSMITTED, DEFLECTION]] = math.nan
+        state[RISE] = self.start_rise
+        return state
+
+    def links_at(self, q: Array, chain: SerialChain) -> Array:
+        """Where the links are, (n,) rad, while the encoders of the arm at rest read q (n,)."""
+        q = np.asarray(q, dtype=np.float64)
+        links = q
+        for _ in range(4):  # each gains three digits: the weight hardly changes by the bending
+            links = q - self.compliance * chain.gravity_torque(links)
+        return links
+
+    def stored_energy(self, state: Array, v: Array) -> Array:
+        """(n,) J in the springs of the slip elements, at velocities v (n,), rad/s."""
+        energy = np.zeros(self.num_joints)
+        for i in range(self.num_joints):
+            for k in range(self.num_elements):
+                torque = spring_torque(self.table, self.time_step, state, i, k, v[i])
+                energy[i] += torque**2 / (2.0 * self.table[i, ELEMENTS + 3 * k + 1])
+        return energy
+
+    @classmethod
+    def of(cls, robot: Robot, time_step: float) -> "TrueJoints":
+        """Of a robot's simulated truth; without mechanisms its plain friction in the same kernels.
+
+        Raises:
+            InputError: a list of a wrong length, a value out of range.
+        """
+        config = robot.config.simulated_truth.mechanisms or MechanismsConfig()
+        read = _Reader(robot)
+        truth, n = robot.truth, robot.num_joints
+        slip = config.slip or SlipConfig(displacement=[0.0] * n)
+        load = config.load
+        lubrication = config.lubrication or LubricationConfig()
+        motor = config.motor or MotorConfig()
+        elasticity = config.elasticity or ElasticityConfig()
+        encoder = config.encoder or EncoderConfig()
+        individual = np.random.default_rng([config.individual, _PHASES])
+        day = np.random.default_rng([config.day, config.individual, _DAY]).standard_normal((2, n))
+        viscous_today, coulomb_today = (
+            np.maximum(1.0 + read.number(lubrication, name) * draw, 0.2)
+            for name, draw in zip(("day_sd", "coulomb_day_sd"), day, strict=True)
+        )
+        K = len(slip.weight)
+        table = np.zeros((n, ELEMENTS + 3 * K))
+        table[:, COULOMB] = truth.coulomb * coulomb_today
+        table[:, STICTION] = np.maximum(truth.stiction, truth.coulomb) * coulomb_today
+        table[:, SPEED] = truth.stribeck_velocity
+        table[:, VISCOUS] = truth.viscous * viscous_today
+        table[:, INVERSE_SATURATION] = _inverse(read.each(lubrication, "saturation"))
+        table[:, TEMPERATURE_SHARE] = read.each(lubrication, "temperature_share")
+        table[:, HEATING] = read.each(lubrication, "heating")
+        table[:, INVERSE_TIME] = 1.0 / read.number(lubrication, "time_constant", above_zero=True)
+        if load is None:
+            load = LoadFrictionConfig(list(truth.load_dependence), list(truth.load_dependence))
+        table[:, MOTORING] = read.each(load, "motoring", below=1.0)
+        table[:, GENERATING] = read.each(load, "generating", below=1.0)
+        asymmetry = read.each(load, "asymmetry", least=-0.9, below=0.9)
+        table[:, FORWARDS], table[:, BACKWARDS] = 1.0 + asymmetry, 1.0 - asymmetry
+        phases = individual.uniform(0.0, 2.0 * np.pi, (3, n))
+        if config.ripple is None and config.motor is None:
+            phases[:] = 0.0  # the plain truth's
+        ripple = config.ripple or RippleConfig()
+        for k, (amplitude, share, periods) in enumerate(
+            (
+                (
+                    truth.ripple_amplitude,
+                    read.each(ripple, "load_share", below=1.0),
+                    truth.ripple_periods,
+                ),
+                (
+                    read.each(ripple, "second_amplitude"),
+                    read.each(ripple, "second_load_share", below=1.0),
+                    read.each(ripple, "second_periods"),
+                ),
+                (
+                    read.each(motor, "cogging_amplitude"),
+                    np.zeros(n),
+                    read.each(motor, "cogging_periods"),
+                ),
+            )
+        ):
+            columns = (amplitude, share, periods, phases[k])
+            table[:, RIPPLES + 4 * k : RIPPLES + 4 * k + 4] = np.stack(columns, axis=1)
+        factor = read.each(motor, "torque_factor")
+        factor = np.where(factor == 0.0, 1.0, factor)
+        table[:, GAIN] = motor_gain(robot.torque_per_ampere, robot.current_sign) * factor
+        table[:, POLE] = (
+            math.exp(-2.0 * math.pi * motor.bandwidth * time_step)
+            if read.number(motor, "bandwidth") > 0.0
+            else 0.0
+        )
+        table[:, COMPLIANCE] = _inverse(read.each(elasticity, "stiffness"))
+        table[:, FREQUENCY] = 2 * np.pi * read.number(elasticity, "bandwidth", above_zero=True)
+        if elasticity.encoder not in ("motor", "link"):
+            raise read.error(elasticity, "encoder", f"{elasticity.encoder!r}", "motor or link")
+        table[:, RESOLUTION] = read.each(encoder, "resolution")
+        table[:, VELOCITY_NOISE] = read.each(encoder, "velocity_noise_sd")
+        table[:, VELOCITY_RESOLUTION] = read.each(encoder, "velocity_resolution")
+        _pack_elements(table, slip, read, time_step)
+        on_motor = elasticity.encoder == "motor"
+        return cls(table, read.number(lubrication, "start_rise"), on_motor, time_step)
+
+
+def _pack_elements(table: Array, slip: SlipConfig, read: "_Reader", time_step: float) -> None:
+    displacement = read.each(slip, "displacement")
+    weight = np.array(slip.weight, dtype=np.float64)
+    if not (weight.size > 0 and np.all(weight >= 0.0) and abs(weight.sum() - 1.0) < 1e-6):
+        raise read.error(slip, "weight", f"{slip.weight}", "shares with sum 1")
+    for name in ("spread", "creep_time"):
+        values = getattr(slip, name)
+        if len(values) != weight.size or not all(value > 0.0 for value in values):
+            raise read.error(slip, name, f"{values}", f"{weight.size} numbers above 0")
+    for k in range(weight.size):
+        reach = displacement * slip.spread[k]
+        rigid = reach == 0.0
+        level = weight[k] * table[:, COULOMB]
+        stiffness = np.where(rigid, RIGID / time_step, level / np.where(rigid, 1.0, reach))
+        table[:, ELEMENTS + 3 * k] = weight[k]
+        table[:, ELEMENTS + 3 * k + 1] = np.maximum(stiffness, _LEAST / time_step)
+        kept = math.exp(-time_step / slip.creep_time[k])
+        table[:, ELEMENTS + 3 * k + 2] = np.where(rigid, 0.0, kept)
+
+
+def _inverse(values: Array) -> Array:
+    """1 / values, and zero for zero."""
+    return np.where(values > 0.0, 1.0 / np.where(values > 0.0, values, 1.0), 0.0)
+
+
+class _Reader:
+    """Numbers and lists of a mechanism, checked; an error names the file and the key."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+
+    def each(self, config: Any, name: str, least: float = 0.0, below: float = math.inf) -> Array:
+        values: Sequence[float] = getattr(config, name)
+        n = self._robot.num_joints
+        if not values:
+            return np.zeros(n)
+        if len(values) != n:
+            raise self.error(config, name, f"{len(values)} numbers", f"{n}")
+        if not all(math.isfinite(value) and least <= value < below for value in values):
+            raise self.error(config, name, f"{values}", f"numbers from {least:g}, below {below:g}")
+        return np.array(values, dtype=np.float64)
+
+    def number(self, config: Any, name: str, above_zero: bool = False) -> float:
+        value = float(getattr(config, name))
+        if not (math.isfinite(value) and (value > 0.0 if above_zero else value >= 0.0)):
+            expected = "a number above 0" if above_zero else "a number of 0 or more"
+            raise self.error(config, name, f"{value}", expected)
+        return value
+
+    def error(self, config: Any, name: str, found: str, expected: str) -> InputError:
+        key = type(config).__name__.removesuffix("Config").lower()
+        known = {field.name for field in dataclasses.fields(MechanismsConfig)}
+        key = "load" if key not in known else key
+        return InputError(
+            self._robot.source, f"{_PLACE}.{key}.{name}", f"{found}, expected {expected}"
+        )

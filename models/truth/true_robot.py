@@ -1,0 +1,63 @@
+"""The true robot behind a nominal one: the frames of its joints as they really are; presets."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from models.files.configuration import load_configuration
+from models.files.input_error import InputError
+from models.robot.robot import Robot
+from models.robot.truth_config import SimulatedTruthConfig
+
+PRESET = "hard_truth.yaml"  # beside robot.yaml
+_FRAMES = 19  # stream of the individual's random numbers
+
+
+def hard_truth(robot: Robot) -> Robot:
+    """The same robot with the truth of `hard_truth.yaml` beside its file, every mechanism on.
+
+    Raises:
+        InputError: there is no such file, or a value in it is out of range.
+    """
+    return robot.with_truth(load_truth(robot.source.parent / PRESET))
+
+
+def load_truth(path: str | Path) -> SimulatedTruthConfig:
+    """Reads a truth from a YAML file.
+
+    Raises:
+        InputError: no such file, an unknown key, a value of a wrong type.
+    """
+    return load_configuration(path, SimulatedTruthConfig)
+
+
+def has_hard_truth(robot: Robot) -> bool:
+    """Whether `hard_truth.yaml` lies beside the robot's file."""
+    return (robot.source.parent / PRESET).is_file()
+
+
+def true_robot(robot: Robot) -> Robot:
+    """The robot as it was really built: every joint's frame off by what calibration left.
+
+    Drawn once for each `individual`, along and about all three axes of the joint's frame; about the
+    joint's own axis that is an encoder's offset. The robot itself where nothing is off.
+
+    Raises:
+        InputError: a standard deviation is negative or not finite.
+    """
+    mechanisms = robot.config.simulated_truth.mechanisms
+    if mechanisms is None or mechanisms.kinematics is None:
+        return robot
+    errors = mechanisms.kinematics
+    for name in ("translation_sd", "rotation_sd"):
+        value = getattr(errors, name)
+        if not (math.isfinite(value) and value >= 0.0):
+            place = f"simulated_truth.mechanisms.kinematics.{name}"
+            raise InputError(robot.source, place, f"{value}, expected a number of 0 or more")
+    draws = np.random.default_rng([mechanisms.individual, _FRAMES]).standard_normal(
+        (robot.num_joints, 6)
+    )
+    return robot.with_moved_joints(
+        errors.translation_sd * draws[:, :3], errors.rotation_sd * draws[:, 3:]
+    )

@@ -1,0 +1,1 @@
+"""Systems of the simulated true robot: no controller or estimator may see inside them."""

@@ -1,0 +1,96 @@
+"""Fast logs against the cell that Drake simulates, tick by tick."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from analyses.methods.arms.simulated_logs import TRACKING, drive_servo
+from diagrams.closed_loop import make_closed_loop
+from diagrams.scenario import Scenario
+from models.identification.identified_model import IdentifiedModel
+from models.motion.paths import JointTrajectory
+from models.robot.robot import Robot
+from models.truth.free_arm import simulate_free_arm
+from models.truth.true_robot import hard_truth
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return hard_truth(Robot.load("sts_sre4_600"))
+
+
+def swing(robot, duration=0.6, amplitude=0.3):
+    t = np.linspace(0.0, duration, 61)
+    w, n = 2 * np.pi / duration, robot.num_joints
+    home = np.asarray(robot.home)
+    shape = amplitude * np.ones(n)
+    q = home + shape * (1 - np.cos(w * t))[:, None] / 2
+    v = shape * w * np.sin(w * t)[:, None] / 2
+    return JointTrajectory(t, q, v, shape * w**2 * np.cos(w * t)[:, None] / 2)
+
+
+def test_it_is_the_cell_of_drake_tick_by_tick(robot):
+    """Every mechanism on: the same to rounding, which 600 ticks let grow."""
+    motion, seed = swing(robot), 5
+    model = IdentifiedModel.nominal(robot)
+    scenario = Scenario(robot=robot.name, duration=motion.duration, seed=seed, controller=TRACKING)
+    loop = make_closed_loop(
+        scenario, robot, model, trajectory=motion, with_estimator=False,
+        also_log=("tau_f_true", "tau_J_true", "state"),
+    )  # fmt: skip
+    simulator = Simulator(loop.diagram)
+    simulator.AdvanceTo(motion.duration)
+    t, signals = loop.logged(simulator.get_context())
+    fast = simulate_free_arm(robot, motion, drive_servo(robot, model), seed=seed)
+    np.testing.assert_allclose(fast.t, t, atol=1e-12)
+    n = robot.num_joints
+    # Encoders and currents are rounded: a step of theirs may fall the other way now and then.
+    for name, found, true, size in (
+        ("q", fast.q, signals["q"], 2e-6),
+        ("v", fast.v, signals["v"], 1e-6),
+        ("current", fast.current, signals["current"], 3e-3),
+        ("tau_f", fast.tau_f_true, signals["tau_f_true"], 1e-3),
+        ("tau_J", fast.tau_J_true, signals["tau_J_true"], 1e-3),
+        ("q_true", fast.q_true, signals["state"][:, :n], 1e-8),
+        ("v_true", fast.v_true, signals["state"][:, n:], 1e-6),
+    ):
+        np.testing.assert_allclose(found, true, atol=size, err_msg=name)
+
+
+def test_the_same_seed_gives_the_same_log_and_another_another(robot):
+    servo = drive_servo(robot, IdentifiedModel.nominal(robot))
+    first, again, other = (simulate_free_arm(robot, swing(robot), servo, seed=s) for s in (1, 1, 2))
+    for field in dataclasses.fields(first):
+        np.testing.assert_array_equal(getattr(first, field.name), getattr(again, field.name))
+    assert np.any(first.current != other.current)
+    thinned = simulate_free_arm(robot, swing(robot), servo, seed=1, every=10)
+    np.testing.assert_array_equal(thinned.current, first.current[::10])
+
+
+def test_the_encoders_start_where_the_motion_does(robot):
+    log = simulate_free_arm(robot, swing(robot), drive_servo(robot, IdentifiedModel.nominal(robot)))
+    np.testing.assert_allclose(log.q[0], robot.home, atol=1e-6)  # the encoder's step
+    assert np.abs(log.q_true[0] - robot.home).max() > 5e-4  # the gears are bent
+
+
+@pytest.mark.parametrize("name", ["sts_sre4_600", "ur10e"])
+def test_a_long_rest_stays_at_rest(name):
+    """Numerically stable at 1 ms: nothing rings or drifts where nothing is asked to move."""
+    arm = hard_truth(Robot.load(name))
+    t, n = np.array([0.0, 10.0]), arm.num_joints
+    home, zero = np.tile(arm.home, (2, 1)), np.zeros((2, n))
+    servo = drive_servo(arm, IdentifiedModel.nominal(arm))
+    log = simulate_free_arm(arm, JointTrajectory(t, home, zero, zero), servo)
+    assert np.abs(log.q[1000:] - arm.home).max() < 5e-4
+    assert np.abs(log.v_true[2000:]).max() < 5e-3  # the encoders' noise through a stiff drive
+
+
+def test_a_warm_arm_needs_less(robot):
+    servo = drive_servo(robot, IdentifiedModel.nominal(robot))
+    work = []
+    for rise in (0.0, 20.0):
+        log = simulate_free_arm(robot, swing(robot), servo, start_rise=np.full(6, rise))
+        work.append(float((log.tau_f_true * log.v_true).sum()))
+    assert work[1] < 0.97 * work[0]

@@ -1,0 +1,297 @@
+"""Real joints against closed forms, an independent Prandtl-Ishlinskii model, and the energy."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq, minimize
+
+from models.truth.joint_kernels import (
+    DAMPING,
+    DEFLECTION,
+    ELEMENTS,
+    RATE,
+    RISE,
+    SIGNALS,
+    SLIPS,
+    TAU_F,
+    TAU_J,
+    TORQUE,
+    TRANSMITTED,
+    encoder_reading,
+    joint_tick,
+    spring_torque,
+    velocity_after,
+)
+from models.truth.true_joints import TrueJoints
+
+H = 1e-3
+KEYS = (
+    *("stiction", "coulomb", "speed", "viscous", "inverse_saturation", "temperature_share"),
+    *("heating", "inverse_time", "forwards", "backwards", "motoring", "generating"),
+)
+
+
+def one_joint(elements=((1.0, 1e4, 1.0),), ripples=(), drive=(), on_motor=True, **values):
+    """A joint by the names of its table's columns; elements are (weight, stiffness, kept)."""
+    plain = {"speed": 1.0, "forwards": 1.0, "backwards": 1.0, "inverse_time": 1.0} | values
+    row = np.zeros(ELEMENTS + 3 * len(elements))
+    for k, key in enumerate(KEYS):
+        row[k] = plain.get(key, 0.0)
+    for k, ripple in enumerate(ripples):
+        row[12 + 4 * k : 16 + 4 * k] = ripple
+    row[24] = 1.0  # gain: a current is a torque
+    row[27] = 2.0 * np.pi * 8.0
+    row[24 : 24 + len(drive)] = drive
+    row[ELEMENTS:] = np.ravel(elements)
+    return TrueJoints(row[None], 0.0, on_motor, H)
+
+
+class Bench:
+    """One joint of inertia M that nothing but its motor and tau_ext moves."""
+
+    def __init__(self, joints, M=1.0, q=0.0, v=0.0, G=0.0):
+        self.joints, self.state = joints, joints.initial_state()
+        self.M, self.G, self.q, self.v = (
+            np.array([[M]]),
+            np.array([G]),
+            np.array([q]),
+            np.array([v]),
+        )
+        self.signals = np.empty((SIGNALS, 1))
+
+    def tick(self, command=0.0, tau_ext=0.0, q=None, v=None):
+        """One tick; with q and v the joint is led: they are those of the next tick's beginning."""
+        after = np.empty_like(self.state)
+        zero = np.zeros(1)
+        joint_tick(
+            self.joints.table, H, self.M, zero, self.G, self.q, self.v,
+            np.array([float(command)]), np.array([float(tau_ext)]), self.state, after, self.signals,
+        )  # fmt: skip
+        force = self.signals[TAU_J] + self.signals[TORQUE] + tau_ext - self.G
+        self.v = self.v + H * force / self.M[0] if v is None else np.array([float(v)])
+        self.q = self.q + H * self.v if q is None else np.array([float(q)])
+        self.state = after
+
+    @property
+    def stored(self):
+        return float(self.joints.stored_energy(self.state, self.v)[0])
+
+
+def test_below_stiction_the_joint_moves_as_its_springs_give():
+    elements = ((0.4, 2e4, 1.0), (0.6, 1e4, 1.0))
+    bench = Bench(one_joint(elements, stiction=10.0, coulomb=10.0, viscous=200.0))
+    for _ in range(4000):
+        bench.tick(3.0)
+    # e^-600 of the way left: only rounding
+    assert bench.q[0] == pytest.approx(3.0 / 3e4, rel=1e-9)
+    assert bench.signals[TAU_F, 0] == pytest.approx(3.0, rel=1e-9)
+
+
+def test_a_sliding_joint_settles_where_the_law_balances_the_motor():
+    law = {"stiction": 9.0, "coulomb": 6.0, "speed": 0.3, "viscous": 4.0, "inverse_saturation": 0.5}
+    bench = Bench(one_joint(**law, forwards=1.1, backwards=0.9), M=0.1)
+    for _ in range(20000):
+        bench.tick(12.0)
+    settled = brentq(
+        lambda v: (6.0 + 3.0 * math.exp(-((v / 0.3) ** 2))) * 1.1 + 4.0 * v / (1 + 0.5 * v) - 12.0,
+        0.5,
+        20.0,
+    )
+    assert bench.v[0] == pytest.approx(settled, rel=1e-9)
+
+
+def test_hysteresis_is_that_of_play_operators():
+    """A led joint against the Prandtl-Ishlinskii sum, written down from its definition."""
+    elements = ((0.3, 3e4, 1.0), (0.5, 2e4, 1.0), (0.2, 5e3, 1.0))
+    bench = Bench(one_joint(elements, stiction=8.0, coulomb=8.0), M=1e12)
+    rng = np.random.default_rng(3)
+    path = np.cumsum(rng.normal(0.0, 2e-4, 500))
+    torque, expected, plays = [], [], np.zeros(3)
+    before = 0.0
+    for x in path:
+        bench.tick(q=x, v=(x - before) / H)
+        table, v = bench.joints.table, bench.v[0]
+        torque.append(sum(spring_torque(table, H, bench.state, 0, k, v) for k in range(3)))
+        reach = np.array([0.3, 0.5, 0.2]) * 8.0 / np.array([3e4, 2e4, 5e3])
+        plays = np.clip(plays, x - reach, x + reach)  # where the sliders are
+        expected.append(float(np.array([3e4, 2e4, 5e3]) @ (x - plays)))
+        before = x
+    np.testing.assert_allclose(torque, expected, atol=1e-8)  # of 8 N m
+    assert np.ptp(expected) > 15.0  # it slid both ways
+
+
+def test_a_joint_that_is_held_creeps_with_the_time_of_its_spring():
+    bench = Bench(one_joint(((1.0, 1e4, math.exp(-H / 0.5)),), stiction=10.0, coulomb=10.0), M=1e12)
+    bench.state[SLIPS : SLIPS + 3, 0] = 4.0, -10.0, 10.0
+    for _ in range(300):
+        bench.tick()
+    left = spring_torque(bench.joints.table, H, bench.state, 0, 0, 0.0)
+    assert left == pytest.approx(4.0 * math.exp(-0.3 / 0.5), rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_friction_gives_no_more_than_its_springs_hold(seed):
+    """Under any motor torque and load: work put in is never below what is stored by it."""
+    rng = np.random.default_rng(seed)
+    K = int(rng.integers(1, 4))
+    weights = rng.dirichlet(np.ones(K))
+    elements = [(w, rng.uniform(1e3, 1e5), math.exp(-H / rng.uniform(0.05, 5.0))) for w in weights]
+    bench = Bench(
+        one_joint(
+            elements,
+            stiction=12.0,
+            coulomb=rng.uniform(3.0, 12.0),
+            speed=rng.uniform(0.01, 0.5),
+            viscous=rng.uniform(0.0, 10.0),
+            motoring=rng.uniform(0.0, 0.3),
+            generating=rng.uniform(0.0, 0.3),
+            forwards=1.2,
+            backwards=0.8,
+        ),
+        M=rng.uniform(0.005, 3.0),
+    )
+    command, put_in, stored = 0.0, 0.0, bench.stored
+    for k in range(3000):
+        if k % 50 == 0:
+            command = rng.normal(0.0, 20.0)
+        bench.tick(command)
+        put_in += bench.signals[TAU_F, 0] * bench.v[0] * H
+        now = bench.stored
+        assert put_in - (now - stored) > -1e-9  # J, of joules
+    assert put_in > 1e-3
+
+
+def test_the_solver_finds_the_minimum_and_so_the_root():
+    rng = np.random.default_rng(8)
+    n, K = 4, 3
+    B = rng.normal(size=(n, n))
+    M, force, v = B @ B.T + 0.05 * np.eye(n), rng.normal(0, 30.0, n), rng.normal(0, 0.3, n)
+    viscous, stiff = rng.uniform(0, 8, n), rng.uniform(1, 100, (K, n))
+    high, low = rng.uniform(1, 8, (K, n)), -rng.uniform(1, 8, (K, n))
+    before = rng.uniform(low, high)
+    at = velocity_after(M, H, force, v, viscous, stiff, before, low, high)
+    slips = np.clip(before + stiff * at, low, high).sum(axis=0)
+    residual = M @ (at - v) / H + slips + viscous * at - force
+    np.testing.assert_allclose(residual, 0.0, atol=1e-9)  # of thousands of N m
+
+    def cost(x):
+        gap = M @ (x - v) / H + np.clip(before + stiff * x, low, high).sum(axis=0) + viscous * x
+        return float(np.sum((gap - force) ** 2))
+
+    start = at + rng.normal(0, 0.01, n)
+    fine = {"xatol": 1e-10, "fatol": 1e-14, "maxiter": 20000, "maxfev": 20000}
+    other = minimize(cost, start, method="Nelder-Mead", options=fine).x
+    np.testing.assert_allclose(at, other, atol=1e-6)
+
+
+def test_friction_grows_more_with_a_load_that_drives_the_motion():
+    torque = {}
+    for load in (-20.0, 20.0):
+        for v in (-0.5, 0.5):
+            rigid = ((1.0, 1e8, 0.0),)
+            joints = one_joint(rigid, coulomb=5.0, stiction=5.0, motoring=0.2, generating=0.05)
+            bench = Bench(joints, M=1e12, v=v)
+            bench.state[TRANSMITTED] = load
+            bench.tick()
+            torque[load > 0, v > 0] = bench.signals[TAU_F, 0]
+    assert torque == pytest.approx(
+        {(True, True): 9.0, (True, False): -6.0, (False, True): 6.0, (False, False): -9.0}
+    )
+
+
+def test_a_joint_warms_by_its_friction_and_gets_thinner():
+    law = {"coulomb": 4.0, "stiction": 4.0, "viscous": 10.0, "temperature_share": 0.02}
+    bench = Bench(one_joint(**law, heating=0.5, inverse_time=1.0 / 3.0), M=1e12, v=1.0)
+    rises, torques = [], []
+    for _ in range(6000):
+        bench.tick(v=1.0)
+        rises.append(bench.state[RISE, 0])
+        torques.append(bench.signals[TAU_F, 0])
+    np.testing.assert_allclose(torques[1:], 4.0 + 10.0 * np.exp(-0.02 * np.array(rises[:-1])))
+    power = np.mean(torques[-500:])
+    # Two time constants: within the change of the power itself over the way, some percent
+    assert rises[-1] == pytest.approx(0.5 * power * (1 - math.exp(-2.0)), rel=0.03)
+
+
+def test_the_gear_bends_like_a_damped_oscillator():
+    stiffness, omega = 1e4, 2 * np.pi * 8.0
+    joints = one_joint(drive=(1.0, 0.0, 1.0 / stiffness, omega), stiction=1e-6, coulomb=1e-6)
+    bench = Bench(joints, M=1e12)
+    bench.state[DEFLECTION] = 0.0
+    t = H * np.arange(1, 401)
+    d = []
+    for _ in t:
+        bench.tick(10.0)
+        d.append(bench.state[DEFLECTION, 0])
+    damped = omega * math.sqrt(1 - DAMPING**2)
+    envelope = np.exp(-DAMPING * omega * t)
+    exact = 1 - envelope * (np.cos(damped * t) + DAMPING * omega / damped * np.sin(damped * t))
+    np.testing.assert_allclose(d, 10.0 / stiffness * exact, atol=0.05 * 10.0 / stiffness)  # h w
+    assert d[-1] == pytest.approx(10.0 / stiffness, rel=1e-4)
+    q, v = np.empty(1), np.empty(1)
+    encoder_reading(joints.table, bench.state, bench.G, bench.q, bench.v, True, 0, 0, q, v)
+    assert q[0] == bench.q[0] + bench.state[DEFLECTION, 0]
+    assert v[0] == bench.v[0] + bench.state[RATE, 0]
+    encoder_reading(joints.table, bench.state, bench.G, bench.q, bench.v, False, 0, 0, q, v)
+    assert q[0] == bench.q[0]
+
+
+def test_before_its_first_tick_a_gear_is_bent_by_the_weight():
+    joints = one_joint(drive=(1.0, 0.0, 1e-4, 50.0))
+    q, v = np.empty(1), np.empty(1)
+    state, zero = joints.initial_state(), np.zeros(1)
+    encoder_reading(joints.table, state, np.array([30.0]), zero, zero, True, 0, 0, q, v)
+    assert q[0] == pytest.approx(3e-3)
+
+
+def test_encoders_step_and_velocities_are_noisy_by_the_seed():
+    joints = one_joint(drive=(1.0, 0.0, 0.0, 50.0, 1e-4, 0.02, 0.0))
+    q, v, zero = np.empty(1), np.empty(1), np.zeros(1)
+    read = {}
+    for seed in (1, 2, 1):
+        values = []
+        for tick in range(4000):
+            encoder_reading(
+                joints.table, joints.initial_state(), zero, np.array([0.12344]), zero, True,
+                seed, tick, q, v,
+            )  # fmt: skip
+            values.append(v[0])
+        if seed in read:
+            np.testing.assert_array_equal(values, read[seed])
+        read[seed] = np.array(values)
+    assert q[0] == pytest.approx(0.1234, abs=1e-12)
+    assert read[1].std() == pytest.approx(0.02, rel=0.05)  # of 4000 draws: 1 %
+    assert abs(np.corrcoef(read[1], read[2])[0, 1]) < 0.06  # four standard errors
+
+
+def test_the_current_loop_passes_half_the_power_at_its_bandwidth():
+    bandwidth, frequency = 40.0, 40.0
+    pole = math.exp(-2 * np.pi * bandwidth * H)
+    bench = Bench(one_joint(drive=(2.0, pole), stiction=1e-6, coulomb=1e-6), M=1e12)
+    t = H * np.arange(2000)
+    out = []
+    for command in np.sin(2 * np.pi * frequency * t):
+        bench.tick(command)
+        out.append(bench.signals[TAU_J, 0])
+    z = np.exp(-1j * 2 * np.pi * frequency * H)
+    gain = abs((1 - pole) / (1 - pole * z))  # of the sampled lag
+    assert np.std(out[500:]) * math.sqrt(2) == pytest.approx(2.0 * gain, rel=1e-3)
+    assert gain == pytest.approx(math.sqrt(0.5), rel=0.05)
+
+
+def test_a_ripple_gives_nothing_over_a_turn_under_a_constant_load():
+    ripples = ((0.8, 0.05, 11.0, 0.3), (0.2, 0.01, 100.0, 1.0), (0.3, 0.0, 120.0, 2.0))
+    joints = one_joint(ripples=ripples, stiction=1e-9, coulomb=1e-9)
+    bench = Bench(joints, M=1e12)
+    work, swing = 0.0, []
+    ticks = 12000
+    for k in range(ticks):
+        bench.q, bench.v = np.array([2 * np.pi * k / ticks]), np.array([2 * np.pi / ticks / H])
+        bench.state[TRANSMITTED] = 15.0
+        bench.tick(v=2 * np.pi / ticks / H)
+        work += bench.signals[TAU_F, 0] * 2 * np.pi / ticks
+        swing.append(bench.signals[TAU_F, 0])
+    assert abs(work) < 1e-6  # J, where a rectified ripple would give 6
+    expected = 0.5 * ((0.8 + 0.75) ** 2 + (0.2 + 0.15) ** 2 + 0.3**2)
+    assert np.var(swing) == pytest.approx(expected, rel=1e-6)

@@ -1,0 +1,33 @@
+"""Logs whose rows are of other moments than they say."""
+
+import numpy as np
+
+from models.recordings.recording import Recording
+from models.robot.truth_config import ClockConfig
+from models.truth.log_clock import clocked
+
+T = 1e-3 * np.arange(5000)
+RAMPS = np.stack([T, 2.0 * T], axis=1)
+LOG = Recording(t=T, q=RAMPS, v=3.0 * RAMPS, current=4.0 * RAMPS, source="ramps")
+
+
+def test_an_exact_clock_leaves_the_log_alone():
+    assert clocked(LOG, None, 0) is LOG
+    assert clocked(LOG, ClockConfig(), 0) is LOG
+
+
+def test_currents_are_older_by_the_latency():
+    found = clocked(LOG, ClockConfig(latency=2.5e-3), 0)
+    np.testing.assert_allclose(found.q, LOG.q, atol=1e-12)
+    np.testing.assert_allclose(found.current[10:], 4.0 * (RAMPS - [2.5e-3, 5e-3])[10:], atol=1e-12)
+
+
+def test_jitter_moves_a_whole_row_by_the_stated_sd():
+    found = clocked(LOG, ClockConfig(jitter_sd=2e-4), 7)
+    inner = slice(10, -10)
+    moved = (found.q - LOG.q)[inner, 0]
+    assert abs(moved.std() / 2e-4 - 1.0) < 0.05  # of 5000 draws: 1 %
+    np.testing.assert_allclose((found.v - LOG.v)[inner, 0], 3.0 * moved, atol=1e-12)
+    np.testing.assert_allclose((found.current - LOG.current)[inner, 1], 8.0 * moved, atol=1e-12)
+    np.testing.assert_array_equal(found.t, LOG.t)
+    np.testing.assert_array_equal(clocked(LOG, ClockConfig(jitter_sd=2e-4), 7).q, found.q)

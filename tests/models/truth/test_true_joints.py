@@ -1,0 +1,97 @@
+"""Mechanisms as they are packed: what is off is the plain truth, what is wrong is one line."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from models.files.input_error import InputError
+from models.robot.robot import Robot, bundled_robots
+from models.robot.truth_config import (
+    ElasticityConfig,
+    LoadFrictionConfig,
+    LubricationConfig,
+    MechanismsConfig,
+    MotorConfig,
+    RippleConfig,
+    SlipConfig,
+)
+from models.truth.joint_kernels import COULOMB, GAIN, POLE, RIPPLES, STICTION, VISCOUS
+from models.truth.true_joints import TrueJoints
+from models.truth.true_robot import hard_truth, has_hard_truth
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Robot.load("sts_sre4_600")
+
+
+def with_mechanisms(robot, **mechanisms):
+    truth = robot.config.simulated_truth
+    return robot.with_truth(dataclasses.replace(truth, mechanisms=MechanismsConfig(**mechanisms)))
+
+
+def test_without_mechanisms_the_table_is_the_plain_truth(robot):
+    joints = TrueJoints.of(robot, 1e-3)
+    np.testing.assert_array_equal(joints.table[:, COULOMB], robot.truth.coulomb)
+    np.testing.assert_array_equal(joints.table[:, STICTION], robot.truth.stiction)
+    np.testing.assert_array_equal(joints.table[:, VISCOUS], robot.truth.viscous)
+    np.testing.assert_array_equal(joints.table[:, RIPPLES + 3], 0.0)  # phase
+    np.testing.assert_array_equal(joints.table[:, GAIN], robot.torque_per_ampere)
+    np.testing.assert_array_equal(joints.table[:, POLE], 0.0)
+    np.testing.assert_array_equal(joints.compliance, 0.0)
+
+
+def test_days_differ_by_the_stated_share_and_a_day_is_always_the_same(robot):
+    levels = []
+    for day in range(200):
+        lubrication = LubricationConfig(day_sd=0.1, coulomb_day_sd=0.05)
+        joints = TrueJoints.of(with_mechanisms(robot, lubrication=lubrication, day=day), 1e-3)
+        levels.append(joints.table[:, [VISCOUS, COULOMB]])
+    share = np.array(levels) / np.stack([robot.truth.viscous, robot.truth.coulomb], axis=1)
+    # Of 1200 draws: the sd is known to 2 %
+    np.testing.assert_allclose(share.std(axis=(0, 1)), [0.1, 0.05], rtol=0.08)
+    again = TrueJoints.of(with_mechanisms(robot, lubrication=lubrication, day=day), 1e-3)
+    np.testing.assert_array_equal(again.table, joints.table)
+
+
+def test_arms_differ_in_their_phases(robot):
+    tables = [
+        TrueJoints.of(with_mechanisms(robot, ripple=RippleConfig(), individual=k), 1e-3).table
+        for k in (0, 1)
+    ]
+    assert np.all(tables[0][:, RIPPLES + 3] != tables[1][:, RIPPLES + 3])
+
+
+def test_an_encoder_on_the_link_sees_no_deflection(robot):
+    gears = ElasticityConfig([1e4] * 6)
+    assert np.all(TrueJoints.of(with_mechanisms(robot, elasticity=gears), 1e-3).compliance == 1e-4)
+    gears = dataclasses.replace(gears, encoder="link")
+    assert np.all(TrueJoints.of(with_mechanisms(robot, elasticity=gears), 1e-3).compliance == 0.0)
+
+
+@pytest.mark.parametrize(
+    ("mechanism", "place"),
+    [
+        ({"slip": SlipConfig([1e-3] * 5)}, "slip.displacement"),
+        ({"slip": SlipConfig([1e-3] * 6, weight=[0.5, 0.4])}, "slip.weight"),
+        ({"slip": SlipConfig([1e-3] * 6, creep_time=[0.0])}, "slip.creep_time"),
+        ({"load": LoadFrictionConfig([1.0] * 6)}, "load.motoring"),
+        ({"load": LoadFrictionConfig(asymmetry=[-2.0] * 6)}, "load.asymmetry"),
+        ({"lubrication": LubricationConfig(time_constant=0.0)}, "lubrication.time_constant"),
+        ({"elasticity": ElasticityConfig(encoder="both")}, "elasticity.encoder"),
+        ({"motor": MotorConfig([float("nan")] * 6)}, "motor.torque_factor"),
+    ],
+)
+def test_what_is_out_of_range_is_named(robot, mechanism, place):
+    with pytest.raises(InputError, match=place):
+        TrueJoints.of(with_mechanisms(robot, **mechanism), 1e-3)
+
+
+@pytest.mark.parametrize("name", [n for n in bundled_robots() if has_hard_truth(Robot.load(n))])
+def test_the_hard_preset_has_every_mechanism(name):
+    hard = hard_truth(Robot.load(name))
+    mechanisms = hard.config.simulated_truth.mechanisms
+    for field in dataclasses.fields(MechanismsConfig):
+        assert getattr(mechanisms, field.name) is not None
+    assert np.isfinite(TrueJoints.of(hard, 1e-3).table).all()
