@@ -76,7 +76,12 @@ class ArmModels:
     held_out: tuple[Recording, ...]
 
     def estimator(
-        self, law: str, speed: float, K_0: float, reconstruction: WrenchReconstructionConfig
+        self,
+        law: str,
+        speed: float,
+        K_0: float,
+        reconstruction: WrenchReconstructionConfig,
+        by_state: bool = True,
     ) -> WrenchEstimator:
         """An estimator with a law's model and the covariance of its error in a task.
 
@@ -85,12 +90,13 @@ class ArmModels:
             speed: rad/s, the highest joint speed of the planned task.
             K_0: 1/s.
             reconstruction: method and prior.
+            by_state: whether its torque error follows the joints' states, or is Sigma_tau.
         """
         config = WrenchEstimatorConfig(MomentumObserverConfig([K_0]), reconstruction)
         model = self.models[law]
         tau_ext, v = self.held_out_errors(law, K_0)
         covariance = covariance_at_speed(tau_ext, v, speed)
-        error = self.torque_error(law, K_0)
+        error = self.torque_error(law, K_0) if by_state else None
         model = replace(model, residual_covariance=covariance, torque_error=error)
         return WrenchEstimator(self.robot, model, config)
 
