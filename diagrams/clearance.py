@@ -18,7 +18,7 @@ from models.arrays import Array
 from models.robot.robot import Robot
 
 INFLUENCE = 0.12  # m, beyond which a pair of shapes does not count
-SHARPNESS = 400.0  # 1/m, of the smooth minimum: below the true one by 2 mm for two pairs alike
+SHARPNESS = 400.0  # 1/m, of the smooth minimum: 2 mm below the true one for two equal pairs
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,7 @@ class Clearance:
             position: from time in s to q (n,).
             speed: (n,) rad/s, bound of each joint's speed.
             duration: s.
-            finest: s, shortest interval; one that is still open there is not clear.
+            finest: s, shortest interval; one that is not proved there counts as not clear.
 
         Returns:
             Whether it keeps clear, and the closest pair met; None without shapes near each other.

@@ -53,9 +53,10 @@ def make_estimator(
               v                 (n,) rad/s (m/s)
               current           (n,) A, as the drives report it
               tau_correction    (n,) N m, added to what the observer reads (systems.taught_torque)
-              v_planned         (n,) rad/s, at which friction is taken: as on the air pass, whatever
-                                sign the speed of a joint has that all but rests
-              counts            (1,) 1 where what is so corrected is to be believed, else 0
+              v_planned         (n,) rad/s, at which friction is evaluated, as on the air pass:
+                                the sign of the measured speed of a joint that hardly moves plays no
+                                part
+              counts            (1,) 1 where a reading so corrected may be used, else 0
                                 these three with `taught` only
     Outputs:  tau_ext           (n,) N m, positive along the motion it causes
               wrench            (6,) F_E_W = [mx my mz fx fy fz], N m and N: exerted by the

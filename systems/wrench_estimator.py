@@ -47,7 +47,7 @@ class WrenchEstimatorSystem(LeafSystem):
 
     Inputs:     as make_estimator's, those of `taught` among them
     Outputs:    as make_estimator's: tau_ext, wrench, covariance, condition_number, valid, terms,
-                fault; checked_current (n,) A, NaN where it cannot be;
+                fault; checked_current (n,) A, NaN where it is impossible;
                 reading  (n + 44 + ...,) the first five one after the other, in this order, then
                          what the update takes: who wants several has them from one port, split up
                          by Drake's Demultiplexer with `reading_sizes`

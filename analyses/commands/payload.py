@@ -21,6 +21,7 @@ PLACES = {
     "empty": "empty",
     "log_format": "log_format",
     "check": "check",
+    "accept_signs": "accept_signs",
     "gain_sd": "payload.gain_sd",
     "name": "payload.name",
 }
@@ -42,8 +43,16 @@ def command(
     ] = None,
     log_format: LogFormat = None,
     check: Annotated[
-        bool, typer.Option(help="Hold the log against the robot's limits and gravity.")
+        bool, typer.Option(help="Check the log against the robot's limits and gravity.")
     ] = DEFAULTS.check,
+    accept_signs: Annotated[
+        bool,
+        typer.Option(
+            "--accept-signs",
+            help="Take the drives' signs as the robot's file has them, although gravity, inertia "
+            "and friction contradict them; the result says so.",
+        ),
+    ] = DEFAULTS.accept_signs,
     gain_sd: Annotated[
         float,
         typer.Option(help="How well each torque per ampere is known, relative; 0.03 is 3 %."),
@@ -69,6 +78,7 @@ def command(
             settings.check,
             settings.payload,
             progress,
+            settings.accept_signs,
         )
     _print(result, out)
 

@@ -67,7 +67,7 @@ def command(
         if not on_command_line(ctx, "scenario"):  # the file's own may name one already
             file = file.rpartition(":")[0] or file
         settings.scenario = f"{file}:{name}"
-    # Drake says at which address Meshcat listens; it is gone before anyone could go there.
+    # Drake prints Meshcat's address, which is gone before anyone could open it.
     logging.getLogger("drake").setLevel(logging.WARNING)
     with showing_progress("simulate") as progress:
         result = simulate_scenario(

@@ -200,7 +200,7 @@ def _carry_out(out: Path) -> None:
 
 
 def _flush(folder: Path) -> None:
-    """Has the names in a folder on the disk before what would repeat the renames is gone."""
+    """Syncs a folder's names to disk, before the journal that could repeat the renames goes."""
     with suppress(OSError):  # not every file system can
         descriptor = os.open(folder, os.O_RDONLY)
         try:

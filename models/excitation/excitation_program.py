@@ -69,7 +69,7 @@ class MotionBounds:
         if acceleration.shape not in ((1,), (n,)):
             problem = f"{acceleration.size} numbers, expected 1 or {n}"
             raise InputError("excite", "acceleration", problem)
-        # A joint that turns without end gains nothing from more than a turn each way.
+        # A joint without position limits gains nothing from more than a turn each way.
         lower = np.maximum(robot.position_lower, -2.0 * np.pi) + limits.position_margin
         upper = np.minimum(robot.position_upper, 2.0 * np.pi) - limits.position_margin
         positive("position_margin", upper - lower, "rad of travel")
@@ -89,8 +89,8 @@ class ExcitationSolution:
     Attributes:
         trajectory: start and end at rest.
         cost: of the smooth measure.
-        converged: whether the solver is content.
-        status: the solver's word.
+        converged: whether the solver reports an optimum.
+        status: the solver's own word for it.
         evaluations: of the cost with its gradient.
     """
 
@@ -247,7 +247,7 @@ class ExcitationProgram:
         return np.asarray(c / self._scale)
 
     def _broken(self, x: Array) -> str:
-        """The limit that a motion breaks at the samples, or nothing."""
+        """The limit that a motion breaks at the samples; '' if none."""
         q, v, vdot = (basis @ x.T for basis in self._basis)
         if (np.abs(self.chain.inverse_dynamics(q, v, vdot)) > self.bounds.torque).any():
             return "torque"

@@ -33,7 +33,7 @@ class Recording:
     extra: Mapping[str, Array] = field(default_factory=dict)  # (T, ...) other signals, by name
     row: NDArray[np.int64] | None = None  # (T,) line or row of the log that each sample stands on
     row_word: str = "row"  # what such a number counts: "line" in a text file
-    notices: tuple[str, ...] = ()  # what the reader did beyond the plain, one sentence each
+    notices: tuple[str, ...] = ()  # what the reader assumed or left out, one sentence each
 
     def __post_init__(self) -> None:
         if not self.dropout.size:

@@ -26,7 +26,7 @@ _ROUNDING = 1e-3  # of the step; UNIX time in a double has a grain of 0.24 us
 MAX_GAP_S = 0.1  # at 1 rad/s^2 the interpolated q is then off by at most 1.3 mrad
 MAX_GAP_STEPS = 3  # the least number of steps that may be bridged, for slow logs
 STEP_SAMPLES = 1 << 16  # whose median step counts
-_COARSE_CLOCK = 0.1  # share of repeated times: no accident
+_COARSE_CLOCK = 0.1  # share of repeated times above which the clock is too coarse
 _PLAUSIBLE_STEP = (1e-5, 0.25)  # s; an estimator of motor currents has no use for others
 _SHORTEST_GIVEN_STEP = 1e-5
 

@@ -2,7 +2,8 @@
 
 A robot is a `robot.yaml` beside a URDF. The URDF is read once, checked, and turned into one
 self-contained text (`Robot.urdf_text`) that Drake and any other URDF reader load alike: base link
-as root, locked joints fixed, the tool and the frame E added, pictures that cannot be drawn dropped.
+as root, locked joints fixed, the tool and the frame E added, visuals that Drake cannot draw
+dropped.
 """
 
 import hashlib

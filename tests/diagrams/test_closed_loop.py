@@ -192,9 +192,9 @@ def test_with_the_fused_estimator_the_loop_is_the_same(sts):
     """Force control feeds its reading back, so that a bit of difference would grow."""
     scenario = load_scenario("PolishingSensorless")
     assert scenario.machining is not None
-    phases = replace(scenario.machining.phases, standoff=0.004)
+    phases = replace(scenario.machining.phases, standoff=0.008, search=0.004)
     machining = replace(scenario.machining, phases=phases)
-    scenario = replace(scenario, machining=machining, duration=1.7)  # .4 s of them at work
+    scenario = replace(scenario, machining=machining, duration=2.1)  # .4 s of them at work
     model = IdentifiedModel.nominal(sts)
     plan = make_machining_path(scenario, sts)
     logs = []

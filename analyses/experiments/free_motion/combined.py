@@ -168,7 +168,7 @@ def findings(metrics: dict[str, Any]) -> list[str]:
         f"N, of which {_three(metrics['lag_alone'])} N are the lag of K_0 = 20 behind a hand of up "
         f"to 3 Hz; with K_0 = {FAST:g} by {_three(metrics['known_friction_fast'])} N and "
         f"{_three(metrics['lag_alone_fast'])} N.",
-        "No law here contains ripple over position and load dependence: they are left. With "
+        "No law here contains ripple over position and load dependence: they remain. With "
         f"`presliding` {_axes(metrics, 'presliding')} "
         f"({_three(metrics['presliding'])} N): it knows elastic creep before sliding, which the "
         "simulated arm's dry friction does not have, unlike the UR10e's.",

@@ -1,7 +1,7 @@
-"""Experiment `friction`: forces read where joints turn round (section 4.6, Fig. 19).
+"""Experiment `friction`: forces read where joints reverse (section 4.6, Fig. 19).
 
-The arm goes along the initial path in 100 s while a hand pushes. By symmetry three joints turn
-round at the path's middle, near 50 s: friction there changes its sign, and with it any error of
+The arm goes along the initial path in 100 s while a hand pushes. By symmetry three joints reverse
+at the path's middle, near 50 s: friction there changes its sign, and with it any error of
 the friction law. Every law reads the same run.
 """
 

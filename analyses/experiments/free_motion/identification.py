@@ -104,7 +104,7 @@ def findings(metrics: dict[str, Any], periods: int) -> list[str]:
         "the simulated arm inherits them.",
         "With the true friction taken off the torques, the rigid-body part is recovered within "
         f"{max(known['inertial_error_pct_of_torque']):.2f} % of the torque; with friction to be "
-        f"told from it, within {max(metrics['inertial_error_pct_of_torque']):.2f} %.",
+        f"separated from it, within {max(metrics['inertial_error_pct_of_torque']):.2f} %.",
         f"Excitation: optimised 5th-order Fourier series at 0.1 Hz, {periods} periods, 1 kHz; "
         "zero-phase 5th-order Butterworth at 7.5 Hz. Similarity is the correlation coefficient; "
         "the article does not define it.",

@@ -62,7 +62,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
 
 
 def _sensor(cycles: RepeatedCycles) -> dict[str, Any]:
-    """What the reference itself errs by, on the initial path: noise, and the lag of 18 Hz."""
+    """The reference's own error, on the initial path: noise, and the lag of 18 Hz."""
     run = cycles.runs[BEFORE]
     half = len(run.wrench_true) // 2
     force, true = run.reference[half:], run.wrench_true[half:, 3:]

@@ -1,4 +1,4 @@
-"""What the errors of the contact runs are made of, each cause by an experiment of its own.
+"""The causes of the contact runs' errors, each tried by itself.
 
     wrong or left out   RMSE with one piece of knowledge missing or off by as much as it may be
     known               RMSE if the torque of one joint were that of the sensor's force, all its

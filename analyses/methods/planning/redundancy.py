@@ -193,7 +193,7 @@ def _refined(
     if local is None or problem.violation(local.q) > 1e-7:
         return best
     if better(mean(local), mean(best)):
-        # Smoother than the local one, and for that a little worse: here the measure comes first.
+        # Smoother than the local one, and so a little worse: here the measure comes first.
         found.append(local)
         best = found[int(first_of_least([mean(trajectory) for trajectory in found]))]
     return best

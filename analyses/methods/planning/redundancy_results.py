@@ -137,7 +137,7 @@ def redundancy(
     metrics.json, config.yaml, figures and recording.html into `out`.
 
     Args:
-        content: what counts before the content of the task that `task_name` names.
+        content: used instead of the content of the task that `task_name` names.
 
     Raises:
         InputError: see `find_redundancy`; or `out` cannot be written to.

@@ -55,4 +55,4 @@ class RedundancySettings:
     command: str = "redundancy"  # which wrote it
     task: str = ""  # a bundled task, or a YAML file
     robot: str = "sts_sre4_600"  # a bundled name, or a robot.yaml
-    task_content: RedundancyTask | None = None  # counts before what `task` names
+    task_content: RedundancyTask | None = None  # overrides what `task` names

@@ -133,7 +133,8 @@ def estimate_log(
 
         def read() -> RecordingReader:
             reader = RecordingReader(
-                log, log_format, robot, config.check, _further(config.reference), "estimate"
+                *(log, log_format, robot, config.check, _further(config.reference), "estimate"),
+                accept_signs=config.accept_signs,
             )
             reader.require_joint_signals()
             return reader
@@ -175,8 +176,13 @@ def estimate(
         warnings += model.fitted_robot.doubts(robot)
     if model.provenance.logs and model.torque_error is None:
         warnings.append(
-            "the model does not say what its torque errs by at rest and in motion: one covariance "
+            "the model does not state its torque error at rest and in motion: one covariance "
             "stands for both; identify it again"
+        )
+    elif model.provenance.logs and model.contact_noise is None:
+        warnings.append(
+            "the model does not say what it reads without contact: how often contact is reported "
+            "where nothing touches the arm is not known; identify it again"
         )
     config, max_gap = settings.estimate.estimator, settings.estimate.max_gap
     if config.position_resolution is None:
@@ -208,7 +214,7 @@ def estimate(
     detection = settings.estimate.detection
     estimates = _estimates(settings.estimate, robot, model, config, chain([first], chunks))
     observer = make_observer(config.observer, robot.num_joints)
-    summary = EstimateSummary(model, observer.settling_time)
+    summary = EstimateSummary(model.joint_names, model.validity, observer.settling_time)
     reference = settings.estimate.reference
     beside = SensorLogCollector(config.observer.time_step) if reference.columns else None
     episodes = ContactEpisodes(robot.num_joints)
@@ -244,6 +250,8 @@ def estimate(
                 _collect(beside, chunk, batch, sd, valid, robot, settled)
     episodes.finish()
     metrics = {**summary.metrics(config, rule), "smoothed": settings.estimate.smooth}
+    signs = reader.sign_evidence
+    metrics["drive_signs"] = None if signs is None else signs.metrics()
     metrics["contact"] = episodes.metrics(detection.false_alarms_per_hour)
     comparison = None if beside is None else _compared(beside, reference)
     notices = reader.notices + (screen.notices if screen is not None else ())
@@ -430,7 +438,7 @@ def _fault(chunk: Recording, batch: EstimateBatch) -> NDArray[np.int64]:
     found = chunk.extra.get(FAULT)
     if found is None:
         return batch.fault
-    # Beside a sample that is missing an interpolated one is, too.
+    # An interpolated sample beside a missing one is missing, too.
     return np.asarray(batch.fault | np.where(found == 0.0, 0, BEYOND))
 
 
@@ -470,7 +478,7 @@ def _with_evidence(
     kind = kind_of(config.observer)
     plain = config
     if kind is not None and kind.kernels.wrench is not None:
-        # What reads the wrench by a prior says nothing of which prior explains the torque.
+        # An observer that reads the wrench by a prior cannot tell which prior explains the torque.
         observer = MomentumObserverConfig(
             time_step=config.observer.time_step, torque_samples=config.observer.torque_samples
         )

@@ -46,7 +46,7 @@ from models.truth.log_clock import clocked
 ProgressCallback = Callable[[float, str], None]
 
 PATHS = ("initial", "optimised", "found")
-HAND_HZ = 3.0  # up to which the stated band holds a low-pass's lag behind a hand
+HAND_HZ = 3.0  # Hz, up to which the stated band covers a low-pass's lag behind a hand
 _BLOCK = 50_000  # rows read at a time: a covariance a row is much memory
 _FRAMES = 200  # of a pass in a recording
 _STRETCH = 0.5  # s between two reports of progress
@@ -74,7 +74,7 @@ class TaskRun:
 
     @property
     def reference(self) -> Array:
-        """(T, 3) N that readings are held against: the sensor's force, or the true one."""
+        """(T, 3) N that readings are compared with: the sensor's force, or the true one."""
         wrench = self.wrench_true if self.ft_wrench is None else self.ft_wrench
         return wrench[:, 3:]
 
@@ -95,7 +95,7 @@ class TaskRun:
 def uniform_motion(motion: LineMotion) -> tuple[float, float]:
     """From when to when, s, the arm moves evenly on its one pass: between the ramps.
 
-    At rest before it, dry friction holds whatever it likes, which no law of it can say.
+    At rest before it, dry friction may hold any torque within stiction, which no law can predict.
     """
     ramp = motion.ramp * motion.one_way
     return motion.start + ramp, motion.start + motion.one_way - ramp

@@ -19,9 +19,9 @@ class ReferenceConfig:
     """A force sensor among a log's columns, and how it is mounted."""
 
     columns: str = ""  # of the sensor, force first: 1, 3 or 6; N, N m; empty: no sensor
-    frame: str = "found"  # whose axes the sensor's are, once turned: world, tool, or found
+    frame: str = "found"  # frame that the sensor is fixed in: world, tool, or found
     turn: list[float] = field(default_factory=list)  # rad, roll pitch yaw of its axes in the frame
-    sign: str = "found"  # robot: what acts on the robot; environment: what the robot does; or found
+    sign: str = "found"  # of the force: robot (on the robot), environment (on it), or found
     tare: str = "none"  # none; start: mean of the first half second; fit; or numbers with commas
     delay: str = "found"  # s that the sensor is later than the motion; or found
     contact_force: float = 5.0  # N, beyond which the sensor tells contact
