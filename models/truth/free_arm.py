@@ -211,9 +211,7 @@ def _run(
         for i in range(n):
             command[i] = tau[i] / gain[i]
         gaussian_noise(seed + WANDER_STREAM, tick, draws)
-        joint_tick(
-            table, time_step, M, Cv, G, q, v, command, nothing, draws, state, after, signals
-        )
+        joint_tick(table, time_step, M, Cv, G, q, v, command, nothing, draws, state, after, signals)
         update_lag(sensor[0], time_step, signals[MOTOR_CURRENT], lagged)
         if tick % every == 0:
             current[:] = lagged

@@ -80,9 +80,7 @@ class TrueJointsSystem(LeafSystem):
         self.DeclareVectorOutputPort(
             "signals", SIGNALS * n, self._calc_signals, {self._tick.ticket()}
         )
-        self.DeclareVectorOutputPort(
-            "encoders", 2 * n, self._calc_encoders, known
-        )
+        self.DeclareVectorOutputPort("encoders", 2 * n, self._calc_encoders, known)
 
     def _tick_of(self, context: Context) -> int:
         # A thousandth of a tick absorbs the rounding of t = k time_step.

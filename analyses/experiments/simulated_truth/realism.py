@@ -1,8 +1,9 @@
 """Experiment `realism`: is the simulated UR10e as unkind as the real one?
 
-Every real log has a simulated twin: the same commanded motion (the log's own positions, low-passed),
-the true joints of `hard_truth.yaml`, the same rows. A model is identified on the same three runs of
-each arm, in the same way, and the same statistics of what it leaves are compared, joint by joint.
+Every real log has a simulated twin: the same commanded motion (the log's own positions,
+low-passed), the true joints of `hard_truth.yaml`, the same rows. A model is identified on the same
+three runs of each arm, in the same way, and the same statistics of what it leaves are compared,
+joint by joint.
 
 The truth's parameters were settled on the three fitted runs, on 7harm, 5harm and the December logs,
 and on the rests of ptp_10_points; compared are five other runs, the loaded one, and the passes of
@@ -136,7 +137,9 @@ def _figure(ratios: dict[str, Array], out: Path) -> FigureFile:
     table = np.array(list(ratios.values()))
     for j in range(table.shape[1]):
         at = places + 0.1 * (j - 2.5)
-        panel.plot(table[:, j], at, "o", ms=4, color=SERIES[j % len(SERIES)], label=f"joint {j + 1}")
+        panel.plot(
+            table[:, j], at, "o", ms=4, color=SERIES[j % len(SERIES)], label=f"joint {j + 1}"
+        )
     panel.set_yticks(places, list(ratios))
     panel.set_xscale("log")
     ticks = [0.25, 0.5, 0.75, 1.0, 1.25, 2.0, 4.0]
@@ -148,8 +151,8 @@ def _figure(ratios: dict[str, Array], out: Path) -> FigureFile:
     path = Path("figures") / "realism.png"
     save_figure(figure, out / path)
     caption = (
-        "The simulated UR10e over the real one, joint by joint: what a model identified in the same "
-        "way leaves unexplained along the same motions, and what is in the currents."
+        "The simulated UR10e over the real one, joint by joint: what a model identified in the "
+        "same way leaves unexplained along the same motions, and what is in the currents."
     )
     return FigureFile(path, caption)
 

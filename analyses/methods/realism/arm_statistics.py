@@ -14,6 +14,7 @@ them; torque errors are low-passed as in that identification.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +73,7 @@ def residual_by_speed(errors: list[TorqueError]) -> dict[str, Array]:
     """RMS (n,) N m of each bin of SPEEDS; NaN where a joint is in it too seldom."""
     v, error = np.vstack([e.v for e in errors]), np.vstack([e.error for e in errors])
     found = {"all": np.sqrt(np.mean(error**2, axis=0))}
-    for low, high in zip(SPEEDS, SPEEDS[1:], strict=False):
+    for low, high in pairwise(SPEEDS):
         inside = (np.abs(v) >= low) & (np.abs(v) < high)
         count = inside.sum(axis=0)
         mean = (error**2 * inside).sum(axis=0) / np.maximum(count, 1)
@@ -102,7 +103,7 @@ def correlation_time(errors: list[TorqueError]) -> Array:
 
 
 def drift(errors: list[TorqueError]) -> dict[str, Array]:
-    """RMS over the logs of the error's slope in velocity (N m s/rad) and in its sign (N m), (n,)."""
+    """RMS (n,) over the logs of the error's slope in velocity, N m s/rad, and in its sign, N m."""
     slopes = []
     for log in errors:
         n = log.v.shape[1]

@@ -102,7 +102,7 @@ def twins(
     day_draws: int = DAY_DRAWS,
     progress: ProgressCallback = lambda fraction, what: None,
 ) -> tuple[dict[str, Recording], list[Recording]]:
-    """The simulated twin of every log, and of those of CHECKED on `day_draws` - 1 further days each.
+    """The simulated twin of every log, and those of CHECKED on `day_draws` - 1 further days each.
 
     Logs of one day have one day's friction.
     """
@@ -122,7 +122,9 @@ def twins(
     return found, more
 
 
-def compared(real: Mapping[str, Array], simulated: Mapping[str, Array]) -> dict[str, dict[str, Array]]:
+def compared(
+    real: Mapping[str, Array], simulated: Mapping[str, Array]
+) -> dict[str, dict[str, Array]]:
     """`<statistic>.{real, simulated, ratio}`, (n,) each."""
     return {
         name: {"real": own, "simulated": simulated[name], "ratio": simulated[name] / own}

@@ -72,7 +72,8 @@ class Bench:
         zero = np.zeros(1)
         joint_tick(
             self.joints.table, H, self.M, zero, self.G, self.q, self.v,
-            np.array([float(command)]), np.array([float(tau_ext)]), self.noise(), self.state, after, self.signals,
+            np.array([float(command)]), np.array([float(tau_ext)]), self.noise(),
+            self.state, after, self.signals,
         )  # fmt: skip
         force = self.signals[TAU_J] + self.signals[TORQUE] + tau_ext - self.G
         self.v = self.v + H * force / self.M[0] if v is None else np.array([float(v)])

@@ -94,8 +94,16 @@ def test_encoders_read_with_the_noise_of_the_tick(robot, joints):
         context.SetTime(tick * 1e-3)
         q, v = np.empty(6), np.empty(6)
         encoder_reading(
-            joints.table, joints.initial_state(), terms.G, terms.q, terms.v, True,
-            7 + VELOCITY_STREAM, tick, q, v,
+            joints.table,
+            joints.initial_state(),
+            terms.G,
+            terms.q,
+            terms.v,
+            True,
+            7 + VELOCITY_STREAM,
+            tick,
+            q,
+            v,
         )
         np.testing.assert_array_equal(
             block.GetOutputPort("encoders").Eval(context), np.concatenate([q, v])
