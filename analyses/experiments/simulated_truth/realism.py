@@ -165,5 +165,4 @@ EXPERIMENT = Experiment(
     needs=(FOLDER, MORE),
     order=158,
     seconds=120,
-    readme=("residual_all_nm.ratio", "within_25_pct.share_pct"),
 )

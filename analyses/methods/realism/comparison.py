@@ -107,7 +107,8 @@ def twins(
     Logs of one day have one day's friction.
     """
     days = {day: k for k, day in enumerate(sorted({name[_DAY] for name in recordings}))}
-    found, more = {}, []
+    found: dict[str, Recording] = {}
+    more: list[Recording] = []
     total = len(recordings) + (day_draws - 1) * len(CHECKED)
     for k, (name, recording) in enumerate(recordings.items()):
         progress(k / total, f"twin of {name}")
