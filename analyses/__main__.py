@@ -7,6 +7,7 @@ answers at once.
 import errno
 import signal
 import sys
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 import typer
@@ -15,7 +16,7 @@ from typer.core import TyperCommand, TyperGroup
 from analyses.commands.discovery import find_commands, load_command
 from analyses.output.interruption import ends_are_interrupts
 from models.files.files_read import remembering_files_read
-from models.files.input_error import InputError, printable
+from models.files.input_error import InputError, one_line
 
 
 class _Commands(TyperGroup):
@@ -36,12 +37,34 @@ class _Commands(TyperGroup):
         name, command, rest = super().resolve_command(ctx, args)
         return name, command and load_command(find_commands()[str(command.name)]), rest
 
+    def main(self, args: Sequence[str] | None = None, *more: Any, **extra: Any) -> Any:
+        """Runs a command and ends the process; a usage error is one line, as every other one."""
+        self._has_told = False
+        try:
+            code = super().main(args, *more, **{**extra, "standalone_mode": False})
+            if code == 130 and not self._has_told:  # before a command began
+                _told("interrupted", code)
+        except Exception as raised:
+            error: Any = raised
+            if not hasattr(error, "format_message"):  # the parser's moves between releases
+                raise
+            if "NoArgsIsHelp" in type(error).__name__:
+                error.show()
+                code = 2
+            else:
+                context = getattr(error, "ctx", None)
+                path = "wrenchsight" if context is None else context.command_path
+                code = _told(f"{path}: {error.format_message()} ({path} --help tells more)", 2)
+        sys.exit(code if isinstance(code, int) else 0)
+
     def invoke(self, ctx: Any) -> Any:
         try:
             with ends_are_interrupts(), remembering_files_read():
                 return super().invoke(ctx)
         except InputError as error:
             line, code = str(error), 2
+        except MemoryError:
+            line, code = "not enough memory for this", 2
         except OSError as error:
             if error.errno == errno.EPIPE:  # the reader of our output left: not an error
                 raise
@@ -50,8 +73,14 @@ class _Commands(TyperGroup):
         except KeyboardInterrupt as error:
             line = "interrupted; what was written is whole"
             code = 128 + getattr(error, "signum", signal.SIGINT)
-        sys.stderr.write(printable(" ".join(line.split())) + "\n")
-        raise typer.Exit(code)
+        self._has_told = True
+        raise typer.Exit(_told(line, code))
+
+
+def _told(line: str, code: int) -> int:
+    """Writes the one line that the user reads; returns the exit code."""
+    sys.stderr.write(one_line(line) + "\n")
+    return code
 
 
 app = typer.Typer(

@@ -1,6 +1,6 @@
 """Scenarios: what is simulated, in one YAML file of named entries."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
 from typing import Union
@@ -13,6 +13,7 @@ from models.estimation.estimator import WrenchEstimatorConfig
 from models.excitation.fourier_trajectory import FourierCoefficients, FourierTrajectory
 from models.files.configuration import load_configuration, nearest
 from models.files.input_error import InputError
+from models.files.plausible_numbers import check_numbers
 from models.machining.machining_path import NormalForceConfig
 from models.machining.machining_phases import PhasesConfig, check_phases
 from models.machining.machining_process import MachiningProcess, ProcessConfig
@@ -41,6 +42,18 @@ TIME_LAWS: dict[str, TimeLaw] = {
     "uniform_acceleration": uniform_acceleration,
 }
 FRICTIONS = ("full", "coulomb_viscous", "none")
+MOST_TICKS = 3_600_000  # of a simulation: an hour at 1 kHz
+LIMITS = {  # of counts and sizes that time and memory depend on, wherever they stand
+    "time_step": (1e-5, 0.01),  # s
+    "duration": (0.0, 36_000.0),  # s
+    "one_way": (0.01, 3600.0),  # s
+    "passes": (1, 1000),
+    "periods": (1, 1000),
+    "base_frequency": (1e-3, 100.0),  # Hz
+    "num_samples": (2, 10_000),  # of a machined path
+    "mesh_size": (5e-4, 1.0),  # m
+    "fps": (0.01, 1000.0),
+}
 
 
 @dataclass
@@ -228,14 +241,19 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
     """Raises InputError, naming `source`, where a value is out of range or two do not fit."""
     for place, value in (
         ("duration", scenario.duration),
-        ("time_step", scenario.time_step),
-        ("recording.fps", scenario.recording.fps),
         ("force_setpoint.rise", scenario.force_setpoint.rise),
     ):
         if not (np.isfinite(value) and value > 0):
             raise InputError(source, place, f"{value}, expected a positive number")
-    if scenario.time_step > 0.01:
-        raise InputError(source, "time_step", f"{scenario.time_step} s, expected at most 0.01 s")
+    # The observer's time_step is not read, and wrench segments last for ever where not told.
+    estimator = replace(
+        scenario.estimator, observer=replace(scenario.estimator.observer, time_step=1e-3)
+    )
+    check_numbers(replace(scenario, estimator=estimator, wrench=[]), source, LIMITS)
+    ticks = scenario.duration / scenario.time_step
+    if not 1 <= ticks <= MOST_TICKS:
+        problem = f"{scenario.duration:g} s make {ticks:.3g} steps, expected 1 to {MOST_TICKS}"
+        raise InputError(source, "duration", problem, "simulate parts of it, one after another")
     if not 0 <= scenario.seed < 2**31:
         raise InputError(source, "seed", f"{scenario.seed}, expected 0 or more")
     for place, word, known in (

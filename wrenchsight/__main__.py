@@ -12,9 +12,13 @@ def main() -> None:
     except ImportError as error:
         sys.stderr.write(f"{error}\n")
         raise SystemExit(2) from None
-    from analyses.__main__ import main as command_line
+    try:
+        from analyses.__main__ import main as command_line
 
-    command_line()
+        command_line()
+    except KeyboardInterrupt:  # before the command had begun
+        sys.stderr.write("interrupted\n")
+        raise SystemExit(130) from None
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ makes one and sets what the file names. A field without which the file makes no 
 import dataclasses
 import difflib
 import math
+import re
 import types
 import typing
 from pathlib import Path
@@ -33,6 +34,8 @@ REQUIRED: dict[str, bool] = {"required": True}
 # What PyYAML's constructors raise over a tag or a value that makes no sense.
 _ODD_YAML = (yaml.YAMLError, ArithmeticError, AttributeError, LookupError, RecursionError,
              TypeError, ValueError)  # fmt: skip
+# Neither file names nor URDF may hold these: controls, and halves of characters.
+_CONTROL = re.compile("[\\x00-\\x08\\x0b\\x0c\\x0e-\\x1f\\x7f\\ud800-\\udfff]")
 LARGEST_FILE = 1 << 23  # bytes; a model with a network for each joint takes some 100 kB
 _NULL_TAG = "tag:yaml.org,2002:null"
 _BOOL_TAG = "tag:yaml.org,2002:bool"
@@ -215,6 +218,8 @@ class _Check:
     def _scalar(self, node: Any, schema: Any, name: str) -> None:
         if not isinstance(node, yaml.ScalarNode) or not self._fits(node, schema):
             raise self._error(node, name, f"expected {_KINDS[schema]}, found {self._found(node)}")
+        if schema is str and _CONTROL.search(node.value):
+            raise self._error(node, name, "holds a control character, expected plain text")
 
     def _fits(self, node: Any, schema: Any) -> bool:
         value = self._loader.construct_object(node)

@@ -1,6 +1,7 @@
 """The one exception for what a user can get wrong."""
 
 from pathlib import Path
+from typing import Final
 
 
 class InputError(ValueError):
@@ -19,7 +20,19 @@ class InputError(ValueError):
     def __init__(self, source: str | Path, place: str, problem: str, remedy: str = "") -> None:
         where = f"{source}: {place}" if place else str(source)
         line = f"{where}: {problem}" + (f"; {remedy}" if remedy else "")
-        super().__init__(printable(" ".join(line.split())))
+        super().__init__(one_line(line))
+
+
+LONGEST_LINE: Final = 1000  # characters that an error line has at most
+
+
+def one_line(text: str) -> str:
+    """`text` as a line that a person can read: printable, and shortened in the middle."""
+    line = printable(" ".join(text[: 8 * LONGEST_LINE].split()))
+    if len(line) <= LONGEST_LINE:
+        return line
+    half = LONGEST_LINE // 2 - 5
+    return f"{line[:half]} [...] {line[-half:]}"
 
 
 def printable(text: str) -> str:

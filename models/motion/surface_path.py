@@ -20,6 +20,7 @@ from models.motion.workpieces import Surface
 
 COLUMNS = ("x", "y", "z", "nx", "ny", "nz")
 _UNIT = 1e-3  # how far from 1 the length of a normal may be: CAM prints four digits or more
+MOST_SAMPLES = 10_000  # of a path
 _DENSE = 40  # evaluations of the surface per sample, to space the samples evenly
 
 
@@ -83,8 +84,9 @@ class SurfacePath:
         Raises:
             InputError: as the class; or an end beyond the surface.
         """
-        if num_samples < 2:
-            raise InputError(source, "num_samples", f"{num_samples}, expected two or more")
+        if not 2 <= num_samples <= MOST_SAMPLES:
+            problem = f"{num_samples}, expected two or more, {MOST_SAMPLES} at most"
+            raise InputError(source, "num_samples", problem)
         ends = np.array([start, end], dtype=np.float64)
         inside = (ends >= 0.0) & (ends <= 1.0)
         if surface.periodic_u:
@@ -238,6 +240,8 @@ def _read_rows(path: Path) -> tuple[list[list[float]], list[int]]:
             for cells in reader:
                 if not any(cell.strip() for cell in cells):
                     continue
+                if len(rows) == MOST_SAMPLES:
+                    raise InputError(path, "", f"holds more than {MOST_SAMPLES} points")
                 lines.append(reader.line_num)
                 rows.append(_numbers(path, reader.line_num, cells, columns))
     except OSError as error:

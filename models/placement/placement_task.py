@@ -9,6 +9,7 @@ import numpy as np
 from models.arrays import Array
 from models.files.configuration import REQUIRED, load_configuration
 from models.files.input_error import InputError
+from models.files.plausible_numbers import check_numbers
 from models.files.task_files import task_file
 from models.motion.paths import StraightPath
 from models.motion.posture_measures import check_joints
@@ -196,6 +197,7 @@ def _check_numbers(task: PlacementTask, source: Path) -> None:
         if not all(math.isfinite(value) for value in values):
             raise InputError(source, place, f"{values} is not finite")
 
+    check_numbers(task, str(source))
     if not 0.0 < task.path_length < math.inf:
         raise InputError(source, "path_length", f"{task.path_length:g}, expected m above 0")
     if not 2 <= task.num_segments <= 500:

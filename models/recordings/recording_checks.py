@@ -1,8 +1,8 @@
 """Whether a recording can come from the robot that it is said to come from.
 
 A log in degrees, in milliamperes or with a turned sign is a list of good numbers: only the robot
-knows better. Limits and jumps are held against every sample. Velocity against position, and
-current against gravity, are held against sums over the log so far, so that friction, noise and
+knows better. Limits and jumps are checked at every sample. Velocity against position, and current
+against gravity, are checked by sums over the log so far, so that friction, noise and
 delay do not matter.
 """
 
@@ -248,6 +248,8 @@ class RecordingChecks:
             raise self._error(chunk, None, "v", int(j), problem, remedy)
 
     def _add_gravity(self, chunk: Recording) -> None:
+        if not self._robot.has_inertias:
+            return
         slow = np.all(np.abs(chunk.v) < _SLOW * self._robot.velocity_limit, axis=1)
         chosen = np.flatnonzero(slow)
         chosen = chosen[:: max(1, len(chosen) // _GRAVITY_SAMPLES)]

@@ -1,6 +1,7 @@
 """Descriptions of recordings: which column of a log holds which signal, in which unit."""
 
 import difflib
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -12,6 +13,8 @@ from models.arrays import Array
 from models.files.configuration import REQUIRED, load_configuration
 from models.files.input_error import InputError
 
+MOST_COLUMNS = 10_000  # of a log
+MOST_SKIPPED_LINES = 1_000_000
 _BUNDLED = Path(__file__).parent / "formats"
 
 _UNITS: dict[str, dict[str, float]] = {
@@ -74,7 +77,7 @@ class RecordingFormat:
 
 @dataclass(frozen=True)
 class Signal:
-    """A signal's place in a log, after the description has been held against the file."""
+    """A signal's place in a log, after the description has been compared with the file."""
 
     name: str  # t, q, v, current, tau_J, dropout or the name of an extra signal
     columns: tuple[int, ...]  # 0-based
@@ -92,6 +95,7 @@ class ColumnLayout:
     column_names: tuple[str, ...]  # of every column; "column 3" where there is no header
 
     def signal(self, name: str) -> Signal | None:
+        """The signal of this name; None if the log does not hold it."""
         return next((s for s in self.signals if s.name == name), None)
 
     def column_of(self, name: str, index: int = 0) -> str:
@@ -149,8 +153,10 @@ def _check_description(description: RecordingFormat, path: Path) -> None:
         raise InputError(path, "decimal_mark", 'expected "." or ","', "correct it")
     if description.decimal_mark == description.separator:
         raise InputError(path, "decimal_mark", "is the same as the separator", 'set separator: ";"')
-    if description.skip_lines < 0 or description.num_columns < 0:
-        raise InputError(path, "skip_lines, num_columns", "is negative", "give 0 or more")
+    for key, most in (("skip_lines", MOST_SKIPPED_LINES), ("num_columns", MOST_COLUMNS)):
+        value = getattr(description, key)
+        if not 0 <= value <= most:
+            raise InputError(path, key, f"{value}, expected 0 to {most}")
     for name, rows in description.rows.items():
         if rows and (len(rows) != 2 or not 1 <= rows[0] < rows[1]):
             raise InputError(
@@ -173,7 +179,7 @@ def resolve_layout(
     names: Sequence[str] | None,
     num_columns: int,
 ) -> ColumnLayout:
-    """Holds a description against the columns that a log has.
+    """Compares a description with the columns that a log has.
 
     Args:
         description_source: the description's file, for error lines.
@@ -225,7 +231,7 @@ def further_signals(
     names: Sequence[str] | None,
     num_columns: int,
 ) -> tuple[Signal, ...]:
-    """Signals that no description names, but whoever reads the log.
+    """Signals that a caller asks for besides those of the description.
 
     Args:
         further: by name.
@@ -290,12 +296,12 @@ def _signal(
     if not (np.all(np.isfinite(scale)) and np.all(scale != 0) and np.all(np.isfinite(offset))):
         raise InputError(source, place, "a gain is zero or not a number", "correct it")
     shape = tuple(entry.shape) if entry.shape else (len(columns),)
-    if int(np.prod(shape)) != len(columns):
+    size = math.prod(shape)
+    if min(shape) < 1 or size != len(columns):
         raise InputError(
             source,
             f"{place}, shape",
-            f"{list(shape)} holds {int(np.prod(shape))} numbers, but {len(columns)} columns are "
-            "named",
+            f"{list(shape)} holds {size} numbers, but {len(columns)} columns are named",
             "correct one of them",
         )
     if entry.may_be_empty and name == "t":
@@ -336,13 +342,13 @@ def _columns(
     columns: list[int] = []
     for item in _expanded(str(entry.columns), place, source):
         if item.isdecimal():
-            number = int(item)
+            number = int(item) if len(item) < 10 else MOST_COLUMNS + 1
             if not 1 <= number <= len(shown):
                 raise InputError(
                     log,
                     "header" if names else "line 1",
                     f"has {len(shown)} columns, but {Path(source).name} ({place}) names column "
-                    f"{number}",
+                    f"{item}",
                     "check the separator, or the description's column numbers (counted from 1)",
                 )
             columns.append(number - 1)
@@ -382,7 +388,7 @@ def _expanded(text: str, place: str, source: str) -> list[str]:
             raise InputError(source, place, "names no column", 'write e.g. columns: "2-7"')
         numbers = _NUMBERS.fullmatch(item)
         if numbers:
-            first, last = int(numbers[1]), int(numbers[2])
+            first, last = _ends(numbers, place, source)
             items += [str(k) for k in range(first, last + 1)]
             if last < first:
                 raise InputError(source, place, f'"{item}" runs backwards', "swap its ends")
@@ -390,9 +396,29 @@ def _expanded(text: str, place: str, source: str) -> list[str]:
         expanded = [item]
         while "{" in expanded[0]:
             match = _SERIES.search(expanded[0])
-            if match is None or int(match[2]) < int(match[1]):
+            first, last = (1, 0) if match is None else _ends(match, place, source)
+            if last < first:
                 raise InputError(source, place, f'cannot read "{item}"', 'write e.g. "q{1..6}"')
-            span = range(int(match[1]), int(match[2]) + 1)
+            span = range(first, last + 1)
+            if len(expanded) * len(span) > MOST_COLUMNS:
+                raise _too_many(item, place, source)
             expanded = [_SERIES.sub(str(k), text, count=1) for text in expanded for k in span]
         items += expanded
+        if len(items) > MOST_COLUMNS:
+            raise _too_many(text, place, source)
     return items
+
+
+def _ends(match: re.Match[str], place: str, source: str) -> tuple[int, int]:
+    """First and last number of a series."""
+    if max(len(match[1]), len(match[2])) > len(str(MOST_COLUMNS)):
+        raise _too_many(match[0], place, source)
+    first, last = int(match[1]), int(match[2])
+    if last - first >= MOST_COLUMNS:
+        raise _too_many(match[0], place, source)
+    return first, last
+
+
+def _too_many(text: str, place: str, source: str) -> InputError:
+    problem = f'"{text}" names more than {MOST_COLUMNS} columns'
+    return InputError(source, place, problem, "a log has no more")

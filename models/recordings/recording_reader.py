@@ -2,6 +2,7 @@
 
 import difflib
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +22,7 @@ from models.recordings.plausibility.drive_evidence import SignEvidence
 from models.recordings.recording import Recording, concatenated, place_of
 from models.recordings.recording_checks import RecordingChecks
 from models.recordings.recording_format import (
+    MOST_COLUMNS,
     ColumnLayout,
     RecordingFormat,
     Signal,
@@ -36,6 +38,7 @@ from models.recordings.rosbag.table import is_bag
 from models.robot.robot import Robot
 
 _BEYOND_ANY_ROBOT = 1e9  # SI; sums of squares of smaller numbers cannot overflow
+_BEYOND_ANY_CLOCK = 1e19  # s; nanoseconds since 1970 that are read as seconds have their own line
 MIN_SAMPLES = 10  # less is no motion
 _DESCRIBE = "or describe the columns with --log-format"
 _ID_COLUMNS = ("frame_id", "seq", "header.frame_id", "header.seq")  # beside a stamp
@@ -105,6 +108,9 @@ class RecordingReader:
         self.sign_evidence: SignEvidence | None = None  # once read, where currents are checked
         self._further, self._asked_by = further or {}, asked_by
         form, form_source, table = self._opened(description)
+        if table.num_columns > MOST_COLUMNS:
+            problem = f"has {table.num_columns} columns, expected {MOST_COLUMNS} at most"
+            raise InputError(path, "", problem, "leave out those that are no signals")
         self.format = form
         self._table = table
         names = table.names
@@ -249,7 +255,7 @@ class RecordingReader:
     def _check_size(self, chunk: Recording) -> None:
         """Refuses absurd numbers: uninitialised memory, a wrong type in a logger."""
         for name, signal in (("q", chunk.q), ("v", chunk.v), ("current", chunk.current)):
-            wrong = np.abs(signal) > _BEYOND_ANY_ROBOT
+            wrong = np.abs(signal) > _BEYOND_ANY_ROBOT  # also of what a gain made infinite
             if wrong.any():
                 k, j = (int(index[0]) for index in np.nonzero(wrong))
                 column = self.layout.column_of(name if self.layout.signal(name) else "tau_J", j)
@@ -259,6 +265,12 @@ class RecordingReader:
                     f"{signal[k, j]:.3g} is beyond any robot",
                     "correct or remove the row; a short gap is bridged",
                 )
+        wrong = np.abs(chunk.t) > _BEYOND_ANY_CLOCK
+        if wrong.any():
+            k = int(np.argmax(wrong))
+            place = f"{place_of(chunk, k)}, {self.layout.column_of('t')}"
+            problem = f"{chunk.t[k]:.3g} s is beyond any clock"
+            raise InputError(self.path, place, problem, "correct or remove the row")
 
     def _checks(self) -> RecordingChecks | None:
         if self._robot is None or not self._check or not self.num_joints:
@@ -271,7 +283,8 @@ class RecordingReader:
         found: dict[str, Array] = {}
         for signal in self.layout.signals:
             columns = values[:, [position[c] for c in signal.columns]]
-            scaled = columns * signal.scale + signal.offset
+            with np.errstate(over="ignore"):  # refused by its size
+                scaled = columns * signal.scale + signal.offset
             if signal.name == "t" and scaled.shape[1] > 1:
                 scaled = scaled[:, 0] + scaled[:, 1]  # seconds and nanoseconds
             found[signal.name] = scaled.reshape(size, *signal.shape)
@@ -401,15 +414,16 @@ def header_format(
     split = [int(column) - 1 for column in str(stamps.columns).split(",")] if stamps else []
     # Without a name: a table's index, or a separator at the line's end.
     names = [name for k, name in enumerate(names) if name and k not in split]
+    times_there = Counter(names)
     for name in names:
-        if list(names).count(name) > 1:
+        if times_there[name] > 1:
             what = f'the column "{name}" is there twice'
             raise InputError(path, place, what, "correct the header, " + _DESCRIBE)
     joints: dict[str, list[int]] = {letter: [] for letter in _JOINT_SIGNALS}
     extra: dict[str, list[int]] = {}
     for name in names:
-        joint = re.fullmatch(r"(q|v|i|tau)(\d+)", name)
-        part = re.fullmatch(r"(.+)\.(\d+)", name)
+        joint = re.fullmatch(r"(q|v|i|tau)(\d{1,4})", name)  # no more than MOST_COLUMNS
+        part = re.fullmatch(r"(.+)\.(\d{1,4})", name)
         if joint and int(joint[2]) > 0:
             joints[joint[1]].append(int(joint[2]))
         elif part and part[1] not in ("t", "q", "v", "current", "tau_J", "dropout"):

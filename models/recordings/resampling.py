@@ -28,7 +28,9 @@ MAX_GAP_STEPS = 3  # the least number of steps that may be bridged, for slow log
 STEP_SAMPLES = 1 << 16  # whose median step counts
 _COARSE_CLOCK = 0.1  # share of repeated times above which the clock is too coarse
 _PLAUSIBLE_STEP = (1e-5, 0.25)  # s; an estimator of motor currents has no use for others
-_SHORTEST_GIVEN_STEP = 1e-5
+_GIVEN_STEP = (1e-5, 1.0)  # s
+LONGEST_BRIDGE = 60.0  # s, that may be asked for
+_MOST_POINTS = 1 << 20  # grid points between two chunks; more is no log's step
 
 
 def resample_chunks(
@@ -48,12 +50,13 @@ def resample_chunks(
         InputError: time stands still or runs backwards, a gap is too long, or the step is no
             plausible one (wrong unit of time).
     """
-    if time_step is not None and not time_step >= _SHORTEST_GIVEN_STEP:
-        raise InputError(
-            "time step", "", f"{time_step} s is too short", "give a step in seconds, such as 0.001"
-        )
-    if max_gap is not None and not max_gap >= 0:
-        raise InputError("max gap", "", f"is {max_gap}", "give a time in seconds, such as 0.1")
+    least, most = _GIVEN_STEP
+    if time_step is not None and not least <= time_step <= most:
+        problem = f"{time_step:g} s, expected {least:g} to {most:g} s"
+        raise InputError("time step", "", problem, "give a step in seconds, such as 0.001")
+    if max_gap is not None and not 0 <= max_gap <= LONGEST_BRIDGE:
+        problem = f"{max_gap:g} s, expected 0 to {LONGEST_BRIDGE:g} s"
+        raise InputError("max gap", "", problem, "split the log at a longer gap")
     grid: _Grid | None = None
     for chunk in _with_long_first(iter(chunks)):
         if grid is None:
@@ -161,6 +164,9 @@ class _Grid:
         h = self._step
         ends = part.t + _ROUNDING * h
         last = int(np.floor((ends[-1] - self._origin) / h)) + 1
+        if last - self._next > _MOST_POINTS:
+            problem = f"a step of {h:g} s makes {last - self._next} samples of {part.num_samples}"
+            raise InputError(part.source, "", problem, "give a time step nearer to the log's own")
         t = self._origin + h * np.arange(self._next, last + 1)
         t = t[t <= ends[-1]]
         self._next += len(t)

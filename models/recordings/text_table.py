@@ -21,7 +21,8 @@ Lines = NDArray[np.int64]
 BLOCK_BYTES = 1 << 23  # small beside any memory, large enough that a block's overhead vanishes
 _LONGEST_LINE = 1 << 17  # more than any number of joints needs
 _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "spaces"}
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+# Without a second way to read any digits: a cell may have a hundred thousand of them.
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 _NO_NUMBERS = ("nan", "NaN", "NAN", "-nan", "-nan(ind)")
 _BLANK_LINE = re.compile(rb"(?m)^[ \t]+(?=\r?$)")
 _KINDS_OF_BINARY = (
@@ -212,6 +213,8 @@ class TextTable:
     ) -> tuple[Array, Lines]:
         names = [str(k) for k in range(self.num_columns)]
         used = [str(k) for k in columns]
+        if block.count(b"\r") > block.count(b"\r\n") + block.endswith(b"\r"):
+            self._find_fault(block, line, columns, may_be_empty)  # or else within a line's quotes
         try:
             try:
                 table = self._table(block, names, used)
@@ -267,6 +270,13 @@ class TextTable:
                     place,
                     "holds zero bytes instead of text, as after a power failure",
                     "cut the file before this line",
+                )
+            if b"\r" in data.removesuffix(b"\r"):
+                raise InputError(
+                    self.path,
+                    place,
+                    "holds a carriage return that ends no line",
+                    "correct or remove the line",
                 )
             text = data.decode("utf-8", "replace").strip("\r")
             if self.names and text.strip() == self._head:
@@ -339,7 +349,7 @@ class TextTable:
 
     def _line(self, file: BinaryIO) -> str:
         line = file.readline(_LONGEST_LINE)
-        if len(line) == _LONGEST_LINE:
+        if len(line) == _LONGEST_LINE and b"\r" not in line:
             raise self._endless("the first line or the header")
         if b"\r" in line.rstrip(b"\r\n"):
             raise InputError(

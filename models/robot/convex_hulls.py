@@ -20,6 +20,7 @@ from models.files.files_read import about_to_read
 
 HULL_SUFFIXES = (".stl", ".dae", ".obj", ".ply", ".off", ".glb")
 _VERSION = b"1"  # of the way that hulls are made; another one leaves those in the cache alone
+_LARGEST_FILE = 1 << 28  # bytes
 _MOST_VERTICES = 800  # Drake's distances take longer with every vertex
 _DIRECTIONS = 150  # of the supporting planes that bound a hull of more
 
@@ -38,6 +39,8 @@ def hull_file(mesh: Path) -> Path:
     if suffix not in HULL_SUFFIXES:
         raise UnusableMeshError(suffix or "no file name")
     about_to_read(mesh)
+    if mesh.stat().st_size > _LARGEST_FILE:
+        raise UnusableMeshError(f"{suffix}, larger than {_LARGEST_FILE >> 20} MB")
     data = mesh.read_bytes()
     digest = hashlib.sha256(_VERSION + suffix.encode() + data).hexdigest()[:32]
     for folder in _cache_folders():

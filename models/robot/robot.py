@@ -36,6 +36,11 @@ from models.robot.robot_config import (
 from models.robot.truth_config import JointFrictionConfig, SimulatedTruthConfig
 from models.robot.urdf import read_urdf
 
+# What no robot is beyond: in a number, a slip of the unit or of the pen.
+_FAR = 1e3  # m, rad, m/s^2, A
+_LIGHT, _HEAVY = 1e-3, 1e5  # kg, kg m^2
+_WEAK, _STRONG = 1e-5, 1e6  # N m, N m/A
+
 
 @dataclass(frozen=True)
 class SimulatedTruth:
@@ -175,6 +180,17 @@ class Robot:
         tau_motor = np.asarray(tau_J, float) @ self.coupling if self.is_coupled else tau_J
         return torque_to_current(tau_motor, self.torque_per_ampere, self.current_sign)
 
+    @property
+    def has_inertias(self) -> bool:
+        """Whether the URDF states inertias that its links can have."""
+        return self._urdf.inertia_fault is None
+
+    def require_inertias(self, what: str) -> None:
+        """Raises InputError, with the URDF's fault, where `what` needs inertias that are none."""
+        fault = self._urdf.inertia_fault
+        if fault is not None:
+            raise InputError(what, "", f"needs the inertias of {self.name}: {fault}")
+
     @cached_property
     def unusable_collisions(self) -> tuple[str, ...]:
         """Links with a collision shape that no distance can be taken to, each with the reason."""
@@ -233,7 +249,10 @@ class Robot:
                 distances. In a simulation hulls of neighbours, which overlap, would push.
         """
         text = self._urdf.text(name or self.name, hulls)
-        (instance,) = Parser(plant).AddModelsFromString(text, "urdf")
+        try:
+            (instance,) = Parser(plant).AddModelsFromString(text, "urdf")
+        except (RuntimeError, ValueError) as error:
+            raise InputError(self._urdf.source, "", f"Drake cannot take it: {error}") from error
         base = plant.GetFrameByName(self.config.base_link, instance)
         plant.WeldFrames(plant.world_frame(), base)
         plant.mutable_gravity_field().set_gravity_vector(self.gravity)
@@ -314,36 +333,47 @@ def _frozen(values: Sequence[float] | Array) -> Array:
 
 
 def _check_lists(config: RobotConfig, source: Path) -> None:
-    """Lengths and signs that the YAML schema cannot state."""
+    """Lengths, signs and sizes that the YAML schema cannot state."""
 
-    def expect(values: Sequence[float], length: int, place: str) -> None:
+    def expect(values: Sequence[float], length: int, place: str, most: float = _FAR) -> None:
         if len(values) != length:
             raise InputError(source, place, f"{len(values)} numbers, expected {length}")
-        if not all(math.isfinite(value) for value in values):
-            raise InputError(source, place, f"{list(values)} is not finite")
+        if not all(abs(value) <= most for value in values):
+            problem = f"{list(values)}, expected numbers between {-most:g} and {most:g}"
+            raise InputError(source, place, problem)
 
     expect(config.tool_frame.xyz, 3, "tool_frame.xyz")
     expect(config.tool_frame.rpy, 3, "tool_frame.rpy")
     expect(config.gravity, 3, "gravity")
-    if not (math.isfinite(config.payload) and config.payload > 0):
-        raise InputError(source, "payload", f"{config.payload:g}, expected kg above 0")
+    expect(list(config.locked_joints.values()), len(config.locked_joints), "locked_joints")
+    expect(config.home, len(config.home), "home", _HEAVY)
+    if not _LIGHT <= config.payload <= _HEAVY:
+        problem = f"{config.payload:g}, expected {_LIGHT:g} to {_HEAVY:g} kg"
+        raise InputError(source, "payload", problem)
     if config.tool is None:
         return
+    expect([config.tool.mass], 1, "tool.mass", _HEAVY)
     expect(config.tool.com, 3, "tool.com")
-    expect(config.tool.inertia, 6, "tool.inertia (ixx, iyy, izz, ixy, ixz, iyz)")
+    inertia = "tool.inertia (ixx, iyy, izz, ixy, ixz, iyz)"
+    expect(config.tool.inertia, 6, inertia, _HEAVY)
     for kind in ("visual", "collision"):
         for index, shape in enumerate(getattr(config.tool, kind)):
             place = f"tool.{kind}[{index}]"
             expect(shape.pose.xyz, 3, f"{place}.pose.xyz")
             expect(shape.pose.rpy, 3, f"{place}.pose.rpy")
-            expect(shape.rgba, 4, f"{place}.rgba")
+            expect(shape.rgba, 4, f"{place}.rgba", 1.0)
             given = [n for n in ("sphere", "cylinder", "box") if getattr(shape, n) is not None]
             if len(given) != 1:
                 raise InputError(source, place, "expected one of sphere, cylinder and box")
+            sizes = [] if shape.sphere is None else [shape.sphere]
             if shape.cylinder is not None:
                 expect(shape.cylinder, 2, f"{place}.cylinder (radius, length)")
+                sizes = shape.cylinder
             if shape.box is not None:
                 expect(shape.box, 3, f"{place}.box")
+                sizes = shape.box
+            if not all(0.0 < size <= _FAR for size in sizes) or min(shape.rgba) < 0.0:
+                raise InputError(source, place, "a size or a colour is not above 0", "correct it")
 
 
 def _ordered_drives(
@@ -362,21 +392,24 @@ def _ordered_drives(
         by_joint[drive.joint] = drive
         checks = {
             "current_sign": (drive.current_sign in (-1, 1), "expected 1 or -1"),
-            "rotor_inertia": (0 <= drive.rotor_inertia < math.inf, "expected kg m^2, 0 or more"),
+            "rotor_inertia": (0 <= drive.rotor_inertia <= _FAR, "expected kg m^2, 0 or more"),
             "rotor_inertia_side": (
                 drive.rotor_inertia_side in ("motor", "joint"),
                 'expected "motor" or "joint"',
             ),
-            "current_resolution": (0 <= drive.current_resolution < math.inf, "expected A"),
-            "current_noise_sd": (0 <= drive.current_noise_sd < math.inf, "expected A"),
+            "current_resolution": (0 <= drive.current_resolution <= _FAR, "expected A"),
+            "current_noise_sd": (0 <= drive.current_noise_sd <= _FAR, "expected A"),
             "position_resolution": (
                 drive.position_resolution is None or 0 <= drive.position_resolution < 0.1,
                 "expected rad (m) below 0.1, the step of the encoder at the joint",
             ),
-            "gear_ratio": (drive.gear_ratio is None or 0 < drive.gear_ratio < math.inf, "> 0"),
+            "gear_ratio": (
+                drive.gear_ratio is None or 1e-3 <= drive.gear_ratio <= _HEAVY,
+                f"expected 0.001 to {_HEAVY:g}",
+            ),
             "current_bandwidth": (
-                drive.current_bandwidth is None or drive.current_bandwidth > 0,
-                "expected Hz above 0",
+                drive.current_bandwidth is None or drive.current_bandwidth >= 1e-3,
+                "expected Hz, 0.001 or more",
             ),
         }
         for key, (holds, expected) in checks.items():
@@ -408,11 +441,11 @@ def _torque_per_ampere(drive: DriveConfig, source: Path) -> float:
         raise InputError(
             source, place, "needs torque_per_ampere, or torque_constant with gear_ratio"
         )
-    if not 0 < value < math.inf:
+    if not _WEAK <= value <= _STRONG:
         raise InputError(
             source,
             place,
-            f"{value:g} N m/A, expected a positive number",
+            f"{value:g} N m/A, expected a positive number, {_WEAK:g} to {_STRONG:g}",
             "the sign belongs in current_sign",
         )
     return value
@@ -430,19 +463,23 @@ def _reflected_inertia(drive: DriveConfig, source: Path) -> float:
             "rotor_inertia is on the motor side, and gear_ratio is missing",
             "add it, or set rotor_inertia_side: joint",
         )
-    return drive.rotor_inertia * drive.gear_ratio**2
+    reflected = drive.rotor_inertia * drive.gear_ratio**2
+    if reflected > _STRONG:
+        problem = f"a rotor inertia of {reflected:.3g} kg m^2 on the joint side"
+        raise InputError(source, f"drive of {drive.joint}", problem, "rotor_inertia is in kg m^2")
+    return reflected
 
 
 def _effort_limit(drive: DriveConfig, joint: JointLimits, source: Path, urdf: Path) -> float:
     if drive.effort_limit is not None:
-        if not 0 < drive.effort_limit < math.inf:
-            problem = f"effort_limit {drive.effort_limit:g}, expected N m above 0"
+        if not _WEAK <= drive.effort_limit <= _STRONG:
+            problem = f"effort_limit {drive.effort_limit:g}, expected {_WEAK:g} to {_STRONG:g} N m"
             raise InputError(source, f"drive of {drive.joint}", problem)
         return drive.effort_limit
     if joint.effort is None:
         raise InputError(
             urdf,
-            f"line {joint.line}",
+            f"line {joint.line}" if joint.line else "",
             f'joint "{joint.name}" has no effort limit above 0',
             'add effort="..." (N m) to its <limit>, or effort_limit to its drive in robot.yaml',
         )
@@ -457,12 +494,12 @@ def _simulated_truth(
         values: list[float] = getattr(friction, name)
         place = f"simulated_truth.friction.{name}"
         if not values:
-            # One rad/s, so that nobody divides by a Stribeck velocity of zero.
+            # One rad/s, so that no kernel divides by a Stribeck velocity of zero.
             values = [1.0 if name == "stribeck_velocity" else 0.0] * num_joints
         if len(values) != num_joints:
             raise InputError(source, place, f"{len(values)} numbers, expected {num_joints}")
-        if not all(0 <= value < math.inf for value in values):
-            raise InputError(source, place, f"{values}, expected numbers of 0 or more")
+        if not all(0 <= value <= _STRONG for value in values):
+            raise InputError(source, place, f"{values}, expected numbers of 0 to {_STRONG:g}")
         arrays[name] = _frozen(values)
     if np.any(arrays["stiction"] < arrays["coulomb"]) and friction.stiction:
         raise InputError(

@@ -48,7 +48,7 @@ class IdentifySettings:
 
     command: str = "identify"  # which wrote it
     robot: str = ""  # a bundled name, or a robot.yaml
-    accept_signs: bool = False  # take the drives' signs as they are, whatever gravity says of them
+    accept_signs: bool = False  # take the drives' signs as they are, also against the evidence
     logs: list[str] = field(default_factory=list)  # of free motion, to be fitted
     validate: list[str] = field(default_factory=list)  # logs to predict, not fitted
     load: list[str] = field(default_factory=list)  # LOG=MASS or LOG=MASS,X,Y,Z, kg and m
@@ -64,15 +64,17 @@ def checked_config(config: IdentificationConfig) -> IdentificationConfig:
     Raises:
         InputError: a setting that makes no sense.
     """
-    for key, least in (
-        ("cutoff", 1e-3),
-        ("filter_order", 1),
-        ("num_passes", 1),
-        ("time_step", 0),
+    for key, least, most in (
+        ("cutoff", 1e-3, 1e6),
+        ("filter_order", 1, 10),
+        ("num_passes", 1, 100),
+        ("time_step", 0, 1.0),
     ):
         value = getattr(config, key)
         if not (np.isfinite(value) and value >= least):
             raise InputError("identify", key, f"expected at least {least:g}, found {value:g}")
+        if value > most:
+            raise InputError("identify", key, f"expected at most {most:g}, found {value:g}")
     known = (*structures(), *WITH_NETWORK, "best")
     if config.friction not in known:
         remedy = f"{nearest(config.friction, known)} known are {', '.join(known)}".strip()

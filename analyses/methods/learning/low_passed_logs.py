@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from hashlib import sha256
+from hashlib import file_digest
 from pathlib import Path
 
 import numpy as np
@@ -56,12 +56,14 @@ class LowPassedLog:
         return self.low_pass(x) if self.filter_regressor else x
 
     def predict(self, chain: SerialChain, friction: FrictionLaw) -> TorqueFit:
+        """Measured and predicted torque where samples are used; inertias of `chain`."""
         rigid = np.asarray(chain.inverse_dynamics(self.q, self.v, self.vdot))
         predicted = self.match(rigid + friction.torque_along(self.q, self.v, rigid))
         return TorqueFit(self.name, self.t[self.used], self.tau[self.used], predicted[self.used])
 
 
 def check_recording(recording: Recording, robot: Robot) -> None:
+    """Raises InputError for a log that has another number of joints than the robot."""
     if recording.num_joints != robot.num_joints:
         raise InputError(
             recording.source,
@@ -141,7 +143,7 @@ def low_pass_log(
         name=name,
         log=LogSource(
             name=path.name,
-            sha256=sha256(path.read_bytes()).hexdigest() if path.is_file() else "",
+            sha256=_checksum(path) if path.is_file() else "",
             first_row=1 if rows is None else int(rows[0]),
             last_row=recording.num_samples if rows is None else int(rows[-1]),
             duration=round(recording.duration, 6),
@@ -198,6 +200,7 @@ def low_pass_logs(
     config: IdentificationConfig,
     progress: ProgressCallback,
 ) -> LowPassedLogs:
+    """Low-passes all logs and builds the regressors of those to be fitted."""
     logs = [*recordings, *validation]
     steps = len(logs) + len(recordings) + 1
     runs = []
@@ -215,3 +218,8 @@ def low_pass_logs(
             RegressionRows.of(robot.chain, run.q, run.v, run.vdot, run.tau, run.match, rows)
         )
     return LowPassedLogs(fitted, kept, tuple(regressions))
+
+
+def _checksum(path: Path) -> str:
+    with path.open("rb") as file:
+        return file_digest(file, "sha256").hexdigest()

@@ -29,6 +29,7 @@ from models.rigid_body.ties import first_of_least
 from models.robot.robot import Robot
 
 THRESHOLD = 11.0  # the article's figure of a good configuration
+MOST_SAMPLES = 10_000_000  # of q alone 0.6 GB
 _CHUNK = 250_000  # samples between two signs of progress
 _SCALE = (9.0, 100.0)  # of the colours
 _CLOUD, _SCATTER = 40_000, 20_000  # points that a picture shows
@@ -111,10 +112,10 @@ def sample(
         within_limits: whether over the limits. A prismatic joint always keeps to its limits.
 
     Raises:
-        InputError: the arm has fewer than six joints, or num_samples is below 1.
+        InputError: the arm has fewer than six joints, or num_samples is out of range.
     """
-    if num_samples < 1:
-        raise InputError("--samples", "", f"{num_samples}, expected 1 or more")
+    if not 1 <= num_samples <= MOST_SAMPLES:
+        raise InputError("--samples", "", f"{num_samples}, expected 1 to {MOST_SAMPLES}")
     chain = robot.chain
     check_joints(chain, robot.name)
     limited = chain.prismatic | within_limits
@@ -178,6 +179,10 @@ def _check_slice(config: SliceConfig) -> None:
         raise InputError("--cone-deg", "", f"{config.cone_deg:g}, expected 0 to 180")
     if len(config.cone_axis) != 3:
         raise InputError("--cone-axis", "", f"{len(config.cone_axis)} numbers, expected three")
+    if not all(abs(value) <= 1e6 for value in (config.value, *config.cone_axis)):
+        raise InputError("--slice", "", "a place or a direction is beyond any robot's")
+    if config.extent is not None and not 0.0 < config.extent <= 1e3:
+        raise InputError("--config", "slice.extent", f"{config.extent:g} m, expected 0 to 1000 m")
     frame_about(np.array(config.cone_axis), "cone_axis")
 
 

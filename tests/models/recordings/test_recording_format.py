@@ -80,7 +80,7 @@ def test_the_bundled_descriptions_load() -> None:
         ("time: {columns: 1}\nseparator: ',,'", "separator: expected one character"),
         ("time: {columns: 1}\ndecimal_mark: ':'", 'decimal_mark: expected "." or ","'),
         ("time: {columns: 1}\ndecimal_mark: ','", "the same as the separator"),
-        ("time: {columns: 1}\nskip_lines: -1", "negative"),
+        ("time: {columns: 1}\nskip_lines: -1", "-1, expected 0"),
         ("time: {columns: 1}\nrows: {a.csv: [5]}", r"rows, a\.csv: expected the first and the la"),
         ("time: {columns: 1}\nrows: {a.csv: [9, 5]}", r"rows, a\.csv"),
         ("time: {columns: 1}\nrows: {a.csv: [0, 5]}", r"rows, a\.csv"),

@@ -1,0 +1,21 @@
+"""What the tests of spoilt inputs share: clean ones, and a process that forks for each command."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from fuzzing.clean_inputs import CleanInputs, make_clean_inputs
+from fuzzing.sandbox import Sandbox
+
+
+@pytest.fixture(scope="session")
+def clean(tmp_path_factory: pytest.TempPathFactory) -> CleanInputs:
+    return make_clean_inputs(tmp_path_factory.mktemp("clean") / "inputs")
+
+
+@pytest.fixture(scope="session")
+def sandbox(clean: CleanInputs, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
+    out: Path = tmp_path_factory.mktemp("warm")
+    estimate = ("estimate", clean.log, "--robot", clean.robot, "--prior", "30,2", "--out", out)
+    with Sandbox([[str(word) for word in estimate]]) as sandbox:
+        yield sandbox

@@ -1,0 +1,1 @@
+"""Commands with inputs that nobody meant: run apart, with limits, and judged."""

@@ -1,0 +1,126 @@
+"""The process that `Sandbox` talks to: it loads everything once and forks for each command.
+
+A line of JSON in, a line of JSON out.
+"""
+
+import json
+import os
+import resource
+import select
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from pathlib import Path
+from typing import IO, Any
+
+
+def _command_line(arguments: list[str]) -> int:
+    """Runs the command line as the console script does; returns the exit code."""
+    import wrenchsight.__main__ as program
+
+    sys.argv = ["wrenchsight", *arguments]
+    try:
+        program.main()
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else int(end.code is not None)
+    except BaseException:
+        traceback.print_exc()
+        return 1
+    return 0
+
+
+def _in_the_child(question: dict[str, Any], out: IO[bytes], err: IO[bytes]) -> int:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    os.setpgid(0, 0)
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    os.dup2(out.fileno(), 1)
+    os.dup2(err.fileno(), 2)
+    os.chdir(question["folder"])
+    size = _memory("VmSize") + question["bytes"]
+    resource.setrlimit(resource.RLIMIT_AS, (size, size))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    if question["file"] is not None:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (question["file"], question["file"]))
+    arguments = [os.fsdecode(a.encode("latin-1")) for a in question["run"]]
+    return _command_line(arguments)
+
+
+def _memory(name: str) -> int:
+    """Bytes of this process: VmSize, VmHWM."""
+    for line in Path("/proc/self/status").read_text().splitlines():
+        if line.startswith(f"{name}:"):
+            return 1024 * int(line.split()[1])
+    return 0
+
+
+def _run(question: dict[str, Any]) -> dict[str, Any]:
+    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
+        began = time.monotonic()
+        child = os.fork()
+        if child == 0:
+            code = 1
+            try:
+                code = _in_the_child(question, out, err)
+                sys.stdout.flush()
+                sys.stderr.flush()
+            except BaseException:
+                os.write(2, traceback.format_exc().encode())
+            finally:
+                os._exit(code)
+        timed_out = not _ends_within(child, question["seconds"])
+        if timed_out:
+            os.killpg(child, signal.SIGKILL)
+        _, status, usage = os.wait4(child, 0)
+        seconds = time.monotonic() - began
+        out.seek(0)
+        err.seek(0)
+        return {
+            "code": os.waitstatus_to_exitcode(status),
+            "stdout": out.read().decode("utf-8", "replace"),
+            "stderr": err.read().decode("utf-8", "replace"),
+            "seconds": seconds,
+            "peak_bytes": max(0, 1024 * usage.ru_maxrss - _memory("VmRSS")),
+            "timed_out": timed_out,
+        }
+
+
+def _ends_within(child: int, seconds: float) -> bool:
+    watched = os.pidfd_open(child)
+    try:
+        return bool(select.select([watched], [], [], seconds)[0])
+    finally:
+        os.close(watched)
+
+
+def _warm_up(arguments: list[str]) -> dict[str, Any]:
+    kept = os.dup(1), os.dup(2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.dup2(nowhere, 2)
+    try:
+        return {"code": _command_line(arguments)}
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os.dup2(kept[0], 1)
+        os.dup2(kept[1], 2)
+        for descriptor in (*kept, nowhere):
+            os.close(descriptor)
+
+
+def main() -> None:
+    """Answers questions until there are no more."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    answers = os.fdopen(os.dup(1), "w")
+    for line in sys.stdin:
+        question = json.loads(line)
+        answer = _warm_up(question["warm_up"]) if "warm_up" in question else _run(question)
+        answers.write(json.dumps(answer) + "\n")
+        answers.flush()
+
+
+if __name__ == "__main__":
+    main()

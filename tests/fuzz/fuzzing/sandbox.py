@@ -1,0 +1,132 @@
+"""Runs the command line in a process of its own, with limits of time and memory.
+
+One process has imported everything and loaded the kernels; for each command it forks. A command
+so costs what it computes, and not the second or two that the imports take.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+SECONDS = 20.0
+BYTES = 4 << 30
+_PACKAGE = Path(__file__).parents[1]
+_ROOT = Path(__file__).parents[3]
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How a command ended.
+
+    Attributes:
+        code: exit code; negative: the signal that ended it.
+        seconds: of the wall clock.
+        peak_bytes: most memory that it held, beyond what it was forked with.
+        timed_out: whether it was ended for its time.
+    """
+
+    code: int
+    stdout: str
+    stderr: str
+    seconds: float
+    peak_bytes: int
+    timed_out: bool
+
+    def fault(self) -> str | None:
+        """What makes this ending a defect, whatever the input was; None if it is as it should."""
+        if self.timed_out:
+            return f"took more than {self.seconds:.0f} s"
+        if "Traceback" in self.stderr:
+            return "a traceback"
+        if self.peak_bytes > BYTES or "not enough memory" in self.stderr:
+            return "too much memory"
+        if self.code == 2:
+            if self.stderr.count("\n") != 1 or not self.stderr.endswith("\n"):
+                return "not one line"
+            if not self.stderr.replace("\n", "").isprintable():
+                return "a line that a terminal would obey"
+            if len(self.stderr) > 2000:
+                return "a line that nobody reads to its end"
+            return None
+        if self.code != 0:
+            return f"exit code {self.code}"
+        return None
+
+
+class Sandbox:
+    """Runs commands; a context manager, as it holds a process.
+
+    Args:
+        warm_up: commands that are run once, so that what they load is there for all.
+    """
+
+    def __init__(self, warm_up: Sequence[Sequence[str]] = ()) -> None:
+        environment = os.environ | {
+            "PYTHONPATH": os.pathsep.join([str(_PACKAGE), str(_ROOT)]),
+            "OMP_NUM_THREADS": "1",
+            "OPENBLAS_NUM_THREADS": "1",
+            "NUMBA_THREADING_LAYER": "workqueue",  # which alone may be forked
+            "NUMBA_NUM_THREADS": "1",
+        }
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "fuzzing.forking"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env=environment,
+            text=True,
+        )
+        for arguments in warm_up:
+            self._ask({"warm_up": [str(a) for a in arguments]})
+
+    def run(
+        self,
+        arguments: Sequence[object],
+        folder: Path,
+        seconds: float = SECONDS,
+        bytes_more: int = BYTES,
+        bytes_of_file: int | None = None,
+    ) -> Ending:
+        """Runs `wrenchsight` with these arguments in `folder`.
+
+        Args:
+            bytes_of_file: no file can grow beyond; stands for a full disk.
+        """
+        answer = self._ask(
+            {
+                "run": [os.fsencode(str(a)).decode("latin-1") for a in arguments],
+                "folder": str(folder),
+                "seconds": seconds,
+                "bytes": bytes_more,
+                "file": bytes_of_file,
+            }
+        )
+        return Ending(**answer)
+
+    def __enter__(self) -> "Sandbox":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        self._process.wait()
+
+    def _ask(self, question: dict[str, Any]) -> Any:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write(json.dumps(question) + "\n")
+        self._process.stdin.flush()
+        answer = self._process.stdout.readline()
+        if not answer:
+            raise RuntimeError("the process that forks has died")
+        return json.loads(answer)
