@@ -127,6 +127,13 @@ class KinematicsConfig:
 
 
 @dataclass
+class PayloadConfig:
+    """A tool that weighs something else than the robot's file says."""
+
+    factor: float = 1.0  # true mass and inertia of the tool per stated
+
+
+@dataclass
 class ClockConfig:
     """A log whose samples are not from when its clock says, and not all from the same moment."""
 
@@ -146,6 +153,7 @@ class MechanismsConfig:
     encoder: EncoderConfig | None = None
     motor: MotorConfig | None = None
     kinematics: KinematicsConfig | None = None
+    payload: PayloadConfig | None = None
     clock: ClockConfig | None = None
     individual: int = 0  # seed of what differs from arm to arm: phases, frames of the joints
     day: int = 0  # seed of what differs from day to day
