@@ -64,7 +64,7 @@ def make_estimator(
               covariance        (36,) of the wrench, row by row
               condition_number  (1,) of J in m and rad
               valid             (1,) 1 or 0
-              terms             RigidBodyTerms (abstract) of the model, for whoever shares them
+              terms             RigidBodyTerms (abstract) of the model, for other blocks
               fault             (1,) what is wrong with q and v of the tick, and with the current of
                                 the one before: a sum of the codes of
                                 `models.observers.sample_check`, or 0; such a sample is missing

@@ -71,7 +71,11 @@ def make_machining_path(
 def posture_problem(
     robot: Robot, path: SurfacePath, machining: MachiningConfig, source: str
 ) -> RedundancyProblem:
-    """Minimises the stated sd of the force, read at a point, of a robot not yet identified."""
+    """Minimises the stated sd of the force, read at a point, of a robot not yet identified.
+
+    Raises:
+        InputError: narrower limits of a joint that the robot does not have, or that are no range.
+    """
     lower, upper = robot.position_lower + _MARGIN, robot.position_upper - _MARGIN
     for joint, limits in machining.joint_ranges_deg.items():
         if joint not in robot.joint_names or len(limits) != 2 or not limits[0] < limits[1]:

@@ -256,7 +256,7 @@ def _add_environment(
 def _add_plant(
     builder: DiagramBuilder, scenario: Scenario, with_scene: bool
 ) -> tuple[MultibodyPlant, SceneGraph | None]:
-    """The plant; without a SceneGraph where nothing touches and nobody looks: it costs time."""
+    """The plant; without a SceneGraph, which costs time, where nothing touches or is drawn."""
     config = MultibodyPlantConfig(
         time_step=scenario.time_step,
         discrete_contact_approximation="lagged",

@@ -80,7 +80,11 @@ def add_plate(plant: MultibodyPlant, plate: PlateConfig) -> None:
 
 
 def add_blade(plant: MultibodyPlant, blade: BladeConfig) -> None:
-    """Fixes a blade in the world: a rigid surface of triangles, to see and to touch."""
+    """Fixes a blade in the world: a rigid surface of triangles, to see and to touch.
+
+    Raises:
+        InputError: a mesh size that is not positive, or a dimension out of range.
+    """
     if not blade.mesh_size > 0.0:
         raise InputError("workpiece", "mesh_size", f"{blade.mesh_size:g} m, expected more than 0")
     surface, X_WP = surface_of(blade), pose_of_workpiece(blade)

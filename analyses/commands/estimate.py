@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from analyses.commands.options import (
+    AcceptSigns,
+    Check,
     LogFormat,
     Out,
     config_option,
@@ -112,7 +114,7 @@ def command(
     torque_sd: Annotated[
         str,
         typer.Option(
-            help="What an external torque errs by, N m: one number, or one a joint with commas.",
+            help="Sd of an external torque's error, N m: one number, or one a joint with commas.",
             show_default="what the logs' torques say",
         ),
     ] = "",
@@ -193,17 +195,8 @@ def command(
             help="Longest gap that is bridged, s; 0: the longer of 0.1 s and three steps."
         ),
     ] = DEFAULTS.max_gap,
-    check: Annotated[
-        bool, typer.Option(help="Check the log against the robot's limits and gravity.")
-    ] = DEFAULTS.check,
-    accept_signs: Annotated[
-        bool,
-        typer.Option(
-            "--accept-signs",
-            help="Take the drives' signs as the robot's file has them, although gravity, inertia "
-            "and friction contradict them; the result says so.",
-        ),
-    ] = DEFAULTS.accept_signs,
+    check: Check = DEFAULTS.check,
+    accept_signs: AcceptSigns = DEFAULTS.accept_signs,
     mcap: Annotated[
         bool,
         typer.Option("--mcap", help="Write the wrenches as ROS 2 messages too: wrench.mcap."),
@@ -240,7 +233,7 @@ def command(
         str, typer.Option(help="Its delay behind the motion, s, or found.")
     ] = REFERENCE.delay,
     reference_contact: Annotated[
-        float, typer.Option(help="Force of the sensor from which on there is contact, N.")
+        float, typer.Option(help="Force of the sensor above which there is contact, N.")
     ] = REFERENCE.contact_force,
     false_alarms_per_hour: Annotated[
         float, typer.Option(help="How often contact may be reported where nothing touches the arm.")

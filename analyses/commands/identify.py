@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from analyses.commands.options import (
+    AcceptSigns,
     LogFormat,
     Out,
     RobotName,
@@ -24,7 +25,8 @@ if TYPE_CHECKING:
 
 ORDER = 20
 COMMAND_CLASS = SeveralValues
-DEFAULTS = IdentifySettings().identification
+SETTINGS = IdentifySettings()
+DEFAULTS = SETTINGS.identification
 PLACES = {
     "logs": "logs",
     "robot": "robot",
@@ -85,14 +87,7 @@ def command(
             help="Keep every link's inertia physical; adds robot.urdf.",
         ),
     ] = DEFAULTS.consistent,
-    accept_signs: Annotated[
-        bool,
-        typer.Option(
-            "--accept-signs",
-            help="Take the drives' signs as the robot's file has them, although gravity, inertia "
-            "and friction contradict them; the result says so.",
-        ),
-    ] = IdentifySettings().accept_signs,
+    accept_signs: AcceptSigns = SETTINGS.accept_signs,
     config: Annotated[Path | None, config_option(IdentifySettings, PLACES)] = None,
     out: Out = Path("out/identify"),
 ) -> None:

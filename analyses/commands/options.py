@@ -23,6 +23,15 @@ Quick = Annotated[bool, typer.Option("--quick", help="Shorter and coarser: to tr
 RobotName = Annotated[
     str, typer.Option(help="A bundled robot's name, or the path of a robot.yaml.")
 ]
+Check = Annotated[bool, typer.Option(help="Check the log against the robot's limits and gravity.")]
+AcceptSigns = Annotated[
+    bool,
+    typer.Option(
+        "--accept-signs",
+        help="Take the drives' signs as the robot's file has them, although gravity, inertia "
+        "and friction contradict them; the result says so.",
+    ),
+]
 LogFormat = Annotated[
     str | None,
     typer.Option(help="Description of the log's columns: a bundled name or the path of a YAML."),

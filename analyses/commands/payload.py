@@ -5,7 +5,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analyses.commands.options import LogFormat, Out, RobotName, config_option, settled
+from analyses.commands.options import (
+    AcceptSigns,
+    Check,
+    LogFormat,
+    Out,
+    RobotName,
+    config_option,
+    settled,
+)
 from analyses.methods.calibration.payload_config import PayloadSettings
 from analyses.output.console import new_console, new_table, say, showing_progress
 
@@ -42,17 +50,8 @@ def command(
         ),
     ] = None,
     log_format: LogFormat = None,
-    check: Annotated[
-        bool, typer.Option(help="Check the log against the robot's limits and gravity.")
-    ] = DEFAULTS.check,
-    accept_signs: Annotated[
-        bool,
-        typer.Option(
-            "--accept-signs",
-            help="Take the drives' signs as the robot's file has them, although gravity, inertia "
-            "and friction contradict them; the result says so.",
-        ),
-    ] = DEFAULTS.accept_signs,
+    check: Check = DEFAULTS.check,
+    accept_signs: AcceptSigns = DEFAULTS.accept_signs,
     gain_sd: Annotated[
         float,
         typer.Option(help="How well each torque per ampere is known, relative; 0.03 is 3 %."),

@@ -44,7 +44,8 @@ class LoadPrior:
 
     Attributes:
         mass: kg, sd of the load's mass about zero.
-        gain: sd of each joint's torque per ampere, relative; 0 where a known weight has told them.
+        gain: sd of each joint's torque per ampere, relative; 0 where a known weight has determined
+            them.
         drift: of friction, since the model was fitted.
     """
 

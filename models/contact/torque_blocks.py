@@ -122,6 +122,9 @@ def torque_blocks(terms: MotionTerms, law: PreslidingFriction, samples: int) -> 
         terms: of the log.
         law: of the joints' friction.
         samples: in a block.
+
+    Raises:
+        ValueError: the log is shorter than a block.
     """
     N = len(terms.t) // samples
     if N == 0:

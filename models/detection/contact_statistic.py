@@ -18,9 +18,9 @@ beyond. Two things that the torque error does not hold:
             first LOCAL_TIME of a log it is the mean since the start, g = 1 counting for FIRST
 
 With y = U z, U upper triangular and U R U^T = 1 for the correlation R of the joints' errors, so
-that y_j.. holds what joints j and beyond say, lengths are held against the level that each exceeds
-so and so often an hour (`models.signals.exceedance_tail`, of the logs that the model was fitted on,
-held out):
+that y_j.. depends on joints j and beyond alone, norms are compared with the level that each exceeds
+at a stated rate per hour (`models.signals.exceedance_tail`, of the logs that the model was fitted
+on, held out):
 
     change  |U c|                        a push, at once
     mean    |U LP(z) / mean_scale|       one that is weak, over WINDOW; LP is a first-order low-pass
@@ -28,28 +28,28 @@ held out):
     power   sqrt(LP(|y|^2))              whether it is at E
 
 **Change** is what a sample has beyond the recent mean, c_j = (x - LP(x))_j / (g' s')_j with
-x = sign(tau) (|tau| - w b)+. Friction errs slowly: half of what a reading errs by in sliding lasts
-longer than WINDOW, and nearly all that drifts from day to day, while a push comes within the
-observer's lag. Its variance s'^2 is of the parts that sd^2 has, with shares of their own, and of
-the jolt's square, and g' is its own local scale. The first WINDOW of a log has no mean yet and
-tells no change. Over the UR10e's other days, in units of those of the fit, the size of z goes from
-.9 to 3.6 and that of its changes from .9 to 2.5. A model that does not know s' takes `sample` in
-the place of `change`.
+x = sign(tau) (|tau| - w b)+. Friction errors are slow: half of a reading's error in sliding lasts
+longer than WINDOW, and so does nearly all that drifts from day to day, while a push comes within
+the observer's lag. Its variance s'^2 is of the parts that sd^2 has, with shares of their own, and
+of the jolt's square, and g' is its own local scale. In the first WINDOW of a log there is no mean
+yet, and so no change. Over the UR10e's other days, in units of those of the fit, the size of z goes
+from .9 to 3.6 and that of its changes from .9 to 2.5. A model that does not know s' takes `sample`
+in the place of `change`.
 
 **Contact** begins where `change` or `mean` exceeds its level, each of half of the stated rate, and
 lasts until `sample` and `mean` have been below RELEASE of it, or what noise often reaches, for
-QUIET. So that the mean does not outlast a contact, it does not count where less than LEFT of it is
-left in the present sample. A reading that averages out over LOCAL_TIME is no contact but an error
-that is larger than ever seen: after that time g follows it, as slowly as before.
+QUIET. So that the mean does not outlast a contact, it does not count where the present sample is
+less than LEFT of it. A reading whose mean over LOCAL_TIME vanishes is not a contact but an error
+larger than any before: after that time g follows it, as slowly as before.
 
 **Misfit**: what no force at E, with a moment within its prior, explains,
 
     D = min_F |y - U J^T F / (g s)|^2 + |moment / moment_sd|^2
 
-with J as the observer saw it and s widened by the model's scale error. It is asked in contact
+with J as the observer saw it and s widened by the model's scale error. It is looked at in contact
 alone, so that the level is one that a contact at E that lasts a second exceeds once in a hundred
-times, whatever the stated rate: D <= |y|^2, and sqrt(LP(D)) is held against the level of `power`.
-With six joints and an unknown moment nothing is left to tell: D = 0.
+times, whatever the stated rate: D <= |y|^2, and sqrt(LP(D)) is compared with the level of `power`.
+With six joints and an unknown moment a force at E explains everything: D = 0.
 
 **Link**: a force on link k loads joints 1 to k alone. Where the contact is not at E and joints
 beyond k are within LOUD of their errors while k and beyond exceed the level of `power`, the contact

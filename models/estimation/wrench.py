@@ -200,6 +200,9 @@ class WrenchReconstruction:
             sd: as tau_ext; N m, of its errors; None: 1, so that the torque covariance is theirs.
             stiction: as tau_ext; the part of sd that is stiction; None: 0.
             J_now: as J, of the very sample, whose condition number is stated; None: J.
+
+        Raises:
+            ValueError: shapes that disagree.
         """
         n = self.num_joints
         J = np.asarray(J, float)
@@ -258,7 +261,11 @@ def reconstruct_wrench(
 
 
 def whitening_matrix(Sigma: Array) -> Array:
-    """Returns W (n, n), lower triangular, with W Sigma W^T = 1."""
+    """Returns W (n, n), lower triangular, with W Sigma W^T = 1.
+
+    Raises:
+        ValueError: Sigma is not finite, symmetric and positive definite.
+    """
     if not np.all(np.isfinite(Sigma)) or not np.allclose(Sigma, Sigma.T, rtol=1e-9, atol=0.0):
         raise ValueError("torque covariance must be finite and symmetric")
     try:

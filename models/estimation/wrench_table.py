@@ -25,7 +25,7 @@ trusted, else 0."""
 FLAGS = ("contact", "misfit", "link", "rest", "out_of_range", "fault")
 """Columns after tau_ext_1 to tau_ext_n (N m, positive along the motion it causes) and
 contact_statistic (1: contact begins), as `models.detection.contact_detector.Detection`: 1 or 0, and
-the number of the link where a contact is that no force at E explains, 0 where that is not told; and
+the number of the link with a contact that no force at E explains, 0 where it is not known; and
 fault, 0 or the sum of what is wrong with the sample (`models.observers.sample_check`)."""
 COVARIANCE = tuple(f"cov_{a}_{b}" for k, a in enumerate(WRENCH_AXES) for b in WRENCH_AXES[k:])
 """Columns after these, on request: N^2, N^2 m and N^2 m^2; the upper triangle, row by row."""
@@ -111,6 +111,9 @@ class WrenchTableWriter:
             statistic: (N,) of contact, where the table has these columns.
             flags: (N,) each, of FLAGS; likewise.
             covariance: (N, 6, 6), rotation first, where the table has its columns.
+
+        Raises:
+            ValueError: the table has columns for the covariance, and none is given.
         """
         columns = [t, *wrench[:, FORCE_FIRST].T, *standard_deviation[:, FORCE_FIRST].T]
         columns += [condition_number, valid.astype(np.int8), *tau_ext.T]

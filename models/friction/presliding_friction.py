@@ -227,6 +227,9 @@ class PreslidingFriction:
             q: (N, n) rad (m).
             v: (N, n) rad/s (m/s).
             load: (N, n) transmitted torque L at the same samples, N m.
+
+        Raises:
+            ValueError: shapes that disagree.
         """
         q, v, load = (np.require(x, float, ("C", "W")) for x in (q, v, load))
         if not (q.ndim == 2 and q.shape == v.shape == load.shape and q.shape[1] == self.num_joints):

@@ -28,7 +28,7 @@ class ContactNoise:
     mean: ExceedanceTail | None = None  # of that of the mean over the window
     power: ExceedanceTail | None = None  # of the root of the mean square over the window
     change_sd: list[list[float]] = field(default_factory=list)
-    """Per joint, what the change of the error is made of: N m, then per unit of speed, load,
+    """Per joint, the parts of the sd of the error's change: N m, then per unit of speed, load,
     acceleration, reversal, stiction and jolt. None: changes are not looked at."""
     change: ExceedanceTail | None = None
     """Of the square of what a sample has beyond the mean over the window: of Gaussian errors of any

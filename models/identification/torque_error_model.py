@@ -241,6 +241,9 @@ class TorqueErrorModel:
 
         Returns:
             (N, n) N m, twice.
+
+        Raises:
+            ValueError: shapes that disagree.
         """
         q, v, load = (np.require(x, float, ("C", "W")) for x in (q, v, transmitted))
         if not (q.ndim == 2 and q.shape == v.shape == load.shape and q.shape[1] == self.num_joints):

@@ -115,6 +115,7 @@ def split_table(
     table: Array,
     n: int,
 ) -> tuple[Array, Array, Array, Array, Array]:
+    """Numbers, 6-vectors, n-vectors, an (n, n) and the torque error's table of `table`."""
     a = _NUMBERS + 6 * _SIXES
     b = a + n * _JOINTS
     c = b + n * n

@@ -156,7 +156,7 @@ def check_current(
     checked: Array,
 ) -> None:
     """Writes the current (n,) into row 2 of `checked`, as `check_motion`; returns nothing: what was
-    wrong is told with the next sample, as no reading of this one rests on it.
+    wrong is reported with the next sample, as no reading of this one depends on it.
     """
     for j in range(current.shape[0]):
         wrong = _wrong_current(table, state, period, j, current[j])

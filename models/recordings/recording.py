@@ -20,6 +20,9 @@ class Recording:
 
     A log that holds no joint positions, velocities or currents (some hold only torque and
     Jacobian) has n = 0 there and its signals in `extra`.
+
+    Raises:
+        ValueError: signals of different lengths or shapes.
     """
 
     t: Array  # (T,) s, increasing

@@ -1,8 +1,8 @@
 """Whether a recording can come from the robot that it is said to come from.
 
 A log in degrees, in milliamperes or with a turned sign is a list of good numbers: only the robot
-knows better. Limits and jumps are held against every sample. Velocity against position, and
-current against gravity, are held against sums over the log so far, so that friction, noise and
+knows better. Limits and jumps are checked at every sample. Velocity against position, and current
+against gravity, are checked by sums over the log so far, so that friction, noise and
 delay do not matter.
 """
 

@@ -483,7 +483,7 @@ def _simulated_truth(
         values: list[float] = getattr(friction, name)
         place = f"simulated_truth.friction.{name}"
         if not values:
-            # One rad/s, so that nobody divides by a Stribeck velocity of zero.
+            # One rad/s, so that no kernel divides by a Stribeck velocity of zero.
             values = [1.0 if name == "stribeck_velocity" else 0.0] * num_joints
         if len(values) != num_joints:
             raise InputError(source, place, f"{len(values)} numbers, expected {num_joints}")

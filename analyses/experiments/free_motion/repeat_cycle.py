@@ -1,7 +1,7 @@
 """Experiment `repeat-cycle`: the force that repeated motion reads where nothing touches the arm.
 
 The arm goes twice along a path and back (section 4.5, Figs. 15 and 16). The torques of the first
-cycle are tau_d of eq. 4 in the second one: the model's error cancels, and what is left, noise and
+cycle are tau_d of eq. 4 in the second one: the model's error cancels, and the rest, noise and
 what friction does not repeat, is read as a force that grows with the condition number.
 
 As the article has it, eq. 4 takes the drives' torque as it comes, without the observer's low-pass.

@@ -1,7 +1,8 @@
 """Experiment `repeat-cycle-push`: a hand pushes while the arm repeats its cycle (Fig. 17).
 
 As `repeat-cycle`, but in the second cycle a hand pushes at the tool, alike on every path; readings
-are held against a force/torque sensor with noise of its own, low-passed at 18 Hz as in the article.
+are compared with a force/torque sensor that has noise of its own, low-passed at 18 Hz as in the
+article.
 """
 
 from collections.abc import Mapping

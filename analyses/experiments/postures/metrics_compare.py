@@ -2,7 +2,7 @@
 
 The article chooses configurations by the condition number of J, which bounds the relative error of
 the wrench in the worst case. Here postures, wrenches and model errors are drawn at random, and each
-measure of the posture is held against the force error that comes out, by rank correlation.
+measure of the posture is compared with the force error that results, by rank correlation.
 
 The model errors are not white noise. For each of several robots, the model that its owner has
 identified is wrong in its inertial parameters and knows of friction only Coulomb and viscous parts,

@@ -231,7 +231,7 @@ def _labelled(
     robot: Robot,
     model: IdentifiedModel,
 ) -> dict[str, Any]:
-    """A log with contacts of its own, whose links nobody knows; delays are from the labels."""
+    """A log with contacts of its own, whose links are not known; delays are from the labels."""
     described = (data / file).with_name("recording.yaml")
     recording = read_recording(data / file, described if described.exists() else None, robot)
     log = TrialLog(recording, robot, model, TIME_STEP, K_0)

@@ -1,6 +1,6 @@
 """What torque does an ampere give? Logs without and with a weighed load in, torque constants out.
 
-The logs without a load are identified as ever. With the friction terms that came out, a second fit
+The logs without a load are identified as usual. With the friction terms found, a second fit
 of all logs together finds torque per ampere, masses, friction and the loads' centres of mass at
 once (`models.calibration.gain_calibration`). The model is then identified again with the torque
 constants found. Where friction depends on the load, that dependence is the second fit's, which has
@@ -53,7 +53,7 @@ ProgressCallback = Callable[[float, str], None]
 
 GAIN_TOLD = 0.1  # relative sd; a torque constant that is less certain stays as in the robot's file
 COM_TOLD = 0.02  # m
-SURE = 2.0  # standard errors, from which a load dependence is told from none
+SURE = 2.0  # standard errors, beyond which a load dependence differs from none
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,7 +313,7 @@ def _log(run: LowPassedLog, load: int) -> CalibrationLog:
 def _with_load_terms(solution: Solution) -> tuple[FrictionStructure, Array]:
     """The structure with a load term on every joint, if it has one on any, and its parameters.
 
-    Logs without a load may not have told the wrist's.
+    Logs without a load may not have shown the wrist's.
     """
     structure = solution.structure
     if not structure.has("load"):

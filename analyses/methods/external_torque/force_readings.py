@@ -135,7 +135,7 @@ def rms(x: Array) -> float:
 
 
 def _error_over_sd(logs: Sequence[LogReading]) -> Array:
-    """Per log, RMS of the error in units of its stated sd, over three axes; 1 is honest."""
+    """Per log, RMS of the error in units of its stated sd, over three axes; ideally 1."""
     ratios = []
     for log in logs:
         error, covariance = log.error[log.loaded], log.covariance[log.loaded]

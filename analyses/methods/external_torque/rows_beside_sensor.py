@@ -16,7 +16,7 @@ class RowsBesideSensor:
     """Gathers them from a stream, at most `capacity`, evenly spread.
 
     Attributes:
-        reading: once it is held against the sensor; None before, and for a single force.
+        reading: once compared with the sensor; None before, and for a single force.
     """
 
     def __init__(self, capacity: int) -> None:

@@ -5,23 +5,21 @@ from pathlib import Path
 
 import numpy as np
 
-from analyses.methods.sensors.reference_config import ReferenceConfig, check_columns, check_tare
+from analyses.methods.sensors.reference_config import ReferenceConfig, reference_columns
 from models.arrays import Array
 from models.files.input_error import InputError
 from models.recordings.layouts.external_torque import JACOBIAN, TAU_EXT, jacobians
 from models.recordings.recording import Recording
-from models.recordings.recording_format import SignalColumns, column_items
 from models.recordings.recording_reader import RecordingReader
 from models.robot.robot import Robot
 
-REFERENCE = "--reference"  # the sensor's signal in a recording; no description can name one so
 _CHUNK = 1 << 15  # rows that are worked on at a time
 
 
 def is_torque_log(log: Path, log_format: str | Path | None, torque: str) -> bool:
     """Whether `estimate` reads a log's external torque rather than its currents.
 
-    A log that cannot be opened is none: whoever reads it says why.
+    False for a log that cannot be opened: its reader reports why.
 
     Args:
         torque: `EstimateConfig.torque`.
@@ -58,7 +56,7 @@ class TorqueLog:
     ) -> None:
         self.path = path
         self._log_format, self._robot, self._check = log_format, robot, check
-        self._further = _further(reference)
+        self._further = reference_columns(reference)
         reader = self.reader()
         torque = reader.layout.signal(TAU_EXT)
         if torque is None:
@@ -106,13 +104,3 @@ class TorqueLog:
         if self._robot is None or not self.has_positions:
             return np.broadcast_to(np.eye(3), (chunk.num_samples, 3, 3))
         return self._robot.chain.pose(np.nan_to_num(chunk.q))[0]
-
-
-def _further(reference: ReferenceConfig) -> dict[str, SignalColumns]:
-    """The sensor's columns, which the log's description need not know."""
-    if not reference.columns:
-        return {}
-    items = column_items(reference.columns, REFERENCE, "estimate")
-    check_columns(len(items))
-    check_tare(reference, len(items))
-    return {REFERENCE: SignalColumns(reference.columns)}

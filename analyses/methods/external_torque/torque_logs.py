@@ -1,7 +1,7 @@
 """What force acts at the tool of an arm that reports its external torque itself?
 
-Some arms (Franka's, KUKA's) measure torque behind their gears and report what is left of it once
-their own model is taken off: tau_ext. With the Jacobian, logged or of a robot and its positions,
+Some arms (Franka's, KUKA's) measure torque on the output side of their gears and report it less
+that of their own model: tau_ext. With the Jacobian, logged or of a robot and its positions,
 that is all a wrench needs: no model, friction law or observer of ours has a part in it, and its
 error and lag are the arm's. Every row is read as it stands.
 
@@ -23,7 +23,7 @@ from analyses.methods.external_torque.force_readings import (
     knowledge_by_evidence,
 )
 from analyses.methods.external_torque.rows_beside_sensor import RowsBesideSensor
-from analyses.methods.external_torque.torque_log import REFERENCE, TorqueLog
+from analyses.methods.external_torque.torque_log import TorqueLog
 from analyses.methods.reading.estimate_config import (
     FLOOR_SHARE,
     PRIORS,
@@ -35,7 +35,7 @@ from analyses.methods.reading.estimate_config import (
 from analyses.methods.reading.estimate_summary import EstimateSummary
 from analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
 from analyses.methods.sensors.mounting import find_mounting, tare_of
-from analyses.methods.sensors.reference_config import ReferenceConfig
+from analyses.methods.sensors.reference_config import REFERENCE, ReferenceConfig
 from analyses.methods.sensors.sensor_log import SensorLogCollector, joined_logs
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
@@ -116,8 +116,8 @@ def estimate_torque_logs(
 ) -> TorqueLogsResult:
     """The command `estimate` for logs of external torque: wrenches and their uncertainty.
 
-    Writes for each log a table (see `models.estimation.wrench_table`, without what a model would
-    tell of contact) and a figure; metrics.json and config.yaml.
+    Writes for each log a table (see `models.estimation.wrench_table`, without the columns for
+    contact, which need a model) and a figure; metrics.json and config.yaml.
 
     Args:
         logs: with the signals `tau_ext` and, unless there is a robot, `jacobian`
@@ -228,7 +228,7 @@ def _estimate(
     progress(1.0, "done")
     if against and not told:
         warnings.append(
-            f"the sensor never says more than {config.reference.contact_force:g} N, from which on "
+            f"the sensor never reads more than {config.reference.contact_force:g} N, above which "
             "there is contact: lower it with --reference-contact"
         )
     return TorqueLogsResult(
@@ -281,8 +281,8 @@ def _known(
         rule = config.prior if config.prior in PRIORS else "given"
     if not sd.size and n <= _WRENCH_NUMBERS:
         warnings.append(
-            f"a wrench explains any torque of {n} joints: what the torque errs by is told by the "
-            "changes of posture alone; give --torque-sd"
+            f"a wrench explains any torque of {n} joints: the torque's error shows by the changes "
+            "of posture alone; give --torque-sd"
         )
     if not sd.size or None in (own.prior_force_sd, own.prior_moment_sd):
         J, tau_ext = EvenSample(_ROWS), EvenSample(_ROWS)
@@ -403,7 +403,7 @@ def _bag(log: TorqueLog, path: Path, robot: Robot | None) -> WrenchBagWriter:
 def _compared(
     runs: Sequence[_Run], reference: ReferenceConfig, out: OutputFolder
 ) -> tuple[list[TorqueLogResult], tuple[str, ...]]:
-    """Each log's result, held against its sensor, which is mounted alike in all of them."""
+    """Each log's result, compared with its sensor, which is mounted alike in all of them."""
     beside = [run.beside.log() for run in runs if run.beside is not None]
     sensor_logs = [log for log in beside if log is not None]
     if len(sensor_logs) != len(beside):
@@ -434,7 +434,7 @@ def _compared(
 
 
 def _own_metrics(run: _Run) -> dict[str, Any]:
-    """Of one log, without what only an observer or a model would tell."""
+    """Of one log, without figures that need an observer or a model."""
     metrics = run.summary.metrics(run.config.estimator, "")
     for key in ("faults", "outside_model", "prior"):
         del metrics[key]

@@ -169,6 +169,7 @@ def train_networks(
 
     Raises:
         InputError: a joint has too few samples in its band.
+        ValueError: v and torque of different shapes.
     """
     config = TrainingConfig(seed) if config is None else config
     v, torque = np.asarray(v, float), np.asarray(torque, float)
@@ -275,6 +276,7 @@ class Adam:
         self._rate, self._steps, self._done = rate, steps, 0
 
     def step(self, gradients: "Sequence[torch.Tensor]") -> None:
+        """Takes one step against the gradients, in the parameters' order and in place."""
         self._done += 1
         scale = (1.0 - 0.999**self._done) ** 0.5
         size = self._rate / (1.0 - 0.9**self._done)

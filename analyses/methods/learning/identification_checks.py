@@ -40,7 +40,7 @@ def gain_ratios(
         oversampling: rows per independent sample.
 
     Returns:
-        (n,) factors and their sds; NaN and infinity where nothing is told of a factor.
+        (n,) factors and their sds; NaN and infinity where a factor is not determined.
     """
     n = len(factors[0].R)
     stacked = [
@@ -158,6 +158,7 @@ def contradictions(
 
 
 def doubts(fit: Sequence[TorqueFit], base: BaseParameters, model: IdentifiedModel) -> list[str]:
+    """Warnings for a poor fit, a poorly excited motion and negative friction."""
     names = model.joint_names
     unexplained = pooled_rmse(fit) / rms(np.vstack([f.measured for f in fit]))
     found = [

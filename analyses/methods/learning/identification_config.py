@@ -48,7 +48,7 @@ class IdentifySettings:
 
     command: str = "identify"  # which wrote it
     robot: str = ""  # a bundled name, or a robot.yaml
-    accept_signs: bool = False  # take the drives' signs as they are, whatever gravity says of them
+    accept_signs: bool = False  # take the drives' signs as they are, also against the evidence
     logs: list[str] = field(default_factory=list)  # of free motion, to be fitted
     validate: list[str] = field(default_factory=list)  # logs to predict, not fitted
     load: list[str] = field(default_factory=list)  # LOG=MASS or LOG=MASS,X,Y,Z, kg and m

@@ -38,6 +38,7 @@ class LawFit:
 
     @property
     def cross_validated_rmse(self) -> Array:
+        """(n,) N m, of held-out logs; of the fit itself where nothing was held out."""
         return pooled_rmse(self.cross_validation or self.fit)
 
 

@@ -24,7 +24,7 @@ from models.recordings.resampling import resampled
 from models.robot.robot import Robot
 
 LATE = 0.1  # s after a push in which it may still be found: the observer's own lag and more
-PROMPT = 0.05 + 1e-9  # s, what is asked; a delay is a multiple of the period
+PROMPT = 0.05 + 1e-9  # s, the delay that is wanted; delays are multiples of the period
 CONFIDENCE = 0.95  # of the largest rate that a count agrees with
 
 

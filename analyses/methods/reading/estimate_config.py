@@ -52,7 +52,7 @@ class EstimateConfig:
     smooth: bool = False  # each sample estimated from those after it as well: no lag
     max_gap: float = 0.0  # s, longest gap that is bridged; 0: 0.1 s or three steps
     check: bool = True  # hold the log against the robot's limits and gravity
-    accept_signs: bool = False  # take the drives' signs as they are, whatever gravity says of them
+    accept_signs: bool = False  # take the drives' signs as they are, also against the evidence
     mcap: bool = False  # write the wrenches as ROS 2 messages too (wrench.mcap)
     reference: ReferenceConfig = field(default_factory=ReferenceConfig)  # a force sensor in the log
     detection: ContactDetectionConfig = field(default_factory=ContactDetectionConfig)

@@ -120,6 +120,7 @@ class EstimateSummary:
         torque: Array,
         contact: Flags,
     ) -> None:
+        """Takes the next chunk of N samples; sd (N, 6) rotation first, torque (N, n) N m."""
         if not chunk.num_samples:
             return
         if not self.count:
@@ -171,6 +172,7 @@ class EstimateSummary:
         self._extrapolated += int(extrapolated.sum())
 
     def metrics(self, config: WrenchEstimatorConfig, rule: str) -> dict[str, Any]:
+        """All figures, as written to metrics.json; `rule` is the prior's."""
         share = 100.0 / self.count
         return {
             "num_samples": self.count,
@@ -211,6 +213,7 @@ class EstimateSummary:
             self._faults[code] += int(((fault & code) != 0).sum())
 
     def warnings(self) -> list[str]:
+        """What makes the result doubtful, one sentence each."""
         found = []
         for code, what in _FAULTS.items():
             if self._faults[code]:

@@ -29,7 +29,7 @@ from analyses.methods.reading.estimate_summary import EstimateSummary
 from analyses.methods.reading.friction_watch import FrictionWatch
 from analyses.methods.reading.sample_screen import FAULT, SampleScreen
 from analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
-from analyses.methods.sensors.reference_config import ReferenceConfig, check_columns, check_tare
+from analyses.methods.sensors.reference_config import REFERENCE, ReferenceConfig, reference_columns
 from analyses.methods.sensors.sensor_log import SensorLogCollector
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
@@ -49,7 +49,6 @@ from models.observers.observer_kinds import kind_name, kind_of, make_observer
 from models.observers.sample_check import BEYOND
 from models.recordings.position_resolution import position_resolution
 from models.recordings.recording import Recording, concatenated
-from models.recordings.recording_format import SignalColumns, column_items
 from models.recordings.recording_reader import RecordingReader
 from models.recordings.resampling import plausible_step, resample_chunks
 from models.rigid_body.spatial_vectors import FORCE_FIRST
@@ -59,7 +58,6 @@ ProgressCallback = Callable[[float, str], None]
 
 CHUNK_SAMPLES = 1 << 16  # samples that are worked on at a time
 _PRIOR_SAMPLES = 1 << 12
-REFERENCE = "--reference"  # the sensor's signal in a recording; no description can name one so
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +131,14 @@ def estimate_log(
 
         def read() -> RecordingReader:
             reader = RecordingReader(
-                *(log, log_format, robot, config.check, _further(config.reference), "estimate"),
+                *(
+                    log,
+                    log_format,
+                    robot,
+                    config.check,
+                    reference_columns(config.reference),
+                    "estimate",
+                ),
                 accept_signs=config.accept_signs,
             )
             reader.require_joint_signals()
@@ -181,7 +186,7 @@ def estimate(
         )
     elif model.provenance.logs and model.contact_noise is None:
         warnings.append(
-            "the model does not say what it reads without contact: how often contact is reported "
+            "the model does not state its readings without contact: how often contact is reported "
             "where nothing touches the arm is not known; identify it again"
         )
     config, max_gap = settings.estimate.estimator, settings.estimate.max_gap
@@ -280,16 +285,6 @@ def estimate(
         _metrics=metrics,
         comparison=comparison,
     )
-
-
-def _further(reference: ReferenceConfig) -> dict[str, SignalColumns]:
-    """The sensor's columns, which the log's description need not know."""
-    if not reference.columns:
-        return {}
-    items = column_items(reference.columns, REFERENCE, "estimate")
-    check_columns(len(items))
-    check_tare(reference, len(items))
-    return {REFERENCE: SignalColumns(reference.columns)}
 
 
 def _collect(

@@ -268,7 +268,7 @@ def errors(reading: Array, truth: Array) -> dict[str, float]:
 
 
 def errors_within_ways(reading: Array, truth: Array, ways: NDArray[np.int64]) -> dict[str, Any]:
-    """What a reading tells beyond the mean force of each way.
+    """How well a reading follows the force beyond the mean of each way.
 
     Friction along the feed changes its sign when the feed turns round: over several ways most of a
     correlation is that change. Here each way's means are taken off first.
@@ -309,4 +309,5 @@ def regulation(run: MachiningRun) -> dict[str, float]:
 
 
 def feed_key(feed: float) -> str:
+    """The key of a feed (s, one way) in the metrics: T15."""
     return f"T{feed:g}"

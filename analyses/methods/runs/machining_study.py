@@ -1,7 +1,7 @@
 """The studies of machining: each feed with a force/torque sensor in the force loop, and without.
 
 One way of the path in 15, 30 and 60 s, there and back (section 5). Each feed is machined twice:
-with a force/torque sensor in the force loop, the readings compared on one and the same run, and
+with a force/torque sensor in the force loop, the readings compared on the same run, and
 without any sensor, the loop closed by the estimate alone.
 """
 
@@ -289,7 +289,7 @@ def findings(task: MachiningTask, metrics: Mapping[str, Any]) -> list[str]:
         "Friction along the feed changes its sign when the feed turns round, and a correlation "
         "over all ways counts that as agreement. Within a way, its mean taken off, the article's "
         f"method correlates by {_row(metrics, 'article.within_ways.correlation')}, ours by "
-        f"{_row(metrics, 'ours.within_ways.correlation')}: what each tells of a force that lives.",
+        f"{_row(metrics, 'ours.within_ways.correlation')}: how well each follows a varying force.",
         "Ours reads with what a pass through the air has taught, just above the surface along the "
         "same motion: what the observer reads there is the model's error and is taken off (eq. 4, "
         "on the observer's output). What contact itself changes is left: friction that grows with "

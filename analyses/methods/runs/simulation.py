@@ -125,7 +125,7 @@ class SimulationResult:
     def metrics(self) -> dict[str, Any]:
         """Errors of estimate, sensor, motion and force, as written to metrics.json.
 
-        `rmse_*`, `max_error_*` and `correlation_*` hold the estimate against the truth, axis by
+        `rmse_*`, `max_error_*` and `correlation_*` compare the estimate with the truth, axis by
         axis; the same below `sensor`. `coverage_share` is how often the true force lies in the
         stated 95 % band. Below `valid` the readings that are not valid are left out. Nothing in it
         depends on the machine's speed.
@@ -164,7 +164,11 @@ class SimulationResult:
         return metrics
 
     def pressing_force(self) -> Array:
-        """(T,) N: the true push of the environment along the controlled direction."""
+        """(T,) N: the true push of the environment along the controlled direction.
+
+        Raises:
+            ValueError: the scenario controls no force.
+        """
         controller = self.scenario.controller
         if not isinstance(controller, ImpedanceConfig) or controller.force is None:
             raise ValueError("the scenario controls no force")

@@ -116,6 +116,9 @@ def on_path(scenario: Scenario, robot: Robot, path: StraightPath, posture: Array
 
     Args:
         posture: (n,) at the path's midpoint, names the branch.
+
+    Raises:
+        ValueError: the scenario's motion is not a line.
     """
     if not isinstance(scenario.motion, LineMotion):
         raise ValueError("the scenario has no line to move")

@@ -1,8 +1,8 @@
 """How far a reading is from a sensor, by phase: at rest or in motion, in contact or free.
 
-A phase is told by the sensor's own force and by the joints' speed. Numbers are over averages of
-0.1 s (`sensor_log.WINDOW` blocks), as in all our experiments; the sd of an average is the mean of
-its parts', since their errors last longer. A band holds where the average's error is within 1.96
+Phases are told apart by the sensor's own force and by the joints' speed. Numbers are over averages
+of 0.1 s (`sensor_log.WINDOW` blocks), as in all our experiments; the sd of an average is the mean
+of its parts', since their errors last longer. A band holds where the average's error is within 1.96
 sds.
 """
 

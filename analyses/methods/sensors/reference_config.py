@@ -1,16 +1,18 @@
-"""What `estimate --reference` is told of the sensor in a log."""
+"""The settings of `estimate --reference`: the force sensor in a log."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from models.files.input_error import InputError
+from models.recordings.recording_format import SignalColumns, column_items
 
 SIZES = (1, 3, 6)  # columns: a force along an axis, a force, a force and a moment
 FRAMES = ("found", "world", "tool")
 SIGNS = ("found", "robot", "environment")
 TARES = ("none", "start", "fit")
 FOUND = "found"
+REFERENCE = "--reference"  # the sensor's signal in a recording; no description can name one so
 _LONGEST_DELAY = 5.0  # s
 
 
@@ -106,3 +108,17 @@ def checked_reference(config: ReferenceConfig) -> ReferenceConfig:
         if not (np.isfinite(number) and number > 0.0):
             raise refuse(name, f"is {number}, expected more than zero", "leave it out")
     return config
+
+
+def reference_columns(reference: ReferenceConfig) -> dict[str, SignalColumns]:
+    """The sensor's columns, which the log's description need not know.
+
+    Raises:
+        InputError: columns that are none, or not 1, 3 or 6 of them, or a tare of other size.
+    """
+    if not reference.columns:
+        return {}
+    items = column_items(reference.columns, REFERENCE, "estimate")
+    check_columns(len(items))
+    check_tare(reference, len(items))
+    return {REFERENCE: SignalColumns(reference.columns)}

@@ -41,7 +41,7 @@ _DESCRIBE = "name its columns in a description (--log-format), extra, jacobian, 
 
 
 def external_torque_layout(names: Sequence[str], path: Path) -> KnownLayout | None:
-    """The description of a log of external torque; None: it is none.
+    """The description of a log of external torque; None: the log is not of this kind.
 
     Raises:
         InputError: it is one, but columns are missing in the middle, or there is neither a
@@ -82,8 +82,8 @@ def external_torque_layout(names: Sequence[str], path: Path) -> KnownLayout | No
 def jacobians(recording: Recording) -> Array:
     """The Jacobians of a recording (T, 6, n), rows [angular; linear].
 
-    A revolute joint turns all behind it at its own speed: its angular column has length 1 in any
-    axes. That tells the order of the rows.
+    A revolute joint turns all that it carries at its own speed: its angular column has length 1 in
+    any axes. That tells the order of the rows.
 
     Raises:
         InputError: it is no Jacobian in SI units with linear rows first.

@@ -7,16 +7,15 @@ What a motor does is known up to a few numbers that cannot be negative:
 with a and b about 1 (_LARGEST_FACTOR at most), c the rotor's inertia, d and e Coulomb and viscous
 friction. For each joint that is fitted twice, with sign +1 and with sign -1, by least squares with
 a to e not below zero: a torque of the wrong sign can be explained neither by its weight nor by
-friction. The logarithm of
-the likelihood ratio of the two is
+friction. The logarithm of the likelihood ratio of the two is
 
     1/2 N log((r(-1) + s^2) / (r(+1) + s^2))
 
-of the mean squares r that are left. s stands for what no log of any quality excludes: stiction, an
-offset, a load, STICTION of the joint's effort limit. N counts a sample every CORRELATION seconds,
-REST_CORRELATION where the joint rests: what a model errs by lasts, so that samples close by say the
-same. A motion without gravity, as of a vertical axis, still tells by friction and inertia; a joint
-that tells nothing has a ratio of one. The joints' logarithms add up.
+of the mean squares r of the residuals. s stands for what no log excludes: stiction, an offset, a
+load, STICTION of the joint's effort limit. N counts a sample every CORRELATION seconds,
+REST_CORRELATION where the joint rests: a model's error lasts, so that samples close by say the
+same. A motion without gravity, as of a vertical axis, still shows the sign by friction and inertia;
+a joint that shows nothing has a ratio of one. The joints' logarithms add up.
 """
 
 from collections.abc import Sequence
