@@ -248,6 +248,8 @@ class RecordingChecks:
             raise self._error(chunk, None, "v", int(j), problem, remedy)
 
     def _add_gravity(self, chunk: Recording) -> None:
+        if not self._robot.has_inertias:
+            return
         slow = np.all(np.abs(chunk.v) < _SLOW * self._robot.velocity_limit, axis=1)
         chosen = np.flatnonzero(slow)
         chosen = chosen[:: max(1, len(chosen) // _GRAVITY_SAMPLES)]

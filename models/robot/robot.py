@@ -180,6 +180,17 @@ class Robot:
         tau_motor = np.asarray(tau_J, float) @ self.coupling if self.is_coupled else tau_J
         return torque_to_current(tau_motor, self.torque_per_ampere, self.current_sign)
 
+    @property
+    def has_inertias(self) -> bool:
+        """Whether the URDF states inertias that its links can have."""
+        return self._urdf.inertia_fault is None
+
+    def require_inertias(self, what: str) -> None:
+        """Raises InputError, with the URDF's fault, where `what` needs inertias that are none."""
+        fault = self._urdf.inertia_fault
+        if fault is not None:
+            raise InputError(what, "", f"needs the inertias of {self.name}: {fault}")
+
     @cached_property
     def unusable_collisions(self) -> tuple[str, ...]:
         """Links with a collision shape that no distance can be taken to, each with the reason."""
@@ -468,7 +479,7 @@ def _effort_limit(drive: DriveConfig, joint: JointLimits, source: Path, urdf: Pa
     if joint.effort is None:
         raise InputError(
             urdf,
-            f"line {joint.line}",
+            f"line {joint.line}" if joint.line else "",
             f'joint "{joint.name}" has no effort limit above 0',
             'add effort="..." (N m) to its <limit>, or effort_limit to its drive in robot.yaml',
         )

@@ -130,6 +130,7 @@ def excite(
     """
     config = ExcitationConfig() if config is None else config
     _check(config)
+    robot.require_inertias("excite")
     bounds = MotionBounds.of_robot(robot, config.limits)
     information = ExcitationInformation.of_chain(robot.chain, 1.0 / robot.effort_limit)
     progress(0.02, "shapes of the arm")

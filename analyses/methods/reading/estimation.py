@@ -125,6 +125,7 @@ def estimate_log(
         robot = Robot.load(robot_name)
         config = checked_config(config or EstimateConfig(), robot)
         if model_path is None:
+            robot.require_inertias("estimate without --model")
             model = IdentifiedModel.nominal(robot)
         else:
             model = IdentifiedModel.load(Path(model_path), robot)

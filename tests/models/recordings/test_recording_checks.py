@@ -39,6 +39,7 @@ def _robot() -> SimpleNamespace:
         effort_limit=np.array([80.0, 20.0]),
         torque_per_ampere=_GAIN,
         current_sign=_SIGN,
+        has_inertias=True,
         chain=SimpleNamespace(
             gravity_torque=_gravity,
             inverse_dynamics=lambda q, v, vdot: _gravity(q),  # slow: of massless links, say
