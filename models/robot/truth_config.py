@@ -141,6 +141,13 @@ class KinematicsConfig:
 
 
 @dataclass
+class PayloadConfig:
+    """A tool that weighs something else than the robot's file says."""
+
+    factor: float = 1.0  # true mass and inertia of the tool per stated
+
+
+@dataclass
 class ClockConfig:
     """A log whose samples are not from when its clock says, and not all from the same moment."""
 
@@ -161,6 +168,7 @@ class MechanismsConfig:
     encoder: EncoderConfig | None = None
     motor: MotorConfig | None = None
     kinematics: KinematicsConfig | None = None
+    payload: PayloadConfig | None = None
     clock: ClockConfig | None = None
     individual: int = 0  # seed of an arm's own phases and joint frames
     day: int = 0  # seed of a day's own values
