@@ -129,7 +129,7 @@ def estimate_log(
         if model_path is None:
             model = IdentifiedModel.nominal(robot)
         else:
-            model = IdentifiedModel.load(Path(model_path), robot)
+            model = IdentifiedModel.load(Path(model_path), robot, config.other_robot)
 
         def read() -> RecordingReader:
             reader = RecordingReader(
@@ -173,6 +173,8 @@ def estimate(
         )
     else:
         warnings += model.fitted_robot.doubts(robot)
+    other = model.fitted_robot.differences(robot)
+    warnings += [f"read as asked for with another robot: {key}: {what}" for key, what in other]
     if model.provenance.logs and model.torque_error is None:
         warnings.append(
             "the model does not say what its torque errs by at rest and in motion: one covariance "
@@ -244,6 +246,7 @@ def estimate(
                 _collect(beside, chunk, batch, sd, valid, robot, settled)
     episodes.finish()
     metrics = {**summary.metrics(config, rule), "smoothed": settings.estimate.smooth}
+    metrics["other_robot"] = [f"{key}: {what}" for key, what in other]
     metrics["contact"] = episodes.metrics(detection.false_alarms_per_hour)
     comparison = None if beside is None else _compared(beside, reference)
     notices = reader.notices + (screen.notices if screen is not None else ())
