@@ -22,8 +22,8 @@ from models.files.input_error import InputError, one_line
 class _Commands(TyperGroup):
     """Imports a command's module when it is to run, and not before.
 
-    What a user can cause ends in one line on stderr and exit code 2; after Ctrl-C the code is 130,
-    after SIGTERM 143, as a shell expects.
+    An error that a user can cause ends in one line on stderr and exit code 2; after Ctrl-C the code
+    is 130, after SIGTERM 143, as a shell expects.
     """
 
     def list_commands(self, ctx: Any) -> list[str]:
@@ -89,7 +89,7 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,  # a traceback here is a defect: whole and plain
-    help="Tells the wrench at an industrial arm's tool from its motor currents.",
+    help="Estimates the wrench at an industrial arm's tool from its motor currents.",
 )
 
 

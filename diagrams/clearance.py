@@ -18,7 +18,8 @@ from models.arrays import Array
 from models.robot.robot import Robot
 
 INFLUENCE = 0.12  # m, beyond which a pair of shapes does not count
-SHARPNESS = 400.0  # 1/m, of the smooth minimum: below the true one by 2 mm for two pairs alike
+SHARPNESS = 400.0  # 1/m, of the smooth minimum: 2 mm below the true one for two equal pairs
+_LARGEST_SCALE = 10.0  # of a pair that must keep little, so that its gradient stays smooth
 
 
 @dataclass(frozen=True)
@@ -51,9 +52,17 @@ class Clearance:
         robot: its collision shapes count.
         margin: m.
         floor: height of the floor in W, m; None for none.
+        workpiece: what stands there too; a blade counts as its convex hull. The tool, that works on
+            it, may touch it, all other links keep `margin`.
     """
 
-    def __init__(self, robot: Robot, margin: float = 0.02, floor: float | None = 0.0) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        margin: float = 0.02,
+        floor: float | None = 0.0,
+        workpiece: PlateConfig | BladeConfig | None = None,
+    ) -> None:
         builder = DiagramBuilder()
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
         parts = robot.add_to_plant(plant, hulls=True)
@@ -62,6 +71,10 @@ class Clearance:
             X_WF = RigidTransform([0.0, 0.0, floor - 0.5])
             material = CoulombFriction(0.5, 0.5)
             plant.RegisterCollisionGeometry(plant.world_body(), X_WF, slab, "floor", material)
+        if isinstance(workpiece, BladeConfig):
+            add_blade(plant, workpiece)
+        elif workpiece is not None:
+            add_plate(plant, workpiece)
         plant.Finalize()
         self._diagram = builder.Build()  # owns plant and context
         self._context = self._diagram.CreateDefaultContext()
@@ -79,12 +92,27 @@ class Clearance:
         for j, joint in enumerate(parts.joints):
             for body in plant.GetBodiesWeldedTo(joint.child_body()):
                 self._level[body.index()] = j + 1
+        self._piece = {
+            geometry
+            for geometry in self._body
+            if workpiece is not None and self._inspector.GetName(geometry).endswith("workpiece")
+        }
+        tool = parts.frame_E.body()
+        if parts.tool_weld is not None:
+            tool = plant.get_joint(parts.tool_weld).child_body()
+        self._may_touch_piece = {
+            geometry
+            for geometry, body in self._body.items()
+            if body.index() == tool.index() or self._level.get(body.index(), 0) == 0
+        }
         self.margin = margin
         self._required: dict[tuple[Any, Any], float] = {}
         overlapping: list[str] = []
         wrist: dict[tuple[Any, Any], float] = {}
         for pair in self._pairs(robot.home, 1.5 * INFLUENCE):
             key = (pair.id_A, pair.id_B)
+            if not self._piece.isdisjoint(key):
+                continue
             first, second = (self._level[self._body[shape].index()] for shape in key)
             if first == second:
                 self._required[key] = -np.inf
@@ -140,17 +168,22 @@ class Clearance:
         return float(min([INFLUENCE, *found]))
 
     def smooth_slack(self, q: ArrayLike) -> tuple[float, Array]:
-        """A smooth value (m) not above `slack`, and its gradient (n,) by q.
+        """A smooth value (m), positive where `slack` is, and its gradient (n,) by q.
 
         -1/k ln sum exp(-k slack_i), k = SHARPNESS, over all pairs and one that is always at
-        INFLUENCE.
+        INFLUENCE. A pair that must keep less than the margin, as the parts of a wrist, counts in
+        its own measure, margin / required: what a caller keeps in reserve then fits it too.
         """
         plant, context = self._plant, self._plant_context
         pairs = [p for p in self._pairs(q, INFLUENCE) if np.isfinite(self._requirement(p))]
-        slack = np.array([pair.distance - self._requirement(pair) for pair in pairs] + [INFLUENCE])
+        required = np.array([self._requirement(pair) for pair in pairs] + [self.margin])
+        scale = np.clip(self.margin / np.maximum(required, 1e-9), 1.0, _LARGEST_SCALE)
+        distance = np.array([pair.distance for pair in pairs] + [INFLUENCE + self.margin])
+        slack = scale * (distance - required)
         lowest = float(slack.min())
         share = np.exp(-SHARPNESS * (slack - lowest))
         total = float(share.sum())
+        share *= scale
         gradient = np.zeros(plant.num_velocities())
         world = plant.world_frame()
         for pair, part in zip(pairs, share / total, strict=False):
@@ -184,7 +217,7 @@ class Clearance:
             position: from time in s to q (n,).
             speed: (n,) rad/s, bound of each joint's speed.
             duration: s.
-            finest: s, shortest interval; one that is still open there is not clear.
+            finest: s, shortest interval; one that is not proved there counts as not clear.
 
         Returns:
             Whether it keeps clear, and the closest pair met; None without shapes near each other.
@@ -232,7 +265,12 @@ class Clearance:
         return list(query.ComputeSignedDistancePairwiseClosestPoints(influence))
 
     def _requirement(self, pair: Any) -> float:
-        return self._required.get((pair.id_A, pair.id_B), self.margin)
+        key = (pair.id_A, pair.id_B)
+        if not self._piece.isdisjoint(key):
+            return (
+                self.margin if self._may_touch_piece.isdisjoint(set(key) - self._piece) else -np.inf
+            )
+        return self._required.get(key, self.margin)
 
 
 def workpiece_clearance(robot: Robot, workpiece: PlateConfig | BladeConfig, q: ArrayLike) -> float:

@@ -97,15 +97,15 @@ def make_closed_loop(
         trajectory: of the joints, in the place of the scenario's motion.
         machining_path: of a machining scenario, planned before: the workpiece may stand elsewhere.
         also_log: further output ports of the robot cell to log, such as tau_f_true.
-        log_only: which of the signals to log; None: all. What nobody asks for costs no time: a log
-            of encoders and current, to be read by `WrenchEstimator.run` later, leaves the
-            estimator's reading out.
+        log_only: which of the signals to log; None: all. What is not logged costs no time: a log of
+            encoders and current, to be read by `WrenchEstimator.run` later, leaves the estimator's
+            reading out.
         meshcat: draws the cell and the force at the tool, true and estimated.
         taught: of a machining scenario: what an air pass along the same path taught; the estimator
             reads with it.
         with_estimator: without it the tracking controller has the model's terms from a block of
             their own, and there is no tau_ext, wrench, covariance, condition_number and valid: for
-            who wants the motion alone, in two thirds of the time.
+            the motion alone, in two thirds of the time.
         fused: whether the estimator is one block instead of its stages: the same numbers, a tick
             of a loop in contact a tenth faster.
 

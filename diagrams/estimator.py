@@ -53,9 +53,10 @@ def make_estimator(
               v                 (n,) rad/s (m/s)
               current           (n,) A, as the drives report it
               tau_correction    (n,) N m, added to what the observer reads (systems.taught_torque)
-              v_planned         (n,) rad/s, at which friction is taken: as on the air pass, whatever
-                                sign the speed of a joint has that all but rests
-              counts            (1,) 1 where what is so corrected is to be believed, else 0
+              v_planned         (n,) rad/s, at which friction is evaluated, as on the air pass:
+                                the sign of the measured speed of a joint that hardly moves plays no
+                                part
+              counts            (1,) 1 where a reading so corrected may be used, else 0
                                 these three with `taught` only
     Outputs:  tau_ext           (n,) N m, positive along the motion it causes
               wrench            (6,) F_E_W = [mx my mz fx fy fz], N m and N: exerted by the
@@ -63,7 +64,7 @@ def make_estimator(
               covariance        (36,) of the wrench, row by row
               condition_number  (1,) of J in m and rad
               valid             (1,) 1 or 0
-              terms             RigidBodyTerms (abstract) of the model, for whoever shares them
+              terms             RigidBodyTerms (abstract) of the model, for other blocks
               fault             (1,) what is wrong with q and v of the tick, and with the current of
                                 the one before: a sum of the codes of
                                 `models.observers.sample_check`, or 0; such a sample is missing

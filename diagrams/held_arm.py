@@ -68,8 +68,8 @@ def make_held_arm(
     The plant is continuous in time, so that the wrench acts as the script says it at every moment
     and not only at the ticks; it has no joint friction. The drives hold their torque from tick to
     tick, and encoders, current sensors and estimators sample at the ticks. Controller and
-    estimators have the true rigid-body model: what their readings differ by from the truth is the
-    observer's dynamics and the current's noise.
+    estimators have the true rigid-body model: their readings differ from the truth by the
+    observer's dynamics and the current's noise alone.
 
     Args:
         robot: the arm.

@@ -1,4 +1,4 @@
-"""Machining in the closed loop: the pass that a scenario asks for, and who leads it."""
+"""Machining in the closed loop: the pass that a scenario asks for, and its reference."""
 
 import math
 
@@ -27,7 +27,7 @@ from systems.machining.machining_reference import MachiningReference
 NUM_ANGLES = 36
 _MAX_STEP = math.radians(8.0)  # of a joint from one sample to the next
 _MARGIN = math.radians(5.0)  # kept from every joint limit
-_SMOOTHNESS = 0.05  # N per rad^2: a calm motion is worth more here than the last millinewton
+_SMOOTHNESS = 0.05  # N per rad^2: a smooth motion matters more here than the last millinewton
 AFTER = 0.2  # s at rest, after the pass
 
 
@@ -71,7 +71,11 @@ def make_machining_path(
 def posture_problem(
     robot: Robot, path: SurfacePath, machining: MachiningConfig, source: str
 ) -> RedundancyProblem:
-    """What is small: the stated sd of the force, read at a point, of a robot not yet identified."""
+    """Minimises the stated sd of the force, read at a point, of a robot not yet identified.
+
+    Raises:
+        InputError: narrower limits of a joint that the robot does not have, or that are no range.
+    """
     lower, upper = robot.position_lower + _MARGIN, robot.position_upper - _MARGIN
     for joint, limits in machining.joint_ranges_deg.items():
         if joint not in robot.joint_names or len(limits) != 2 or not limits[0] < limits[1]:

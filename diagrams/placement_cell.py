@@ -51,7 +51,7 @@ class PlacementCell:
     Args:
         robot: the arm with its tool; its collision shapes count.
         config: distance to keep, obstacles, workpiece.
-        pad: m that the margins ask for beyond the distance, for what happens between the points.
+        pad: m that the margins require beyond the distance, for what happens between the points.
 
     Attributes:
         notices: sentences for the user: what has no shape, which pairs are left out.

@@ -22,7 +22,7 @@ _LOGGED = ("tau_ext", "wrench", "covariance", "condition_number", "valid", "faul
 
 @dataclass(frozen=True)
 class Replay:
-    """A diagram that plays a log into an estimator, and its log's way in and out.
+    """A diagram that plays a log into an estimator; how the log gets in and the estimates out.
 
     A long log goes through in stretches, each taking up where the last one ended:
 
@@ -44,7 +44,7 @@ class Replay:
         sinks: a log per output of the estimator, by its name.
         chain: the model's kinematics.
         time_step: s between rows.
-        torque_sd: (n,) N m, of tau_ext where nothing touches the arm.
+        torque_sd: (n,) N m, standard deviation of tau_ext where nothing touches the arm.
         detects: whether contact is looked for.
     """
 

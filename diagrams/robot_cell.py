@@ -103,7 +103,7 @@ def make_robot_cell(
     t + time_step. The drives saturate at the robot's effort limits.
 
     Args:
-        scenario: what stands in the cell, and what the tool suffers.
+        scenario: what stands in the cell, and what acts on the tool.
         robot: the true robot.
         q_0: (n,) rad, where its encoders are at the start, at rest.
         meshcat: draws the cell into it; without it there are no pictures.
@@ -112,7 +112,7 @@ def make_robot_cell(
             where nothing touches; by default with brakes where there is something to touch.
 
     Raises:
-        InputError: a sensor without a tool to sit on, or true friction that is no friction.
+        InputError: a sensor without a tool to sit on, or true friction out of range.
     """
     builder = DiagramBuilder()
     touches = scenario.workpiece is not None or scenario.floor
@@ -256,7 +256,7 @@ def _add_environment(
 def _add_plant(
     builder: DiagramBuilder, scenario: Scenario, with_scene: bool
 ) -> tuple[MultibodyPlant, SceneGraph | None]:
-    """The plant; without a SceneGraph where nothing touches and nobody looks: it costs time."""
+    """The plant; without a SceneGraph, which costs time, where nothing touches or is drawn."""
     config = MultibodyPlantConfig(
         time_step=scenario.time_step,
         discrete_contact_approximation="lagged",
@@ -325,7 +325,7 @@ def true_friction(scenario: Scenario, robot: Robot) -> DryFriction | None:
 
 
 def _add_floor(plant: MultibodyPlant, solid: bool) -> None:
-    """The floor, for the eye; a solid one is felt as well."""
+    """The floor, as drawn; a solid one can be touched as well."""
     body = plant.world_body()
     slab, X_WV = Box(1.6, 1.6, 0.02), RigidTransform([0.0, 0.0, -0.01])
     plant.RegisterVisualGeometry(body, X_WV, slab, "floor", _FLOOR_COLOUR)
@@ -340,7 +340,7 @@ def _prepare_contact(
 ) -> None:
     """Links do not touch each other; they meet the workpiece with the workpiece's own material.
 
-    Of a robot at a blade only the ball at the tool's tip is felt: links pass through it unseen.
+    At a blade only the ball at the tool's tip makes contact: the links pass through the blade.
     """
     inspector = scene_graph.model_inspector()
     touches = scenario.workpiece is not None or scenario.floor
@@ -364,7 +364,7 @@ def _prepare_contact(
                 scene_graph.AssignRole(source, geometry, material, RoleAssign.kReplace)
                 links.Add(geometry)
             else:
-                # With nothing to touch, nobody need look for contact at every tick.
+                # With nothing to touch, contact need not be looked for at every tick.
                 scene_graph.RemoveRole(source, geometry, Role.kProximity)
     filters = scene_graph.collision_filter_manager()
     filters.Apply(CollisionFilterDeclaration().ExcludeWithin(links))
@@ -410,7 +410,7 @@ def _add_drives(builder: DiagramBuilder, scenario: Scenario, robot: Robot) -> Ou
 def _connect_with_brakes(
     builder: DiagramBuilder, plant: MultibodyPlant, parts: RobotInPlant, tau_J: OutputPort
 ) -> None:
-    """The motors come first; the brakes behind them are told nothing but to rest."""
+    """The motors come first; the desired state of the brakes behind them is rest."""
     n = len(parts.actuators)
     spread = builder.AddNamedSystem("actuation", MatrixGain(np.eye(2 * n, n)))
     builder.Connect(tau_J, spread.get_input_port())

@@ -34,7 +34,7 @@ def surface_of(workpiece: PlateConfig | BladeConfig) -> Surface:
     """The exact surface, in the workpiece's frame P.
 
     Raises:
-        InputError: a shape that is none.
+        InputError: a dimension out of range.
     """
     if isinstance(workpiece, PlateConfig):
         return Plate(workpiece.size[0], workpiece.size[1])
@@ -66,21 +66,25 @@ def soft_tip(blade: BladeConfig, radius: float) -> ProximityProperties:
 
 
 def add_plate(plant: MultibodyPlant, plate: PlateConfig) -> None:
-    """Fixes a plate in the world: a box for the eye and for contact, on a column for the eye."""
+    """Fixes a plate in the world: a box to see and to touch, on a column that is only seen."""
     X_WP = pose_of_workpiece(plate)
     X_WG = X_WP @ RigidTransform([0.0, 0.0, -0.5 * plate.size[2]])
     body, shape = plant.world_body(), Box(*plate.size)
     material = contact_material(plate.stiffness, plate.dissipation, plate.friction)
     plant.RegisterCollisionGeometry(body, X_WG, shape, "workpiece", material)
     plant.RegisterVisualGeometry(body, X_WG, shape, "workpiece", _PLATE_COLOUR)
-    # What it stands on, for the eye: a post that ends below the plate, however that is tilted.
+    # What it stands on, only drawn: a post that ends below the plate, however that is tilted.
     x, y, below = (X_WP @ RigidTransform([0.0, 0.0, -plate.size[2]])).translation()
     upright = max(0.2, float(X_WP.rotation().matrix()[2, 2]))
     _add_post(plant, x, y, float(below) - _POST_RADIUS * math.sqrt(1.0 / upright**2 - 1.0))
 
 
 def add_blade(plant: MultibodyPlant, blade: BladeConfig) -> None:
-    """Fixes a blade in the world: a rigid surface of triangles, for the eye and for contact."""
+    """Fixes a blade in the world: a rigid surface of triangles, to see and to touch.
+
+    Raises:
+        InputError: a mesh size that is not positive, or a dimension out of range.
+    """
     if not blade.mesh_size > 0.0:
         raise InputError("workpiece", "mesh_size", f"{blade.mesh_size:g} m, expected more than 0")
     surface, X_WP = surface_of(blade), pose_of_workpiece(blade)
@@ -102,7 +106,7 @@ def add_blade(plant: MultibodyPlant, blade: BladeConfig) -> None:
 
 
 def _add_post(plant: MultibodyPlant, x: float, y: float, height: float) -> None:
-    """What a workpiece stands on, for the eye."""
+    """What a workpiece stands on; it is only drawn."""
     if height > 0.02:
         X_WC = RigidTransform([x, y, 0.5 * height])
         post = Cylinder(_POST_RADIUS, height)

@@ -1,4 +1,4 @@
-"""Contact, misfit and the state of the arm, from what an observer reads."""
+"""Contact, misfit and the state of the arm, from an observer's reading."""
 
 from typing import cast
 

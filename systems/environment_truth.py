@@ -18,7 +18,7 @@ _NO_MOMENT = np.zeros(3)
 
 
 class EnvironmentTruth(LeafSystem):
-    """Sums what acts on the robot from outside: the truth that an estimate is held against.
+    """Sums what acts on the robot from outside: the truth that an estimate is compared with.
 
         wrench_true  = wrench_applied + Σ contacts of the tool [m_C + (p_C - p_E) × f_C; f_C]
         tau_ext_true = Jᵀ wrench_applied + tau_contact
@@ -43,8 +43,7 @@ class EnvironmentTruth(LeafSystem):
               tau_ext_true     (n,) N m, positive along the motion it causes; contacts of all links
               contact          (4,) of the tool: normal_force, N, and the last contact's n in W,
                                zero without contact
-              truth            (6 + n + 4,) these three, one after the other: who wants more than
-                               one has them from one port
+              truth            (6 + n + 4,) these three, one after the other, in one port
     State:    none. For diagrams' truth ports only: no estimator may see them.
 
     Args:

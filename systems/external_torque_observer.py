@@ -47,10 +47,9 @@ class ExternalTorqueObserver(LeafSystem):
     Outputs:    tau_ext  (n,) N m, positive along the motion it causes; reflects everything up to
                          the present tick. It feeds through from tau_J only where the observer says
                          that it reads the present torque
-                valid    (1,) 1, or 0 where tau_ext is the last one, held, and while it is still on
-                         its way from the start
-                reading  (n + 1,) these two, one after the other: who wants both has them from one
-                         port
+                valid    (1,) 1, or 0 where tau_ext is the last one, held, and while it is still
+                         settling after the start
+                reading  (n + 1,) these two, one after the other, in one port
                 wrench   (42,) F_E_W and its covariance, row by row, of an observer that reads the
                          wrench itself; others have no such port
     State:      of the observer, row by row
@@ -61,8 +60,8 @@ class ExternalTorqueObserver(LeafSystem):
 
     Args:
         observer: of `models.observers.observer_kinds`.
-        torque_sd: (n,) N m, what tau_ext errs by where nothing touches the arm, for an observer
-            that asks for it.
+        torque_sd: (n,) N m, standard deviation of tau_ext where nothing touches the arm, for an
+            observer that uses it.
 
     Raises:
         ValueError: when a parameter is changed to what the observer does not accept and an output

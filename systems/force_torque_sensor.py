@@ -125,7 +125,7 @@ class ForceTorqueSensor(LeafSystem):
 def _tool_constants(
     plant: MultibodyPlant, tool_weld: JointIndex, frame_E: Frame, known: float
 ) -> Array:
-    """The tool seen from E, of its inertia the share that is known."""
+    """The tool seen from E, its mass and inertia times `known`."""
     joint = plant.get_joint(tool_weld)
     body = joint.child_body()
     context = plant.CreateDefaultContext()

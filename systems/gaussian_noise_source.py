@@ -23,6 +23,9 @@ class GaussianNoiseSource(LeafSystem):
     Output:     noise  (size,) -, mean 0, variance 1, white from tick to tick, held in between
     State:      none
     Parameter:  seed   (1,) a whole number, 0 <= seed < 2^53
+
+    Raises:
+        ValueError: a size or time step that is not positive, a seed out of range.
     """
 
     def __init__(self, size: int, time_step: float, seed: int = 0) -> None:

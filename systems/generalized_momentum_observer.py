@@ -32,9 +32,8 @@ class GeneralizedMomentumObserver(ExternalTorqueObserver):
                          the next tick) it does not feed through from tau_J, so that a
                          controller may close a loop over it; with "trapezoidal" it does
                 valid    (1,) 1, or 0 where tau_ext is the last one, held, and for the first 3 / K_0
-                         seconds, in which it is still on its way from zero
-                reading  (n + 1,) these two, one after the other: who wants both has them from one
-                         port
+                         seconds, in which it is still settling from zero
+                reading  (n + 1,) these two, one after the other, in one port
     State:      (3 n,) momentum_hat, kg m^2/s, what the model predicts for the coming tick (inf
                 before the first update, NaN after an unusable one); tau_ext, N m; the share of
                 tau_ext that is still its start at zero

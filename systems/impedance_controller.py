@@ -67,7 +67,7 @@ class ImpedanceController(LeafSystem):
 
         Λ dV/dt + B V + K e = F_E_W,   Λ = (J M⁻¹ Jᵀ)⁻¹
 
-    while the spring is blind along d and the environment's push along d settles at
+    while the spring does not act along d and the environment's push along d settles at
     force_setpoint. d is the direction in which the environment pushes the robot: out of the
     surface.
 
@@ -97,7 +97,7 @@ class ImpedanceController(LeafSystem):
                  pose_error      (6,) rotation vector rad, translation m, from D to E, in the axes
                                  of the stiffness
                  action          (n + 6 + 1,) these two and the integral at the end of the tick, one
-                                 after the other: who wants both has them from one port
+                                 after the other, in one port
     State:       (1,) integral of the force error, N s; it stands still while a drive is at its
                  limit, and ki ∫ never exceeds integral_limit
     Parameters:  stiffness       (36,) row by row, rotation first
@@ -248,7 +248,7 @@ class ImpedanceController(LeafSystem):
 
 
 def _is_on(port: InputPort, context: Context) -> bool:
-    """Whether a switch is on; one that nothing is connected to is."""
+    """Whether a switch is on; an unconnected one is on."""
     return not port.HasValue(context) or bool(port.Eval(context)[0] > 0.5)
 
 

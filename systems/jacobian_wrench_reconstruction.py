@@ -50,10 +50,11 @@ class JacobianWrenchReconstruction(LeafSystem):
                                     exerted by the environment on the robot
                  covariance         (36,) of the wrench, row by row, rotation first
                  condition_number   (1,) of J in m and rad; inf where J is singular
-                 valid              (1,) 1, or 0 where the reading says less than the prior did, J
-                                    is singular (method "inverse") or an input cannot be used
-                 reading            (44,) these four, one after the other (READING_SIZES): who
-                                    wants all of them has them from one port
+                 valid              (1,) 1, or 0 where the force is known too poorly (see
+                                    `models.estimation.wrench`), J is singular (method "inverse")
+                                    or an input cannot be used
+                 reading            (44,) these four, one after the other (READING_SIZES), in
+                                    one port
                  All with direct feedthrough, all from one computation.
     State:       none
     Parameters:  prior_sd           (2,) force, N, and moment, N m; inf where nothing is known

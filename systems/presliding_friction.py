@@ -27,8 +27,10 @@ class PreslidingFrictionSystem(FrictionLawSystem):
                         not of tau_J
     State:       (2 + K, n), row by row: position at the last tick, transmitted torque, K slips z_k;
                  updated every `time_step`. Before the first tick the elements are relaxed.
-    Parameters:  slip   (n, 5 + 2 K), row by row: coulomb N m, stribeck N m, 1 / v_s s/rad, load,
-                        cubic N m s³/rad³, K weights, K displacements rad
+    Parameters:  slip   (n, 10 + 2 K), row by row: coulomb N m, stribeck N m, 1 / v_s s/rad, load,
+                        cubic N m s³/rad³, fitted speed rad/s, slope of the cubic part beyond it
+                        N m s/rad, half the encoder's step rad, period s, share of the slip that a
+                        tick at rest leaves, K weights, K displacements rad
 
     Position or velocity that is not finite gives a torque that is not finite, which the observer
     flags; the state keeps what it knew, and the displacement over the gap counts afterwards.

@@ -44,6 +44,9 @@ class RecordingPlayer(LeafSystem):
     Args:
         num_joints: n.
         time_step: s, period of the rows.
+
+    Raises:
+        ValueError: a time step that is not positive.
     """
 
     def __init__(self, num_joints: int, time_step: float) -> None:

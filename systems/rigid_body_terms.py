@@ -23,7 +23,7 @@ class RigidBodyTermsSystem(LeafSystem):
                     included; J, R_WE, p_WE, V_WE of E in W; q and v; direct feedthrough
     State:   none
 
-    The port is cached: whoever shares it shares one computation a tick. Positions or velocities
+    The port is cached: all that read it share one computation per tick. Positions or velocities
     that are not finite give terms that are not finite; the observer flags them and holds.
 
     Args:

@@ -1,4 +1,4 @@
-"""Samples held against what the joints can do."""
+"""Samples checked against what the joints can do."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 class SampleCheckSystem(LeafSystem):
-    """Passes on what can be a sample of the joints, and NaN where it cannot.
+    """Passes on possible samples of the joints, and NaN in place of impossible ones.
 
                     +-------------------+
       q        -->  |                   | --> motion

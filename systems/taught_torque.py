@@ -15,8 +15,8 @@ class TaughtTorqueSource(LeafSystem):
     Input:   feed_time       (1,) s since the feed started; below 0 while it has not
     Outputs: tau_correction  (n,) N m, to be added to the observer's tau_ext; zero before the feed
                              and after its end
-             counts          (1,) 1 where a reading that is so corrected is to be believed, else 0:
-                             where joints rest, start or turn round
+             counts          (1,) 1 where a reading so corrected may be used, else 0: where joints
+                             rest, start or reverse
              Both with direct feedthrough
     State:   none
 

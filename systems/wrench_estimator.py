@@ -47,10 +47,10 @@ class WrenchEstimatorSystem(LeafSystem):
 
     Inputs:     as make_estimator's, those of `taught` among them
     Outputs:    as make_estimator's: tau_ext, wrench, covariance, condition_number, valid, terms,
-                fault; checked_current (n,) A, NaN where it cannot be;
+                fault; checked_current (n,) A, NaN where it is impossible;
                 reading  (n + 44 + ...,) the first five one after the other, in this order, then
-                         what the update takes: who wants several has them from one port, split up
-                         by Drake's Demultiplexer with `reading_sizes`
+                         what the update takes, in one port; Drake's Demultiplexer splits it with
+                         `reading_sizes`
     State:      the observer's rows, then the friction law's, then those of the reading that knows
                 the torque error and of the check of samples, flat
     Parameters: `parameters` has their indices, by the name that they have in the diagram:

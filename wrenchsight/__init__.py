@@ -51,6 +51,8 @@ _HOME = {
     "EstimateConfig": "analyses.methods.reading.estimate_config",
     "EstimateResult": "analyses.methods.reading.estimation",
     "estimate_log": "analyses.methods.reading.estimation",
+    "estimate_torque_logs": "analyses.methods.external_torque.torque_logs",
+    "TorqueLogsResult": "analyses.methods.external_torque.torque_logs",
     "ExcitationConfig": "analyses.methods.planning.excitation_config",
     "ExcitationResult": "analyses.methods.planning.excitation",
     "excite_robot": "analyses.methods.planning.excitation",

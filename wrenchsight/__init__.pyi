@@ -1,5 +1,9 @@
 """The public names, for a type checker; `__init__.py` imports them when they are used."""
 
+from analyses.methods.external_torque.torque_logs import TorqueLogsResult as TorqueLogsResult
+from analyses.methods.external_torque.torque_logs import (
+    estimate_torque_logs as estimate_torque_logs,
+)
 from analyses.methods.learning.identification import IdentificationResult as IdentificationResult
 from analyses.methods.learning.identification import identify as identify
 from analyses.methods.learning.identification import identify_logs as identify_logs

@@ -1,20 +1,22 @@
 """The command `estimate`: the wrench at the tool, from a log."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from analyses.commands.options import (
+    AcceptSigns,
+    Check,
     LogFormat,
     Out,
-    RobotName,
     config_option,
     joined,
     settled,
 )
 from analyses.methods.reading.estimate_config import EstimateSettings, with_observer
 from analyses.output.console import new_console, new_table, say, showing_progress
+from models.files.input_error import InputError
 from models.observers.kalman_observer import KalmanObserverConfig
 
 if TYPE_CHECKING:
@@ -27,10 +29,13 @@ REFERENCE = DEFAULTS.reference
 OBSERVER, READING = DEFAULTS.estimator.observer, DEFAULTS.estimator.reconstruction
 PLACES = {
     "log": "log",
+    "further": "further_logs",
     "robot": "robot",
     "model": "model",
     "log_format": "log_format",
     "prior": "estimate.prior",
+    "torque": "estimate.torque",
+    "torque_sd": "estimate.torque_sd",
     "engine": "estimate.engine",
     "method": "estimate.estimator.reconstruction.method",
     "prior_force_sd": "estimate.estimator.reconstruction.prior_force_sd",
@@ -41,6 +46,7 @@ PLACES = {
     "max_gap": "estimate.max_gap",
     "smooth": "estimate.smooth",
     "check": "estimate.check",
+    "accept_signs": "estimate.accept_signs",
     "mcap": "estimate.mcap",
     "reference": "estimate.reference.columns",
     "reference_frame": "estimate.reference.frame",
@@ -48,6 +54,7 @@ PLACES = {
     "reference_sign": "estimate.reference.sign",
     "reference_tare": "estimate.reference.tare",
     "reference_delay": "estimate.reference.delay",
+    "reference_contact": "estimate.reference.contact_force",
     "false_alarms_per_hour": "estimate.detection.false_alarms_per_hour",
     "covariance": "estimate.covariance",
     "table": "estimate.table",
@@ -67,10 +74,25 @@ def command(
     log: Annotated[
         Path,
         typer.Argument(
-            metavar="LOG", help="Log of q, v and motor current; a table or a ROS 2 bag."
+            metavar="LOG",
+            help="Log of q, v and motor current, or of external torque and the Jacobian; a table "
+            "or a ROS 2 bag.",
         ),
     ],
-    robot: RobotName,
+    further: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[LOG]...", help="More logs of external torque, to be read together."
+        ),
+    ] = None,
+    robot: Annotated[
+        str,
+        typer.Option(
+            help="A bundled robot's name, or the path of a robot.yaml; not needed where the log "
+            "holds the Jacobian.",
+            show_default=False,
+        ),
+    ] = "",
     model: Annotated[
         Path | None,
         typer.Option(help="model.yaml that identify wrote; without it the robot's own files."),
@@ -83,6 +105,20 @@ def command(
             "the log), or two numbers in N and N m: 30,2."
         ),
     ] = DEFAULTS.prior,
+    torque: Annotated[
+        str,
+        typer.Option(
+            help="What is read: currents (through model and observer), external (the external "
+            "torque that the arm itself reports) or found (that, where there are no currents)."
+        ),
+    ] = DEFAULTS.torque,
+    torque_sd: Annotated[
+        str,
+        typer.Option(
+            help="Sd of an external torque's error, N m: one number, or one a joint with commas.",
+            show_default="what the logs' torques say",
+        ),
+    ] = "",
     engine: Annotated[
         str, typer.Option(help="batch (kernels) or diagram (the Drake diagram): the same result.")
     ] = DEFAULTS.engine,
@@ -102,7 +138,7 @@ def command(
         typer.Option(help="Momentum observer's gain, 1/s: one number, or one a joint with commas."),
     ] = joined(OBSERVER.K_0),
     bandwidth: Annotated[
-        float, typer.Option(help="Of a large force's prior in the kalman observer, Hz.")
+        float, typer.Option(help="Kalman observer: corner frequency of a large force's prior, Hz.")
     ] = KalmanObserverConfig().bandwidth_hz,
     torque_rate: Annotated[
         str,
@@ -115,8 +151,8 @@ def command(
     torque_samples: Annotated[
         str,
         typer.Option(
-            help="What a current is between its samples: held (a drive's own clock) or "
-            "trapezoidal (a continuous signal, sampled)."
+            help="Motor torque between samples: held (currents on the drive's own clock) or "
+            "trapezoidal (samples of a continuous signal)."
         ),
     ] = OBSERVER.torque_samples,
     prior_force_sd: Annotated[
@@ -131,7 +167,7 @@ def command(
     ] = READING.prior_moment_sd,
     max_force_sd: Annotated[
         float | None,
-        typer.Option(help="Largest force sd of a valid reading, N; else what the prior implies."),
+        typer.Option(help="Largest force sd of a valid reading, N; else 1/3 of the live prior's."),
     ] = READING.max_force_sd,
     damping: Annotated[
         float,
@@ -147,8 +183,8 @@ def command(
         bool,
         typer.Option(
             "--smooth/--causal",
-            help="Read each sample with what comes after it, too: no lag, less error; or as a "
-            "controller would have it.",
+            help="Estimate each sample from those before and after it (no lag, less error), or "
+            "from those before it, as a controller would.",
         ),
     ] = DEFAULTS.smooth,
     step: Annotated[
@@ -160,9 +196,8 @@ def command(
             help="Longest gap that is bridged, s; 0: the longer of 0.1 s and three steps."
         ),
     ] = DEFAULTS.max_gap,
-    check: Annotated[
-        bool, typer.Option(help="Hold the log against the robot's limits and gravity.")
-    ] = DEFAULTS.check,
+    check: Check = DEFAULTS.check,
+    accept_signs: AcceptSigns = DEFAULTS.accept_signs,
     mcap: Annotated[
         bool,
         typer.Option("--mcap", help="Write the wrenches as ROS 2 messages too: wrench.mcap."),
@@ -176,7 +211,7 @@ def command(
         ),
     ] = REFERENCE.columns,
     reference_frame: Annotated[
-        str, typer.Option(help="Whose axes the sensor's are: world, tool, or found.")
+        str, typer.Option(help="Frame that the sensor is fixed in: world, tool, or found.")
     ] = REFERENCE.frame,
     reference_turn: Annotated[
         str, typer.Option(help="Roll, pitch, yaw of its axes in that frame, rad: 0,0,3.1416.")
@@ -184,8 +219,8 @@ def command(
     reference_sign: Annotated[
         str,
         typer.Option(
-            help="What it says: robot (what acts on it), environment (what the robot does), or "
-            "found."
+            help="Which force it reports: robot (on the robot), environment (on the environment), "
+            "or found."
         ),
     ] = REFERENCE.sign,
     reference_tare: Annotated[
@@ -196,8 +231,11 @@ def command(
         ),
     ] = REFERENCE.tare,
     reference_delay: Annotated[
-        str, typer.Option(help="How much later than the motion it is, s, or found.")
+        str, typer.Option(help="Its delay behind the motion, s, or found.")
     ] = REFERENCE.delay,
+    reference_contact: Annotated[
+        float, typer.Option(help="Force of the sensor above which there is contact, N.")
+    ] = REFERENCE.contact_force,
     false_alarms_per_hour: Annotated[
         float, typer.Option(help="How often contact may be reported where nothing touches the arm.")
     ] = DEFAULTS.detection.false_alarms_per_hour,
@@ -219,12 +257,15 @@ def command(
     out: Out = Path("out/estimate"),
 ) -> None:
     """Tell the wrench at the tool, with its uncertainty: log and model in, wrench.csv out."""
-    from analyses.methods.reading.estimation import estimate_log
-
     settings = settled(ctx, EstimateSettings, PLACES)
     if observer:
         settings.estimate = with_observer(settings.estimate, observer)
     settings = settled(ctx, EstimateSettings, OBSERVER_PLACES, settings)
+    if _reads_external_torque(settings):
+        _read_torque_logs(settings, out)
+        return
+    from analyses.methods.reading.estimation import estimate_log
+
     with showing_progress("estimate") as progress:
         result = estimate_log(
             Path(settings.log),
@@ -238,16 +279,73 @@ def command(
     _print(result, out)
 
 
+def _reads_external_torque(settings: EstimateSettings) -> bool:
+    """Whether the arm's own external torque is read; if not, a robot and one log are needed."""
+    from analyses.methods.external_torque.torque_log import is_torque_log
+
+    log, torque = Path(settings.log), settings.estimate.torque
+    if is_torque_log(log, settings.log_format, torque):
+        if settings.model is None:
+            return True
+        problem = "has no part where the arm's own external torque is read"
+        raise InputError("estimate", "--model", problem, "leave it out, or --torque currents")
+    if not settings.robot:
+        problem = f"is missing, and {log.name} holds no external torque with its Jacobian"
+        raise InputError("estimate", "--robot", problem, "name a bundled robot or a robot.yaml")
+    if settings.further_logs:
+        problem = "one log of currents is read at a time; several are read together where they "
+        problem += "hold external torque"
+        raise InputError("estimate", settings.further_logs[0], problem, "leave it out")
+    return False
+
+
+def _read_torque_logs(settings: EstimateSettings, out: Path) -> None:
+    from analyses.methods.external_torque.torque_logs import estimate_torque_logs
+
+    with showing_progress("estimate") as progress:
+        result = estimate_torque_logs(
+            [Path(log) for log in (settings.log, *settings.further_logs)],
+            settings.robot or None,
+            out,
+            settings.log_format,
+            settings.estimate,
+            progress,
+        )
+    prior, console = result.metrics()["prior"], new_console()
+    for log in result.logs:
+        _print_wrenches(log.metrics["valid"]["wrench"], f"{log.name}, valid")
+        rows = log.metrics.get("reference", {}).get("rows")
+        if rows is not None:
+            say(
+                console,
+                f"{log.name}: against the sensor, row by row where it says more than "
+                f"{rows['sensor_above_n']:g} N: RMSE {rows['rmse_n']:.2f} N, stated sd "
+                f"{rows['stated_sd_n']:.2f} N",
+            )
+    count = sum(log.num_samples for log in result.logs)
+    valid = sum(log.num_samples * log.valid_share for log in result.logs) / count
+    sds = " ".join(f"{x:.3g}" for x in result.config.torque_sd)
+    say(
+        console,
+        f"{count} samples, {100 * valid:.1f} % valid; prior: force sd {prior['force_sd_n']:.3g} N, "
+        f"moment sd {prior['moment_sd_nm']:.3g} N m ({prior['rule']}); torque sd {sds} N m",
+    )
+    for notice in (*result.notices, *result.warnings):
+        say(console, f"note: {notice}")
+    for log in result.logs:
+        if log.comparison is not None and len(result.logs) == 1:
+            _print_comparison(log.comparison, out, "log's Jacobian or the world")
+    if result.against_sensor is not None and len(result.logs) > 1:
+        mean = result.metrics()["reference"]["mean_rmse_n"]
+        say(console, f"against the sensor: mean of the logs' RMSE {mean:.3f} N")
+    for log in result.logs:
+        say(console, f"wrench: {log.table}")
+
+
 def _print(result: "EstimateResult", out: Path) -> None:
     metrics = result.metrics()
-    table = new_table("valid samples", "mean", "rms", "largest", "mean sd", "")
-    for axis, values in metrics["valid"]["wrench"].items():
-        unit = _unit(axis)
-        keys = (f"mean_{unit}", f"rms_{unit}", f"max_abs_{unit}", f"mean_sd_{unit}")
-        figures = ("–" if values[key] is None else f"{values[key]:.2f}" for key in keys)
-        table.add_row(axis, *figures, "N" if unit == "n" else "N m")
+    _print_wrenches(metrics["valid"]["wrench"], "valid samples")
     console = new_console()
-    console.print(table)
     prior = metrics["prior"]
     say(
         console,
@@ -263,12 +361,22 @@ def _print(result: "EstimateResult", out: Path) -> None:
     say(console, f"wrench: {result.table}, figure: {out / 'figures' / 'wrench.png'}")
 
 
+def _print_wrenches(wrench: dict[str, Any], what: str) -> None:
+    table = new_table(what, "mean", "rms", "largest", "mean sd", "")
+    for axis, values in wrench.items():
+        unit = _unit(axis)
+        keys = (f"mean_{unit}", f"rms_{unit}", f"max_abs_{unit}", f"mean_sd_{unit}")
+        figures = ("–" if values[key] is None else f"{values[key]:.2f}" for key in keys)
+        table.add_row(axis, *figures, "N" if unit == "n" else "N m")
+    new_console().print(table)
+
+
 def _unit(axis: str) -> str:
     """As the metrics' keys have it."""
     return "nm" if axis.startswith("m") else "n"
 
 
-def _print_comparison(comparison: "SensorComparison", out: Path) -> None:
+def _print_comparison(comparison: "SensorComparison", out: Path, W: str = "world") -> None:
     metrics = comparison.metrics()
     table = new_table("against the sensor", "share", "RMSE: " + " ".join(comparison.axes), "bias")
     for phase in comparison.phases:
@@ -284,11 +392,12 @@ def _print_comparison(comparison: "SensorComparison", out: Path) -> None:
     console = new_console()
     console.print(table)
     mounting = comparison.mounting
+    frame = W if mounting.frame == "world" else mounting.frame
     axes = "; ".join(" ".join(f"{x:.3g}" for x in row) for row in mounting.R.round(6) + 0.0)
-    says = "what acts on the robot" if mounting.sign > 0 else "what the robot does"
+    says = "force on the robot" if mounting.sign > 0 else "force on the environment"
     say(
         console,
-        f"sensor: axes of the {mounting.frame} turned by [{axes}], {says}, "
+        f"sensor: axes of the {frame} turned by [{axes}], {says}, "
         f"{1000 * mounting.delay:.0f} ms late, tare {' '.join(f'{x:.3g}' for x in mounting.tare)}; "
         f"figure: {out / 'figures' / 'reference.png'}",
     )

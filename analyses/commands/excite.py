@@ -41,9 +41,7 @@ def command(
     ] = EXCITATION.seed,
     measure: Annotated[
         str,
-        typer.Option(
-            help="What to optimise: condition_number (made small) or log_det (made large)."
-        ),
+        typer.Option(help="What to optimise: condition_number (minimised) or log_det (maximised)."),
     ] = EXCITATION.measure,
     base_frequency: Annotated[
         float, typer.Option(help="Lowest frequency of the Fourier series, Hz.")
@@ -75,7 +73,7 @@ def command(
         float | None, typer.Option(help="Height of the floor in W, m.")
     ] = LIMITS.floor,
     no_floor: Annotated[
-        bool, typer.Option("--no-floor", help="The robot stands on no floor.")
+        bool, typer.Option("--no-floor", help="There is no floor to keep clear of.")
     ] = False,
     validation: Annotated[
         bool, typer.Option(help="Find a second trajectory, for cross-validation.")

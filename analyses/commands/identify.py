@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from analyses.commands.options import (
+    AcceptSigns,
     LogFormat,
     Out,
     RobotName,
@@ -24,7 +25,8 @@ if TYPE_CHECKING:
 
 ORDER = 20
 COMMAND_CLASS = SeveralValues
-DEFAULTS = IdentifySettings().identification
+SETTINGS = IdentifySettings()
+DEFAULTS = SETTINGS.identification
 PLACES = {
     "logs": "logs",
     "robot": "robot",
@@ -33,6 +35,7 @@ PLACES = {
     "refresh": "refresh",
     "part": "refreshing.part",
     "log_format": "log_format",
+    "accept_signs": "accept_signs",
     "cutoff_hz": "identification.cutoff",
     "friction": "identification.friction",
     "consistent": "identification.consistent",
@@ -45,7 +48,7 @@ def command(
     robot: RobotName,
     validate: Annotated[
         list[Path] | None,
-        typer.Option(metavar="LOG", help="Logs to predict, not fitted."),
+        typer.Option(metavar="LOG", help="Logs to validate on: predicted, not fitted."),
     ] = None,
     load: Annotated[
         list[str] | None,
@@ -59,7 +62,7 @@ def command(
         Path | None,
         typer.Option(
             metavar="MODEL",
-            help="A model.yaml: find only the friction that drifts anew, from seconds of one log.",
+            help="A model.yaml: re-estimate only its drifted friction, from seconds of one log.",
         ),
     ] = None,
     part: Annotated[
@@ -81,9 +84,10 @@ def command(
         bool,
         typer.Option(
             "--consistent",
-            help="Let every link have an inertia that can exist; adds robot.urdf.",
+            help="Keep every link's inertia physical; adds robot.urdf.",
         ),
     ] = DEFAULTS.consistent,
+    accept_signs: AcceptSigns = SETTINGS.accept_signs,
     config: Annotated[Path | None, config_option(IdentifySettings, PLACES)] = None,
     out: Out = Path("out/identify"),
 ) -> None:
@@ -94,20 +98,20 @@ def command(
         _refresh(settings, logs, out)
         return
     validation = [Path(log) for log in settings.validate]
-    common = (settings.log_format, settings.identification)
+    common, signs = (settings.log_format, settings.identification), settings.accept_signs
     with showing_progress("identify") as progress:
         if settings.load:
             from analyses.methods.calibration.load_calibration import calibrate_logs
 
             calibrated = calibrate_logs(
-                logs, settings.load, settings.robot, out, validation, *common, progress
+                logs, settings.load, settings.robot, out, validation, *common, progress, signs
             )
             result = calibrated.identification
         else:
             from analyses.methods.learning.identification import identify_logs
 
             calibrated = None
-            result = identify_logs(logs, settings.robot, out, validation, *common, progress)
+            result = identify_logs(logs, settings.robot, out, validation, *common, progress, signs)
     _print(result, out)
     if calibrated is not None:
         _print_calibration(calibrated, out)
@@ -118,7 +122,7 @@ def _refresh(settings: IdentifySettings, logs: list[Path], out: Path) -> None:
 
     if len(logs) != 1 or settings.load or settings.validate:
         problem = "takes one log, and neither --load nor --validate"
-        raise InputError("--refresh", "", problem, "give one log of seconds of today")
+        raise InputError("--refresh", "", problem, "give one log of today, some seconds long")
     with showing_progress("identify") as progress:
         result = refresh_log(
             Path(str(settings.refresh)),
@@ -128,6 +132,7 @@ def _refresh(settings: IdentifySettings, logs: list[Path], out: Path) -> None:
             settings.log_format,
             settings.refreshing,
             progress,
+            settings.accept_signs,
         )
     found, (before, after) = result.refresh, result.rmse
     table = new_table(

@@ -1,8 +1,8 @@
 """Options that several commands have, and settings that come from a file and from options.
 
 A command's settings are a dataclass: its config.yaml, all that is needed to run it again. Their
-defaults are the options' defaults; `--config FILE` reads them from such a file, and options that
-stand on the command line count before it.
+defaults are the options' defaults; `--config FILE` reads them from such a file, and options on the
+command line override it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,6 +22,15 @@ Seed = Annotated[int, typer.Option(min=0, help="Seed of every random number.")]
 Quick = Annotated[bool, typer.Option("--quick", help="Shorter and coarser: to try things out.")]
 RobotName = Annotated[
     str, typer.Option(help="A bundled robot's name, or the path of a robot.yaml.")
+]
+Check = Annotated[bool, typer.Option(help="Check the log against the robot's limits and gravity.")]
+AcceptSigns = Annotated[
+    bool,
+    typer.Option(
+        "--accept-signs",
+        help="Take the drives' signs as the robot's file has them, although gravity, inertia "
+        "and friction contradict them; the result says so.",
+    ),
 ]
 LogFormat = Annotated[
     str | None,
@@ -57,7 +66,7 @@ def config_option(schema: type[Settings], places: Mapping[str, str]) -> Any:
         metavar="FILE",
         callback=read,
         is_eager=True,
-        help="Settings, as config.yaml of a result has them; options count before it.",
+        help="File of settings, such as a result's config.yaml; options override it.",
     )
 
 
@@ -75,7 +84,7 @@ def settled(
         start: settings to put the command line's into, instead of the defaults or the file's.
 
     Raises:
-        InputError: a list of numbers that is none.
+        InputError: a text that is not a list of numbers.
     """
     settings: Settings = start or deepcopy(ctx.meta.get(_KEY)) or schema()
     for name, place in places.items():

@@ -5,7 +5,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analyses.commands.options import LogFormat, Out, RobotName, config_option, settled
+from analyses.commands.options import (
+    AcceptSigns,
+    Check,
+    LogFormat,
+    Out,
+    RobotName,
+    config_option,
+    settled,
+)
 from analyses.methods.calibration.payload_config import PayloadSettings
 from analyses.output.console import new_console, new_table, say, showing_progress
 
@@ -21,6 +29,7 @@ PLACES = {
     "empty": "empty",
     "log_format": "log_format",
     "check": "check",
+    "accept_signs": "accept_signs",
     "gain_sd": "payload.gain_sd",
     "name": "payload.name",
 }
@@ -41,9 +50,8 @@ def command(
         ),
     ] = None,
     log_format: LogFormat = None,
-    check: Annotated[
-        bool, typer.Option(help="Hold the log against the robot's limits and gravity.")
-    ] = DEFAULTS.check,
+    check: Check = DEFAULTS.check,
+    accept_signs: AcceptSigns = DEFAULTS.accept_signs,
     gain_sd: Annotated[
         float,
         typer.Option(help="How well each torque per ampere is known, relative; 0.03 is 3 %."),
@@ -69,6 +77,7 @@ def command(
             settings.check,
             settings.payload,
             progress,
+            settings.accept_signs,
         )
     _print(result, out)
 

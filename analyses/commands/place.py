@@ -40,7 +40,7 @@ def command(
     task: Annotated[str, typer.Option(help="Bundled task (such as linear_path), or a YAML file.")],
     robot: RobotName = DEFAULTS.robot,
     objective: Annotated[
-        str, typer.Option(help="What to make small: jcn or force-sd.")
+        str, typer.Option(help="What to minimise: jcn or force-sd.")
     ] = DEFAULTS.objective,
     solver: Annotated[
         str, typer.Option(help="snopt, ipopt, or the article's pso-ga.")

@@ -40,6 +40,7 @@ def _print(result: "RedundancyResult", out: Path) -> None:
     metrics, key = result.metrics(), result.problem.measure.key
     table = new_table(result.problem.measure.label, "mean", "largest")
     ways = {"initial": "initial", "local method": "local", "optimised": "optimised"}
+    ways |= {"best that is free": "free"}
     for name, way in ways.items():
         if way in metrics:
             figures = (f"{metrics[way][f'{what}_{key}']:.3f}" for what in ("mean", "max"))
@@ -48,4 +49,6 @@ def _print(result: "RedundancyResult", out: Path) -> None:
     console.print(table)
     for notice in result.notices:
         say(console, f"note: {notice}")
+    if result.free is not None:
+        say(console, f"joints of the free way: {out / 'trajectory_free.csv'}")
     say(console, f"joints: {out / 'trajectory.csv'}, page: {out / 'recording.html'}")

@@ -22,7 +22,7 @@ def command(
     robot: Annotated[
         str | None, typer.Argument(metavar="[ROBOT]", help="After `show`: a name or a robot.yaml.")
     ] = None,
-    base: Annotated[str | None, typer.Option(help="Link that W is; else the root.")] = None,
+    base: Annotated[str | None, typer.Option(help="Link whose frame is W; else the root.")] = None,
     flange: Annotated[
         str | None, typer.Option(help="Link that carries the tool; else the end of the only arm.")
     ] = None,
@@ -57,7 +57,7 @@ def _show(name: str, out: Path) -> None:
 
     robot = Robot.load(name)
     _print(robot)
-    # Drake says at which address Meshcat listens; it is gone before anyone could go there.
+    # Drake prints Meshcat's address, which is gone before anyone could open it.
     logging.getLogger("drake").setLevel(logging.WARNING)
     meshcat = Meshcat()
     ArmPicture(robot, meshcat).show(robot.home)

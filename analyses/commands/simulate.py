@@ -18,6 +18,7 @@ DEFAULTS = SimulateSettings()
 PLACES = {
     "scenario": "scenario",
     "robot": "robot",
+    "motion": "motion",
     "model": "model",
     "duration": "duration_s",
     "seed": "seed",
@@ -38,6 +39,13 @@ def command(
     robot: Annotated[
         str | None, typer.Option(help="Another robot than the scenario's: a name or a robot.yaml.")
     ] = DEFAULTS.robot,
+    motion: Annotated[
+        Path | None,
+        typer.Option(
+            help="trajectory.yaml that `excite` wrote, in the place of the scenario's motion; "
+            "without --scenario nothing touches the arm."
+        ),
+    ] = None,
     model: Annotated[
         Path | None,
         typer.Option(help="model.yaml that controller and estimator know."),
@@ -67,7 +75,7 @@ def command(
         if not on_command_line(ctx, "scenario"):  # the file's own may name one already
             file = file.rpartition(":")[0] or file
         settings.scenario = f"{file}:{name}"
-    # Drake says at which address Meshcat listens; it is gone before anyone could go there.
+    # Drake prints Meshcat's address, which is gone before anyone could open it.
     logging.getLogger("drake").setLevel(logging.WARNING)
     with showing_progress("simulate") as progress:
         result = simulate_scenario(
@@ -75,6 +83,7 @@ def command(
             out,
             settings.robot,
             None if settings.model is None else Path(settings.model),
+            motion_path=None if settings.motion is None else Path(settings.motion),
             seed=settings.seed,
             duration=settings.duration_s,
             quick=settings.quick,

@@ -31,7 +31,7 @@ def command(
     ] = None,
     fresh: Annotated[
         bool,
-        typer.Option("--fresh", help="Run also what has a result on which nothing has changed."),
+        typer.Option("--fresh", help="Run also experiments whose results are up to date."),
     ] = False,
     list_names: Annotated[
         bool, typer.Option("--list", help="List the experiments' names and stop.")

@@ -40,7 +40,7 @@ def plain_text(text: str, style: str = "") -> Text:
 
 @contextmanager
 def showing_progress(name: str) -> Iterator[Callable[[float, str], None]]:
-    """Shows how far a single piece of work is, as the function that it gives is told."""
+    """Shows how far a piece of work is; the function that it gives takes share and words."""
     with ProgressDisplay(new_console(stderr=True), (name,), fleeting=True) as watch:
         on_first_compilation(lambda what: watch(Progress(name, "running", 0.0, what)))
         watch(Progress(name, "running"))

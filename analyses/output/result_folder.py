@@ -200,7 +200,7 @@ def _carry_out(out: Path) -> None:
 
 
 def _flush(folder: Path) -> None:
-    """Has the names in a folder on the disk before what would repeat the renames is gone."""
+    """Syncs a folder's names to disk, before the journal that could repeat the renames goes."""
     with suppress(OSError):  # not every file system can
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -242,7 +242,7 @@ class _Refusal:
             status = path.stat()
             inside = path.resolve().is_relative_to(self._folder)
         except (OSError, RuntimeError, ValueError):
-            return  # whoever reads it says what is wrong with it
+            return  # its reader reports what is wrong with it
         if inside or (status.st_dev, status.st_ino) in self._files:
             problem = f"is read by this command, whose results go to {self._out}"
             raise InputError(path, "", problem, "choose another folder with --out")

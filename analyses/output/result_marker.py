@@ -65,7 +65,7 @@ class Stranger:
 
     Attributes:
         name: relative to the folder, with `/`.
-        changed: whether it was ours once; else nobody of ours wrote it.
+        changed: whether it was ours once; else no command of ours wrote it.
     """
 
     name: str

@@ -18,7 +18,7 @@ _FLAGS = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
 def sole_writer(folder: Path, who: str = "run") -> Iterator[None]:
     """Holds a lock on `folder` inside the block: two runs would take each other's files away.
 
-    The system lets go of it when the process dies, however that comes. What is locked is a hidden
+    The system releases it when the process dies, for whatever reason. What is locked is a hidden
     file, removed at the end: a folder itself cannot be locked on every file system.
 
     Args:

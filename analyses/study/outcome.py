@@ -45,6 +45,7 @@ class Outcome:
 
     @property
     def has_result(self) -> bool:
+        """Whether there is a whole result, of this run or of an earlier one."""
         return self.state in ("done", "earlier")
 
 
@@ -59,6 +60,7 @@ class StudyResult:
 
     @property
     def failed(self) -> bool:
+        """Whether any experiment failed."""
         return any(outcome.state == "failed" for outcome in self.outcomes)
 
 

@@ -40,8 +40,8 @@ def sharing_in(folder: Path) -> Iterator[None]:
 def shared(name: str, arguments: tuple[Any, ...], compute: Callable[[], Result]) -> Result:
     """Returns what `compute` returns, computed once for all that share the folder.
 
-    Who asks while another computes the same waits for it. What is returned has gone through the
-    file also where it was computed, so that all go on with the same bytes in the same layout.
+    A process that asks while another computes the same waits for it. The result is read back from
+    the file also where it was computed, so that all go on with the same bytes in the same layout.
 
     Args:
         name: of what is computed.

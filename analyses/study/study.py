@@ -121,7 +121,7 @@ def run_study(
                 (out / _SHARED).mkdir(mode=0o700)
             _run_all(first, jobs, watch)
         except BaseException:
-            # Whatever ended it is what the user is to hear of, not what follows from it.
+            # The user is to hear of the cause, not of what follows from it.
             with suppress(InputError, OSError):
                 _summarise(folder, runs, settings)
             raise
@@ -411,7 +411,7 @@ def _run_experiment(task: _Task, connection: Connection) -> tuple[State, str]:
     with sharing_in(task.shared):
         result = experiment.run(context)
     if software_hash(task.module) != depends_on["software"]:
-        depends_on["software"] = "changed while it ran"  # who knows which part was imported when
+        depends_on["software"] = "changed while it ran"  # which part was imported when is not known
     write_result(task.out, experiment, result, depends_on, settings.of_results)
     return "done", ""
 

@@ -30,7 +30,7 @@ def make_meshcat(robot: Robot, p_WE: ArrayLike, away: ArrayLike | None = None) -
         away: (3,) direction from the tool to the camera, in W; by default from ahead and to one
             side of where the tool stands, a little above.
     """
-    # Its greeting names a web address that nobody will visit.
+    # Its greeting names a web address that is of no use here.
     log = logging.getLogger("drake")
     level = log.level
     log.setLevel(logging.WARNING)

@@ -1,4 +1,4 @@
-"""Joints of the true robot with all that real ones have, between the command and the plant."""
+"""Joints of the true robot with the effects of real ones, between the command and the plant."""
 
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, OutputPort

@@ -1,13 +1,13 @@
 """Does a log's friction contradict the model's? From what is read where nothing touches the arm.
 
-A force at the tool does not care which way a joint turns; friction does. So the reading is
+A force at the tool does not depend on which way a joint turns; friction does. So the reading is
 regressed on what Coulomb, viscous and offset coefficients add to friction, joint by joint and with
 errors that are correlated over time (`models.calibration.friction_refresh`). A joint's friction
 contradicts the model if all of this holds:
 
 - its Coulomb or viscous coefficient differs by CLEAR standard errors (an offset alone is also what
   a load looks like);
-- the differences amount to more torque than the model leaves unexplained anyhow;
+- the differences amount to more torque than the model leaves unexplained in any case;
 - they explain what is read: what remains is not far above the model's residual. A load or a contact
   that happens to go with a joint's direction leaves more.
 """

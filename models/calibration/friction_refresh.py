@@ -1,10 +1,11 @@
 """Coulomb, viscous and offset of a known friction law, found again from seconds of motion.
 
-What a friction law's shape, a gear's load dependence and the links' masses are, weeks leave as it
-was; the viscous part moves by tens of per cent. The three coefficients of each joint are found from
+Over weeks a friction law's shape, a gear's load dependence and the links' masses stay the same; the
+viscous part changes by tens of per cent. The three coefficients of each joint are found from
 the residual of the known model by generalised least squares (`models.identification.
-residual_noise`), with the old values as a prior. The prior's width is what friction does from one
-month to another, so a joint that hardly moves keeps its numbers, and its standard errors say so.
+residual_noise`), with the old values as a prior. The prior's width is how much friction changes
+from one month to another, so a joint that hardly moves keeps its numbers, and its standard errors
+say so.
 """
 
 from dataclasses import dataclass
@@ -21,10 +22,10 @@ from models.friction.velocity_friction import CoulombViscous
 class FrictionDrift:
     """By how much friction drifts: standard deviations of the prior.
 
-    The default is what one UR10e did over five weeks (eight logs that its model was not fitted on):
-    what windows of 3 and 8 s of each say agrees with the rest of their log within 1.96 standard
-    errors in 94 to 96 % (Coulomb and viscous) and 98 to 100 % (offset) of the cases. A ninth log,
-    seven weeks before the fit, was left out of this: 94 to 100 % of its windows of 3 s.
+    The default is the drift of one UR10e over five weeks (eight logs that its model was not fitted
+    on): coefficients from windows of 3 and 8 s agree with the rest of their log within 1.96
+    standard errors in 94 to 96 % (Coulomb and viscous) and 98 to 100 % (offset) of the cases. A
+    ninth log, seven weeks before the fit, was left out of this: 94 to 100 % of its windows of 3 s.
 
     Attributes:
         coulomb: of the joint's dry friction.
@@ -79,7 +80,7 @@ class FrictionRefresh:
 
     @property
     def told(self) -> Array:
-        """(n, 3) share of the prior's variance that the log has taken away, 0 to 1."""
+        """(n, 3) share of the prior's variance that the log has removed, 0 to 1."""
         return np.asarray(1.0 - (self.standard_deviation / self.prior_deviation) ** 2)
 
 

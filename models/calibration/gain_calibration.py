@@ -1,16 +1,17 @@
 """Torque per ampere of every joint, from logs with a load whose weight is known.
 
-Without a known weight no log can tell torque: twice the masses, twice the friction and twice the
-torque per ampere move the same. A known weight on the flange fixes the scale of the joints that
-feel it, and the masses that several joints carry tie the joints to each other. With u = log of the
-true over the stated torque per ampere, the torque that the stated constants give is
+Without a known weight no log can determine torque: with twice the masses, twice the friction and
+twice the torque per ampere the arm moves the same. A known weight on the flange fixes the scale of
+the joints that carry it, and the masses that several joints carry tie the joints to each other.
+With u = log of the true over the stated torque per ampere, the torque that the stated constants
+give is
 
     tau = exp(-u) (Y pi + rotor vdot + friction + Y_load pi_load),
 
 linear in all but u, and solved for all at once by Gauss-Newton steps of generalised least squares
 (`models.calibration.residual_noise`). Each log's friction may have drifted a little from the
 others' (`models.calibration.friction_refresh`), and friction that grows with what a gear
-transmits takes that torque from the step before, load included.
+transmits takes that torque, load included, from the previous step.
 """
 
 from collections.abc import Callable, Sequence
@@ -119,12 +120,12 @@ class GainCalibration:
 
     @property
     def told(self) -> Array:
-        """(n,) share of the prior's variance that the logs have taken away, 0 to 1."""
+        """(n,) share of the prior's variance that the logs have removed, 0 to 1."""
         return np.asarray(1.0 - np.diag(self.log_covariance) / GAIN_SD**2)
 
     @property
     def least_known(self) -> tuple[Array, float]:
-        """The combination of log ratios, a unit vector (n,), that is told worst, and its sd."""
+        """The combination of log ratios, a unit vector (n,), that is known least, and its sd."""
         values, vectors = np.linalg.eigh(self.log_covariance)
         worst = vectors[:, -1] * np.sign(vectors[:, -1].sum() or 1.0)
         return worst, float(np.sqrt(values[-1]))

@@ -2,15 +2,15 @@
 
 A load adds a torque that is linear in its ten parameters to what the arm's model predicts. They are
 found by generalised least squares of the model's residual, together with the drift that friction
-may have made since (`models.calibration.friction_refresh`). Twice: the first solution takes
-nearly anything for possible and shows where the centre of mass is; the second states the parameters
-about that point, where a prior of the inertia can say what a body of this mass looks like.
+may have made since (`models.calibration.friction_refresh`). Twice: the first solution has a wide
+prior and shows where the centre of mass is; the second states the parameters about that point,
+where a prior of the inertia can follow from the mass.
 
 The standard errors count three things: the scatter of the torque, which is correlated over time;
-errors of the arm's own model; and torques per ampere that are a little off. The last two no motion
-with an unknown load can tell from another load. So they are no unknowns of the fit, which they
-would bend: their effect on the result is added to its covariance ("considered" parameters; Schmidt,
-"Application of state-space methods to navigation problems", 1966).
+errors of the arm's own model; and torques per ampere that are a little off. No motion with an
+unknown load can tell the last two from another load. So they are not unknowns of the fit, which
+they would bias: their effect on the result is added to its covariance ("considered" parameters;
+Schmidt, "Application of state-space methods to navigation problems", 1966).
 """
 
 from dataclasses import dataclass, field
@@ -44,7 +44,8 @@ class LoadPrior:
 
     Attributes:
         mass: kg, sd of the load's mass about zero.
-        gain: sd of each joint's torque per ampere, relative; 0 where a known weight has told them.
+        gain: sd of each joint's torque per ampere, relative; 0 where a known weight has determined
+            them.
         drift: of friction, since the model was fitted.
     """
 
@@ -77,7 +78,7 @@ class LoadEstimate:
     Attributes:
         mass: kg.
         com: (3,) m from the flange.
-        inertia: (3, 3) kg m^2 about the centre of mass, as estimated; a body of it may not exist.
+        inertia: (3, 3) kg m^2 about the centre of mass, as estimated; it may not be physical.
         covariance: (10, 10) of mass, com and Ixx, Iyy, Izz, Ixy, Ixz, Iyz.
         gain_covariance: (10, 10) the part of it that comes from the torques per ampere.
         inertia_prior_sd: (6,) kg m^2.
@@ -108,13 +109,13 @@ class LoadEstimate:
 
     @property
     def inertia_told(self) -> Array:
-        """(6,) share of the prior's variance that the motion has taken away, 0 to 1."""
+        """(6,) share of the prior's variance that the motion has removed, 0 to 1."""
         left = (self.standard_deviation[4:] / self.inertia_prior_sd) ** 2
         return np.asarray(np.maximum(1.0 - left, 0.0))
 
     @property
     def realisable(self) -> Array:
-        """(3, 3) kg m^2 about the centre of mass: the inertia of a body that may exist."""
+        """(3, 3) kg m^2 about the centre of mass: the inertia nearby that is physical."""
         return realisable_inertia(self.inertia, max(self.mass, 1e-6))
 
 
@@ -198,7 +199,7 @@ def _solve(
         blocks.append(np.delete(whole, np.s_[k:-1], axis=1))
         considered.append(whole[:, k:-1] * logs[0].model_sd)
     fit = fit_with_prior(blocks, prior_sd, np.concatenate([mean, np.zeros(k - _LOAD)]))
-    # How the solution answers to an error e of the torque: covariance A^T e / s^2.
+    # How the solution responds to an error e of the torque: covariance A^T e / s^2.
     answers = [
         fit.covariance @ own[:, :-1].T / s**2 for own, s in zip(blocks, fit.scale, strict=True)
     ]

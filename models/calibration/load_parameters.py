@@ -57,7 +57,7 @@ def inertia_matrix(parameters: Array) -> Array:
 
 
 def realisable_inertia(inertia: Array, mass: float, least_radius: float = 1e-3) -> Array:
-    """Returns the inertia (3, 3) of a body near one that may not exist.
+    """Returns the physical inertia (3, 3) near one that may not be physical.
 
     A body's second moments of mass are positive along every direction; what measurement noise has
     made negative becomes mass times `least_radius` squared.

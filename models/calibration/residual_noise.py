@@ -1,4 +1,4 @@
-"""How the torque that a model leaves unexplained depends on itself a moment ago.
+"""How the torque that a model leaves unexplained is correlated over time.
 
 A residual sampled at 10 Hz is not white: a fit that counts every row as a new piece of evidence
 states standard errors that are too small by a factor of two to three. A joint's residual is here
@@ -6,10 +6,10 @@ states standard errors that are too small by a factor of two to three. A joint's
     e(t) = white(t) (1 + r exp(-(v / v_r)^2)) + slow(t) + c(t) dry(t) + d(t) viscous(t) + held(t)
 
 white      independent from row to row, larger where the joint reverses
-slow       what the model's inertias and the gear's position miss
+slow       errors of the model's inertias, and errors that depend on the gear's position
 c, d       friction that wanders about its mean: shares of the law's dry and viscous torque
-held       a joint at rest carries any torque within its stiction: one unknown constant a rest, even
-           between -stiction and stiction, hence of variance stiction^2 / 3
+held       a joint at rest carries any torque within its stiction: one unknown constant per rest,
+           uniform between -stiction and stiction, hence of variance stiction^2 / 3
 
 slow, c and d are Ornstein-Uhlenbeck processes with one correlation time. What white and slow amount
 to is stated in units of the model's own residual sd, so that a poorer model has wider errors.
@@ -55,7 +55,7 @@ class ResidualRows:
     """A log's residual at m instants, and what the covariance of it depends on.
 
     Attributes:
-        t: (m,) s, rising; gaps are welcome.
+        t: (m,) s, rising; gaps are allowed.
         v: (m, n) rad/s (m/s).
         residual: (m, n) N m, measured minus predicted torque.
         dry: (m, n) N m, the friction law's torque without its viscous part and offset.

@@ -8,10 +8,10 @@ unless the motion says otherwise. Per joint, while it slides,
     tau_f - (Stribeck and cubic part, as known) = coulomb z + load |L| z + viscous v + offset
                                                   - gain tau_J
 
-is linear in its parameters. Gain is by what share the torque constant is too small. Without a
-known force on the arm nothing tells it from the masses, nor from friction where that is all that a
-drive works against: it stays zero unless the prior allows it and the joint carries several times
-its friction.
+is linear in its parameters. The gain is the share by which the torque constant is too small.
+Without a known force on the arm it cannot be told from the masses, nor from friction where that is
+all that a drive works against: it stays zero unless the prior allows it and the joint carries
+several times its friction.
 
 The posterior is Gaussian; rows far off the others (shocks, vibration) weigh less, as under Cauchy
 noise, by iterated reweighting. Rows of one motion err together, by ripple over position and by the

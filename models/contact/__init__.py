@@ -1,1 +1,1 @@
-"""The force of a tool on a workpiece, from what the contact itself leaves in the torques."""
+"""The force of a tool on a workpiece, from joint torques, by a filter that models the contact."""

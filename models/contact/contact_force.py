@@ -1,9 +1,9 @@
 """The force of a tool that presses on a workpiece, from joint torque, by a Kalman filter.
 
-What a torque says of a force depends on what the joint does. A joint at rest keeps any friction
-within its stiction, a joint that reverses is between two directions, one that slides errs by a
-share of its sliding friction; and such errors last. So they are states of the filter, beside the
-wrench:
+How well a torque shows a force depends on the joint's motion. A joint at rest carries any friction
+within its stiction, a joint that reverses is between two directions, and the error of a sliding one
+is a share of its sliding friction; and such errors last. So they are states of the filter, beside
+the wrench:
 
     y_k = H_k F_k + e_k + o + s f_k + w_k
 
@@ -16,8 +16,8 @@ wrench:
     s   share by which all sliding friction f is larger or smaller: temperature
     w   error within the block: vibration, and a motion that is not known exactly
 
-o and s are considered, not estimated (Schmidt, in Advances in Control Systems 3, 1966): what
-is at rest could teach them nothing, and what is wrong elsewhere would teach them nonsense.
+o and s are considered, not estimated (Schmidt, in Advances in Control Systems 3, 1966): a joint at
+rest says nothing about them, and errors elsewhere would corrupt them.
 
 The force along the tool wanders, and now and then changes at once: a contact. That is decided
 block by block from the likelihood of both. Across the tool a roller that rolls carries little;
@@ -32,7 +32,7 @@ should be (their normalised square above 1). A reading whose 95 % band holds zer
 about the contact: it is not valid.
 
 Assumed: joints err independently but for s; errors are Gaussian; a standing joint's friction is
-normal with `rest` of its sliding level as sd (even between the two directions would be 0.58).
+normal with `rest` of its sliding level as sd (uniform between the two directions would be 0.58).
 """
 
 from dataclasses import dataclass, field
@@ -43,7 +43,7 @@ from models.arrays import Array, Flags
 
 SIGMA_95 = 1.959963984540054
 _NORMAL, _ACROSS, _MOMENTS, _WRENCH = 0, slice(1, 3), slice(3, 6), 6
-_HIGHEST_MISFIT = 50.0  # one impact must not hide the next second
+_HIGHEST_MISFIT = 50.0  # so that one impact does not hide the next second
 
 
 @dataclass
@@ -79,7 +79,7 @@ class ContactForceConfig:
     standing_speed: float = 0.005  # m/s, below which it stands
     moment_sd: float = 1.4  # N m about the contact: a roller touches anywhere along its width
     white: float = 0.4  # N m, of a block
-    spread: float = 0.5  # share of the sd within a block that its mean errs by
+    spread: float = 0.5  # sd of a block's mean, as a share of the sd within it
     inertial: float = 0.2  # share of the inertial torque
     inertial_time: float = 0.1  # s, over which a large one is remembered
     lag: float = 0.06  # s after which the force of a block is read
@@ -283,7 +283,7 @@ class _Filter:
         return jumps
 
     def skip(self) -> None:
-        """Passes a block without a known motion; in a gap of them the force may do anything."""
+        """Passes a block without a known motion; after a gap of them the force is unknown."""
         is_gap = self._unknown > self._config.gap
         self._unknown += self._period
         if self._unknown > self._config.gap and not is_gap:

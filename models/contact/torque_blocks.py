@@ -1,7 +1,7 @@
-"""Torque from outside as means over blocks of samples, with all that tells how far it errs.
+"""Torque from outside as means over blocks of samples, with all that its error depends on.
 
-Where position, velocity and motor torque are logged faster than a force is asked for, a mean over
-some samples says all that there is to say:
+Where position, velocity and motor torque are logged faster than a force is wanted, a mean over some
+samples loses nothing:
 
     tau_ext = M(q) vdot + C v + G + tau_f - tau_J
 
@@ -122,6 +122,9 @@ def torque_blocks(terms: MotionTerms, law: PreslidingFriction, samples: int) -> 
         terms: of the log.
         law: of the joints' friction.
         samples: in a block.
+
+    Raises:
+        ValueError: the log is shorter than a block.
     """
     N = len(terms.t) // samples
     if N == 0:

@@ -8,6 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from models.arrays import Array, Flags
 from models.detection.contact_statistic import (
+    CHANGE,
+    CHANGE_LEVEL,
     CONTACT,
     FITTED_LOAD,
     FITTED_SPEED,
@@ -46,6 +48,7 @@ from models.friction.friction_law import FrictionLaw
 from models.identification.contact_noise import ContactNoise
 from models.identification.identified_model import IdentifiedModel
 from models.identification.torque_error_model import (
+    NUM_FEATURES,
     TORQUE_ERROR_ROWS,
     TorqueErrorModel,
     initial_torque_error_state,
@@ -54,6 +57,7 @@ from models.rigid_body.serial_chain import SerialChain
 from models.signals.exceedance_tail import ExceedanceTail, gaussian_tail
 
 LEAST_RATE, LARGEST_RATE = 1e-3, 1e3  # false alarms an hour
+MISFIT_RATE = 36.0  # an hour, of contact: one in a hundred contacts at E that last a second
 
 
 @dataclass
@@ -61,15 +65,15 @@ class ContactDetectionConfig:
     """When a reading counts as contact."""
 
     false_alarms_per_hour: float = 1.0
-    """How often contact, and how often misfit, may be reported where nothing touches the arm."""
+    """How often contact may be reported where nothing touches the arm."""
 
 
 class Detection(NamedTuple):
     """What the readings right after each of N samples say; see `contact_statistic`.
 
     Attributes:
-        statistic: (N,) in units of the level above which contact begins; 0 where the model does not
-            say what its torque errs by.
+        statistic: (N,) in units of the level above which contact begins; 0 where the model states
+            no torque error.
         contact: (N,).
         misfit: (N,) a contact that no force at E explains.
         link: (N,) the link, 1 to n, whose contact explains a misfit; 0 where there is none or the
@@ -86,7 +90,7 @@ class Detection(NamedTuple):
     out_of_range: Flags
 
     def without(self, unknown: Flags) -> "Detection":
-        """The same without contact where a sample (N,) is not to be believed."""
+        """The same, without contact where a sample (N,) may not be used."""
         contact, misfit = self.contact & ~unknown, self.misfit & ~unknown
         link = np.where(unknown, 0, self.link).astype(np.int8)
         return self._replace(contact=contact, misfit=misfit, link=link)
@@ -107,8 +111,8 @@ class Detection(NamedTuple):
 class ContactDetector:
     """Contact and misfit of what one estimator reads.
 
-    A model without a torque error finds no contact: rest and range alone are told. One that has no
-    `contact_noise` is taken as Gaussian.
+    With a model without a torque error no contact is found: only rest and range are reported. One
+    without `contact_noise` is taken as Gaussian.
 
     Args:
         model: that the estimator reads with.
@@ -161,19 +165,31 @@ class ContactDetector:
             joints[USUAL_JOLT] = np.inf
             # Of an exponentially correlated error through a low-pass.
             joints[MEAN_SCALE] = np.sqrt(correlation_time / (correlation_time + WINDOW))
+            joints[CHANGE:] = 0.0
         else:
             # White noise of speed reads as a jolt that shrinks with the root of the period.
             finer = np.sqrt(max(noise.time_step / time_step, 1.0))
             joints[USUAL_JOLT] = finer * np.asarray(noise.usual_jolt)
             joints[MEAN_SCALE] = noise.mean_scale
+            joints[CHANGE:] = 0.0
+            if noise.change_sd:
+                # A change is as quick as the observer lets it be: of correlation time 1 / K_0.
+                quicker = 2.0 * rates / (rates + error.K_0)
+                joints[CHANGE:] = quicker * np.transpose(noise.change_sd) ** 2
+                joints[CHANGE + NUM_FEATURES] /= finer**2
         self._settings = settings = np.empty(NUM_SETTINGS)
         settings[PERIOD] = time_step
         settings[MOMENT_SD] = _moment_sd(reconstruction)
         settings[SCALE] = error.scale
         levels = SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL
         tails = _tails(noise, n, float(correlation_time.min()))
-        for level, tail, share in zip(levels, tails, (0.5, 0.5, 1.0), strict=True):
-            settings[level] = tail.level_at(share * rate) if self.knows_error else np.inf
+        change = noise.change if noise is not None and noise.change_sd else None
+        rates_per_hour = 0.5 * rate, 0.5 * rate, max(rate, MISFIT_RATE)
+        for level, tail, own_rate in zip(levels, tails, rates_per_hour, strict=True):
+            settings[level] = tail.level_at(own_rate) if self.knows_error else np.inf
+        settings[CHANGE_LEVEL] = np.inf
+        if change is not None and self.knows_error:
+            settings[CHANGE_LEVEL] = np.sqrt(change.level_at(0.5 * rate))
         for release, level, tail in zip(
             (SAMPLE_RELEASE, MEAN_RELEASE), levels, tails, strict=False
         ):
@@ -197,10 +213,11 @@ class ContactDetector:
         )
 
     @property
-    def levels(self) -> tuple[float, float, float]:
-        """Of the lengths `sample`, `mean` and `power`."""
-        sample, mean, power = self._settings[[SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL]].tolist()
-        return sample, mean, power
+    def levels(self) -> tuple[float, float, float, float]:
+        """Of the lengths `sample`, `mean`, `power` and `change`; infinite: not looked at."""
+        of = [SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL, CHANGE_LEVEL]
+        sample, mean, power, change = self._settings[of].tolist()
+        return sample, mean, power, change
 
     def initial_state(self) -> Array:
         """Returns the (rows, n) state before the first sample."""
@@ -254,16 +271,17 @@ class ContactDetector:
         transmitted: Array,
         momentum: Array,
         tau_ext: Array,
-    ) -> tuple[Array, Array, Array]:
-        """z, LP(z), (N, n) each, and as `judge` where no level is ever reached."""
+    ) -> tuple[Array, Array, Array, Array]:
+        """z, LP(z), change, (N, n) each, and as `judge` where no level is ever reached."""
         settings = self._settings.copy()
-        settings[[SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL]] = np.inf
-        z, mean, out = np.empty_like(q), np.empty_like(q), np.empty((len(q), NUM_OUT))
+        settings[[SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL, CHANGE_LEVEL]] = np.inf
+        z, mean, change = np.empty_like(q), np.empty_like(q), np.empty_like(q)
+        out = np.empty((len(q), NUM_OUT))
         tables = (self._error, self._joints, settings, self._white, state)
         moved = _ready(q), _ready(v), _ready(transmitted), _ready(momentum)
         no_jacobian = np.zeros((6, self.num_joints))
-        white_log(*tables, *moved, no_jacobian, _ready(tau_ext), out, z, mean)
-        return z, mean, out
+        white_log(*tables, *moved, no_jacobian, _ready(tau_ext), out, z, mean, change)
+        return z, mean, change, out
 
 
 def _ready(x: Array) -> Array:
@@ -306,7 +324,7 @@ def _moment_sd(reconstruction: WrenchReconstructionConfig) -> float:
 
 
 def _assumed_error(model: IdentifiedModel) -> TorqueErrorModel:
-    """Stands in where there is none: no level is ever exceeded, and ranges are the model's."""
+    """For a model without a torque error: no level is ever exceeded; the ranges are the model's."""
     n = len(model.joint_names)
     ranges = model.validity
     zero, one = np.zeros(n), np.ones(n)

@@ -8,11 +8,23 @@ from numpy.typing import NDArray
 
 from models.arrays import Array
 from models.detection.contact_detector import ContactDetector, initial_state
-from models.detection.contact_statistic import MEAN_LENGTH, POWER_LENGTH, SAMPLE_LENGTH, jolts
+from models.detection.contact_statistic import (
+    CHANGE_LENGTH,
+    MEAN_LENGTH,
+    POWER_LENGTH,
+    SAMPLE_LENGTH,
+    jolts,
+)
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.identification.contact_noise import ContactNoise
 from models.identification.identified_model import IdentifiedModel
-from models.identification.torque_error_fit import HeldOutReading
+from models.identification.torque_error_fit import HeldOutReading, most_likely
+from models.identification.torque_error_model import (
+    NUM_FEATURES,
+    TorqueErrorModel,
+    initial_torque_error_state,
+    torque_error_features,
+)
 from models.rigid_body.serial_chain import SerialChain
 from models.signals.exceedance_tail import fit_exceedances
 
@@ -22,7 +34,7 @@ USUAL = 0.99  # share of the samples that have no more than the usual jolt
 def fit_contact_noise(
     readings: Sequence[HeldOutReading], model: IdentifiedModel, chain: SerialChain
 ) -> ContactNoise | None:
-    """Returns what `model.contact_noise` is to be; None where no reading is used.
+    """Returns the value for `model.contact_noise`; None where no reading is used.
 
     Args:
         readings: of motions that their models were not fitted on; of one time step.
@@ -46,16 +58,57 @@ def fit_contact_noise(
         time_step=float(time_step),
         hours=count * time_step / 3600.0,
     )
-    z, mean, lengths = _white(readings, momenta, used, replace(model, contact_noise=noise), chain)
+    own_model = replace(model, contact_noise=noise)
+    z, mean, change, _ = _white(readings, momenta, used, own_model, chain)
     squares = np.maximum(np.mean(np.vstack(z) ** 2, axis=0), 1e-300)
     scale = np.sqrt(np.mean(np.vstack(mean) ** 2, axis=0) / squares)
     noise.mean_scale = np.maximum(scale, 1e-3).tolist()
-    _, _, lengths = _white(readings, momenta, used, replace(model, contact_noise=noise), chain)
+    features = np.concatenate(
+        [_features(model.torque_error, own)[rows] for own, rows in zip(readings, used, strict=True)]
+    )
+    usual = np.asarray(noise.usual_jolt)
+    jolted = np.vstack(seen)
+    noise.change_sd = _change_sd(features, jolted, usual, np.vstack(change)).tolist()
+    _, _, _, lengths = _white(readings, momenta, used, own_model, chain)
     noise.sample, noise.mean, noise.power = (
         fit_exceedances([own[:, column] for own in lengths], time_step)
         for column in (SAMPLE_LENGTH, MEAN_LENGTH, POWER_LENGTH)
     )
+    noise.change = fit_exceedances([own[:, CHANGE_LENGTH] ** 2 for own in lengths], time_step)
     return noise
+
+
+def _features(error: TorqueErrorModel, own: HeldOutReading) -> Array:
+    """(N, n, NUM_FEATURES) of what a variance is made of."""
+    features = np.empty((*own.q.shape, NUM_FEATURES))
+    q, v, load = (np.require(x, float, ("C", "W")) for x in (own.q, own.v, own.transmitted))
+    table = error.table(own.friction, own.time_step, own.K_0, own.resolution)
+    state = initial_torque_error_state(error.num_joints)
+    torque_error_features(table, state, q, v, load, features)
+    return features
+
+
+def _change_sd(features: Array, jolted: Array, usual: Array, change: Array) -> Array:
+    """(n, NUM_FEATURES + 1) roots of the most likely shares of a change's variance.
+
+    Args:
+        features: (N, n, NUM_FEATURES).
+        jolted: (N, n) N m.
+        usual: (n,) N m; what a jolt has beyond it counts in full.
+        change: (N, n) N m.
+    """
+    n = change.shape[1]
+    excess = np.maximum(jolted - usual, 0.0) ** 2
+    shares = [
+        most_likely(
+            np.column_stack([features[:, j], jolted[:, j] ** 2, excess[:, j]]), change[:, j]
+        )
+        for j in range(n)
+    ]
+    least = 1e-3 * np.sqrt(np.maximum(np.mean(change**2, axis=0), 1e-12))
+    roots = np.sqrt(shares)
+    roots[:, 0] = np.maximum(roots[:, 0], least)
+    return np.asarray(roots)
 
 
 def _white(
@@ -64,9 +117,9 @@ def _white(
     used: Sequence[NDArray[np.bool_]],
     model: IdentifiedModel,
     chain: SerialChain,
-) -> tuple[list[Array], list[Array], list[Array]]:
-    """z, LP(z) and the three lengths of the samples that are used, reading by reading."""
-    found: tuple[list[Array], list[Array], list[Array]] = ([], [], [])
+) -> tuple[list[Array], list[Array], list[Array], list[Array]]:
+    """z, LP(z), change and the lengths of the samples that are used, reading by reading."""
+    found: tuple[list[Array], list[Array], list[Array], list[Array]] = ([], [], [], [])
     for own, momentum, rows in zip(readings, momenta, used, strict=True):
         detector = ContactDetector(
             *(model, own.friction, chain, WrenchReconstructionConfig("force_only")),

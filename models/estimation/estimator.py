@@ -63,7 +63,7 @@ class WrenchEstimatorConfig:
 
     observer: AnyObserverConfig = field(default_factory=MomentumObserverConfig)
     reconstruction: WrenchReconstructionConfig = field(default_factory=WrenchReconstructionConfig)
-    force_bandwidth_hz: float = 3.0  # up to which the band holds the observer's lag
+    force_bandwidth_hz: float = 3.0  # Hz, up to which the band covers the observer's lag
     position_resolution: list[float] | None = None
     # rad, per joint; None: what robot.yaml says of all joints, else the model
     check_samples: bool = True  # against what the joints can do: see `sample_check`
@@ -74,9 +74,9 @@ class Taught(NamedTuple):
 
     Attributes:
         tau_correction: (..., n) N m, added to what the observer reads.
-        v_planned: (..., n) rad/s, at which friction is taken, as on the air pass, whatever sign the
-            speed of a joint has that all but rests.
-        counts: (...) 1 where what is so corrected is to be believed, else 0.
+        v_planned: (..., n) rad/s, at which friction is evaluated, as on the air pass: the sign of
+            the measured speed of a joint that hardly moves plays no part.
+        counts: (...) 1 where a reading so corrected may be valid, else 0.
     """
 
     tau_correction: ArrayLike
@@ -356,8 +356,8 @@ class WrenchEstimator:
                 planned speeds, without memory, and tau_ext is corrected.
             tau_f: (N, n) N m, friction known from elsewhere, in the place of the law's: it is taken
                 off the motor torque, sample by sample.
-            seen: (N, NUM_SIGNALS, n), written: what is known of the samples, as
-                `models.observers.observer` has it.
+            seen: (N, NUM_SIGNALS, n), written: the signals of the samples, rows as in
+                `models.observers.observer`.
 
         Raises:
             ValueError: shapes that disagree; taught and tau_f together.

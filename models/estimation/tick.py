@@ -94,7 +94,7 @@ def _remember(choice: Any, table: Any, state: Any, q: Any, v: Any, load: Any) ->
 def _observe_wrench(
     choice: Any, table: Any, state: Any, signals: Any, J: Any, wrench: Any, covariance: Any
 ) -> Any:
-    """`wrench` of the chosen observer, if it has one; returns whether."""
+    """`wrench` of the chosen observer, if it has one; returns whether it has."""
     raise NotImplementedError
 
 

@@ -1,8 +1,8 @@
-"""What an external-torque estimate errs by, as a function of the joint's speed.
+"""The error of an external-torque estimate as a function of the joint's speed.
 
-A joint that moves errs by what its friction law misses, which contact-free logs show, speed by
-speed. A joint at rest errs by what nobody can know: it carries any torque up to breakaway, whatever
-the environment does. Its error is taken as even between the two breakaway torques, of variance
+Of a moving joint it is what its friction law misses, which contact-free logs show, speed by
+speed. Of a joint at rest it is unknown: the joint carries any torque up to breakaway, whatever
+the environment does. This error is taken as uniform between the two breakaway torques, of variance
 breakaway^2 / 3, and it fades where the joint starts to move:
 
     sd(v)^2 = moving(|v|)^2 + breakaway^2 / 3 exp(-(v / v_rest)^2)

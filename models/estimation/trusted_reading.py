@@ -1,4 +1,4 @@
-"""The reading of tau_ext that knows what the observer errs by, sample by sample.
+"""The reading of tau_ext that takes the observer's error of each sample into account.
 
     torque error's sds (`models.identification.torque_error_model`) -+
     J as the observer saw it (`models.observers.lag`) --------------+-> wrench, covariance, valid
@@ -117,7 +117,7 @@ class TrustedReading:
         Args:
             state: (state_rows, n), changed in place.
             q, v, J, tau_ext: (n,), (6, n) for J, as `run`.
-            counts: whether it does.
+            counts: whether tau_ext is of this sample, so that the reading may be valid.
             reading: (READING,), written: wrench, covariance, condition number, valid.
             observed: (42,) as `run`.
         """
@@ -206,7 +206,7 @@ def trusted_reading_tick(
         q, v, transmitted: (n,); what is not finite of `transmitted` leaves that of the state.
         J: (6, n).
         tau_ext: (n,).
-        counts: whether the sample does.
+        counts: whether tau_ext is of this sample, so that the reading may be valid.
         observes: whether the observer reads the wrench itself; it then stands in `work`, at
             OBSERVED.
         reading: (READING,), written.

@@ -21,10 +21,10 @@ Sigma_tau may change from sample to sample: with sds s_j that a torque error mod
 
 **Valid** is a statement about the arm, not about the log: with what is known of a force before any
 log is read (`live_prior`), the reading's largest principal force sd is at most TRUSTED_SHARE of
-that prior's, and what stiction alone may feign, even within its band, stays below PHANTOM_SHARE of
-it: sqrt 3 times the largest principal sd that stiction's part of the torque error gives through the
-same gain. A joint at rest carries any torque within its stiction; a force that only such joints see
-cannot be told from it.
+that prior's, and the force that stiction alone may look like, uniform within its band, stays below
+PHANTOM_SHARE of it: sqrt 3 times the largest principal sd that stiction's part of the torque error
+gives through the same gain. A joint at rest carries any torque within its stiction; a force that
+only such joints see cannot be told from it.
 
 The stated covariance of `inverse`, `damped` and `truncated` is that of the noise passed through
 their matrix. For the last two it leaves out what they lose of the true wrench: they read it
@@ -52,7 +52,7 @@ from models.estimation.wrench_kernels import (
 from models.observers.observer import WrenchPrior
 
 STANDARD_GRAVITY = 9.80665
-PRIOR_LEVER = 0.05  # m; what a tool's contact is off E, for the live rule
+PRIOR_LEVER = 0.05  # m; distance of a tool's contact from E, for the live prior
 UNKNOWN_SD = 1e6  # N or N m; stands for infinity: no arm's wrench gets near it
 TRUSTED_SHARE = 1.0 / 3.0  # of the live prior's force sd: largest sd of a valid reading
 PHANTOM_SHARE = 0.16  # of the same: 8 % of the rated payload's weight, 9.8 N on an arm for 12.5 kg
@@ -67,8 +67,11 @@ class WrenchReconstructionConfig:
     method: str = "bayesian"  # one of METHODS
     prior_force_sd: float | None = None  # N, in every direction
     prior_moment_sd: float | None = None  # N m about E, in every direction
-    max_force_sd: float | None = None  # N; worst principal force sd of a valid reading; None: above
-    max_phantom: float | None = None  # N that stiction alone may feign in a valid one; None: above
+    max_force_sd: float | None = None
+    # N, largest principal force sd of a valid reading; None: a third of live_force_sd
+    max_phantom: float | None = None
+    # N, largest force that stiction alone may look like in a valid reading; None: 16 % of
+    # live_force_sd, that is 8 % of the rated payload's weight
     live_force_sd: float | None = None  # N, known before any log: what `valid` rests on
     live_moment_sd: float | None = None  # N m; None: `valid` rests on the prior of the reading
     damping: float = 0.2  # of `damped`, on the singular values of J in m and rad
@@ -94,14 +97,14 @@ class WrenchReconstructionConfig:
 class WrenchEstimate(NamedTuple):
     """One reading, or one per sample.
 
-    `valid`: see the module. `force_only` knows that there is no moment, `inverse` (and `damped`,
+    `valid`: see the module. `force_only` knows that there is no moment. `inverse` (and `damped`,
     `truncated`, which only hide it) knows nothing beforehand and needs a J of full rank. Without a
     live prior in the configuration `valid` is False where the reading says less about the force,
     in its worst direction, than its own prior: where the largest principal force sd of the plain
     weighted reading exceeds prior_force_sd; for `bayesian`, where prior and measurement are
     combined, the same point is passed when it exceeds prior_force_sd / sqrt(2). With max_force_sd
-    that bound takes the place of all. Input that is not finite, or whose reading is not,
-    gives a wrench of zero, the prior's covariance and False.
+    that bound takes the place of the one on the force's sd. Input that is not finite, or whose
+    reading is not, gives a wrench of zero, the prior's covariance and False.
 
     Attributes:
         wrench: (..., 6) F_E_W, N m and N, rotation first.
@@ -197,6 +200,9 @@ class WrenchReconstruction:
             sd: as tau_ext; N m, of its errors; None: 1, so that the torque covariance is theirs.
             stiction: as tau_ext; the part of sd that is stiction; None: 0.
             J_now: as J, of the very sample, whose condition number is stated; None: J.
+
+        Raises:
+            ValueError: shapes that disagree.
         """
         n = self.num_joints
         J = np.asarray(J, float)
@@ -255,7 +261,11 @@ def reconstruct_wrench(
 
 
 def whitening_matrix(Sigma: Array) -> Array:
-    """Returns W (n, n), lower triangular, with W Sigma W^T = 1."""
+    """Returns W (n, n), lower triangular, with W Sigma W^T = 1.
+
+    Raises:
+        ValueError: Sigma is not finite, symmetric and positive definite.
+    """
     if not np.all(np.isfinite(Sigma)) or not np.allclose(Sigma, Sigma.T, rtol=1e-9, atol=0.0):
         raise ValueError("torque covariance must be finite and symmetric")
     try:

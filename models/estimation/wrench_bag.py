@@ -80,6 +80,9 @@ class WrenchBagWriter:
             wrench: (N, 6) ROTATION FIRST, as everywhere but in files; so is the next.
             covariance: (N, 6, 6).
             p_WE: (N, 3) m.
+
+        Raises:
+            InputError: a time that a stamp cannot hold.
         """
         stamps = nanoseconds(np.asarray(t, float))
         if len(stamps) and not 0 <= stamps.min() <= stamps.max() < 2**32 * 10**9:

@@ -21,7 +21,7 @@ _SD, _STICTION = _VECTOR + 3, _VECTOR + 4
 WORK_ROWS = _VECTOR + 5
 _GRAM = _MATRIX  # of the posterior; the other methods keep their matrix there
 _BLOCK = 256  # samples a thread takes at a time
-_LARGEST = 1e60  # N, N m and their squares; more is as good as not finite
+_LARGEST = 1e60  # N, N m and their squares; more counts as not finite
 
 
 @njit(cache=True, error_model="numpy")
@@ -250,7 +250,7 @@ def _posterior(
 
 @njit(cache=True, error_model="numpy")
 def _any(stiction: Array) -> bool:
-    """Whether there is stiction: without it no wrench is feigned, at no cost."""
+    """Whether there is stiction; without it the work below is saved."""
     total = 0.0
     for part in stiction:
         total += abs(part)
@@ -259,7 +259,7 @@ def _any(stiction: Array) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def _feign(gain: Array, stiction: Array, work: Array) -> None:
-    """Covariance (3, 3) of the force that stiction alone gives through a gain (3, n)."""
+    """Covariance (3, 3) of the force that stiction alone reads as through a gain (3, n)."""
     for i in range(3):
         for j in range(i + 1):
             total = 0.0

@@ -25,7 +25,7 @@ trusted, else 0."""
 FLAGS = ("contact", "misfit", "link", "rest", "out_of_range", "fault")
 """Columns after tau_ext_1 to tau_ext_n (N m, positive along the motion it causes) and
 contact_statistic (1: contact begins), as `models.detection.contact_detector.Detection`: 1 or 0, and
-the number of the link where a contact is that no force at E explains, 0 where that is not told; and
+the number of the link with a contact that no force at E explains, 0 where it is not known; and
 fault, 0 or the sum of what is wrong with the sample (`models.observers.sample_check`)."""
 COVARIANCE = tuple(f"cov_{a}_{b}" for k, a in enumerate(WRENCH_AXES) for b in WRENCH_AXES[k:])
 """Columns after these, on request: N^2, N^2 m and N^2 m^2; the upper triangle, row by row."""
@@ -35,11 +35,13 @@ _UPPER = np.triu_indices(6)
 _INTEGER = ("valid", *FLAGS)
 
 
-def columns_of(num_joints: int, covariance: bool = False) -> tuple[str, ...]:
+def columns_of(
+    num_joints: int, covariance: bool = False, detection: bool = True
+) -> tuple[str, ...]:
     """The columns of a table, in their order."""
     torques = (f"tau_ext_{j + 1}" for j in range(num_joints))
-    more = COVARIANCE if covariance else ()
-    return (*COLUMNS, *torques, "contact_statistic", *FLAGS, *more)
+    found = ("contact_statistic", *FLAGS) if detection else ()
+    return (*COLUMNS, *torques, *found, *(COVARIANCE if covariance else ()))
 
 
 class WrenchTableWriter:
@@ -51,16 +53,23 @@ class WrenchTableWriter:
         path: of the table; the suffix .parquet makes it a Parquet file, any other one CSV.
         num_joints: n.
         covariance: whether there are columns for it.
+        detection: whether there are columns for contact_statistic and FLAGS.
 
     Raises:
         InputError: on entry or on exit, the file cannot be written.
     """
 
-    def __init__(self, path: str | Path, num_joints: int, covariance: bool = False) -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        num_joints: int,
+        covariance: bool = False,
+        detection: bool = True,
+    ) -> None:
         self.path = Path(path)
         self.num_rows = 0
-        self._covariance = covariance
-        self._columns = columns_of(num_joints, covariance)
+        self._covariance, self._detection = covariance, detection
+        self._columns = columns_of(num_joints, covariance, detection)
         self._schema = pa.schema(
             [(name, pa.int8() if name in _INTEGER else pa.float64()) for name in self._columns]
         )
@@ -86,8 +95,8 @@ class WrenchTableWriter:
         condition_number: Array,
         valid: NDArray[np.bool_],
         tau_ext: Array,
-        statistic: Array,
-        flags: Mapping[str, NDArray[Any]],
+        statistic: Array | None = None,
+        flags: Mapping[str, NDArray[Any]] | None = None,
         covariance: Array | None = None,
     ) -> None:
         """Appends N rows.
@@ -99,13 +108,19 @@ class WrenchTableWriter:
             condition_number: (N,).
             valid: (N,).
             tau_ext: (N, n) N m.
-            statistic: (N,) of contact.
-            flags: (N,) each, of FLAGS.
+            statistic: (N,) of contact, where the table has these columns.
+            flags: (N,) each, of FLAGS; likewise.
             covariance: (N, 6, 6), rotation first, where the table has its columns.
+
+        Raises:
+            ValueError: the table has columns for the covariance, and none is given.
         """
         columns = [t, *wrench[:, FORCE_FIRST].T, *standard_deviation[:, FORCE_FIRST].T]
-        columns += [condition_number, valid.astype(np.int8), *tau_ext.T, statistic]
-        columns += [np.asarray(flags[name]).astype(np.int8) for name in FLAGS]
+        columns += [condition_number, valid.astype(np.int8), *tau_ext.T]
+        if self._detection:
+            if statistic is None or flags is None:
+                raise ValueError("wrench table: contact statistic and flags are missing")
+            columns += [statistic, *(np.asarray(flags[name]).astype(np.int8) for name in FLAGS)]
         if self._covariance:
             if covariance is None:
                 raise ValueError("wrench table: the covariance is missing")

@@ -35,6 +35,10 @@ SlackFunction = Callable[[Array], tuple[float, Array]]
 _STEP = 1e-4  # rad, of the differences of q in the torque
 
 
+_SHRINKS, _MORE_SHRINKS = 4, 9  # of a random motion, by .6 each
+_MOST_POSTURES = 2000  # that random motions are drawn about
+
+
 @dataclass(frozen=True, eq=False)
 class MotionBounds:
     """The limits in numbers, each (n,)."""
@@ -69,7 +73,7 @@ class MotionBounds:
         if acceleration.shape not in ((1,), (n,)):
             problem = f"{acceleration.size} numbers, expected 1 or {n}"
             raise InputError("excite", "acceleration", problem)
-        # A joint that turns without end gains nothing from more than a turn each way.
+        # A joint without position limits gains nothing from more than a turn each way.
         lower = np.maximum(robot.position_lower, -2.0 * np.pi) + limits.position_margin
         upper = np.minimum(robot.position_upper, 2.0 * np.pi) - limits.position_margin
         positive("position_margin", upper - lower, "rad of travel")
@@ -89,8 +93,8 @@ class ExcitationSolution:
     Attributes:
         trajectory: start and end at rest.
         cost: of the smooth measure.
-        converged: whether the solver is content.
-        status: the solver's word.
+        converged: whether the solver reports an optimum.
+        status: the solver's own word for it.
         evaluations: of the cost with its gradient.
     """
 
@@ -157,13 +161,19 @@ class ExcitationProgram:
     def random_feasible(self, rng: np.random.Generator, num_draws: int = 60) -> FourierTrajectory:
         """A random motion within all limits (at the samples), as large as its shape allows.
 
+        Where none of `num_draws` is found, postures that cannot be held at rest no longer count as
+        draws, and the motions may be smaller.
+
         Raises:
             InputError: none was found; the line names the limit that most draws broke.
         """
         n, H = self.chain.num_joints, self.num_harmonics
         low, high = self.bounds.position_lower, self.bounds.position_upper
         refused = {"torque": 0, "clearance": 0}
-        for _ in range(num_draws):
+        tried = 0
+        for _ in range(_MOST_POSTURES):
+            if tried == 2 * num_draws:
+                break
             middle, half = 0.5 * (low + high), 0.5 * (high - low)
             centre = middle + rng.uniform(-0.5, 0.5, n) * np.minimum(half, np.pi)
             x = rng.normal(size=(n, 1 + 2 * H))
@@ -183,7 +193,11 @@ class ExcitationProgram:
             )
             x *= 0.999 * size[:, None]
             x[:, 0] = centre
-            for _ in range(4):
+            patient = tried >= num_draws
+            if patient and self._broken(np.hstack([x[:, :1], np.zeros((n, 2 * H))])):
+                continue
+            tried += 1
+            for _ in range(_MORE_SHRINKS if patient else _SHRINKS):
                 broken = self._broken(x)
                 if not broken:
                     return self._trajectory(x)
@@ -194,7 +208,7 @@ class ExcitationProgram:
         raise InputError(
             "excite",
             worst,
-            f"no trajectory found: {num_draws} random ones all break this limit, also small ones",
+            f"no trajectory found: {tried} random ones all break this limit, also small ones",
             remedy[worst],
         )
 
@@ -247,7 +261,7 @@ class ExcitationProgram:
         return np.asarray(c / self._scale)
 
     def _broken(self, x: Array) -> str:
-        """The limit that a motion breaks at the samples, or nothing."""
+        """The limit that a motion breaks at the samples; '' if none."""
         q, v, vdot = (basis @ x.T for basis in self._basis)
         if (np.abs(self.chain.inverse_dynamics(q, v, vdot)) > self.bounds.torque).any():
             return "torque"

@@ -39,6 +39,10 @@ class FourierTrajectory:
         centre: (n,) rad (m for a prismatic joint, here and below).
         sine: (n, H) rad.
         cosine: (n, H) rad.
+
+    Raises:
+        ValueError: shapes that disagree, a number that is not finite, a frequency that is not
+            positive.
     """
 
     base_frequency: float
@@ -151,6 +155,9 @@ def between_samples(num_harmonics: int, num_samples: int) -> float:
     A trigonometric polynomial of degree H with |f| <= 1 at N > 2 H evenly spaced points of a
     period stays below 1 / cos(pi H / N) between them (Ehlich and Zeller, Math. Zeitschrift 86,
     1964).
+
+    Raises:
+        ValueError: too few samples for so many harmonics.
     """
     if num_samples <= 2 * num_harmonics:
         raise ValueError(f"{num_samples} samples cannot hold {num_harmonics} harmonics")

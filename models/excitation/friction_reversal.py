@@ -9,7 +9,7 @@ which is eq. 19 where the accelerations are opposite too (eq. 16): M vdot. Half 
 
     (tau_J1 + tau_J2) / 2 - [Cv + G + M (vdot_1 + vdot_2) / 2],
 
-is the part of friction that eq. 15 assumes away (and whatever the model's gravity is wrong by).
+is the part of friction that eq. 15 neglects (plus the error of the model's gravity).
 
 `reversal_motion` plans such passes. A motion q(t) = phi + p(t) with p(t + T/2) = -p(t) passes phi
 half a period later with opposite velocity and opposite acceleration:
@@ -47,7 +47,7 @@ class ReversalSamples:
         speed: (K,) rad/s, positive: the mean of the two.
         acceleration: (K,) rad/s^2, half the difference of the two.
         symmetric: (K,) N m, the odd part of friction, positive against the motion.
-        asymmetric: (K,) N m, what is left of half the sum.
+        asymmetric: (K,) N m, half the sum less the rigid-body torque.
     """
 
     joint: int

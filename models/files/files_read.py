@@ -1,7 +1,7 @@
-"""Which files of the user's are being read.
+"""Which of the user's files are being read.
 
-Whatever opens one says so with `about_to_read`. A command that writes into a folder asks to be
-told (`told_of_files_read`) and refuses in time what it would replace.
+Code that opens one announces it with `about_to_read`. A command that writes into a folder listens
+(`told_of_files_read`) and refuses in time to read what it would replace.
 """
 
 from collections.abc import Callable, Iterator
@@ -14,7 +14,7 @@ _remembered: ContextVar[list[Path] | None] = ContextVar("files read", default=No
 
 
 def about_to_read(path: str | Path) -> None:
-    """Tells whoever asked to be told that a file is going to be read.
+    """Tells the listener, if there is one, that a file is going to be read.
 
     Raises:
         InputError: it must not be, see `told_of_files_read`.

@@ -41,7 +41,7 @@ def whole_file(path: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def writing_to(path: str | Path) -> Iterator[None]:
-    """Turns what the file system reports (a full disk, a missing folder) into the user's line.
+    """Turns an error of the file system (a full disk, a missing folder) into an InputError.
 
     Raises:
         InputError: an OSError was raised in the block.

@@ -1,10 +1,10 @@
-"""Friction of motors that move several joints each: a law in motor coordinates, felt at the joints.
+"""Friction of motors that move several joints each: a law in motor coordinates, at the joints.
 
     q_motor = D q,   tau_f(q, v) = D^T f(D q, D v),   load of a motor = D^-T load of the joints
 
-with f any law of this room and D = `motor_rates` of `models.robot.coupling`. A wrist whose last
-motor also turns while the joint before moves is felt by both: TX40's joint 5 moves against the
-friction of motors 5 and 6.
+with f any law of this room and D = `motor_rates` of `models.robot.coupling`. Where a wrist's last
+motor turns along with the joint before it, that joint has the friction of both: TX40's joint 5
+moves against the friction of motors 5 and 6.
 """
 
 from dataclasses import dataclass, replace
@@ -74,7 +74,7 @@ class CoupledFriction:
 
     @property
     def velocity_law(self) -> SemiParametricFriction:
-        """None: a joint's friction is no function of its own velocity alone."""
+        """Zero: a joint's friction is no function of its own velocity alone."""
         return SemiParametricFriction(CoulombViscous.zero(self.num_joints))
 
     def sampled(self, time_step: float, resolution: ArrayLike | None = None) -> Self:

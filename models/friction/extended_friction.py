@@ -107,8 +107,8 @@ class ExtendedFriction:
 
 @cache
 def _kernels(below: FrictionKernels, bases: tuple[Any, ...], remembers: bool) -> FrictionKernels:
-    """The composed kernels. They are no file's, so that numba keeps no copy of them on disk; a tick
-    that calls them is kept, see `models.estimation.kernel_choice`."""
+    """The composed kernels. They belong to no file, so that numba keeps no copy of them on disk; a
+    tick that calls them is kept, see `models.estimation.kernel_choice`."""
     count = len(bases)
     add_below, update_below = below.add_torque, below.update
     total = _total(bases)

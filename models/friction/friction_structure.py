@@ -30,9 +30,9 @@ STRUCTURES: dict[str, tuple[str, ...]] = {
     "presliding": ("coulomb", "viscous", "offset", "stribeck", "load", "cubic"),  # ..., v^3
 }
 PLAIN = STRUCTURES["coulomb-viscous-offset"]
-DEFAULT_DISPLACEMENT = 1e-4  # rad (m): where a wrist's creep ends, before anything was chosen
+DEFAULT_DISPLACEMENT = 1e-4  # rad (m): where a wrist's elastic creep ends; a start, until chosen
 DEFAULT_STRIBECK_VELOCITY = 0.1  # rad/s (m/s)
-LARGEST_LOAD = 0.5  # N m per N m; a gear that loses more is none
+LARGEST_LOAD = 0.5  # N m per N m; no real gear loses more
 
 
 def structures() -> dict[str, tuple[str, ...]]:
@@ -130,7 +130,7 @@ class FrictionStructure:
         return np.asarray(v**3)  # cubic
 
     def column_shape(self, term: str, joint: int) -> tuple[float, ...]:
-        """Returns what of the shape the joint's column of this term depends on."""
+        """Returns those numbers of the shape that the joint's column of this term depends on."""
         z, speed = float(self.displacement[joint]), float(self.stribeck_velocity[joint])
         return {"coulomb": (z,), "stribeck": (z, speed), "load": (z,)}.get(term, ())
 

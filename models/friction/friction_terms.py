@@ -25,7 +25,7 @@ class FrictionTerm:
         basis: `numba.njit` of (q, v) in rad and rad/s (m and m/s), floats: torque in N m for a
             coefficient of one, positive where it opposes positive motion.
         laws: that it can be fitted on top of, of `friction_structure.STRUCTURES`.
-        least, most: of the coefficient, in a fit that only allows robots that can exist.
+        least, most: of the coefficient, in a fit that is restricted to physical robots.
     """
 
     name: str

@@ -18,7 +18,8 @@ does not depend on the motor torque commanded at that tick. |load| < 1 keeps thi
 
 **Beyond the speed that was fitted** the part that depends on velocity alone, viscous v + cubic v^3,
 goes on along its tangent, whose slope is not let fall below zero: a cubic term runs away (the
-UR10e's third joint at 1.6 rad/s, fitted up to 1.1: error 1.8 N m with the cubic, 1.0 so).
+UR10e's third joint at 1.6 rad/s, fitted up to 1.1: error 1.8 N m with the cubic, 1.0 with the
+tangent).
 
 **Displacement, tick by tick,** is not the difference of two rounded positions: an encoder that
 steps by .1 mrad would throw an element that slides after .1 mrad from end to end. Position follows
@@ -26,10 +27,10 @@ velocity and is kept within the interval that the rounded one allows,
 
     p <- clip(p + v dt, q - resolution / 2, q + resolution / 2),    dq = change of p
 
-a continuous function of q and v; with resolution 0 it is q. Slip relaxes with RELAXATION meanwhile:
-what a joint kept when it stopped, vibration and the controller release. At rest on the UR10e the
-true slip (motor torque minus gravity over the band) has an rms of .45 whatever the law remembers;
-memory helps for less than about a second.
+a continuous function of q and v; with resolution 0 it is q. Slip relaxes with the time constant
+RELAXATION: vibration and the controller release what a joint kept when it stopped. At rest on the
+UR10e the true slip (motor torque minus gravity over the band) has an rms of .45 whatever the law
+remembers; memory helps for less than about a second.
 """
 
 from dataclasses import dataclass, replace
@@ -226,6 +227,9 @@ class PreslidingFriction:
             q: (N, n) rad (m).
             v: (N, n) rad/s (m/s).
             load: (N, n) transmitted torque L at the same samples, N m.
+
+        Raises:
+            ValueError: shapes that disagree.
         """
         q, v, load = (np.require(x, float, ("C", "W")) for x in (q, v, load))
         if not (q.ndim == 2 and q.shape == v.shape == load.shape and q.shape[1] == self.num_joints):

@@ -1,8 +1,9 @@
 """The part of a friction law that drifts from day to day: Coulomb, viscous and offset.
 
 Lubricant and temperature move a joint's viscous friction by tens of per cent and its Coulomb
-friction by a few, while the law's shape stays. Any law of the project is linear in these three
-numbers a joint, also with a network near zero velocity, which is carried along at its edges.
+friction by a few, while the law's shape stays. Every friction law here is linear in these three
+numbers per joint, also with a network near zero velocity, which is shifted to meet the law at its
+edges.
 """
 
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Parts of a presliding law that an error model asks for: sliding level and side of the slip."""
+"""Parts of a presliding law that an error model needs: sliding level and side of the slip."""
 
 import numpy as np
 

@@ -33,7 +33,7 @@ class FrictionKernels(NamedTuple):
 def within_rounding(before: float, q: float, v: float, half_step: float, period: float) -> float:
     """The position after `before` that velocity predicts and the rounded q allows.
 
-    q itself for the first sample (`before` not finite); NaN for a q that is.
+    q itself for the first sample (`before` not finite); NaN where q is NaN.
     """
     if half_step == 0.0 or not (np.isfinite(before) and np.isfinite(q)):
         return q
@@ -51,7 +51,7 @@ def bounded_cubic(v: float, cubic: float, limit: float, slope: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _slip(table: Array, state: Array, i: int, k: int, q: float, v: float) -> float:
-    """z_k of joint i at this sample; NaN for a position that is."""
+    """z_k of joint i at this sample; NaN where the position is NaN."""
     reach = table[i, ELEMENTS + (table.shape[1] - ELEMENTS) // 2 + k]
     if reach == 0.0:
         return float(np.sign(v))

@@ -44,6 +44,10 @@ class DryFriction:
         load_dependence: friction torque per transmitted torque, -.
         ripple_amplitude: torque over one turn, N m.
         ripple_periods: periods of it in a full turn of the joint, -.
+
+    Raises:
+        ValueError: shapes that disagree, a negative number, stiction below coulomb, a
+            stribeck_velocity of zero.
     """
 
     stiction: Array

@@ -33,6 +33,9 @@ class CoulombViscous:
         coulomb: (n,) N m.
         viscous: (n,) N m s/rad.
         offset: (n,) N m.
+
+    Raises:
+        ValueError: shapes that disagree, or a number that is not finite.
     """
 
     coulomb: Array
@@ -82,6 +85,9 @@ class SemiParametricFriction:
         networks: the law inside it, or None.
         v_crit: (n,) rad/s, half width of the interval.
         handover: "continuous" or "literal".
+
+    Raises:
+        ValueError: shapes that disagree, a negative v_crit, an unknown handover.
     """
 
     coulomb_viscous: CoulombViscous
@@ -192,7 +198,11 @@ class SemiParametricFriction:
         return self.torque(v)
 
     def torque(self, v: ArrayLike) -> Array:
-        """Returns tau_f in N m for v ((n,) or (N, n), rad/s), same shape; sgn(0) is 0."""
+        """Returns tau_f in N m for v ((n,) or (N, n), rad/s), same shape; sgn(0) is 0.
+
+        Raises:
+            ValueError: v has another number of joints.
+        """
         v = np.asarray(v, float)
         if v.shape[-1:] != (self.num_joints,):
             raise ValueError(f"friction: v must end in {self.num_joints} joints, not {v.shape}")

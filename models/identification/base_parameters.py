@@ -21,9 +21,9 @@ from scipy.linalg import qr, solve_triangular
 from models.arrays import Array
 
 # Dependent columns come out at 1e-15; a joint axis written as 1.57079632679 makes that 1e-11. What
-# is genuinely determined lies above 1e-3 even for poor motions. In between nothing is ever found.
+# is genuinely determined lies above 1e-3 even for poor motions. No value in between has been seen.
 TOLERANCE = 1e-7
-_SOONER = 1e-6  # relative; what a column's place weighs against its length
+_SOONER = 1e-6  # relative; how much a column's place counts against its length
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ import numpy as np
 
 from models.files.configuration import REQUIRED
 from models.files.input_error import InputError
+from models.identification.torque_error_model import NUM_FEATURES
 from models.signals.exceedance_tail import ExceedanceTail
 
 
@@ -26,13 +27,19 @@ class ContactNoise:
     sample: ExceedanceTail | None = None  # of a sample's statistic; null: assumed Gaussian
     mean: ExceedanceTail | None = None  # of that of the mean over the window
     power: ExceedanceTail | None = None  # of the root of the mean square over the window
+    change_sd: list[list[float]] = field(default_factory=list)
+    """Per joint, the parts of the sd of the error's change: N m, then per unit of speed, load,
+    acceleration, reversal, stiction and jolt. None: changes are not looked at."""
+    change: ExceedanceTail | None = None
+    """Of the square of what a sample has beyond the mean over the window: of Gaussian errors of any
+    size it is exponential, the least that is assumed."""
 
 
 def check_contact_noise(path: Path, noise: ContactNoise | None, n: int) -> ContactNoise | None:
     """Returns what a model's file says of an arm with n joints.
 
     Raises:
-        InputError: a number that cannot be.
+        InputError: a number out of range.
     """
     if noise is None:
         return None
@@ -42,12 +49,18 @@ def check_contact_noise(path: Path, noise: ContactNoise | None, n: int) -> Conta
         if len(values) != n or not all(np.isfinite(x) and x >= least for x in values):
             problem = f"expected {n} numbers, {least:g} or more, found {values}"
             raise InputError(path, f"contact_noise.{key}", problem, remedy)
+    rows = noise.change_sd
+    parts = [x for row in rows for x in row]
+    shaped = not rows or (len(rows) == n and all(len(row) == NUM_FEATURES + 1 for row in rows))
+    if not (shaped and all(np.isfinite(x) and x >= 0.0 for x in parts)) or not all(map(any, rows)):
+        problem = f"expected {n} rows of {NUM_FEATURES + 1} numbers of zero or more, not all zero"
+        raise InputError(path, "contact_noise.change_sd", problem, remedy)
     for key in ("time_step", "hours"):
         value = getattr(noise, key)
         if not (np.isfinite(value) and value > 0.0):
             problem = f"expected a number above zero, found {value}"
             raise InputError(path, f"contact_noise.{key}", problem, remedy)
-    for key in ("sample", "mean", "power"):
+    for key in ("sample", "mean", "power", "change"):
         tail = getattr(noise, key)
         try:
             if tail is not None:

@@ -1,4 +1,4 @@
-"""What stood in robot.yaml when a model was identified: with other numbers it reads wrong."""
+"""What robot.yaml said when a model was identified: with other numbers its readings are wrong."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -36,7 +36,7 @@ class FittedRobot:
         )
 
     def check(self, robot: Robot, model: Path) -> None:
-        """Holds the robot against these keys; one that is empty is not asked for.
+        """Compares the robot with these keys; an empty one is not checked.
 
         Raises:
             InputError: a key that every torque depends on differs, naming it and both values.

@@ -1,6 +1,6 @@
 """The model of a robot that an identification leaves behind, and its file.
 
-Everything that the estimator needs and that no URDF states truthfully: inertial parameters,
+Everything that the estimator needs and that no URDF states reliably: inertial parameters,
 reflected rotor inertia, friction, and the covariance of what the model leaves unexplained. The file
 (`model.yaml`) is YAML with every number written so that it reads back bit for bit.
 """

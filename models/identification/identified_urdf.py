@@ -23,7 +23,7 @@ def identified_urdf(robot: Robot, inertial: Array, reflected_inertia: Array) -> 
         reflected_inertia: (n,) kg m^2 (kg if prismatic).
 
     Raises:
-        ValueError: a link that cannot exist, which URDF readers refuse.
+        ValueError: a link whose inertia is not physical, which URDF readers refuse.
     """
     bad = unphysical_links(inertial, robot.joint_names)
     if bad:

@@ -1,4 +1,4 @@
-"""The least squares of an identification, restricted to robots that can exist.
+"""The least squares of an identification, restricted to physical robots.
 
 A link's ten inertial parameters belong to some distribution of mass exactly if its pseudo-inertia
 
@@ -13,8 +13,8 @@ is positive semidefinite (Wensing, Kim and Slotine, IEEE Robotics and Automation
 with A, b the weighted rows, reduced to a triangle (QR) so that the size of the semidefinite program
 does not depend on the logs' length. The second term takes what the robot's own files state for a
 Gaussian prior with a sd of one spread (as much as a link's whole mass): it decides what the data
-say nothing about, and is lost beside thousands of rows in units of their sd. Friction and rotor
-inertia, which few files state, have next to no prior.
+say nothing about, and is negligible beside thousands of rows in units of their sd. Friction and
+rotor inertia, which few files state, have almost no prior.
 """
 
 from collections.abc import Sequence

@@ -88,7 +88,7 @@ def fit_torque_error(
     features = [_features(unit, own) for own in readings]
     F = np.concatenate([f[rows] for f, rows in zip(features, used, strict=True)])
     e = np.concatenate([own.tau_ext[rows] for own, rows in zip(readings, used, strict=True)])
-    coefficients = np.stack([_most_likely(F[:, j], e[:, j]) for j in range(n)])
+    coefficients = np.stack([most_likely(F[:, j], e[:, j]) for j in range(n)])
     floor = np.broadcast_to(np.asarray(least, float), (n,))
     rms = np.sqrt(np.mean(e**2, axis=0))
     floor = np.maximum(floor, np.maximum(_LEAST_SHARE * rms, 1e-12))
@@ -158,8 +158,8 @@ def _features(unit: TorqueErrorModel, own: HeldOutReading) -> Array:
     return features
 
 
-def _most_likely(F: Array, e: Array) -> Array:
-    """c (NUM_FEATURES - 1,) of one joint; F (N, NUM_FEATURES) with the fixed part last, e (N,)."""
+def most_likely(F: Array, e: Array) -> Array:
+    """c (M,) of one joint; F (N, M + 1) with the fixed part of the variance last, e (N,)."""
     A, fixed = F[:, :-1], F[:, -1]
     power = max(float(np.mean(e**2)), 1e-300)
     sizes = np.maximum(A.mean(axis=0), 1e-300)
@@ -181,13 +181,13 @@ def _most_likely(F: Array, e: Array) -> Array:
         for start in (np.zeros(A.shape[1]), alone)
     ]
     found = min(climbs, key=lambda climb: float(climb.fun)).x
-    # What the likelihood pushed to its bound is not there, and what no sample showed neither.
+    # A term that the likelihood pushed to its bound, or that no sample showed, is zero.
     there = (found > -_SPAN + 1e-6) & (A.max(axis=0) > 0.0)
     return np.where(there, scale * np.exp(found), 0.0)
 
 
 def _correlation(scaled: Array) -> Array:
-    """(n, n), slightly drawn to none: joints that err as one would leave no inverse."""
+    """(n, n), shrunk a little towards 1, so that equal errors of two joints leave an inverse."""
     size = np.sqrt(np.maximum(np.mean(scaled**2, axis=0), 1e-300))
     R = (scaled / size).T @ (scaled / size) / len(scaled)
     n = len(R)

@@ -1,8 +1,8 @@
 """How far the external torque that an observer reads may be from the truth, joint by joint.
 
-What is read where nothing touches the arm is neither white nor constant: a joint that slides errs
-little, one that reverses errs for as long as nobody knows how far its slip has turned, and a joint
-at rest carries anything within its stiction band, whatever the environment does. Per joint
+What is read where nothing touches the arm is neither white nor constant. The error of a sliding
+joint is small, that of a reversing joint lasts until its slip has turned over, and a joint at rest
+carries any torque within its stiction band, whatever the environment does. Per joint
 
     sd^2 = constant^2 + (speed v)^2 + (load L)^2 + (acceleration a)^2    what held-out motion shows
          + unknown^2 + reversal^2 turning^2                              stiction
@@ -14,7 +14,7 @@ at rest carries anything within its stiction band, whatever the environment does
 
 with L the torque that the gear transmitted at the tick before, a = K_0 (v - LP v), tau_v the law's
 viscous torque and e_v, e_L what speed and load have beyond what was fitted. LP is the observer's
-own low-pass K_0 / (s + K_0): an error of a moment fades in what it reads as slowly as a force does.
+own low-pass K_0 / (s + K_0): a short error fades from the reading as slowly as a force does.
 The state of the slip follows displacement, not speed:
 
     w <- (1 - (1 - w) exp(-2 dt / rest_time)) exp(-|dp| / reach)
@@ -26,17 +26,17 @@ and all is continuous in q and v.
 
 rest_time and reach are constants, the most likely ones of a grid (.1 to 2 s, .1 to .8 mrad) over
 the UR10e's three runs, each read causally by a model of the others. `unknown` has no fitted factor:
-given one, it comes out between .8 and 1.25 on all six joints. Those runs hold reversals alone, and
-it then holds at rest. An encoder whose noise at rest adds up to `reach` within `rest_time` would
-hide that the joint rests: its resolution must cover that noise. Joints' errors correlate by less
-than .1 but for joints 2 and 3 (.18).
+given one, it comes out between .8 and 1.25 on all six joints. Those runs hold reversals only; it
+also holds for longer rests. An encoder whose noise at rest adds up to `reach` within `rest_time`
+would hide that the joint rests: its resolution must cover that noise. Joints' errors correlate by
+less than .1 but for joints 2 and 3 (.18).
 
 The sds are of one K_0; the smooth part of the error, with correlation time T, passes a low-pass
-with the share K_0 T / (1 + K_0 T) of its variance, which carries them to another.
+with the share K_0 T / (1 + K_0 T) of its variance, which converts them to another K_0.
 
 **Assumed, not measured,** and so stated in the model's file: `drift`, because viscous friction
 differs by about 5 % between days of the same month (and by 35 % over a season: refresh the model);
-`beyond_speed` and `beyond_load`, because nobody has been there; `scale`, an error in proportion to
+`beyond_speed` and `beyond_load`, because no log covers them; `scale`, an error in proportion to
 what is read (torque per ampere, load-dependent friction).
 """
 
@@ -241,6 +241,9 @@ class TorqueErrorModel:
 
         Returns:
             (N, n) N m, twice.
+
+        Raises:
+            ValueError: shapes that disagree.
         """
         q, v, load = (np.require(x, float, ("C", "W")) for x in (q, v, transmitted))
         if not (q.ndim == 2 and q.shape == v.shape == load.shape and q.shape[1] == self.num_joints):
@@ -395,7 +398,7 @@ def torque_sd_log(
 def torque_error_features(
     table: Array, state: Array, q: Array, v: Array, transmitted: Array, features: Array
 ) -> None:
-    """What the variance is a sum of, along a log, before the constants; for the fit.
+    """The terms of the variance along a log, before their constants; for the fit.
 
     Args:
         table, state: as `torque_sd_tick`.
@@ -405,13 +408,26 @@ def torque_error_features(
     for k in range(q.shape[0]):
         for i in range(q.shape[1]):
             _advance(table, state, i, q[k, i], v[k, i])
-            speed = v[k, i] if np.isfinite(v[k, i]) else 0.0
-            own = features[k, i]
-            own[0] = 1.0
-            own[1] = speed**2
-            own[2] = state[_TRANSMITTED, i] ** 2
-            own[3] = (table[i, _GAIN] * (speed - state[_SLOW_SPEED, i])) ** 2
-            own[4] = state[_TURNING, i] ** 2
-            own[5] = state[_UNKNOWN, i] ** 2
+            variance_parts(table, state, i, v[k, i], state[_TRANSMITTED, i], features[k, i])
             if np.isfinite(transmitted[k, i]):
                 state[_TRANSMITTED, i] = transmitted[k, i]
+
+
+@njit(cache=True, error_model="numpy")
+def variance_parts(table: Array, state: Array, i: int, v: float, load: float, parts: Array) -> None:
+    """Single-sample kernel: the features (NUM_FEATURES,) of joint i once `state` has its sample.
+
+    Args:
+        table, state: as `torque_sd_tick`.
+        i: joint.
+        v: rad/s.
+        load: L of the sample before, N m.
+        parts: (NUM_FEATURES,), written.
+    """
+    speed = v if np.isfinite(v) else 0.0
+    parts[0] = 1.0
+    parts[1] = speed**2
+    parts[2] = load**2
+    parts[3] = (table[i, _GAIN] * (speed - state[_SLOW_SPEED, i])) ** 2
+    parts[4] = state[_TURNING, i] ** 2
+    parts[5] = state[_UNKNOWN, i] ** 2

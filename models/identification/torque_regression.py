@@ -273,7 +273,7 @@ def solve_values(
 def _weighted(
     factors: Sequence[TorqueFactors], independent: NDArray[np.intp], num_passes: int
 ) -> tuple[Array, Array, list[Array], Array]:
-    """Values, residual sds, what is left of each joint's rows, and their columns' lengths."""
+    """Values, residual sds, each joint's reduced rows, and their columns' lengths."""
     n = len(factors[0].R)
     b = len(independent)
     # What the fit needs of a joint: [kept columns, torque] of all logs, reduced once more.

@@ -1,14 +1,14 @@
 """What the model gets wrong along a path, learnt on a pass through the air.
 
-Friction is what a torque-based force estimate errs by, and most of it repeats: with the direction
-of motion, the speed and the place (Stribeck rise, ripple over position, a gravity parameter a
-little off). So the tool is led once along the planned motion a few millimetres above the surface.
-What the observer reads there is no force but the model's error, and is taken off what it reads in
-contact at the same place of the same motion. This is eq. 4 of Lu, Shen and Zhuang, where the first
-of two alike cycles gives tau_d, applied to the observer's output: the model carries what differs
-between the two passes, repetition carries what the model lacks. Not learnt is what contact itself
-changes: friction that grows with the load, and joints at rest, which hold whatever they like within
-their stiction.
+Most of the error of a torque-based force estimate is friction, and much of it repeats: with the
+direction of motion, the speed and the place (Stribeck rise, ripple over position, a gravity
+parameter a little off). So the tool is led once along the planned motion a few millimetres above
+the surface. What the observer reads there is no force but the model's error, and is taken off what
+it reads in contact at the same place of the same motion. This is eq. 4 of Lu, Shen and Zhuang,
+where the first of two alike cycles gives tau_d, applied to the observer's output: the model carries
+what differs between the two passes, repetition carries what the model lacks. What contact itself
+changes is not learnt: friction that grows with the load, and joints at rest, which may carry any
+torque within their stiction.
 """
 
 from dataclasses import dataclass
@@ -32,7 +32,8 @@ class TaughtTorque:
     Attributes:
         t: (T,) s, even, from 0, where the feed starts.
         tau_ext: (T, n) N m, what the observer read: the model's error in our sign.
-        steady: (T,) 1 where the feed is steady and the lesson counts, else 0; None: 1 everywhere.
+        steady: (T,) 1 where the feed is steady and the correction is valid, else 0; None: 1
+            everywhere.
 
     Raises:
         ValueError: t, tau_ext and steady do not fit each other, t is not even, or a number is not
@@ -68,8 +69,8 @@ class TaughtTorque:
     def at(self, feed_time: ArrayLike) -> Array:
         """The torque (..., n) in N m at these times since the feed started (...), s.
 
-        Nothing before the feed has started (below 0), after the motion's end and at no number: at
-        rest friction is another, and nobody knows which.
+        Zero before the feed has started (below 0), after the motion's end and for NaN: friction at
+        rest is different, and unknown.
         """
         x = np.nan_to_num(np.asarray(feed_time, dtype=np.float64) / self.t[1], nan=-1.0)
         inside = (x >= 0.0) & (x <= len(self.t) - 1.0)
@@ -80,7 +81,7 @@ class TaughtTorque:
         return np.asarray(np.where(inside[..., np.newaxis], tau, 0.0))
 
     def counts_at(self, feed_time: float) -> bool:
-        """Whether a reading is to be believed that is corrected at this time, s."""
+        """Whether a reading that is corrected at this time (s) may be used."""
         assert self.steady is not None
         x = feed_time / self.t[1]
         return bool(0.0 <= x <= len(self.t) - 1.0 and self.steady[round(x)] == 1.0)

@@ -1,8 +1,8 @@
 """A machining pass over a surface, planned: the joints' motion, its time law and its forces.
 
 The tool's tip E is led over the points of a surface path with its z axis into the surface; the
-posture at each sample is given (models.motion.redundancy chooses it). What can be known to fail
-before anything moves fails here, with one line.
+posture at each sample is given (models.motion.redundancy chooses it). Whatever can be known to fail
+before anything moves is refused here, with one line.
 """
 
 import math
@@ -85,8 +85,9 @@ def plan_machining(
         source: what an error names.
 
     Raises:
-        InputError: a duration that is not positive, a negative set-point, an edge sharper than the
-            tool, a set-point beyond the drives' torque, an approach out of reach.
+        InputError: a duration that is not positive, a set-point that is not positive or too large
+            for phases.max_force, an edge sharper than the tool, a set-point beyond the drives'
+            torque, a motion too fast for a joint, an approach out of reach.
     """
     check_phases(phases, source)
     if not (math.isfinite(one_way) and one_way > 0.0):

@@ -54,7 +54,7 @@ FAULT_SENTENCES = {
 PHASE, SINCE, FAULT, BASELINE, ABOVE, LOST, FORCE_THERE = range(7)  # entries of the state
 STATE_SIZE = 7
 RAMP = 0.15  # s, in which an approach or a lift reaches its speed
-_UNTRUSTED = 3.0  # where joints rest, an estimate errs by their stiction: tens of newtons
+_UNTRUSTED = 3.0  # where joints rest, an estimate is off by their stiction: tens of newtons
 _BASELINE_TIME = (0.15, 1.0)  # s, before and while contact is looked for
 
 
@@ -247,13 +247,14 @@ def advance(
             return False
         return _enter(state, Phase.DONE.value, t)
     bound = table[_MAX_FORCE] * (1.0 if trusted else _UNTRUSTED)
-    if not force <= bound:  # also what is no number
+    if not force <= bound:  # true for NaN as well
         return _retreat(state, Fault.OVER_FORCE.value, t)
     if joint_room < table[_JOINT_MARGIN]:
         return _retreat(state, Fault.JOINT_LIMIT.value, t)
     if phase == Phase.APPROACH:
-        # What free motion reads is no contact: an estimate jumps by the friction of joints that
-        # start to move. It is followed fast before contact can be, slowly after: contact is faster.
+        # A force read in free motion is not contact: an estimate jumps by the friction of joints
+        # that start to move. It is followed fast before contact can be, slowly after: contact is
+        # faster.
         rise = force - state[BASELINE]
         whole_way = table[_STANDOFF] + table[_SEARCH]
         way = travelled(since, table[_APPROACH_SPEED], whole_way)[0]

@@ -51,7 +51,7 @@ class MachiningProcess:
     """The law of this module for one set of parameters.
 
     Attributes:
-        table: (6,) constants for `cutting_force` and `unbalance_force`.
+        table: (6,) constants for `cutting_force` and `add_unbalance_force`.
 
     Raises:
         InputError: a parameter out of range.

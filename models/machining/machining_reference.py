@@ -1,4 +1,4 @@
-"""What leads a machining pass, tick by tick: the phases and the planned path as one reference.
+"""The reference of a machining pass, tick by tick, from its phases and its planned path.
 
 Under force control the pose is that of the planned path. Before and after it E moves along the
 tool's axis from where it is: the approach from where the run starts, lift and retreat from where
@@ -54,9 +54,9 @@ def machining_reference(
         t_path, q_path, v_path, vdot_path: the planned JointTrajectory, its times evenly spaced.
         place, force: (T,) place on the path and N to press with, at these times.
         trusted: (T,) 1 where the force feedback can be used at work, else 0.
-        pushes_on: m/s; above 0 without a feedback that is right at rest. Then in the touch v_d is
-            that of going on into the surface at this speed: the press is fed forward through the
-            stiction of joints that rest, and so must their friction be.
+        pushes_on: m/s; above 0 where the feedback is wrong at rest, as an estimate is. In the touch
+            v_d is then that of going on into the surface at this speed, so that the friction of the
+            joints at rest is fed forward together with the contact force.
         t: s.
         state: (7,) of models.machining.machining_phases.
         anchor: (15,).

@@ -1,1 +1,1 @@
-"""Where an arm may go: paths, surfaces, inverse kinematics, and what a posture is worth."""
+"""Where an arm may go: paths, surfaces, inverse kinematics, and measures of postures."""

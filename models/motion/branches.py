@@ -54,7 +54,7 @@ def all_branches(
             without it a fixed set.
 
     Returns:
-        (N, B, n) with B the largest number found; NaN in the rows that a pose has too few for.
+        (N, B, n) with B the largest number found; NaN in the rows beyond a pose's own number.
         Each reaches its pose within 1e-9 (m, rad). Their order is the solver's, the same for poses
         that differ by rounding.
     """

@@ -110,7 +110,7 @@ def approach_pose(
         damped: False takes Newton's steps from the start.
 
     Returns:
-        The error that is left, of rad and m; inf where the chain is singular without damping, NaN
+        The remaining error, of rad and m; inf where the chain is singular without damping, NaN
         where the goal is not finite.
     """
     R, p, J, error, step, A, turn, scratch = space

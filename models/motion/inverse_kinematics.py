@@ -183,7 +183,7 @@ def _same_directions(axes: Array) -> Array:
     """Unit axes (n, 3), those that are parallel but for rounding made exactly so.
 
     EAIK looks at its zeros bit by bit: with axes 1e-13 off it takes one kind of arm for another.
-    What the solutions miss by it, polishing makes up for.
+    Polishing corrects what the solutions lose by this.
     """
     same = axes / np.linalg.norm(axes, axis=1, keepdims=True)
     for i in range(1, len(same)):
@@ -214,7 +214,7 @@ def _polish(
 def _approach(
     robot: Robot, q: Array, R_WE: Array, p_WE: Array, num_steps: int, limited: bool
 ) -> float:
-    """Moves q in place; returns the error that is left, rad and m."""
+    """Moves q in place; returns the remaining error, rad and m."""
     return approach_pose(
         robot.chain.table,
         np.array(robot.position_lower),

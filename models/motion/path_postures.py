@@ -199,7 +199,7 @@ def correct_paths(
 
 
 def pull_back(chain: SerialChain, q: Array, by_q: Array, path_length: float) -> tuple[Array, Array]:
-    """What a gradient by the postures of paths is by the paths themselves.
+    """Turns a gradient by the postures of paths into one by the paths themselves.
 
     Args:
         q: (N, k + 1, n) postures on their paths.
@@ -208,7 +208,7 @@ def pull_back(chain: SerialChain, q: Array, by_q: Array, path_length: float) -> 
 
     Returns:
         (N, 9) gradient by a turn of the tool (rotation vector in W), by p_WM and by n_W, with the
-        postures following by the shortest joint motion; and (N, k + 1, n) what is left of by_q for
+        postures following by the shortest joint motion; and (N, k + 1, n) the part of by_q along
         motions of a redundant arm that leave E where it is (zero for six joints).
     """
     by_path = np.zeros((len(q), 9))

@@ -28,6 +28,9 @@ class StraightPath:
         R_WE: (3, 3) the orientation of E.
         path_length: a in the article, m.
         num_segments: k in the article; the path has k + 1 points.
+
+    Raises:
+        InputError: wrong shapes, no direction, a matrix that is no rotation, no length or segments.
     """
 
     n_W: Array
@@ -100,7 +103,11 @@ def constant_speed(u: Array) -> Progress:
 
 
 def steady_speed(ramp: float) -> TimeLaw:
-    """Returns the law of `constant_speed` with ramps of another share of the time, in (0, 0.5]."""
+    """Returns the law of `constant_speed` with ramps of another share of the time, in (0, 0.5].
+
+    Raises:
+        ValueError: a ramp outside (0, 0.5].
+    """
     if not 0.0 < ramp <= 0.5:
         raise ValueError(f"ramp must be above 0 and at most 0.5, not {ramp}")
     return lambda u: _steady(u, ramp)
@@ -158,6 +165,9 @@ class JointTrajectory:
     Attributes:
         t: (T,) s, rising.
         q, v, vdot: (T, n) rad, rad/s, rad/s^2 (m for prismatic joints).
+
+    Raises:
+        ValueError: times that do not rise, or shapes that disagree.
     """
 
     t: Array

@@ -100,7 +100,7 @@ class ForceSd:
         config: method "bayesian" (with a prior), "force_only" or "inverse".
 
     Raises:
-        InputError: another method, a missing prior, a covariance that is none.
+        InputError: another method, a missing prior, a covariance that is not positive definite.
     """
 
     key = "force_sd_n"

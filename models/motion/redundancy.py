@@ -1,7 +1,7 @@
 """The free angle about the surface normal: which posture to take at each sample of a path.
 
 Position and working direction of the tool are given at every sample (five numbers), the arm has six
-joints or more: what is left over is chosen so that the mean of a posture's measure is smallest,
+joints or more: the remaining freedom is used so that the mean of a posture's measure is smallest,
 
     minimise    mean_i measure(q_i) + smoothness (N - 1) sum_i |q_{i+1} - q_i|^2
     subject to  position and direction at every sample, joint limits with margin,
@@ -37,7 +37,7 @@ from models.rigid_body.ties import first_of_least, whole_turns
 from models.robot.robot import Robot
 
 _ON_TASK = 1e-10  # m and rad; a posture this close to the task needs no further step
-_KEPT = 1e-9  # m and rad; a posture farther from the task is none
+_KEPT = 1e-9  # m and rad; a posture farther from the task is not used
 _TIED = 1e-12  # relative; two ways to a posture that differ by rounding cost the same
 _PENALTY = 100.0  # of a violated bound in the merit of a refinement, per rad
 _FIRST_RADIUS, _LAST_RADIUS = 0.1, 1e-6  # rad, trust region
@@ -46,7 +46,7 @@ _SLACK = 1e-7  # rad; what a refined trajectory may exceed a bound by
 
 @dataclass(frozen=True, eq=False)
 class RedundancyProblem:
-    """What is given and what is to be small.
+    """What is given, and what is minimised.
 
     Attributes:
         tool_axis_E: (3,) working direction of the tool in E; it is held along -n_W.
@@ -156,8 +156,8 @@ def best_on_grid(problem: RedundancyProblem, grid: Candidates) -> Trajectory:
     """The optimum over all trajectories through the candidates.
 
     Raises:
-        InputError: none keeps to the largest step; the line names the first sample that none
-            arrives at.
+        InputError: no trajectory keeps to the largest step; the line names the first sample that
+            none reaches.
     """
     q = grid.q
     cost = np.full(q.shape[:3], np.inf)
@@ -167,7 +167,7 @@ def best_on_grid(problem: RedundancyProblem, grid: Candidates) -> Trajectory:
 
 
 def at_constant_angle(problem: RedundancyProblem, grid: Candidates, q_near: Array) -> Trajectory:
-    """What one would do without thinking: one angle all along, the posture nearest to `q_near`.
+    """The plain choice, to compare with: one angle all along, the posture nearest to `q_near`.
 
     The angle is the grid's first; where no trajectory keeps it, the one nearest to it that some
     trajectory keeps.
@@ -245,8 +245,8 @@ def local_descent(problem: RedundancyProblem, q_start: Array, num_inner: int = 5
 
     At each sample the last posture is moved to the next task by the least joint motion; then the
     measure's gradient, projected on the null space of the task, is followed downhill until it ends,
-    or until a joint limit or the largest step is met. This is the method at its best: published
-    versions take one step of fixed gain a sample.
+    or until a joint limit or the largest step is met. This favours the baseline: published versions
+    take one step of fixed gain per sample.
 
     Raises:
         InputError: the path cannot be followed within the limits from there; the line names the
@@ -304,7 +304,7 @@ def task(problem: RedundancyProblem, q: Array, first: int = 0) -> tuple[Array, A
     across = _across(path.n_W[rows])  # (N, 2, 3)
     missing = np.cross(d, -path.n_W[rows])
     rotation = (across @ missing[..., np.newaxis])[..., 0]
-    # Of the other side of the sphere the cross product knows nothing.
+    # The cross product cannot tell a direction from its opposite.
     rotation[np.sum(d * path.n_W[rows], axis=1) > 0.0] += 1.0
     error = np.concatenate([rotation, path.p_WS[rows] - p_WE], axis=1)
     return error, np.concatenate([across @ J[:, :3], J[:, 3:]], axis=1)
@@ -332,7 +332,7 @@ class _Quadratic:
             _, behind = problem.measure.values_and_gradients(q - h * basis[:, :, k])
             curvature[:, :, k] = np.einsum("ijk,ij->ik", basis, ahead - behind) / (2 * h * N)
         values, vectors = np.linalg.eigh(0.5 * (curvature + np.swapaxes(curvature, 1, 2)))
-        # Convex, so that it has a minimum; the trust region takes care of where it is not so.
+        # Made convex, so that it has a minimum; the trust region limits the error of that.
         size = np.clip(np.abs(values), 1e-6 / N, None)
         curvature = (vectors * size[:, np.newaxis]) @ np.swapaxes(vectors, 1, 2)
 

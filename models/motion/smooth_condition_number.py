@@ -1,8 +1,8 @@
 """The condition number without its kinks, for the last steps to an optimum.
 
 Where the two smallest (or the two largest) singular values of J meet, the condition number has a
-kink, and a good path leads right through such postures: there a solver that follows gradients comes
-to a halt somewhere near the optimum, where exactly is a matter of its start. With p-norms in the
+kink, and a good path leads right through such postures: there a solver that follows gradients stops
+somewhere near the optimum; exactly where depends on its start. With p-norms in the
 place of the extremes,
 
     |s|_2p |1/s|_2p = (sum_i s_i^2p)^1/2p (sum_i s_i^-2p)^1/2p,
@@ -90,7 +90,7 @@ def _rows(table: Array, sharpness: float, q: Array, values: Array, gradients: Ar
         values[k] = _UNREADABLE
         if not smallest > 0.0 or not math.sqrt(largest / smallest) < _UNREADABLE:
             continue
-        # The extremes' own powers are taken out: 1e5 of them fit into no number.
+        # The extremes are divided out first: their 1e5th powers would overflow.
         above, below = 0.0, 0.0
         for m in range(6):
             above += (squares[m] / largest) ** sharpness

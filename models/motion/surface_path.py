@@ -2,7 +2,7 @@
 
 At each sample the tool's position and working direction are given; the angle psi about the normal
 is free. The orientations at psi = 0 turn as little as possible from sample to sample (they are
-parallel along the path), so that a constant psi is a calm motion.
+parallel along the path), so that a constant psi turns the tool as little as possible.
 """
 
 import csv

@@ -17,7 +17,7 @@ class PlateShapeConfig:
         """The exact surface.
 
         Raises:
-            InputError: a shape that is none.
+            InputError: a dimension out of range.
         """
         return Plate(self.length, self.width)
 
@@ -38,7 +38,7 @@ class BladeShapeConfig:
         """The exact surface.
 
         Raises:
-            InputError: a shape that is none.
+            InputError: a dimension out of range.
         """
         return BladeSection(
             self.span,

@@ -97,6 +97,9 @@ class BladeSection:
         edge: radius of the trailing edge, as how far the circle passes outside of the singular
             point, over b; 0.02 to 0.3.
         pitch_axis: along the chord, 0 at the leading edge.
+
+    Raises:
+        InputError: a dimension out of range.
     """
 
     span: float = 0.5

@@ -1,20 +1,21 @@
 """A Kalman filter of the momentum with wrench and torque error as states.
 
-Momentum obeys d/dt p = u + tau, with u = tau_J - tau_f + CTv - G. Of what the model leaves over,
-tau = J^T F + e, the wrench F is told from the torque error e by what is known of both (Wahrburg et
-al., "Motor-current-based estimation of Cartesian contact forces and torques for robotic
-manipulators and its application to force control", IEEE T-ASE 15(2), 2018, whose states are p and
-F; the error's states are those of the model's own torque error):
+Momentum obeys d/dt p = u + tau, with u = tau_J - tau_f + CTv - G. In what the model does not
+explain, tau = J^T F + e, the wrench F is told from the torque error e by what is known of both
+(Wahrburg et al., "Motor-current-based estimation of Cartesian contact forces and torques for
+robotic manipulators and its application to force control", IEEE T-ASE 15(2), 2018, whose states are
+p and F; the error's states are those of the model's own torque error):
 
     p_k+1 = p_k + T (u + J^T F + s x + b beta) + w,   y_k = p_k + r      n each, N m s
     F_k+1 = a F_k + ...                               first-order prior, see below
     x_k = a_x x_k-1 + ...                             error's smooth part, of sd 1
-    beta                                              slow bias of sd 1, the same all along
+    beta                                              slow bias of sd 1, constant
 
 x lasts the error's correlation time T_c where a joint moves, and for as long as a joint rests:
 a_x = exp(-g T / T_c) r, with g the share of s^2 that is not stiction. Where s changes by a factor,
-x is renewed in part, r = min(s' / s, s / s'): else a constant error of a joint at rest, whose s
-varies by an encoder's step, could be told from a force by its not varying.
+x is renewed in part, r = min(s' / s, s / s'). Otherwise the filter would
+believe that it can tell a constant error of a joint at rest from a force: s varies there by an
+encoder's step, a constant does not.
 
 The torque error model (`models.identification.torque_error_model`) states the sd of what an
 observer with pole K_0 reads where nothing touches the arm: sd^2 = moving^2 + stiction^2 + slow^2,
@@ -64,7 +65,7 @@ from models.observers.period_torque import arrived_momentum, checked_period, mot
 WHITE_SHARE = 0.6  # of a moving joint's error variance behind K_0: the UR10e's three fitted runs
 SETTLING = 3.0  # 1 / K_0 of the error model
 _ROUNDING = 1e-3  # of the momentum that the torque's sd brings in a period
-_START_SHARE = 30.0  # of the live prior's sd: what nothing is known of
+_START_SHARE = 30.0  # of the live prior's sd: an sd that stands for knowing nothing
 _PLAIN_K_0, _PLAIN_TIME = 20.0, 0.3  # 1/s, s: of a model without a torque error
 
 # Table: numbers, 6-vectors, n-vectors, an (n, n), and the torque error's own table, all flat.
@@ -114,6 +115,7 @@ def split_table(
     table: Array,
     n: int,
 ) -> tuple[Array, Array, Array, Array, Array]:
+    """Numbers, 6-vectors, n-vectors, an (n, n) and the torque error's table of `table`."""
     a = _NUMBERS + 6 * _SIXES
     b = a + n * _JOINTS
     c = b + n * n

@@ -10,18 +10,18 @@ J has changed in 1 / K_0: on the UR10e with 2.8 kg at the flange as much as all 
 
 LP(J^T F) = J_seen^T F holds exactly for a force that is constant in the axes of W.
 
-**The force changes meanwhile.** That no reading undoes without its noise; the band says it. For a
-force that changes at a steady rate LP is late by 1 / K_0, and the reading F minus its own low-pass
-at a corner omega is late by that rate over omega, so that
+**The force changes meanwhile.** No reading can undo that without adding noise; the band covers it.
+For a force that changes at a steady rate LP is late by 1 / K_0, and the reading F minus its own
+low-pass at a corner omega is late by that rate over omega, so that
 
     Sigma_F <- Sigma_F + f f^T,    f = (omega / K_0) (F - LP_omega(F))
 
 holds the lag of every force whose rate is steady over 1 / omega; `force_bandwidth_hz` is
-omega / (2 pi). A force that jumps is outside the band until the reading has seen about half of it:
-nothing known before can tell. What F minus LP_omega(F) shows of noise is in Sigma_F already: f_i
-counts as f_i max(0, 1 - Sigma_F,ii / f_i^2), in full beyond the noise, not within it. Where a
-reading is not valid LP_omega follows a tenth as fast: what is read there, near a singular posture,
-is no force's.
+omega / (2 pi). A force that jumps is outside the band until the reading shows about half of it:
+nothing known beforehand can foresee it. What F minus LP_omega(F) shows of noise is in Sigma_F
+already: f_i counts as f_i max(0, 1 - Sigma_F,ii / f_i^2), in full beyond the noise, not within it.
+Where a reading is not valid LP_omega follows a tenth as fast: what is read there, near a singular
+posture, is not the force.
 
 **The scale** of all that is read (torque per ampere, friction under a load that no log had) errs by
 a stated share: Sigma_F <- Sigma_F + (scale F) (scale F)^T.
@@ -148,7 +148,7 @@ def lag_tick(
         state: (6,) LP_omega of the wrench, NaN before the first.
         wrench: (6,).
         covariance: (6, 6), changed.
-        lateness: (6,), scratch.
+        lateness: (6,) N m and N, overwritten with f.
     """
     scale = settings[_SCALE]
     for i in range(6):

@@ -48,9 +48,9 @@ from models.observers.observer import (
 from models.observers.period_torque import arrived_momentum, checked_period, positive_per_joint
 
 START_SHARE = 0.05  # 3 / K_0 after the start
-HELD_SHARE = START_SHARE / 50.0  # a hole of 4 / K_0 costs its own rows, a longer one more
+HELD_SHARE = START_SHARE / 50.0  # a gap of up to 4 / K_0 costs its own rows, a longer one more
 LEAST_K_0 = 0.01  # 1/s; below, a reading is never fresh
-LARGEST = 1e100  # kg m^2/s; more is as good as not finite: sums of it would not be
+LARGEST = 1e100  # kg m^2/s; more counts as not finite, as sums of it would not be
 
 # Columns of MomentumObserver.table.
 _GAIN, _POLE, _AFTER, _BEFORE, _HALF = range(5)
@@ -83,7 +83,7 @@ def observer_output(table: Array, state: Array, signals: Array, J: Array) -> boo
         tau_ext = state[1, i]
         if abs(arrived) < LARGEST and np.isfinite(state[0, i]):
             tau_ext = table[i, _POLE] * state[1, i] + table[i, _GAIN] * (arrived - state[0, i])
-            # The second: a filter that hardly moves any more says nothing of now.
+            # The second: a filter that hardly moves says nothing about the present.
             if table[i, _POLE] * state[2, i] > START_SHARE or table[i, _GAIN] < LEAST_K_0:
                 fresh = False
         else:
@@ -127,7 +127,7 @@ class MomentumObserver:
     a power of the pole, must fall to START_SHARE before a reading counts as fresh.
     A momentum_hat of inf means "not started": the first sample starts it with momentum_hat =
     momentum and tau_ext = 0. NaN means "lost", left behind by a sample that is not finite: the
-    next finite one starts it again from the tau_ext it had. A hole in a log thus costs its own
+    next finite one starts it again from the tau_ext it had. A gap in a log thus costs its own
     rows and one more, which hold the last estimate and are not fresh; after a long one the estimate
     is old, and settles again before it counts.
 
@@ -185,7 +185,7 @@ class MomentumObserver:
     def step(
         self, state: Array, momentum: Array, CTv: Array, G: Array, tau_J: Array, tau_f: Array
     ) -> tuple[Array, bool]:
-        """Takes one sample ((n,) each) into `state`, in place.
+        """Takes one sample ((n,) each, kg m^2/s and N m) into `state`, in place.
 
         Returns:
             tau_ext (n,) in N m right after it, and whether it is fresh (see `observer_output`).
@@ -198,7 +198,7 @@ class MomentumObserver:
     def run(
         self, state: Array, momentum: Array, CTv: Array, G: Array, tau_J: Array, tau_f: Array
     ) -> tuple[Array, Flags]:
-        """Takes a log ((N, n) each) into `state`, in place; splitting it changes nothing.
+        """Takes a log ((N, n) each, kg m^2/s and N m) into `state`; splitting it changes nothing.
 
         Returns:
             tau_ext (N, n) in N m, row k right after sample k, and which rows are fresh (N,).

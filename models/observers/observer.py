@@ -1,12 +1,12 @@
 """What an observer of external joint torque is: constants, a state, and two kernels.
 
-An observer is one file of this room and one entry of `observers.OBSERVERS`. The estimator of a log
-(`estimator`), its diagram (`systems.external_torque_observer`) and its fused block
+An observer is one file of this room and one entry of `observer_kinds.OBSERVERS`. The estimator of a
+log (`estimator`), its diagram (`systems.external_torque_observer`) and its fused block
 (`systems.wrench_estimator`) run the same two kernels:
 
     output(table, state, signals, J) -> bool
         Writes the estimate right after a sample into signals[TAU_EXT]; returns whether it is
-        fresh, that is no last one that is held, nor still on its way from the start. `state`
+        fresh: neither the last one, held, nor still settling after the start. `state`
         stays as it is.
     update(table, state, signals, J) -> None
         Takes the sample, with its output in signals[TAU_EXT], into `state`, in place.
@@ -40,7 +40,7 @@ Q, V = 0, 1  # rad, rad/s
 TAU_J = 2  # N m, motor torque on the joint side
 MOMENTUM, CTV, GRAVITY = 3, 4, 5  # kg m^2/s, N m, N m: of the model
 TAU_F = 6  # N m, friction that opposes motion
-TORQUE_SD = 7  # N m, of what tau_ext errs by where nothing touches the arm
+TORQUE_SD = 7  # N m, standard deviation of tau_ext where nothing touches the arm
 TAU_EXT = 8  # N m, the estimate, positive along the motion it causes
 NUM_SIGNALS = 9
 
@@ -72,7 +72,8 @@ class ModelKnowledge(NamedTuple):
 
     Attributes:
         torque_error: of the model; None where it has none.
-        torque_sd: (n,) N m, of what tau_ext errs by where nothing touches the arm, all in all.
+        torque_sd: (n,) N m, standard deviation of tau_ext where nothing touches the arm, on
+            average.
         friction: of the model, as sampled.
         resolution: (n,) rad of the encoders; None: that of the logs that were fitted.
         prior: of the reading; None for a method that no prior stands for.
@@ -139,7 +140,7 @@ class Observer(Protocol):
 
 @runtime_checkable
 class InformedObserver(Protocol):
-    """An observer that rests on what the model knows of itself."""
+    """An observer that uses what the model knows of its own error."""
 
     def informed(self, knowledge: ModelKnowledge) -> Observer:
         """Returns the observer with it.

@@ -1,7 +1,7 @@
-"""Whether a sample of q, v and motor current can be one: each is held against what a joint can do.
+"""Whether a sample of q, v and motor current is possible: each is checked against its joint.
 
-A sample that cannot be is missing: its entries become NaN, which every observer and friction law
-takes as a sample that never came. Held against are, joint by joint,
+An impossible sample counts as missing: its entries become NaN, which every observer and friction
+law takes as a sample that never came. Checked are, joint by joint,
 
     position      its limits, LIMIT_MARGIN wider
     speed         SPEED_MARGIN times its limit
@@ -14,11 +14,11 @@ takes as a sample that never came. Held against are, joint by joint,
     drift         the sum of r dt over DRIFT_TIME, at most DRIFT times the speed limit: what a stuck
                   encoder leaves behind, or a velocity that is none of this joint's; once over, it
                   is forgotten within DRIFT_TIME ln DRIFT_KEPT
-    life          a current that stays bit by bit the same for FROZEN_TIME while its joint moves is
-                  none that was measured
+    life          a current that stays bit by bit the same for FROZEN_TIME while its joint moves was
+                  not measured
 
-"before" is the last sample that was taken. RESTART_TIME after it nothing is held against it any
-more, so that a position that jumped for good is believed then.
+"before" is the last sample that was taken. After RESTART_TIME nothing is compared with it any
+more, so that a position that jumped for good is then accepted.
 
 Largest in the logs of four real arms (three makers, 100 Hz to 1 kHz): 1.01 of the speed limit; 1.14
 of the effort limit, .5 of it from one sample to the next; .09 of the rotor's acceleration; r .06 of
@@ -110,7 +110,7 @@ class SampleCheck:
             period: (N,) or () s since the sample before.
 
         Returns:
-            (3, N, n) q, v and current with NaN in the place of what cannot be, and (N,) what is
+            (3, N, n) q, v and current with NaN in place of impossible entries, and (N,) what is
             wrong with q and v of each sample and with the current of the one before: a sum of
             BEYOND, DISAGREES and FROZEN, or 0.
         """
@@ -156,7 +156,7 @@ def check_current(
     checked: Array,
 ) -> None:
     """Writes the current (n,) into row 2 of `checked`, as `check_motion`; returns nothing: what was
-    wrong is told with the next sample, as no reading of this one rests on it.
+    wrong is reported with the next sample, as no reading of this one depends on it.
     """
     for j in range(current.shape[0]):
         wrong = _wrong_current(table, state, period, j, current[j])
@@ -186,7 +186,7 @@ def take_sample(
         if wrong == BEYOND:
             state[_AGE, j] = age
             r = abs(_disagreement(state, age, j, q[j], v[j])) if recent else np.inf
-            # What goes on is no spike: the bound follows it within some samples.
+            # A disagreement that goes on is not a spike: the bound follows it within some samples.
             if r * age <= table[_DRIFT, j] and abs(v[j]) <= table[_SPEED, j]:
                 follows = 1.25 * _bound(table, state, j) / RISE
                 state[_LARGEST, j] = max(state[_LARGEST, j], min(r, follows))
@@ -236,7 +236,7 @@ def _wrong_motion(
     if change > table[_ACCELERATION, j] * age:
         return BEYOND
     drift = table[_DRIFT, j] + 2.0 * table[_SHARE, j] * age
-    if abs(r * age) > drift:  # at one go
+    if abs(r * age) > drift:  # in a single sample
         return BEYOND
     if abs(state[_SUM, j] * np.exp(-age / DRIFT_TIME) + r * age) > drift:
         return DISAGREES

@@ -54,7 +54,7 @@ from models.observers.period_torque import (
 )
 
 RATE = 60.0  # 1/s, of the torque's own sd: L where none is stated; the UR10e's three fitted runs
-MISSED = 3.0 / 20.0  # s: an impulse of it times the torque's sd is three of them behind 20 /s
+MISSED = 3.0 / 20.0  # s: such an impulse, over the torque's sd, reads as three sds at K_0 = 20 /s
 LEVANT_1, LEVANT_2 = 1.5, 1.1
 _SETTLING = 20.0  # sds of torque that an observer may have to cover at its start
 

@@ -3,8 +3,8 @@
 Only paths that are reached are visited: direction n, midpoint m and rotation R are moved, and the
 postures follow by Newton's method (a redundant arm may move within its null space too). So the cost
 is a smooth function of a few numbers, where the program over all joint positions has singularities
-between a poor start and the optimum. Limits are held by quadratic penalties: what comes out is a
-start for `PlacementProgram`, which holds them exactly.
+between a poor start and the optimum. Limits are kept by quadratic penalties: the result is a start
+for `PlacementProgram`, which keeps them exactly.
 
 All starts take their steps side by side, by L-BFGS (Nocedal and Wright, Numerical Optimization,
 2006, algorithm 7.4) with backtracking, so that each step is a few calls of the batched kernels.
@@ -25,7 +25,7 @@ from models.rigid_body.serial_chain import SerialChain
 
 _MEMORY = 8  # pairs that L-BFGS keeps
 _LONGEST = 0.15  # rad or m of the path in one step
-_SUFFICIENT = 1e-4  # part of the slope's promise that a step must keep
+_SUFFICIENT = 1e-4  # share of the decrease that the slope predicts, which a step must reach
 _SHORTEST = 1e-5  # of the full step; below it a start is done
 
 
@@ -138,7 +138,7 @@ class PlacementDescent:
             keep = better & (product > 1e-10 * np.einsum("nd,nd->n", y, y))
             steps[0], changes[0] = s, y
             products[0] = np.where(keep, product, 0.0)
-            # Whoever was refused must keep its memory: undo the roll there.
+            # A start whose step was refused must keep its memory: undo the roll there.
             for memory in (steps, changes):
                 memory[:, ~keep] = np.roll(memory[:, ~keep], -1, axis=0)
                 memory[-1, ~keep] = 0.0

@@ -81,7 +81,7 @@ class PlacementBounds:
     tool_tilt: float = math.pi
 
     def w_range(self) -> tuple[float, float]:
-        """The range of the quaternion's w that the angle's range means; both signs where it can."""
+        """The range of the quaternion's w for the range of the angle; both signs where possible."""
         low = math.cos(0.5 * self.angle_lower)
         # Q and -Q are one rotation: only an upper end of the angle needs w to have a sign.
         return (-low if self.angle_upper >= math.pi else math.cos(0.5 * self.angle_upper)), low

@@ -1,8 +1,8 @@
 """The last steps of a placement: an optimum's exact place, and one member of its family.
 
-A solver's end is as near to the optimum as its tolerance, and where a measure has kinks it halts
-where it meets one. Whoever goes on from such an end (a simulation, a reading) gets other digits
-from another start or on another machine. So
+A solver's end is as near to the optimum as its tolerance, and where a measure has kinks the solver
+stops where it meets one. Whatever starts from such an end (a simulation, a reading) then has other
+digits from another start or on another machine. So
 
 1. the program is solved again from there, to a tighter tolerance, with the measure smoothed and the
    smoothing taken back step by step (`models.motion.smooth_condition_number`);
@@ -33,10 +33,10 @@ from models.rigid_body.ties import SAME, first_of_least
 from models.robot.robot import Robot
 
 SHARPNESS = (1e2, 1e3, 1e4, 1e5)  # of the smoothed measure, one solve each
-_NO_WORSE = 1e-6  # relative; what an exact optimum may lose by the smoothing that is left
+_NO_WORSE = 1e-6  # relative; what an exact optimum may lose by the remaining smoothing
 _AS_NEAR = 1e-6  # relative, of two postures' distances from the middle
 _ALLOWED = 1e-7  # m and rad, of every constraint
-_ASTRAY = 1e-6  # m and rad; a solve that ends farther off its constraints has led nowhere
+_ASTRAY = 1e-6  # m and rad; a solve that ends farther off its constraints has failed
 _TIGHT = {
     "Major optimality tolerance": 1e-8,
     "Major feasibility tolerance": 1e-10,
@@ -76,7 +76,7 @@ def finished(
 def refined(program: PlacementProgram, placement: Placement) -> tuple[Placement, int]:
     """The optimum that a placement is near to; not yet put on its path to rounding.
 
-    Each sharper measure starts where the last one ended. What has no kinks is solved once.
+    Each sharper measure starts where the last one ended. A measure without kinks is solved once.
 
     Returns:
         The placement, and how often cost and gradient were evaluated.

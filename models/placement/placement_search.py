@@ -19,7 +19,7 @@ The cost has many local optima, and the best one's basin can be narrow. So
 
 Two optima count as one if they have the same measure at every point of the path (or of the path
 backwards): where a measure does not see a rotation of the base or of the tool, optima come in
-families, and a member is as good as any.
+families whose members are equally good.
 """
 
 import math
@@ -110,7 +110,7 @@ class SearchResult:
     Attributes:
         optima: distinct ones, best first; each keeps every constraint.
         num_candidates: paths looked at in the global stage, `num_reached` of them reached.
-        num_starts: descents and solves that a start of its own had.
+        num_starts: descents and solves, each from a start of its own.
         num_unassigned: starts that came to none of the optima.
         evaluations: of a path's measure, all stages.
         closed_form: whether all branches are known in closed form.
@@ -192,7 +192,7 @@ class PlacementSearch:
                 if number < effort.num_rounds:
                     starts = self._varied(*_joined(ends), effort, result)
             batch, values = _joined(ends)
-            # What ranks behind may only have had fewer steps.
+            # A start that ranks behind may only have had fewer steps.
             batch = batch[self._different(batch, values, 20)]
             batch, values = self._descend(batch, 2 * effort.num_steps, result, clock)
             chosen = self._different(batch, values, effort.num_solves)

@@ -70,7 +70,7 @@ class PlacementTask:
     angle_lower_deg: float = 0.0  # of the tool's rotation from W (theta of eq. 27)
     angle_upper_deg: float = 180.0  # of the same
     limit_margin_deg: float = 0.0  # kept from every joint limit (of a prismatic joint: mm)
-    max_joint_step_deg: float = 60.0  # from one point to the next (of a prismatic joint: 1/57 m)
+    max_joint_step_deg: float = 60.0  # from one point to the next (60: 1.05 m of a prismatic joint)
     path_in_surface: bool = False  # whether the path is perpendicular to the tool's z axis
     tool_direction: list[float] | None = None  # in W, where E's z axis should point
     tool_tilt_deg: float = 0.0  # how far it may lean from there
@@ -119,7 +119,7 @@ def load_task(name_or_path: str | Path) -> tuple[PlacementTask, Path]:
 
 
 def check_task(task: PlacementTask, source: Path | str, robot: Robot) -> None:
-    """Holds a task against an arm, before any search.
+    """Checks a task against an arm, before any search.
 
     Raises:
         InputError: the path is longer than the arm can follow anywhere, or anywhere in the box; the

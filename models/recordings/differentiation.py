@@ -19,7 +19,7 @@ from models.arrays import Array
 from models.recordings.recording import Recording, concatenated
 
 HALF_WINDOW_S = 0.03
-"""Half of the stretch that a velocity is taken from. Against the drives' own velocity it errs by 3
+"""Half of the stretch that a velocity is taken from. It differs from the drives' own velocity by 3
 to 4 mrad/s on a UR10e at 100 Hz, about the noise of that velocity; 0.05 of 11.5 rad/s on a Staubli
 TX40 at full speed."""
 _LEAST_HALF_WINDOW = 4  # samples: a cubic through fewer repeats the encoder's steps

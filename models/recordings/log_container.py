@@ -27,7 +27,7 @@ class LogTable(Protocol):
     """Of the columns; None where the log has no header."""
     num_columns: int
     notices: list[str]
-    """What was done beyond the plain, one sentence each; complete after the last block."""
+    """What the reader assumed or left out, one sentence each; complete after the last block."""
     progress: float
     """Share of the file that the current pass has read."""
 

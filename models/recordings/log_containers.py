@@ -19,7 +19,7 @@ CONTAINERS: list[LogContainer] = [TEXT, ParquetContainer(), NpzContainer(), BAG]
 
 
 def container_of(path: Path) -> LogContainer | None:
-    """Returns the kind of a log by its ending; None for an ending that nobody knows."""
+    """Returns the kind of a log by its ending; None for an unknown ending."""
     if is_bag(path):
         return BAG
     suffix = path.suffix.lower()

@@ -36,7 +36,7 @@ def _step(changes: Array) -> float:
         step = _refined(moved, smallest / parts)
         multiples = moved / step
         even = np.abs(multiples - np.round(multiples)) <= _TOLERANCE
-        # Of a step that is none, changes fall anywhere between multiples: 4 % of them near one.
+        # If the step is wrong, changes fall anywhere between its multiples: 4 % of them near one.
         if step <= _LARGEST and float(np.mean(even)) >= _SHARE:
             return step
     return 0.0

@@ -20,6 +20,9 @@ class Recording:
 
     A log that holds no joint positions, velocities or currents (some hold only torque and
     Jacobian) has n = 0 there and its signals in `extra`.
+
+    Raises:
+        ValueError: signals of different lengths or shapes.
     """
 
     t: Array  # (T,) s, increasing
@@ -33,7 +36,7 @@ class Recording:
     extra: Mapping[str, Array] = field(default_factory=dict)  # (T, ...) other signals, by name
     row: NDArray[np.int64] | None = None  # (T,) line or row of the log that each sample stands on
     row_word: str = "row"  # what such a number counts: "line" in a text file
-    notices: tuple[str, ...] = ()  # what the reader did beyond the plain, one sentence each
+    notices: tuple[str, ...] = ()  # what the reader assumed or left out, one sentence each
 
     def __post_init__(self) -> None:
         if not self.dropout.size:

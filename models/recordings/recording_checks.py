@@ -1,8 +1,8 @@
 """Whether a recording can come from the robot that it is said to come from.
 
 A log in degrees, in milliamperes or with a turned sign is a list of good numbers: only the robot
-knows better. Limits and jumps are held against every sample. Velocity against position, and
-current against gravity, are held against sums over the log so far, so that friction, noise and
+knows better. Limits and jumps are checked at every sample. Velocity against position, and current
+against gravity, are checked by sums over the log so far, so that friction, noise and
 delay do not matter.
 """
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from models.arrays import Array
 from models.files.input_error import InputError
+from models.recordings.plausibility.drive_evidence import DriveEvidence, SignEvidence
 from models.recordings.recording import Recording, concatenated, place_of
 from models.recordings.recording_format import ColumnLayout
 from models.robot.robot import Robot
@@ -32,7 +33,6 @@ _VELOCITY_RATIO = (0.8, 1.25)
 _SLOW = 0.25  # of the velocity limit, all joints: gravity prevails over dynamics
 _GRAVITY_SHARE = 0.03  # of the effort limit: below, friction hides gravity
 _LEAST_GRAVITY = 1.0  # N m
-_OPPOSED = -0.5  # cosine between motor and gravity torque; on real logs at least +0.5
 _FACTOR = 2.5  # torque per ampere that tells N m from A at all
 _ALIKE = 1.6  # times more or less than gravity: a load, a poor model
 _FOLLOWS = 0.7  # cosine between motor and gravity torque
@@ -78,15 +78,20 @@ class _Sums:
 
 
 class RecordingChecks:
-    """Holds successive chunks of a recording against its robot.
+    """Checks successive chunks of a recording against its robot.
 
     Args:
         robot: limits, drives, gravity torque.
         layout: of the log, for the names of columns in error lines; None for signals in memory.
+        accept_signs: whether drives whose torque has the wrong sign are taken as they are.
     """
 
-    def __init__(self, robot: Robot, layout: ColumnLayout | None = None) -> None:
+    def __init__(
+        self, robot: Robot, layout: ColumnLayout | None = None, accept_signs: bool = False
+    ) -> None:
         self._robot = robot
+        self._accept_signs = accept_signs
+        self._drives = DriveEvidence(robot)
         self._layout = layout
         self._last: Recording | None = None  # one sample
         self._motion = _Sums.zero(robot.num_joints)  # x: integral of v; y: change of q
@@ -105,11 +110,19 @@ class RecordingChecks:
         self._check_positions(chunk)
         self._check_speeds(chunk)
         self._check_jumps(part)
-        self._check_currents(chunk)
         self._add_motion(part)
         self._judge_motion(chunk)
-        self._add_gravity(chunk)
-        self._judge_gravity(chunk)
+        if self._has_drives():
+            self._check_currents(chunk)
+            self._add_gravity(chunk)
+            self._drives.add(chunk)
+            self._judge_signs(chunk)
+            self._judge_gravity(chunk)
+
+    def _has_drives(self) -> bool:
+        """Whether the log says what the motors do; one of external torque does not."""
+        signals = ("current", "tau_J")
+        return self._layout is None or any(map(self._layout.signal, signals))
 
     def _check_positions(self, chunk: Recording) -> None:
         lower, upper = self._robot.position_lower, self._robot.position_upper
@@ -184,6 +197,8 @@ class RecordingChecks:
         remedy = "check the column, its unit and the robot's torque_per_ampere"
         if torque[j] / 1000 < limit[j]:
             remedy = "if these are milliamperes, set current: {unit: mA} in a description"
+        if (np.median(np.abs(chunk.current), axis=0) < limit).all():
+            remedy += "; if torques in N m, name the columns tau1.."
         raise self._error(
             chunk,
             None,
@@ -233,6 +248,8 @@ class RecordingChecks:
             raise self._error(chunk, None, "v", int(j), problem, remedy)
 
     def _add_gravity(self, chunk: Recording) -> None:
+        if not self._robot.has_inertias:
+            return
         slow = np.all(np.abs(chunk.v) < _SLOW * self._robot.velocity_limit, axis=1)
         chosen = np.flatnonzero(slow)
         chosen = chosen[:: max(1, len(chosen) // _GRAVITY_SAMPLES)]
@@ -243,28 +260,38 @@ class RecordingChecks:
         gravity = self._robot.chain.gravity_torque(q)
         self._gravity.add(gravity, torque, np.ones_like(torque, dtype=np.bool_))
 
+    @property
+    def sign_evidence(self) -> SignEvidence:
+        """What the log so far says of the signs of its drives."""
+        return self._drives.evidence()
+
+    def _judge_signs(self, chunk: Recording) -> None:
+        found = self.sign_evidence
+        wrong = found.contradicted()
+        if self._accept_signs or not len(wrong):
+            return
+        raise self._error(
+            chunk,
+            None,
+            "current",
+            int(wrong[0]),
+            found.sentence(self._word(chunk), self._robot.joint_names),
+            "its sign is wrong: turn current_sign in the robot's file, or set gain: -1 in a "
+            "description; or the robot is not mounted upright; or take it as it is: --accept-signs",
+        )
+
+    def _word(self, chunk: Recording) -> str:
+        return "torque" if self._has_torque_only(chunk) else "current"
+
     def _judge_gravity(self, chunk: Recording) -> None:
         sums = self._gravity
         if sums.count[0] < _LEAST_GRAVITY_SAMPLES:
             return
         limit = self._robot.effort_limit
-        word = "torque" if self._has_torque_only(chunk) else "current"
+        word = self._word(chunk)
         least = np.where(np.isfinite(limit), _GRAVITY_SHARE * limit, 0.0)
         loaded = np.sqrt(sums.xx / sums.count) > np.maximum(least, _LEAST_GRAVITY)
         cosine = sums.cosine()
-        wrong = np.flatnonzero(loaded & (cosine < _OPPOSED))
-        if len(wrong):
-            names = ", ".join(self._robot.joint_names[j] for j in wrong)
-            raise self._error(
-                chunk,
-                None,
-                "current",
-                int(wrong[0]),
-                f"the {word} pulls with gravity instead of against it (joints {names}: "
-                f"correlation with the gravity torque {cosine[wrong[0]]:.2f})",
-                "its sign is wrong: turn current_sign in the robot's file, or set gain: -1 in a "
-                "description; or the robot is not mounted upright",
-            )
         dead = np.flatnonzero(loaded & (sums.yy < 1e-12 * sums.xx))
         if len(dead):
             j = int(dead[0])
@@ -277,7 +304,7 @@ class RecordingChecks:
                 f"the {word} is zero, but gravity alone takes {gravity:.3g} N m",
                 f"log the motor {word}, or give its column",
             )
-        self._judge_unit(chunk, loaded & (cosine > _FOLLOWS))
+        self._judge_unit(chunk, loaded & (np.abs(cosine) > _FOLLOWS))
         # Whatever friction does to the shape, gravity must be held up, and with no multiple of it.
         size = np.sqrt(sums.yy / np.where(sums.xx > 0.0, sums.xx, np.inf))
         odd = np.flatnonzero(loaded & ((size < 0.02) | (size > 50)))
@@ -301,7 +328,7 @@ class RecordingChecks:
         torque. Each telling joint must say so: one alone may carry a load, or have a poor model.
         """
         gain = self._robot.torque_per_ampere
-        ratio = self._gravity.ratio()
+        ratio = np.abs(self._gravity.ratio())  # whatever its sign
         telling = telling & (np.maximum(gain, 1.0 / gain) > _FACTOR) & (ratio > 0.0)
         if not telling.any():
             return

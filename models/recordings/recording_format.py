@@ -77,7 +77,7 @@ class RecordingFormat:
 
 @dataclass(frozen=True)
 class Signal:
-    """A signal's place in a log, after the description has been held against the file."""
+    """A signal's place in a log, after the description has been compared with the file."""
 
     name: str  # t, q, v, current, tau_J, dropout or the name of an extra signal
     columns: tuple[int, ...]  # 0-based
@@ -95,6 +95,7 @@ class ColumnLayout:
     column_names: tuple[str, ...]  # of every column; "column 3" where there is no header
 
     def signal(self, name: str) -> Signal | None:
+        """The signal of this name; None if the log does not hold it."""
         return next((s for s in self.signals if s.name == name), None)
 
     def column_of(self, name: str, index: int = 0) -> str:
@@ -178,7 +179,7 @@ def resolve_layout(
     names: Sequence[str] | None,
     num_columns: int,
 ) -> ColumnLayout:
-    """Holds a description against the columns that a log has.
+    """Compares a description with the columns that a log has.
 
     Args:
         description_source: the description's file, for error lines.
@@ -230,7 +231,7 @@ def further_signals(
     names: Sequence[str] | None,
     num_columns: int,
 ) -> tuple[Signal, ...]:
-    """Signals that no description names, but whoever reads the log.
+    """Signals that a caller asks for besides those of the description.
 
     Args:
         further: by name.

@@ -14,9 +14,11 @@ from models.arrays import Array
 from models.files.files_read import about_to_read
 from models.files.input_error import InputError
 from models.recordings.differentiation import HALF_WINDOW_S, with_velocities
-from models.recordings.header_layouts import known_layout, time_columns
+from models.recordings.layouts.external_torque import external_torque_layout
+from models.recordings.layouts.header_layouts import known_layout, time_columns
 from models.recordings.log_container import LogTable
 from models.recordings.log_containers import TEXT, container_of, usual_suffixes
+from models.recordings.plausibility.drive_evidence import SignEvidence
 from models.recordings.recording import Recording, concatenated, place_of
 from models.recordings.recording_checks import RecordingChecks
 from models.recordings.recording_format import (
@@ -48,6 +50,7 @@ def read_recording(
     description: str | Path | None = None,
     robot: Robot | None = None,
     check: bool = True,
+    accept_signs: bool = False,
 ) -> Recording:
     """Reads a whole log into memory; `RecordingReader` streams a long one.
 
@@ -59,11 +62,13 @@ def read_recording(
         description: of other columns: a bundled name or the path of a *.yaml.
         robot: that the log must fit: number of joints, and where `check` is set also limits,
             velocity against position, current against gravity.
+        accept_signs: whether drives whose current has the wrong sign are taken as they are; a
+            notice says so.
 
     Raises:
         InputError: the log is missing, damaged or implausible.
     """
-    reader = RecordingReader(path, description, robot, check)
+    reader = RecordingReader(path, description, robot, check, accept_signs=accept_signs)
     return replace(concatenated(list(reader.chunks())), notices=reader.notices)
 
 
@@ -71,7 +76,7 @@ class RecordingReader:
     """A log on disk; `chunks()` reads it with constant memory.
 
     Args:
-        path, description, robot, check: as in `read_recording`.
+        path, description, robot, check, accept_signs: as in `read_recording`.
         further: signals besides those of the description, by name; they stand in `extra`.
         asked_by: who names these, for error lines.
 
@@ -87,6 +92,7 @@ class RecordingReader:
         check: bool = True,
         further: dict[str, SignalColumns] | None = None,
         asked_by: str = "",
+        accept_signs: bool = False,
     ) -> None:
         path = Path(path)
         if path.suffix.lower() in (".yaml", ".yml"):
@@ -98,7 +104,8 @@ class RecordingReader:
         self.path = path
         self._notices: list[str] = []
         self._robot = robot
-        self._check = check
+        self._check, self._accept_signs = check, accept_signs
+        self.sign_evidence: SignEvidence | None = None  # once read, where currents are checked
         self._further, self._asked_by = further or {}, asked_by
         form, form_source, table = self._opened(description)
         if table.num_columns > MOST_COLUMNS:
@@ -138,14 +145,23 @@ class RecordingReader:
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """What the reader did beyond the plain; complete after the last chunk."""
+        """What the reader assumed or left out; complete after the last chunk."""
         missing: tuple[str, ...] = ()
         if self._num_missing:
             missing = (
                 f"{self._num_missing} samples lack a number (first: {self._first_missing}) and are "
                 "left out: short gaps are bridged",
             )
-        return (*self._notices, *self._table.notices, *missing)
+        signs = self._accepted_signs()
+        return (*self._notices, *self._table.notices, *missing, *signs)
+
+    def _accepted_signs(self) -> tuple[str, ...]:
+        found, robot = self.sign_evidence, self._robot
+        if found is None or robot is None or not len(found.contradicted()):
+            return ()
+        return (
+            f"signs accepted as asked, although {found.sentence('current', robot.joint_names)}",
+        )
 
     @property
     def progress(self) -> float:
@@ -190,6 +206,8 @@ class RecordingReader:
             last = chunk[-1:]
             num_samples += chunk.num_samples
             yield chunk
+        if checks is not None:
+            self.sign_evidence = checks.sign_evidence
         if num_samples < MIN_SAMPLES:
             found = f"holds {num_samples} samples" if num_samples else "holds no samples"
             if self._num_missing:
@@ -235,7 +253,7 @@ class RecordingReader:
         return values[~lacking], rows[~lacking]
 
     def _check_size(self, chunk: Recording) -> None:
-        """Refuses numbers that are none: uninitialised memory, a wrong type in a logger."""
+        """Refuses absurd numbers: uninitialised memory, a wrong type in a logger."""
         for name, signal in (("q", chunk.q), ("v", chunk.v), ("current", chunk.current)):
             wrong = np.abs(signal) > _BEYOND_ANY_ROBOT  # also of what a gain made infinite
             if wrong.any():
@@ -257,7 +275,7 @@ class RecordingReader:
     def _checks(self) -> RecordingChecks | None:
         if self._robot is None or not self._check or not self.num_joints:
             return None
-        return RecordingChecks(self._robot, self.layout)
+        return RecordingChecks(self._robot, self.layout, self._accept_signs)
 
     def _recording(self, values: Array, rows: NDArray[np.int64], used: list[int]) -> Recording:
         position = {column: k for k, column in enumerate(used)}
@@ -327,6 +345,11 @@ class RecordingReader:
         known = self._known_format(table)
         if known is not None:
             return known
+        if table.names is not None and not _has_drives(table.names):
+            torques = external_torque_layout(table.names, path)
+            if torques is not None:
+                self._notices += torques.notices
+                return torques.form, str(path), table
         if table.names is not None and "q1" not in _in_lower_case(table.names):
             joint_names = self._robot.joint_names if self._robot is not None else None
             layout = known_layout(table.names, table.num_columns, path, joint_names)
@@ -346,7 +369,7 @@ class RecordingReader:
         if "" in table.names:
             self._notices.append("a column without a name is left out")
         num_joints = self._robot.num_joints if self._robot is not None else None
-        # Those are not unknown, however the log calls them; a wrong one is told first.
+        # Those are not unknown, however the log calls them; a wrong one is reported first.
         mine = {table.names[column] for signal in self._more(table) for column in signal.columns}
         names = _in_lower_case([name for name in table.names if name not in mine])
         return header_format(names, path, num_joints), str(path), table
@@ -451,6 +474,11 @@ def _unknown(name: str, names: Sequence[str], path: Path) -> InputError:
     return InputError(
         path, "header", f'unknown column "{name}", expected t, q1.., v1.., i1..', remedy
     )
+
+
+def _has_drives(names: Sequence[str]) -> bool:
+    """Whether a header names motor currents or motor torques."""
+    return not {"i1", "tau1"}.isdisjoint(_in_lower_case(names))
 
 
 def _in_lower_case(names: Sequence[str]) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 A quasi-Newton method stops where its own tolerance is met: from another start, or with another last
 bit in a sum, some 1e-5 away. Newton's method from there doubles the digits at each step, so that
-what comes out is the optimum's and not the path's to it.
+the result depends on the optimum and not on the path to it.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,6 +35,9 @@ def bounded_minimum(
     Returns:
         x (D,) and the function there. A variable that makes no difference, to 1e-9 of it, is at its
         lower bound.
+
+    Raises:
+        ValueError: there is no start.
     """
     limits = np.asarray(bounds, dtype=np.float64)
     best: tuple[Array, float] | None = None

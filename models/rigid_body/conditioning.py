@@ -233,7 +233,7 @@ def singular_values(J: ArrayLike) -> Array:
 
 
 def _rows(J: ArrayLike) -> tuple[tuple[int, ...], Array]:
-    """The leading shape, and a contiguous (N, 6, n) array."""
+    """The leading shape, and a contiguous (N, 6, n) array; ValueError for another shape."""
     array = np.asarray(J, dtype=np.float64)
     if array.ndim < 2 or array.shape[-2] != 6 or array.shape[-1] == 0:
         raise ValueError(f"expected Jacobians of shape (..., 6, n), n > 0, got {array.shape}")

@@ -106,6 +106,9 @@ class SerialChain:
         R_LE, p_LE: pose of E in the last joint frame.
         table: (n + 1, TABLE_COLUMNS) the same numbers, packed for the kernels; n columns more
             with motor_rates: the rotors' part of M.
+
+    Raises:
+        ValueError: shapes that disagree.
     """
 
     joint_names: tuple[str, ...]
@@ -368,7 +371,11 @@ class SerialChain:
         return Y.reshape(*shape, n, 10 * n)
 
     def terms(self, q: ArrayLike, v: ArrayLike) -> RigidBodyTerms:
-        """Every term at one sample, q and v (n,), in one pass."""
+        """Every term at one sample, q and v (n,), in one pass.
+
+        Raises:
+            ValueError: q or v is not (n,).
+        """
         q = np.array(q, dtype=np.float64)
         v = np.array(v, dtype=np.float64)
         n = len(self.joint_names)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from models.arrays import Array
 
-SAME = 1e-9  # relative: a million times what sums and solvers round by, and no one's preference
+SAME = 1e-9  # relative: a million times the rounding of sums and solvers, too little to matter
 _HALF_TURN = 1e-9  # of a turn
 
 
@@ -54,12 +54,12 @@ def better(cost: float, than: float, tolerance: float = SAME) -> bool:
 
 
 def beyond_rounding(error: float, rounding: float) -> float:
-    """An error, or 0 where it is no more than rounding: of that each machine has its own."""
+    """An error, or 0 where it is no more than rounding, which differs between machines."""
     return float(error) if error > rounding else 0.0
 
 
 def whole_turns(angle: ArrayLike) -> Array:
-    """Whole turns (...) in angles (...) in rad: what is left of each lies within (-pi, pi].
+    """Whole turns (...) in angles (...) in rad: the remainder lies within (-pi, pi].
 
     Half a turn back, to within 1e-9 of a turn, counts as half a turn forward: which of the two an
     inverse kinematics states is a matter of its rounding.

@@ -1,6 +1,6 @@
-"""Joints that several motors move together, as in a wrist whose gears sit in one another.
+"""Joints that several motors move together, as in a wrist with nested gears.
 
-With q_motor_i the angle of motor i behind its own gear, and a constant matrix C,
+With q_motor_i the angle of motor i on the output side of its own gear, and a constant matrix C,
 
     q_joint = C q_motor,   tau_motor = C^T tau_joint,
 
@@ -19,7 +19,7 @@ import numpy as np
 from models.arrays import Array
 from models.files.input_error import InputError
 
-_LARGEST_CONDITION = 1e4  # of a gear that a person has built
+_LARGEST_CONDITION = 1e4  # more than that of any real gear
 
 
 def coupling_of(rows: Sequence[Sequence[float]], num_joints: int, source: Path) -> Array:

@@ -11,6 +11,7 @@ from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from models.arrays import Array
+from models.files.input_error import InputError
 from models.robot.collision_meshes import CollisionMeshes
 
 
@@ -19,7 +20,7 @@ class JointLimits:
     """What the URDF says of a moving joint."""
 
     name: str
-    line: int
+    line: int  # of the file; 0 where it was no URDF
     lower: float  # rad or m; -inf where there is none
     upper: float
     velocity: float  # rad/s or m/s; inf where there is none
@@ -36,12 +37,14 @@ class EffectiveUrdf:
         notices: tuple[str, ...],
         source: Path,
         meshes: CollisionMeshes,
+        inertia_fault: InputError | None = None,
     ) -> None:
         self._root = root
         self.meshes = meshes
         self.joints = joints  # moving ones, base to tool
         self.notices = notices
         self.source = source
+        self.inertia_fault = inertia_fault  # the first, where dynamics cannot be told
 
     def with_moved_joints(self, moved: Mapping[str, tuple[Array, Array]]) -> "EffectiveUrdf":
         """A copy with the frames of some joints moved.
@@ -68,7 +71,9 @@ class EffectiveUrdf:
             angles = RollPitchYaw(pose.rotation()).vector()
             origin.set("xyz", " ".join(f"{x:.17g}" for x in pose.translation()))
             origin.set("rpy", " ".join(f"{x:.17g}" for x in angles))
-        return EffectiveUrdf(root, self.joints, self.notices, self.source, self.meshes)
+        return EffectiveUrdf(
+            root, self.joints, self.notices, self.source, self.meshes, self.inertia_fault
+        )
 
     def text(self, name: str, hulls: bool = False) -> str:
         """The document, with `name` as the robot's.

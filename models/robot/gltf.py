@@ -12,8 +12,8 @@ def gltf_fault(path: Path) -> str:
     """Why a glTF must not be drawn, in a few words; '' if it may.
 
     Its buffers are .bin files and its images pictures, in its folder or below, by a path without a
-    link that leads out. A page with the drawn robot in it is passed on; nobody expects that it
-    carries another file of this machine.
+    link that leads out. A page with the drawn robot in it is passed on to others: it must not carry
+    any other file of this machine.
     """
     try:
         if path.stat().st_size > _LARGEST:

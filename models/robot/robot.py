@@ -2,7 +2,8 @@
 
 A robot is a `robot.yaml` beside a URDF. The URDF is read once, checked, and turned into one
 self-contained text (`Robot.urdf_text`) that Drake and any other URDF reader load alike: base link
-as root, locked joints fixed, the tool and the frame E added, pictures that cannot be drawn dropped.
+as root, locked joints fixed, the tool and the frame E added, visuals that Drake cannot draw
+dropped.
 """
 
 import hashlib
@@ -178,6 +179,17 @@ class Robot:
         """The motors' current (..., n) in A that puts tau_J (..., n) in N m on the joints."""
         tau_motor = np.asarray(tau_J, float) @ self.coupling if self.is_coupled else tau_J
         return torque_to_current(tau_motor, self.torque_per_ampere, self.current_sign)
+
+    @property
+    def has_inertias(self) -> bool:
+        """Whether the URDF states inertias that its links can have."""
+        return self._urdf.inertia_fault is None
+
+    def require_inertias(self, what: str) -> None:
+        """Raises InputError, with the URDF's fault, where `what` needs inertias that are none."""
+        fault = self._urdf.inertia_fault
+        if fault is not None:
+            raise InputError(what, "", f"needs the inertias of {self.name}: {fault}")
 
     @cached_property
     def unusable_collisions(self) -> tuple[str, ...]:
@@ -467,7 +479,7 @@ def _effort_limit(drive: DriveConfig, joint: JointLimits, source: Path, urdf: Pa
     if joint.effort is None:
         raise InputError(
             urdf,
-            f"line {joint.line}",
+            f"line {joint.line}" if joint.line else "",
             f'joint "{joint.name}" has no effort limit above 0',
             'add effort="..." (N m) to its <limit>, or effort_limit to its drive in robot.yaml',
         )
@@ -482,7 +494,7 @@ def _simulated_truth(
         values: list[float] = getattr(friction, name)
         place = f"simulated_truth.friction.{name}"
         if not values:
-            # One rad/s, so that nobody divides by a Stribeck velocity of zero.
+            # One rad/s, so that no kernel divides by a Stribeck velocity of zero.
             values = [1.0 if name == "stribeck_velocity" else 0.0] * num_joints
         if len(values) != num_joints:
             raise InputError(source, place, f"{len(values)} numbers, expected {num_joints}")

@@ -6,7 +6,6 @@ silence (no effort limit, a mesh that cannot be drawn). So the file is checked h
 
 import math
 import xml.etree.ElementTree as ET
-import xml.parsers.expat
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NoReturn
@@ -17,33 +16,31 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from models.arrays import Array
 from models.files.configuration import nearest
-from models.files.files_read import about_to_read
 from models.files.input_error import InputError
-from models.files.limited_file import read_limited
 from models.robot.collision_meshes import CollisionMeshes
-from models.robot.convex_hulls import HULL_SUFFIXES
 from models.robot.effective_urdf import EffectiveUrdf, JointLimits
-from models.robot.gltf import gltf_fault
 from models.robot.robot_config import RobotConfig, ShapeConfig, ToolConfig
 from models.robot.rotational_inertia import inertia_matrix, unphysical
-from models.robot.urdf_shapes import hull_fault, settle_colours, settle_filters, size_fault
+from models.robot.rounded_angles import exact_angle
+from models.robot.urdf_document import read_document
+from models.robot.urdf_pictures import drop_pictures
+from models.robot.urdf_shapes import settle_colours, settle_filters
 
 _MOVING = ("revolute", "continuous", "prismatic")
 _KNOWN_TYPES = (*_MOVING, "fixed", "floating", "planar")
-_MESHES = (".obj", ".gltf", ".vtk")
-_SHAPES = ("box", "cylinder", "sphere", "capsule", "ellipsoid", "drake:capsule", "drake:ellipsoid")
 _KEPT = ("link", "joint", "material", "drake:collision_filter_group")
-LARGEST_URDF = 1 << 26  # bytes
 _LARGEST = 1e6  # of any number in it, in SI units; a limit beyond is none
 
 
 def read_urdf(path: Path, config: RobotConfig, config_source: Path) -> EffectiveUrdf:
     """Reads and checks `path` as the arm that `config` (from `config_source`) describes.
 
+    Inertias that are missing or that no body can have are left out and told
+    (`EffectiveUrdf.inertia_fault`): kinematics do without.
+
     Raises:
-        InputError: the file is no URDF; its tree is broken; a joint has an unknown type; a moving
-            body has no physical inertia; the arm branches; a link or joint that `config` names is
-            not there.
+        InputError: the file is no URDF; its tree is broken; a joint has an unknown type; the arm
+            branches; a link or joint that `config` names is not there.
     """
     return _Reader(path, config, config_source).read()
 
@@ -53,10 +50,11 @@ class _Reader:
         self.path = path
         self.config = config
         self.config_source = config_source
-        self.lines: dict[ET.Element, int] = {}
         self.notices: list[str] = []
+        self.inertia_faults: list[InputError] = []
+        self.rounded: list[str] = []  # joints whose angles were written with few digits
         self.meshes = CollisionMeshes()
-        self.root = self._parse()
+        self.root, self.lines = read_document(path, config_source)
         self.links: dict[str, ET.Element] = {}
         self.joints: dict[str, ET.Element] = {}
         self.parent_joint: dict[str, ET.Element] = {}  # by child link
@@ -64,46 +62,23 @@ class _Reader:
 
     def read(self) -> EffectiveUrdf:
         self._collect()
+        if self.rounded:
+            joints = ", ".join(self.rounded)
+            self.notices.append(f"angles rounded to few digits are taken as exact: {joints}")
         self._check_tree()
         self._lock_joints()
         self._keep_below_base()
         moving = self._serial_chain()
         self._check_inertias(moving)
-        self._drop_pictures()
+        settle_colours(self.root, self.links.values())
+        self.notices += drop_pictures(self.links, self.path, self.meshes)
         self._tidy_joints(moving)
         self._add_tool()
         limits = tuple(self._limits(joint) for joint in moving)
-        return EffectiveUrdf(self.root, limits, tuple(self.notices), self.path, self.meshes)
+        fault = self.inertia_faults[0] if self.inertia_faults else None
+        return EffectiveUrdf(self.root, limits, tuple(self.notices), self.path, self.meshes, fault)
 
     # Reading ----------------------------------------------------------------------------------
-
-    def _parse(self) -> ET.Element:
-        data = read_limited(self.path, LARGEST_URDF, "URDF", f"see {self.config_source}")
-        builder = ET.TreeBuilder()
-        parser = xml.parsers.expat.ParserCreate()
-
-        def start(tag: str, attributes: dict[str, str]) -> None:
-            self.lines[builder.start(tag, attributes)] = parser.CurrentLineNumber
-
-        parser.StartElementHandler = start
-        parser.EndElementHandler = builder.end
-        parser.CharacterDataHandler = builder.data
-        try:
-            parser.Parse(data, True)
-        except xml.parsers.expat.ExpatError as error:
-            what = xml.parsers.expat.ErrorString(error.code)
-            raise InputError(self.path, f"line {error.lineno}", f"no valid XML: {what}") from error
-        except (ValueError, LookupError) as error:  # of the encoding that it states
-            raise InputError(
-                self.path, "line 1", f"cannot be read: {error}", "save it as UTF-8"
-            ) from error
-        root = builder.close()
-        if root.tag != "robot":
-            self._fail(root, f"<{root.tag}> is the root element, expected <robot> of a URDF")
-        for element in root:
-            if element.tag.startswith("xacro:"):
-                self._fail(element, f"<{element.tag}> is unexpanded xacro", "run xacro on it first")
-        return root
 
     def _collect(self) -> None:
         for link in self.root.findall("link"):
@@ -123,8 +98,22 @@ class _Reader:
                         end if end is not None else joint, problem, self._near_link(link_name)
                     )
             self._origin(joint)
+            self._snap_angles(joint)
             if kind in _MOVING and np.linalg.norm(self._axis(joint)) < 1e-9:
                 self._fail(joint, f'joint "{name}" has an axis of length zero')
+
+    def _snap_angles(self, joint: ET.Element) -> None:
+        """Writes rounded right angles of a joint's origin out."""
+        origin = joint.find("origin")
+        if origin is None:
+            return
+        words = origin.get("rpy", "0 0 0").split()
+        exact = [exact_angle(word) for word in words]
+        # Digits beyond a millionth of a radian were meant to be exact, and nearly are.
+        if any(abs(value - float(word)) > 1e-7 for value, word in zip(exact, words, strict=True)):
+            self.rounded.append(joint.get("name", ""))
+        if exact != [float(word) for word in words]:
+            origin.set("rpy", _text(exact))
 
     def _register(self, element: ET.Element, known: dict[str, ET.Element]) -> str:
         name = element.get("name", "")
@@ -253,84 +242,6 @@ class _Reader:
             )
         return chain
 
-    def _drop_pictures(self) -> None:
-        settle_colours(self.root, self.links.values())
-        dropped: dict[tuple[str, str], int] = {}
-        for link in self.links.values():
-            for kind, meshes in (("visual", _MESHES), ("collision", _MESHES)):
-                for element in link.findall(kind):
-                    reason = self._undrawable(element, meshes)
-                    if kind == "collision" and reason:
-                        mesh = self._mesh_for_hull(element)
-                        self.meshes.add(link, element, mesh, reason)
-                        link.remove(element)
-                        if mesh is not None:
-                            continue
-                        dropped[kind, reason] = dropped.get((kind, reason), 0) + 1
-                    elif reason:
-                        link.remove(element)
-                        dropped[kind, reason] = dropped.get((kind, reason), 0) + 1
-        if self.meshes.count:
-            self.notices.append(
-                f"{self.meshes.count} collision meshes count as their convex hulls where clearance "
-                "is asked for; in a simulation nothing collides with them"
-            )
-        without = {"visual": "it is drawn without them", "collision": "nothing collides with them"}
-        for (kind, reason), count in dropped.items():
-            shapes = "shape" if count == 1 else "shapes"
-            self.notices.append(f"{count} {kind} {shapes} dropped ({reason}): {without[kind]}")
-
-    def _undrawable(self, element: ET.Element, meshes: tuple[str, ...]) -> str:
-        """Why Drake cannot take a visual or collision element; '' if it can."""
-        geometry = element.find("geometry")
-        shape = next(iter(geometry), None) if geometry is not None else None
-        if shape is None:
-            return "no geometry"
-        if shape.tag not in (*_SHAPES, "mesh"):
-            return f"<{shape.tag}>"
-        if fault := size_fault(shape):
-            return fault
-        if shape.tag != "mesh":
-            return ""
-        name = shape.get("filename", "")
-        suffix = Path(name).suffix.lower()
-        if suffix not in meshes:
-            return suffix or "no file name"
-        found = self._resolve(name)
-        if found is None:
-            return f"{suffix}, file not found"
-        about_to_read(found)
-        if suffix == ".gltf" and (fault := gltf_fault(found)):
-            return fault
-        if element.tag == "collision" and (fault := hull_fault(found)):
-            return fault
-        shape.set("filename", found.as_uri())
-        return ""
-
-    def _mesh_for_hull(self, element: ET.Element) -> Path | None:
-        """The file of a collision mesh that Drake does not read, but whose hull can be made."""
-        shape = element.find("geometry/mesh")
-        name = "" if shape is None else shape.get("filename", "")
-        if Path(name).suffix.lower() not in HULL_SUFFIXES:
-            return None
-        return self._resolve(name)
-
-    def _resolve(self, name: str) -> Path | None:
-        """The file that a mesh's URI means; package:// is looked for upwards from the URDF."""
-        folder = self.path.resolve().parent
-        if name.startswith("package://"):
-            relative = name.removeprefix("package://")
-            inside = relative.partition("/")[2]
-            candidates = [parent / relative for parent in (folder, *folder.parents)]
-            candidates += [
-                parent / inside
-                for parent in (folder, *folder.parents)
-                if (parent / "package.xml").is_file()
-            ]
-        else:
-            candidates = [folder / name.removeprefix("file://")]
-        return next((path for path in candidates if path.is_file()), None)
-
     def _tidy_joints(self, moving: list[ET.Element]) -> None:
         damped = []
         for joint in self.joints.values():
@@ -407,47 +318,64 @@ class _Reader:
     def _check_inertias(self, moving: list[ET.Element]) -> None:
         if self.config.tool is not None:
             self._check_tool(self.config.tool)
+        carried = {name for joint in moving for name in self._rigidly_below(self._child(joint))}
         for name, link in self.links.items():
-            mass, _, about_com = self._inertia(link)
-            if mass < 0:
-                self._fail(link, f'link "{name}" has a mass of {mass:g} kg')
-            moves = any(name in self._rigidly_below(self._child(joint)) for joint in moving)
-            if mass == 0 and np.any(about_com != 0):
-                self._fail(link, f'link "{name}" has a rotational inertia but no mass')
-            if mass > 0 and moves and np.any(about_com != 0):
-                self._check_physical(link, f'link "{name}"', about_com)
-        tool = self.config.tool
+            try:
+                self._check_inertia(name, link, name in carried)
+            except InputError as fault:
+                self.inertia_faults.append(fault)
+                for inertial in link.findall("inertial"):
+                    link.remove(inertial)  # Drake would refuse the whole file
         for joint in moving:
-            body = self._child(joint)
-            parts = []
-            for name, pose in self._rigidly_below(body).items():
-                mass, com, about_com = self._inertia(self.links[name])
-                R = pose.rotation().matrix()
-                parts.append((mass, pose @ com, R @ about_com @ R.T))
-                if tool is not None and name == self.config.flange:
-                    parts.append(
-                        (
-                            tool.mass,
-                            pose @ np.array(tool.com),
-                            R @ inertia_matrix(tool.inertia) @ R.T,
-                        )
-                    )
-            total = sum(mass for mass, _, _ in parts)
-            link = self.links[body]
-            if total <= 0:
-                self._fail(
-                    link,
-                    f'moving link "{body}" and what is fixed to it have no mass',
-                    "give it an <inertial>",
-                )
-            com = sum((mass * p for mass, p, _ in parts), np.zeros(3)) / total
-            composite = np.zeros((3, 3))
-            for mass, p, about_com in parts:
-                d = p - com
-                composite += about_com + mass * (d @ d * np.eye(3) - np.outer(d, d))
-            self._check_physical(
-                link, f'moving link "{body}" (with what is fixed to it)', composite
+            try:
+                self._check_composite(self._child(joint))
+            except InputError as fault:
+                self.inertia_faults.append(fault)
+        if self.inertia_faults:
+            self.notices.append(
+                f"what needs inertias will refuse this robot, all else works: "
+                f"{self.inertia_faults[0]}"
             )
+
+    def _check_inertia(self, name: str, link: ET.Element, moves: bool) -> None:
+        mass, _, about_com = self._inertia(link)
+        if mass < 0:
+            self._fail(link, f'link "{name}" has a mass of {mass:g} kg')
+        if mass == 0 and np.any(about_com != 0):
+            self._fail(link, f'link "{name}" has a rotational inertia but no mass')
+        if mass > 0 and moves and np.any(about_com != 0):
+            self._check_physical(link, f'link "{name}"', about_com)
+
+    def _check_composite(self, body: str) -> None:
+        """Checks a moving link with what is fixed to it."""
+        tool = self.config.tool
+        parts = []
+        for name, pose in self._rigidly_below(body).items():
+            mass, com, about_com = self._inertia(self.links[name])
+            R = pose.rotation().matrix()
+            parts.append((mass, pose @ com, R @ about_com @ R.T))
+            if tool is not None and name == self.config.flange:
+                parts.append(
+                    (
+                        tool.mass,
+                        pose @ np.array(tool.com),
+                        R @ inertia_matrix(tool.inertia) @ R.T,
+                    )
+                )
+        total = sum(mass for mass, _, _ in parts)
+        link = self.links[body]
+        if total <= 0:
+            self._fail(
+                link,
+                f'moving link "{body}" and what is fixed to it have no mass',
+                "give it an <inertial>",
+            )
+        com = sum((mass * p for mass, p, _ in parts), np.zeros(3)) / total
+        composite = np.zeros((3, 3))
+        for mass, p, about_com in parts:
+            d = p - com
+            composite += about_com + mass * (d @ d * np.eye(3) - np.outer(d, d))
+        self._check_physical(link, f'moving link "{body}" (with what is fixed to it)', composite)
 
     def _check_tool(self, tool: ToolConfig) -> None:
         if not tool.mass > 0:
@@ -521,7 +449,7 @@ class _Reader:
             self._fail(joint, f'joint "{name}": a velocity limit of {velocity:g}')
         is_stated = 0 < effort < math.inf
         return JointLimits(
-            name, self.lines[joint], lower, upper, velocity, effort if is_stated else None
+            name, self.lines.get(joint, 0), lower, upper, velocity, effort if is_stated else None
         )
 
     def _limit(self, limit: ET.Element, key: str) -> float:

@@ -25,7 +25,7 @@ from models.arrays import Array
 GAP = 0.5  # s
 SHARES = (0.02, 0.05, 0.1)  # of the samples above the level: the first with ENOUGH excursions
 ENOUGH, FEWEST = 25, 10  # excursions
-LARGEST_SHAPE = 0.5  # beyond, the law would have no variance: a few excursions say nothing of it
+LARGEST_SHAPE = 0.5  # beyond it the law has no variance; a few excursions do not show such a tail
 _RARE = 1e-3  # share of a Gaussian tail's level
 
 
@@ -52,7 +52,7 @@ class ExceedanceTail:
         return float(self.level + self.scale * np.expm1(self.shape * ratio) / self.shape)
 
     def rate_above(self, level: float) -> float:
-        """How often `level` or `level` of the law, whichever is higher, is exceeded an hour."""
+        """How often per hour `level`, or the law's own `level` if that is higher, is exceeded."""
         excess = max(level - self.level, 0.0) / self.scale
         if self.shape * excess < 1e-9:
             return float(self.rate_per_hour * np.exp(-excess))
@@ -99,7 +99,7 @@ def fit_exceedances(runs: Sequence[ArrayLike], time_step: float) -> ExceedanceTa
 
 
 def gaussian_tail(size: int, correlation_time: float) -> ExceedanceTail:
-    """Where nothing was learnt: of the length of `size` standard normal variables, each of
+    """The tail where nothing was learnt: of the norm of `size` standard normal variables, each of
     covariance exp(-|t| / correlation_time). Such a process stays above a high level u for
     correlation_time / u^2 at a time (Aldous, 1989). Beyond its level the tail is exponential, which
     is wider than Gaussian.

@@ -55,7 +55,7 @@ class LowPass:
         return cls(np.ascontiguousarray(A), B[:, 0].copy(), C[0].copy())
 
     def filter(self, u: Array) -> Array:
-        """Filters u (T, channels) from rest; the same shape, one tick late like the block."""
+        """Filters u (T, channels) from rest; the same shape, one tick later, as in the block."""
         u = np.ascontiguousarray(u, dtype=np.float64)
         x = np.zeros((u.shape[1], self.order))
         y = np.empty_like(u)

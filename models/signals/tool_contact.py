@@ -11,7 +11,7 @@ from models.arrays import Array
 
 CONTACT_SIZE, NORMAL_SIZE = 10, 4
 WRENCH, NORMAL_FORCE, NORMAL = slice(6), 6, slice(7, 10)  # of the array
-_SHORTEST = 1e-9  # m, of a way that has a direction
+_SHORTEST = 1e-9  # m; a shorter vector has no direction
 
 
 @njit(cache=True, error_model="numpy")
@@ -27,10 +27,12 @@ def add_contact(
     """Adds a contact to those in `contact` (10,), in place; the normal is that of the last.
 
     Args:
+        p_WE, R_WE: (3,) m and (3, 3), pose of E.
         tip_radius: m, of the ball at the tool's tip.
         force: (3,) N, on the tool, axes of W.
         moment: (3,) N m, on the tool about C.
         p_WC: (3,) m, where it touches.
+        contact: (10,), changed.
     """
     r = p_WC - p_WE
     contact[0] += moment[0] + r[1] * force[2] - r[2] * force[1]

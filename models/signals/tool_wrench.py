@@ -146,11 +146,12 @@ def measure_contact_wrench(
     Args:
         table, reaction: as in `contact_wrench`.
         A, B, C: of the sensor's LowPass.
-        J, R_WE, V_WE, v: of E and the joints.
+        J, R_WE, V_WE, v: (6, n), (3, 3), (6,) rad/s and m/s, (n,) rad/s: of E and the joints.
         vdot: (n,) rad/s^2.
         noise_sd: (6,) N m, N.
         noise: (6,) unit Gaussian draws.
-        state: (6 order,) of the filter.
+        wrench: (6,) N m, N, at E in axes of W, rotation first; written.
+        state: (6 order,) of the filter, changed.
     """
     A_WE = np.empty(6)
     tool_acceleration(J, v, vdot, A_WE)

@@ -1,1 +1,1 @@
-"""The simulated true robot: what its joints do that no model here contains, and its fast logs."""
+"""The simulated true robot: its joints, with effects that no model here contains; fast logs."""

@@ -14,7 +14,7 @@ def clocked(recording: Recording, clock: ClockConfig | None, seed: int) -> Recor
 
         q, v at t_k + jitter_k,   current at t_k + jitter_k - latency,   jitter ~ N(0, jitter_sd)
 
-    interpolated linearly. Before the log's first moment its first sample stands.
+    interpolated linearly. Before the log's first moment its first sample is used.
 
     Args:
         recording: at even steps, or any.

@@ -1,1 +1,1 @@
-"""The process under the tool, and the way it is led along the work."""
+"""The process forces at the tool, and the reference of a machining pass."""

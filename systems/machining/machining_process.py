@@ -43,7 +43,8 @@ class MachiningProcessSystem(LeafSystem):
     Outputs: spatial_forces    list of one ExternallyAppliedSpatialForce (abstract), all together
              wrench            (6,) F_E_W of the environment: applied and cutting, at E in axes of
                                W, rotation first, N m, N
-             wrench_unbalance  (6,) the same of the spindle: no environment, but the tool's own mass
+             wrench_unbalance  (6,) the same of the spindle: from the tool's own mass, not from the
+                               environment
     State:   (7,) normal force N, normal of the surface, lagged feed m/s: a tick old, for the
              contact of a tick is known only when the forces of that tick are
 

@@ -1,4 +1,4 @@
-"""What the controller of a machining pass is to do now."""
+"""The reference of a machining pass for its controller."""
 
 from typing import cast
 
@@ -55,8 +55,8 @@ class MachiningReference(LeafSystem):
         plan: what to do.
         config: when.
         time_step: s.
-        reads_at_rest: whether the force feedback is right where joints rest or turn round: a
-            sensor's is, an estimate's is not.
+        reads_at_rest: whether the force feedback is right where joints rest or reverse: a sensor's
+            is, an estimate's is not.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Drives, friction, gears and encoders of the true robot, with what real ones have."""
+"""Drives, friction, gears and encoders of the true robot, with the effects of real ones."""
 
 from typing import cast
 

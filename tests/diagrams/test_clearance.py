@@ -133,3 +133,21 @@ def test_the_tool_may_touch(sts, kind):
     # At the flange instead, it is in the way.
     behind = (p_WE - 0.12 * R_WE[:, 2]).tolist()
     assert workpiece_clearance(sts, replace(piece, pose=PoseConfig(behind)), sts.home) < 0.0
+
+
+def test_a_workpiece_counts_as_taken_one_by_one(sts):
+    """Against `workpiece_clearance`, with other shapes far away."""
+    pose = PoseConfig([0.5, 0.0, 0.3], [0.0, 0.0, np.pi / 2])
+    piece = PlateConfig(pose)
+    rng = np.random.default_rng(2)
+    with_piece = Clearance(sts, 0.02, None, piece)
+    without = Clearance(sts, 0.02, None)
+    compared = 0
+    for q in sts.home + rng.normal(scale=0.4, size=(40, 6)):
+        near = workpiece_clearance(sts, piece, q)
+        if 0.0 < near < 0.1:
+            expected = min(near - 0.02, without.slack(q))
+            # GJK's tolerance on meshes.
+            assert with_piece.slack(q) == pytest.approx(expected, abs=1e-4)
+            compared += near - 0.02 < without.slack(q)
+    assert compared > 2

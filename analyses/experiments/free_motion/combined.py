@@ -50,7 +50,6 @@ from analyses.study.wording import change, compared, listed
 from diagrams.scenario import LineMotion
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.rigid_body.spatial_vectors import AXES
-from models.robot.robot import Robot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -77,7 +76,7 @@ VARIANTS = (
 
 def run(context: ExperimentContext) -> ExperimentResult:
     """The experiment `combined` of `study`."""
-    robot = Robot.load(ROBOT)
+    robot = context.robot(ROBOT)
     models = identify_arm(
         robot, context.seed, context.quick, lambda s, what: context.progress(0.35 * s, what)
     )
@@ -114,8 +113,10 @@ def run(context: ExperimentContext) -> ExperimentResult:
     context.progress(0.93, "figures")
     return ExperimentResult(
         metrics=metrics,
-        figures=_figures(context, readings, metrics),
-        recordings=[write_runs_page(robot, runs, 1, context.out, "Pushed by hand along the path")],
+        figures=_figures(context, readings, metrics) if context.draws else [],
+        recordings=[write_runs_page(robot, runs, 1, context.out, "Pushed by hand along the path")]
+        if context.draws
+        else [],
         comparison=_comparison(),
         notes=findings(metrics),
         configuration={
@@ -168,7 +169,7 @@ def findings(metrics: dict[str, Any]) -> list[str]:
         f"N, of which {_three(metrics['lag_alone'])} N are the lag of K_0 = 20 behind a hand of up "
         f"to 3 Hz; with K_0 = {FAST:g} by {_three(metrics['known_friction_fast'])} N and "
         f"{_three(metrics['lag_alone_fast'])} N.",
-        "No law here contains ripple over position and load dependence: they are left. With "
+        "No law here contains ripple over position and load dependence: they remain. With "
         f"`presliding` {_axes(metrics, 'presliding')} "
         f"({_three(metrics['presliding'])} N): it knows elastic creep before sliding, which the "
         "simulated arm's dry friction does not have, unlike the UR10e's.",
@@ -198,7 +199,13 @@ def _comparison() -> list[ComparisonRow]:
             ComparisonRow(
                 f"RMSE in {name}, without", f"initial.rmse_{axis}_n", "N", before[k], slow
             ),
-            ComparisonRow(f"RMSE in {name}, with", f"optimised.rmse_{axis}_n", "N", after[k]),
+            ComparisonRow(
+                f"RMSE in {name}, with",
+                f"optimised.rmse_{axis}_n",
+                "N",
+                after[k],
+                ours=f"ours.rmse_{axis}_n",
+            ),
             ComparisonRow(
                 f"Reduction of the RMSE in {name}", f"reduction_rmse_{axis}_pct", "%", fall[k]
             ),
@@ -214,6 +221,7 @@ def _comparison() -> list[ComparisonRow]:
                 f"optimised.max_error_{axis}_n",
                 "N",
                 most_after[k],
+                ours=f"ours.max_error_{axis}_n",
             ),
         ]
     for axis in AXES:

@@ -1,7 +1,7 @@
-"""Experiment `friction`: forces read where joints turn round (section 4.6, Fig. 19).
+"""Experiment `friction`: forces read where joints reverse (section 4.6, Fig. 19).
 
-The arm goes along the initial path in 100 s while a hand pushes. By symmetry three joints turn
-round at the path's middle, near 50 s: friction there changes its sign, and with it any error of
+The arm goes along the initial path in 100 s while a hand pushes. By symmetry three joints reverse
+at the path's middle, near 50 s: friction there changes its sign, and with it any error of
 the friction law. Every law reads the same run.
 """
 
@@ -46,7 +46,6 @@ from analyses.study.experiment import (
 from analyses.study.figure_files import saved_figures
 from analyses.study.wording import change
 from diagrams.scenario import LineMotion
-from models.robot.robot import Robot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -69,7 +68,7 @@ VARIANTS = (
 
 def run(context: ExperimentContext) -> ExperimentResult:
     """The experiment `friction` of `study`."""
-    robot = Robot.load(ROBOT)
+    robot = context.robot(ROBOT)
     models = identify_arm(
         robot, context.seed, context.quick, lambda s, what: context.progress(0.6 * s, what)
     )
@@ -109,12 +108,14 @@ def run(context: ExperimentContext) -> ExperimentResult:
     context.progress(0.93, "figures")
     return ExperimentResult(
         metrics=metrics,
-        figures=_figures(context, run, readings, metrics, middle),
+        figures=_figures(context, run, readings, metrics, middle) if context.draws else [],
         recordings=[
             write_runs_page(
                 robot, {"initial": run}, 1, context.out, "Joints turning round under a hand"
             )
-        ],
+        ]
+        if context.draws
+        else [],
         comparison=_comparison(),
         notes=findings(metrics),
         configuration={"scenario": scenario, "variants": VARIANTS, "speed_rad_per_s": speed},
@@ -162,13 +163,23 @@ def _lag_note(metrics: dict[str, Any]) -> str:
 def _comparison() -> list[ComparisonRow]:
     return [
         ComparisonRow("RMSE in Z, Coulomb-viscous", "coulomb_viscous.rmse_z_n", "N", 8.1579),
-        ComparisonRow("RMSE in Z, semi-parametric", "semi_parametric.rmse_z_n", "N", 5.4073),
+        ComparisonRow(
+            "RMSE in Z, semi-parametric",
+            "semi_parametric.rmse_z_n",
+            "N",
+            5.4073,
+            ours="ours.rmse_z_n",
+        ),
         ComparisonRow("Reduction of the RMSE in Z", "reduction_rmse_z_pct", "%", 33.72),
         ComparisonRow(
             "Largest error in Z, Coulomb-viscous", "coulomb_viscous.max_error_z_n", "N", 49.7432
         ),
         ComparisonRow(
-            "Largest error in Z, semi-parametric", "semi_parametric.max_error_z_n", "N", 20.4279
+            "Largest error in Z, semi-parametric",
+            "semi_parametric.max_error_z_n",
+            "N",
+            20.4279,
+            ours="ours.max_error_z_n",
         ),
         ComparisonRow(
             "Reduction of the largest error in Z",

@@ -27,14 +27,13 @@ from analyses.study.experiment import (
     FigureFile,
 )
 from models.arrays import Array
-from models.robot.robot import Robot
 
 ARTICLE_RMSE = [3.2926, 3.5804, 2.2578, 0.5272, 0.7846, 0.3602]  # N m, section 4.1
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
     """Simulates, identifies, predicts; then once more with the true friction known."""
-    robot = Robot.load(ROBOT)
+    robot = context.robot(ROBOT)
     periods = 1 if context.quick else PERIODS
     result, logs = identify_simulated_arm(
         robot,
@@ -63,19 +62,20 @@ def run(context: ExperimentContext) -> ExperimentResult:
     metrics["inertial_error_nm"] = unknown_error
     metrics["inertial_error_pct_of_torque"] = 100.0 * unknown_error / torque
     context.progress(0.95, "figures")
-    path = Path("figures") / "torque_validation.png"
-    figure = torque_figure(fit, robot.joint_names, "validation, simulated arm")
-    save_figure(figure, context.out / path)
+    figures = []
+    if context.draws:
+        path = Path("figures") / "torque_validation.png"
+        figure = torque_figure(fit, robot.joint_names, "validation, simulated arm")
+        save_figure(figure, context.out / path)
+        what = (
+            "Measured torque along the second excitation and what the model identified along the "
+            "first predicts for it (the article's Fig. 6)."
+        )
+        figures.append(FigureFile(path, what))
     result.model.save(context.out / "model.yaml")
     return ExperimentResult(
         metrics=metrics,
-        figures=[
-            FigureFile(
-                path,
-                "Measured torque along the second excitation and what the model identified along "
-                "the first predicts for it (the article's Fig. 6).",
-            )
-        ],
+        figures=figures,
         comparison=_comparison(),
         notes=findings(metrics, periods),
         configuration={
@@ -104,7 +104,7 @@ def findings(metrics: dict[str, Any], periods: int) -> list[str]:
         "the simulated arm inherits them.",
         "With the true friction taken off the torques, the rigid-body part is recovered within "
         f"{max(known['inertial_error_pct_of_torque']):.2f} % of the torque; with friction to be "
-        f"told from it, within {max(metrics['inertial_error_pct_of_torque']):.2f} %.",
+        f"separated from it, within {max(metrics['inertial_error_pct_of_torque']):.2f} %.",
         f"Excitation: optimised 5th-order Fourier series at 0.1 Hz, {periods} periods, 1 kHz; "
         "zero-phase 5th-order Butterworth at 7.5 Hz. Similarity is the correlation coefficient; "
         "the article does not define it.",

@@ -15,7 +15,7 @@ each sample, too (`models.estimation.smoothing`).
 Not blind: the kalman observer's bandwidth, its share of white noise and the super-twisting
 observer's rate were settled on the three fitted runs with pushes and slow forces put in. That
 stiction lasts as long as a joint rests was put into the kalman observer after `ur-20_01_17-p1` had
-been seen.
+been seen, and the torque error's law was settled with p1 to p5 in sight.
 """
 
 from collections.abc import Mapping
@@ -205,7 +205,7 @@ def _loaded_scene(recording: Recording, mass: float, robot: Robot, model: Identi
 
 
 def _simulated_scenes(context: ExperimentContext) -> dict[str, Scene]:
-    robot = Robot.load(ROBOT)
+    robot = context.robot(ROBOT)
     models = identify_arm(
         robot,
         context.seed,

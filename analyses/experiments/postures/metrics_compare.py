@@ -2,7 +2,7 @@
 
 The article chooses configurations by the condition number of J, which bounds the relative error of
 the wrench in the worst case. Here postures, wrenches and model errors are drawn at random, and each
-measure of the posture is held against the force error that comes out, by rank correlation.
+measure of the posture is compared with the force error that results, by rank correlation.
 
 The model errors are not white noise. For each of several robots, the model that its owner has
 identified is wrong in its inertial parameters and knows of friction only Coulomb and viscous parts,
@@ -400,8 +400,8 @@ def findings(metrics: dict[str, Any], prior: tuple[float, float]) -> list[str]:
         f"{stated('bayesian', 'stated_sd')} against {stated('bayesian', 'jcn')} for `bayesian`.",
         f"The best of the {len(PREDICTORS)} is {PREDICTORS[best['inverse']]} for `inverse` and "
         f"{PREDICTORS[best['bayesian']]} for `bayesian`. Force gain is the stated sd of `inverse` "
-        "if all joints had one sd of torque: what it lacks against the stated sd is the knowledge "
-        "of the joints.",
+        "if all joints had one sd of torque: the difference to the stated sd is the knowledge of "
+        "each joint's own.",
         "Intervals are 95 % percentiles of the bootstrap over postures. Each posture meets one of "
         f"{metrics['models']} models with errors of their own, functions of posture, velocity and "
         "wrench, not white noise; the RMSE per joint is "

@@ -4,7 +4,7 @@ A UR10e runs the same motion without a load and with one of 2.805 kg. What the o
 first is the model's error; taken off on the second (eq. 4 on the observer's output), it leaves what
 did not repeat. Both are read with models of several friction laws, fitted on other runs, and with
 no friction at all, which is eq. 4 itself. Judged is the part after the first ten seconds, from
-which the point where the load acts was found once, with the richest law and without the lesson.
+which the point where the load acts was found once, with the richest law and without the correction.
 """
 
 from dataclasses import replace
@@ -207,7 +207,7 @@ def _torque_figure(passes: dict[str, LoadedPass]) -> "Figure":
             label="with the load",
         )
         panel.plot(
-            own.t, own.lesson[:, 1], color=COLOUR["estimate"], lw=1.0, label="without (the lesson)"
+            own.t, own.lesson[:, 1], color=COLOUR["estimate"], lw=1.0, label="without the load"
         )
         panel.set_ylabel("tau_ext error [N m]")
         panel.set_title(f"{law}: {100 * own.repeated_share[1]:.0f} % of it did repeat")
@@ -280,11 +280,11 @@ def _notes(metrics: dict[str, Any]) -> list[str]:
     return [
         *notes,
         f"Eq. 4 itself, torque less torque and no friction law: {row(eq4['taught']['rmse_f_n'])} N "
-        f"and {row(eq4['taught']['torque_rmse_nm'])} N m. What the lesson takes off a poor law is "
-        "in good part what a rich one never had.",
+        f"and {row(eq4['taught']['torque_rmse_nm'])} N m. Much of what the pass takes off a "
+        "simple law is not there with a richer one.",
         "What does not repeat is what the load itself brings: joint 2's friction grows with it, on "
         f"a plain law from {poor['plain']['torque_rmse_nm'][1]:.1f} to "
-        f"{poor['taught']['torque_rmse_nm'][1]:.1f} N m only; the lesson was learnt without.",
+        f"{poor['taught']['torque_rmse_nm'][1]:.1f} N m only; the first pass is without it.",
         "For the claims on machining: in our simulation an air pass takes away "
         f"{100 * SIMULATED_SHARE:.0f} % of the reading's error; on this arm it takes away "
         f"{removed(poor)} of the joint torque's with the poorest law and {removed(rich)} with the "

@@ -424,9 +424,9 @@ def _notes(metrics: dict[str, Any], logs: list[Lara8Log]) -> list[str]:
         "All recordings but `jog_joint2_loaded` were in sight when this was written; no constant "
         "was chosen on them. The load's share, the observer's gain and the displacement before "
         "slip are those of the UR10e, the rest is stated with the data.",
-        "The sensor hangs behind the flange: what the load between them weighs is the arm's, not "
-        "its; the data set calls the whole mass doubtful. Nothing here depends on it but the "
-        "zero that is taken off.",
+        "The sensor is mounted beyond the flange: it does not carry what lies between the two, "
+        "which counts to the arm; the data set calls the whole mass doubtful. Nothing here depends "
+        "on it but the zero that is taken off.",
     ]
 
 

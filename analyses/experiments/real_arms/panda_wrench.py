@@ -4,9 +4,8 @@ A Franka Emika Panda holds a pad at ten configurations, the same load is laid on
 force/torque sensor beneath measures it. Logged are the robot's own external joint torque and the
 Jacobian, so that this tests the step from torque to wrench alone.
 
-What the estimate needs beside them comes from the torques, by a rule: the prior's sds and the
-torque noise (one sd for all joints: nothing published tells them apart) are those of greatest
-evidence over all logs together (`models.estimation.evidence_prior`). The sensor only judges.
+What the estimate needs beside them comes from the torques of all ten logs, by the rule of
+`analyses.methods.external_torque.force_readings`, as in `wrenchsight estimate` of these logs.
 """
 
 from collections.abc import Sequence
@@ -16,8 +15,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import rankdata
 
+from analyses.methods.external_torque.force_readings import (
+    Knowledge,
+    LogReading,
+    MethodReading,
+    knowledge_by_evidence,
+    rms,
+)
 from analyses.output.axes import log_scale
 from analyses.output.figures import (
     BAND_ALPHA,
@@ -36,7 +41,7 @@ from analyses.study.experiment import (
 )
 from analyses.study.wording import compared
 from models.arrays import Array
-from models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
+from models.estimation.evidence_prior import evidence_prior
 from models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
 from models.estimation.wrench_kernels import METHODS
 from models.files.input_error import InputError
@@ -69,88 +74,6 @@ class PoseLog:
         return np.asarray(np.linalg.norm(self.sensor_force, axis=1) > LOADED_FORCE)
 
 
-@dataclass(frozen=True)
-class Knowledge:
-    """What an estimate presupposes."""
-
-    force_sd: float  # N, prior
-    moment_sd: float  # N m, prior
-    torque_covariance: Array  # (7, 7) N^2 m^2
-
-
-@dataclass(frozen=True)
-class PoseReading:
-    """One method at one configuration."""
-
-    force: Array  # (N, 3) N, axes of the pad
-    covariance: Array  # (N, 3, 3) of it
-    condition_number: Array  # (N,)
-    error: Array  # (N, 3) N, estimate minus sensor
-    loaded: NDArray[np.bool_]  # (N,)
-
-    @property
-    def rmse(self) -> float:
-        """RMS length of the error over the loaded rows, N."""
-        return float(np.sqrt(np.mean(np.sum(self.error[self.loaded] ** 2, axis=1))))
-
-    @property
-    def stated_sd(self) -> Array:
-        """(N,) root of the covariance's trace, N: what the error's RMS length should be."""
-        return np.asarray(np.sqrt(np.trace(self.covariance, axis1=1, axis2=2)))
-
-
-@dataclass(frozen=True)
-class MethodReading:
-    """One method over all configurations."""
-
-    poses: tuple[PoseReading, ...]
-
-    def metrics(self) -> dict[str, Any]:
-        """RMSE, and how the stated sd and the condition number rank the errors."""
-        rmse = np.array([pose.rmse for pose in self.poses])
-        sd = np.array([_rms(pose.stated_sd[pose.loaded]) for pose in self.poses])
-        condition = np.array([np.mean(pose.condition_number[pose.loaded]) for pose in self.poses])
-        axis_error = np.array(
-            [[_rms(pose.error[pose.loaded, i]) for i in range(3)] for pose in self.poses]
-        )
-        axis_sd = np.array(
-            [
-                [np.sqrt(np.mean(pose.covariance[pose.loaded, i, i])) for i in range(3)]
-                for pose in self.poses
-            ]
-        )
-        error_of_row = np.concatenate(
-            [np.linalg.norm(pose.error[pose.loaded], axis=1) for pose in self.poses]
-        )
-        sd_of_row = np.concatenate([pose.stated_sd[pose.loaded] for pose in self.poses])
-        condition_of_row = np.concatenate(
-            [pose.condition_number[pose.loaded] for pose in self.poses]
-        )
-        return {
-            "mean_rmse_n": float(rmse.mean()),
-            "rmse_n": rmse,
-            "stated_sd_n": sd,
-            "error_over_stated_sd": _error_over_sd(self.poses),
-            "error_in_worst_stated_direction_pct": _worst_direction_share(self.poses),
-            "rank_correlation": {
-                "poses": {
-                    "stated_sd": rank_correlation(rmse, sd),
-                    "condition_number": rank_correlation(rmse, condition),
-                },
-                "axes": {
-                    "stated_sd": rank_correlation(axis_error.ravel(), axis_sd.ravel()),
-                    "condition_number": rank_correlation(
-                        axis_error.ravel(), np.repeat(condition, 3)
-                    ),
-                },
-                "samples": {
-                    "stated_sd": rank_correlation(error_of_row, sd_of_row),
-                    "condition_number": rank_correlation(error_of_row, condition_of_row),
-                },
-            },
-        }
-
-
 def read_pose_logs(data: Path) -> tuple[PoseLog, ...]:
     """Reads the ten logs below `data`.
 
@@ -177,12 +100,9 @@ def _pose_log(recording: Recording) -> PoseLog:
     )
 
 
-def knowledge_by_evidence(logs: Sequence[PoseLog]) -> Knowledge:
+def knowledge_of_logs(logs: Sequence[PoseLog]) -> Knowledge:
     """The rule: prior and torque noise (alike in all joints) of greatest evidence."""
-    J, tau_ext = _joined(logs)
-    n = tau_ext.shape[1]
-    force_sd, moment_sd, torque_sd = evidence_prior_and_noise(J, tau_ext, np.eye(n))
-    return Knowledge(force_sd, moment_sd, torque_sd**2 * np.eye(n))
+    return knowledge_by_evidence(*_joined(logs))
 
 
 def knowledge_from_unloaded_start(logs: Sequence[PoseLog]) -> Knowledge:
@@ -204,7 +124,7 @@ def read_forces(logs: Sequence[PoseLog], method: str, knowledge: Knowledge) -> M
         estimate = reconstruct_wrench(log.J, log.tau_ext, knowledge.torque_covariance, config)
         force = estimate.wrench[:, 3:] @ R_PS.T
         poses.append(
-            PoseReading(
+            LogReading(
                 force=force,
                 covariance=R_PS @ estimate.covariance[:, 3:, 3:] @ R_PS.T,
                 condition_number=estimate.condition_number,
@@ -215,44 +135,12 @@ def read_forces(logs: Sequence[PoseLog], method: str, knowledge: Knowledge) -> M
     return MethodReading(tuple(poses))
 
 
-def rank_correlation(a: Array, b: Array) -> float:
-    """Spearman's rank correlation; NaN where one of the two is constant."""
-    ranks = [rankdata(x) - (len(x) + 1) / 2.0 for x in (a, b)]
-    size = np.linalg.norm(ranks[0]) * np.linalg.norm(ranks[1])
-    return float(ranks[0] @ ranks[1] / size) if size > 0.0 else float("nan")
-
-
-def _rms(x: Array) -> float:
-    return float(np.sqrt(np.mean(x**2)))
-
-
-def _error_over_sd(poses: Sequence[PoseReading]) -> Array:
-    """Per pose, RMS of the error in units of its stated sd, over three axes; 1 is honest."""
-    ratios = []
-    for pose in poses:
-        error, covariance = pose.error[pose.loaded], pose.covariance[pose.loaded]
-        weighted = np.linalg.solve(covariance, error[..., None])[..., 0]
-        ratios.append(np.sqrt(np.mean(np.sum(error * weighted, axis=1)) / 3.0))
-    return np.array(ratios)
-
-
-def _worst_direction_share(poses: Sequence[PoseReading]) -> Array:
-    """Per pose, share of the squared error along the direction stated as worst, %; 33 by chance."""
-    shares = []
-    for pose in poses:
-        error = pose.error[pose.loaded]
-        worst = np.linalg.eigh(pose.covariance[pose.loaded])[1][:, :, -1]
-        along = np.sum(error * worst, axis=1)
-        shares.append(100.0 * np.sum(along**2) / np.sum(error**2))
-    return np.array(shares)
-
-
 def run(context: ExperimentContext) -> ExperimentResult:
     """Reads the ten logs by every method and compares with the sensor."""
     context.progress(0.0, "reading the logs")
     logs = read_pose_logs(context.data)
     context.progress(0.3, "prior and torque noise of greatest evidence")
-    knowledge = knowledge_by_evidence(logs)
+    knowledge = knowledge_of_logs(logs)
     unloaded = knowledge_from_unloaded_start(logs)
     fixed = Knowledge(20.0, 0.2, 0.1**2 * np.eye(7))
     context.progress(0.5, "reading the forces")
@@ -261,7 +149,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     metrics["bayesian_fixed_prior"] = read_forces(logs, "bayesian", fixed).metrics()
     metrics["bayesian_unloaded_noise"] = read_forces(logs, "bayesian", unloaded).metrics()
     metrics["condition_number"] = [
-        float(np.mean(pose.condition_number[pose.loaded])) for pose in readings["inverse"].poses
+        float(np.mean(log.condition_number[log.loaded])) for log in readings["inverse"].logs
     ]
     metrics["prior"] = _knowledge_metrics(knowledge)
     metrics["prior_unloaded_noise"] = _knowledge_metrics(unloaded)
@@ -269,7 +157,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         "rmse_n": (
             by_authors := np.array(
                 [
-                    _rms(np.linalg.norm((log.robot_force - log.sensor_force)[log.loaded], axis=1))
+                    rms(np.linalg.norm((log.robot_force - log.sensor_force)[log.loaded], axis=1))
                     for log in logs
                 ]
             )
@@ -339,7 +227,7 @@ def findings(metrics: dict[str, Any], knowledge: Knowledge, unloaded: Knowledge)
         )
         + ". One sd serves the rows with and without load. With the fixed 0.1 N m that ratio is "
         f"{fixed:.1f}.",
-        "The stated covariance says directions, which no condition number does: "
+        "The stated covariance shows directions, which no condition number does: "
         f"{worst['inverse']:.0f} % of eq. 22's squared error lies along the direction stated as "
         f"worst (33 % would be chance), {worst['bayesian']:.0f} % of the Bayesian reading's. As a "
         "single number per pose its rank correlation with eq. 22's errors is "
@@ -357,15 +245,15 @@ def _force_figure(
     logs: Sequence[PoseLog], readings: dict[str, MethodReading], out: Path
 ) -> FigureFile:
     inverse, bayesian = readings["inverse"], readings["bayesian"]
-    rmse = [pose.rmse for pose in inverse.poses]
+    rmse = [log.rmse for log in inverse.logs]
     figure, axes = new_figure(3, 2, share_x=False, share_y=True, height=6.6)
     for column, k in enumerate((int(np.argmin(rmse)), int(np.argmax(rmse)))):
-        log, reading = logs[k], bayesian.poses[k]
+        log, reading = logs[k], bayesian.logs[k]
         for i in range(3):
             ax = axes[i, column]
             sd = np.sqrt(reading.covariance[:, i, i])
             ax.plot(
-                log.t, inverse.poses[k].force[:, i], color=COLOUR["before"], lw=1.0, label="eq. 22"
+                log.t, inverse.logs[k].force[:, i], color=COLOUR["before"], lw=1.0, label="eq. 22"
             )
             ax.fill_between(
                 log.t,
@@ -379,7 +267,7 @@ def _force_figure(
             ax.plot(log.t, reading.force[:, i], color=COLOUR["estimate"], label="Bayesian")
             ax.plot(log.t, log.sensor_force[:, i], color=COLOUR["truth"], lw=1.0, label="sensor")
             ax.set_ylabel(f"f{'xyz'[i]} [N]" if column == 0 else "")
-        condition = np.mean(inverse.poses[k].condition_number)
+        condition = np.mean(inverse.logs[k].condition_number)
         axes[0, column].set_title(f"pose {k + 1}, condition number {condition:.0f}")
         axes[2, column].set_xlabel("time [s]")
     legend_below(figure, axes[0, 0], 4)
@@ -401,7 +289,7 @@ def _bar_figure(readings: dict[str, MethodReading], out: Path) -> FigureFile:
     poses = np.arange(1, NUM_POSES + 1)
     width = 0.8 / len(_BARS)
     for i, (method, label) in enumerate(_BARS.items()):
-        rmse = [pose.rmse for pose in readings[method].poses]
+        rmse = [log.rmse for log in readings[method].logs]
         ax.bar(
             poses + (i - 2) * width,
             rmse,
@@ -423,7 +311,7 @@ def _rank_figure(readings: dict[str, MethodReading], out: Path) -> FigureFile:
     for method, colour in (("inverse", COLOUR["before"]), ("bayesian", COLOUR["estimate"])):
         metrics = readings[method].metrics()
         ranks = metrics["rank_correlation"]["poses"]
-        condition = [np.mean(pose.condition_number[pose.loaded]) for pose in readings[method].poses]
+        condition = [np.mean(log.condition_number[log.loaded]) for log in readings[method].logs]
         for ax, x, rank in (
             (axes[0, 0], metrics["stated_sd_n"], ranks["stated_sd"]),
             (axes[0, 1], condition, ranks["condition_number"]),

@@ -269,8 +269,8 @@ def _by_force(forces: dict[str, Any]) -> str:
         + (", ".join(listed) or "-")
         + ". It falls as the force grows, by the torques of joints 2 and 3: their motors see less "
         "of the force than the sensor does, as torque constants 5 % larger would have it, or a "
-        "roller that touches 30 mm nearer to the base than its lowest point. The gain that the "
-        "sensor's own rows tell is 2 %, and masses hide it from whoever has none."
+        "roller that touches 30 mm nearer to the base than its lowest point. The "
+        "sensor's own rows show a gain of 2 %; without a sensor it cannot be told from the masses."
     )
 
 

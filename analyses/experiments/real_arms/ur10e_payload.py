@@ -268,7 +268,7 @@ def findings(metrics: dict[str, Any]) -> list[str]:
         "configurations with a condition number of up to "
         f"{metrics['condition_number']['max']:.3g}.",
         f"The flag of eq. 22 keeps {inverse['share_valid_pct']:.0f} % of its samples; {kept_text}.",
-        f"A calm reading need not be a true one: of {MASS} kg `damped` reads "
+        f"A smooth reading need not be a correct one: of {MASS} kg `damped` reads "
         f"{damped['mass_kg']:.2f} kg "
         f"and states a band that holds the truth in {damped['inside_95_pct'][2]:.0f} % of the "
         f"samples in z, where it should in 95 %. `bayesian` reads {bayesian['mass_kg']:.2f} kg "
@@ -288,7 +288,7 @@ def findings(metrics: dict[str, Any]) -> list[str]:
         f"fitted the causal observer reads {seen} N m RMS. Under load the likelihood of the run "
         f"asks for {metrics['prior_with_free_noise']['noise_factor']:.2f} times these sds.",
         "The payload's centre of mass lies some 18 cm off the flange, so there is a real moment at "
-        f"E. `force_only` denies it and reads it as force ({errors(force_only)} N).",
+        f"E. `force_only` assumes none and reads it as force ({errors(force_only)} N).",
     ]
 
 

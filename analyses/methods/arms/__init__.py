@@ -1,1 +1,1 @@
-"""What is known of the arms that are studied: their logs, and the models learnt from these."""
+"""The arms that are studied: their logs, and the models learnt from these."""

@@ -8,9 +8,9 @@ direction in some postures give a model per friction law:
                       on friction separated by reversal
     presliding        `models.friction.presliding_friction`, fitted with the inertias on these logs
 
-**The stated covariance.** What a model leaves unexplained in an identification is not what its
-observer errs by in a task: an excitation is fast, a task may be slow, and near zero velocity
-friction errs the most. So Sigma_tau of each law is found from the causal observer's own output
+**The stated covariance.** What a model leaves unexplained in an identification is not the error of
+its observer in a task: an excitation is fast, a task may be slow, and near zero velocity a friction
+law's error is largest. So Sigma_tau of each law is found from the causal observer's own output
 along contact-free logs that no model was fitted on (excitation 2, and passes in a posture of their
 own), behind the same K_0, over the samples slower than the task's planned motion:
 
@@ -51,7 +51,7 @@ LAWS = ("coulomb-viscous", "semi-parametric", "presliding")
 SLOW_SPEEDS = (0.003, 0.01, 0.03)  # rad/s
 SLOW_PERIOD = 8.0  # s
 # Dry friction jumps at zero velocity. The networks start with a jump as wide as v_crit / STEEPEST,
-# 0.2 mrad/s; with the 60 of a network that is to be smooth, friction at 10 mrad/s is half its true.
+# 0.2 mrad/s; with the 60 of a smooth network, friction at 10 mrad/s is half the true one.
 STEEPEST = 2000.0
 FEWEST = 200  # samples below the speed; with fewer the joint's sd is that of all its samples
 
@@ -73,7 +73,7 @@ class ArmModels:
     def estimator(
         self, law: str, speed: float, K_0: float, reconstruction: WrenchReconstructionConfig
     ) -> WrenchEstimator:
-        """An estimator with a law's model and the covariance that it errs by in a task.
+        """An estimator with a law's model and the covariance of its error in a task.
 
         Args:
             law: one of LAWS.

@@ -4,7 +4,7 @@ Two sources: a planned motion of the simulated arm
 (`models.excitation.friction_reversal.reversal_motion`, the article's eqs. 16-19), and recordings of
 any arm whose joints pass equal positions both ways, such as the UR10e's `joint_1` to `joint_6`.
 Either gives friction samples over velocity, on which `analyses.methods.learning.friction_training`
-trains the networks, and the asymmetric part that eq. 15 assumes away.
+trains the networks, and the asymmetric part that eq. 15 neglects.
 """
 
 from collections.abc import Callable, Sequence

@@ -11,10 +11,9 @@ import numpy as np
 from diagrams.clearance import Clearance
 from models.arrays import Array
 from models.files.input_error import InputError
-from models.files.limited_file import read_limited
 from models.files.whole_file import whole_file, writing_to
 from models.robot.robot import Robot
-from models.robot.urdf import LARGEST_URDF
+from models.robot.urdf_document import read_document
 
 FILL_IN = "FILL IN"
 """Marks, in the comments of a draft, a number that the URDF does not hold."""
@@ -116,16 +115,7 @@ def _key_of(line: str) -> str:
 
 
 def _read(urdf: Path) -> tuple[list[_Joint], str]:
-    if urdf.suffix.lower() == ".xacro":
-        remedy = f"write it out first: xacro {urdf.name} > robot.urdf"
-        raise InputError(urdf, "", "is a macro of URDFs, no URDF", remedy)
-    try:
-        root = ET.fromstring(read_limited(urdf, LARGEST_URDF, "URDF", "check the path"))
-    except (ET.ParseError, LookupError) as error:  # of XML, or of the encoding that it states
-        raise InputError(urdf, "", f"no valid XML: {error}", "give a URDF") from error
-    if root.tag != "robot":
-        remedy = "convert it to URDF" if root.tag == "sdf" else "give a URDF"
-        raise InputError(urdf, "", f"<{root.tag}> is the root element, expected <robot>", remedy)
+    root, _ = read_document(urdf)
     return [_joint(element) for element in root.findall("joint")], root.get("name") or urdf.stem
 
 

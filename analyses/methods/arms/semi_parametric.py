@@ -34,7 +34,7 @@ def semi_parametric_model(
 ) -> tuple[IdentifiedModel, TrainedNetworks]:
     """The article's way: symmetric friction by reversal; odd networks on the plain law.
 
-    What the plain law was seen to err by says nothing of this one: the model has no torque error.
+    The plain law's torque error is not that of this law: the model has none.
     """
     v, torque = separated.table(symmetric=True)
     law = plain.model.friction.coulomb_viscous

@@ -1,1 +1,1 @@
-"""What is learnt beside a model that is there: loads, torque constants, friction of today."""
+"""What is learnt with a known model: loads, torque constants, friction of today."""

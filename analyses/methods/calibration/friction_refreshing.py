@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 
 ProgressCallback = Callable[[float, str], None]
 
-LITTLE = 0.2  # share of the prior's variance; a log that takes less away says little
-LARGEST_DRIFT = 0.3  # share of viscous friction, whatever a joint that stood leaves unknown
+LITTLE = 0.2  # share of the prior's variance; a log that removes less says little
+LARGEST_DRIFT = 0.3  # share of viscous friction, also where a joint at rest leaves more unknown
 MORE_THAN_FRICTION = 2.0  # of the residual's stated sd
 UNITS = {"coulomb": "N m", "viscous": "N m s/rad", "offset": "N m"}
 
@@ -155,6 +155,7 @@ def refresh_log(
     log_format: str | Path | None = None,
     config: RefreshConfig | None = None,
     progress: ProgressCallback = lambda fraction, what: None,
+    accept_signs: bool = False,
 ) -> RefreshResult:
     """The command `identify --refresh`: reads model and log, and writes the result into `out`.
 
@@ -166,11 +167,13 @@ def refresh_log(
         robot = Robot.load(robot_name)
         model = IdentifiedModel.load(Path(model_path), robot)
         progress(0.1, f"reading {log.name}")
-        recording = read_recording(log, log_format, robot)
+        recording = read_recording(log, log_format, robot, accept_signs=accept_signs)
         progress(0.4, "finding friction")
         result = refresh_model(recording, robot, model, config)
+        result = replace(result, warnings=(*recording.notices, *result.warnings))
         settings = IdentifySettings(
             robot=str(robot_name),
+            accept_signs=accept_signs,
             logs=[str(log)],
             refresh=str(model_path),
             log_format=None if log_format is None else str(log_format),

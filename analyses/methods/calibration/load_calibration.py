@@ -1,6 +1,6 @@
 """What torque does an ampere give? Logs without and with a weighed load in, torque constants out.
 
-The logs without a load are identified as ever. With the friction terms that came out, a second fit
+The logs without a load are identified as usual. With the friction terms found, a second fit
 of all logs together finds torque per ampere, masses, friction and the loads' centres of mass at
 once (`models.calibration.gain_calibration`). The model is then identified again with the torque
 constants found. Where friction depends on the load, that dependence is the second fit's, which has
@@ -51,9 +51,9 @@ if TYPE_CHECKING:
 
 ProgressCallback = Callable[[float, str], None]
 
-GAIN_TOLD = 0.1  # relative sd; a torque constant that is less sure stays as the robot's file has it
+GAIN_TOLD = 0.1  # relative sd; a torque constant that is less certain stays as in the robot's file
 COM_TOLD = 0.02  # m
-SURE = 2.0  # standard errors, from which a load dependence is told from none
+SURE = 2.0  # standard errors, beyond which a load dependence differs from none
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,6 +209,7 @@ def calibrate_logs(
     log_format: str | Path | None = None,
     config: IdentificationConfig | None = None,
     progress: ProgressCallback = lambda fraction, what: None,
+    accept_signs: bool = False,
 ) -> CalibrationResult:
     """The command `identify --load`: reads the logs and writes the result into `out`.
 
@@ -229,19 +230,26 @@ def calibrate_logs(
         robot = Robot.load(robot_name)
         parsed = [known_load(text) for text in loads]
         recordings, validation = (
-            [read_recording(log, log_format, robot) for log in paths] for paths in (logs, validate)
+            [read_recording(log, log_format, robot, accept_signs=accept_signs) for log in paths]
+            for paths in (logs, validate)
         )
-        loaded = [(read_recording(path, log_format, robot), load) for path, load in parsed]
+        loaded = [
+            (read_recording(path, log_format, robot, accept_signs=accept_signs), load)
+            for path, load in parsed
+        ]
         result = calibrate(recordings, loaded, robot, validation, config, progress)
         settings = IdentifySettings(
             robot=str(robot_name),
+            accept_signs=accept_signs,
             logs=[str(log) for log in logs],
             validate=[str(log) for log in validate],
             load=list(loads),
             log_format=None if log_format is None else str(log_format),
         )
         result.write(folder, settings)
-    return result
+    logs_read = (*recordings, *validation, *(log for log, _ in loaded))
+    notices = [sentence for one in logs_read for sentence in one.notices]
+    return replace(result, warnings=(*dict.fromkeys(notices), *result.warnings))
 
 
 def known_load(text: str) -> tuple[Path, KnownLoad]:
@@ -305,7 +313,7 @@ def _log(run: LowPassedLog, load: int) -> CalibrationLog:
 def _with_load_terms(solution: Solution) -> tuple[FrictionStructure, Array]:
     """The structure with a load term on every joint, if it has one on any, and its parameters.
 
-    Logs without a load may not have told the wrist's.
+    Logs without a load may not have shown the wrist's.
     """
     structure = solution.structure
     if not structure.has("load"):
@@ -379,5 +387,5 @@ def _doubts(result: CalibrationResult) -> list[str]:
     else:
         vague = [names[j] for j in np.flatnonzero(np.abs(value) < SURE * sd)]
         if vague:
-            doubts.append(f"no load dependence of friction is told from none on {', '.join(vague)}")
+            doubts.append(f"the load dependence of friction is unclear on {', '.join(vague)}")
     return doubts

@@ -22,4 +22,5 @@ class PayloadSettings:
     empty: str | None = None  # a log of the same day without the load
     log_format: str | None = None  # description of the logs' columns
     check: bool = True  # hold the log against the robot's limits and gravity
+    accept_signs: bool = False  # take the drives' signs as they are, also against the evidence
     payload: PayloadConfig = field(default_factory=PayloadConfig)  # how

@@ -44,9 +44,9 @@ ProgressCallback = Callable[[float, str], None]
 
 PASSES = 4  # the load's share of friction changes by less than 1 % from the third to the fourth
 TENSOR = ("xx", "yy", "zz", "xy", "xz", "yz")  # order of ToolConfig.inertia
-COM_TOLD = 0.02  # m, sd; where a centre of mass is less sure, the motion has not told it
+COM_TOLD = 0.02  # m, sd; beyond it the motion has not determined the centre of mass
 INERTIA_TOLD = 0.5  # share of the prior's variance
-SCATTER = 2.0  # times what the model states; more is no load's doing
+SCATTER = 2.0  # times what the model states; more is not caused by a load
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,6 +221,7 @@ def payload_log(
     check: bool = True,
     config: PayloadConfig | None = None,
     progress: ProgressCallback = lambda fraction, what: None,
+    accept_signs: bool = False,
 ) -> PayloadResult:
     """The command `payload`: reads log and model, and writes the result into `out`.
 
@@ -231,8 +232,11 @@ def payload_log(
     with result_folder(out, "payload") as folder:
         robot = Robot.load(robot_name)
         model = IdentifiedModel.load(Path(model_path), robot)
-        recording = read_recording(log, log_format, robot, check)
-        bare = None if empty is None else read_recording(empty, log_format, robot)
+        recording, bare = (
+            None if path is None else read_recording(path, log_format, robot, own, accept_signs)
+            for path, own in ((log, check), (empty, True))
+        )
+        assert recording is not None
         result = identify_payload(recording, robot, model, config, bare, progress)
         settings = PayloadSettings(
             robot=str(robot_name),
@@ -241,9 +245,10 @@ def payload_log(
             empty=None if empty is None else str(empty),
             log_format=None if log_format is None else str(log_format),
             check=check,
+            accept_signs=accept_signs,
         )
         result.write(folder, settings)
-    return result
+    return replace(result, warnings=(*recording.notices, *result.warnings))
 
 
 def load_figure(result: PayloadResult) -> "Figure":

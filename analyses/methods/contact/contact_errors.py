@@ -1,9 +1,9 @@
-"""What the errors of the contact runs are made of, each cause by an experiment of its own.
+"""The causes of the contact runs' errors, each tried by itself.
 
     wrong or left out   RMSE with one piece of knowledge missing or off by as much as it may be
     known               RMSE if the torque of one joint were that of the sensor's force, all its
                         friction, gravity and torque constant known
-    residuals           what is left of each joint's torque when the sensor's force is taken off
+    residuals           each joint's torque less that of the sensor's force
 
 The sensor itself reads 0.0 N before contact and at most 0.45 N after it: no cause.
 """
@@ -158,7 +158,7 @@ def _rmse_by_kind(runs: Sequence[PreparedRun], case: _Case) -> dict[str, float |
 
 
 def torque_residuals(study: ContactStudy) -> dict[str, Any]:
-    """What is left of each joint's torque when the sensor's force is taken off, N m.
+    """Each joint's torque less that of the sensor's force, N m.
 
     At rest the friction is all of it: model without friction. In slides it is what the law misses,
     the mean over a run (`bias`) and around it (`sd`), away from the path's corners. Root mean

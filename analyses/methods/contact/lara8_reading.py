@@ -1,6 +1,6 @@
-"""NEURA LARA 8: joint torque and wrench from motor torque, held against the sensor at the wrist.
+"""NEURA LARA 8: joint torque and wrench from motor torque, compared with the sensor at the wrist.
 
-No motion of this arm is free of both load and rest but one joint's, so nothing is fitted on it:
+Only one joint of this arm moves without a load in these recordings, so nothing is fitted on it:
 
     kinematics, masses  the maker's URDF, or the controller's own rigid-body torque (`variant`)
     friction            the controller's feed-forward law, as that day's recording holds it
@@ -61,7 +61,7 @@ _MORE_VISCOUS = {"joint3_sweep": np.array([0.0, 0.0, -5.36, 0.0, 0.0, 0.0])}
 LOAD_SHARE: Final = (0.022, 0.061, 0.066, 0.011, 0.0, 0.0)  # N m per N m
 _DISPLACEMENT = 2e-4  # rad, likewise
 
-# Stated, not measured: what such a law may err by.
+# Stated, not measured: sds of such a law's error.
 _CONSTANT = (1.5, 1.5, 1.0, 0.6, 0.4, 0.3)  # N m, about a current's noise
 _LOAD_ERROR = 0.03  # N m per N m
 _DRIFT = 0.3  # of the viscous torque

@@ -13,8 +13,8 @@ The shape is chosen by plain squares, because Huber's weights, which come after,
 
 The load term needs the torque that the gear transmits. In the fit it is the rigid-body torque of
 the fit itself, iterated. The measured torque would let a joint that carries little but its
-own friction explain that friction by itself: it halves the error of the UR10e's last joint, in
-vain.
+own friction explain that friction by itself: it halves the error of the UR10e's last joint in the
+fit, but not on other logs.
 """
 
 from collections.abc import Sequence
@@ -142,7 +142,7 @@ class FrictionFit:
         loss: "huber" or "squares", see `reweighed`.
         selection: of `SELECTIONS`; the second takes the lowest held-out error, whatever the
             others' are.
-        consistent: whether `fit` returns a robot that can exist, see
+        consistent: whether `fit` returns a physical robot, see
             `models.identification.physical_consistency`.
         weights: per log (m, n), of the squared residuals; None for one.
         groups: per log, which motion it shows: logs of one motion are held out together; None:
@@ -345,7 +345,7 @@ class FrictionFit:
 
         s is 1.4826 times the joint's median absolute residual. Huber's and not Tukey's loss: what
         no friction law explains at reversals lies far outside the bulk too, and Tukey's, which
-        forgets what lies far outside, then fits a law without those reversals (on the UR10e it
+        ignores what lies far outside, then fits a law without those reversals (on the UR10e it
         costs a plain law 2 % of its held-out error, Huber's nothing).
         """
         if self.loss == "squares":

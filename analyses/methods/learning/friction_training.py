@@ -1,8 +1,8 @@
 """What is the friction of joints near zero velocity? Friction samples in, trained networks out.
 
 One 1-10-1 network a joint (tanh, linear; Lu et al., section 3.1), all joints in one batch, on the
-samples with |v| <= v_crit. Outside it the velocity law holds, and the running law closes the gap
-that is left at +-v_crit (models.friction).
+samples with |v| <= v_crit. Outside it the velocity law holds; a correction closes the gap between
+the two at +-v_crit (models.friction.velocity_friction).
 
 The rule for v_crit, joint by joint: the samples' deviation from the law, counted positive against
 the motion, is averaged over `BINS` ranges of |v| with as many samples each. v_crit is the speed at
@@ -35,7 +35,7 @@ BINS = 40
 REST = 0.002  # of the highest speed
 LEAST, MOST = 0.01, 0.5  # of the highest speed
 FEWEST = 40  # samples in the band of each joint, and ten in each direction
-MOST_SAMPLES = 600  # of a joint that are trained on; more of the same teach nothing
+MOST_SAMPLES = 600  # of a joint that are trained on; more add nothing
 HELD_OUT = 0.2
 NEURONS = 10
 LEAST_RATE = 1e-4  # of Adam, at the last step
@@ -169,6 +169,7 @@ def train_networks(
 
     Raises:
         InputError: a joint has too few samples in its band.
+        ValueError: v and torque of different shapes.
     """
     config = TrainingConfig(seed) if config is None else config
     v, torque = np.asarray(v, float), np.asarray(torque, float)
@@ -275,6 +276,7 @@ class Adam:
         self._rate, self._steps, self._done = rate, steps, 0
 
     def step(self, gradients: "Sequence[torch.Tensor]") -> None:
+        """Takes one step against the gradients, in the parameters' order and in place."""
         self._done += 1
         scale = (1.0 - 0.999**self._done) ** 0.5
         size = self._rate / (1.0 - 0.9**self._done)

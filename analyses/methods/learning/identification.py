@@ -75,6 +75,7 @@ from models.identification.identified_model import (
 from models.identification.identified_urdf import identified_urdf
 from models.identification.physical_consistency import unphysical_links
 from models.identification.torque_regression import TorqueEstimate
+from models.recordings.plausibility.drive_evidence import SignEvidence, recordings_sign_evidence
 from models.recordings.recording import Recording
 from models.recordings.recording_reader import read_recording
 from models.rigid_body.ties import beyond_rounding, first_of_least
@@ -102,6 +103,8 @@ class IdentificationResult:
             by a fit without them, of each law that was a candidate.
         solution: all parameters, before they became a model.
         robot: whose model it is.
+        drive_signs: what the fitted logs say of the signs of the drives.
+        notices: what reading the logs involved, one sentence each.
     """
 
     model: IdentifiedModel
@@ -116,6 +119,8 @@ class IdentificationResult:
     extrapolated: dict[str, tuple[Array, ...]]
     solution: Solution
     robot: Robot
+    drive_signs: SignEvidence
+    notices: tuple[str, ...] = ()
 
     def metrics(self) -> dict[str, Any]:
         """All figures, as written to metrics.json."""
@@ -153,13 +158,15 @@ class IdentificationResult:
             "parameters": _parameter_metrics(self),
             "inconsistent_links": unphysical_links(model.inertial_parameters, model.joint_names),
             "residual_sd_nm": np.sqrt(np.diag(model.residual_covariance)),
+            "drive_signs": self.drive_signs.metrics(),
         }
 
     def urdf(self) -> str:
         """The robot's URDF with the identified inertias.
 
         Raises:
-            ValueError: a link that cannot exist; `IdentificationConfig.consistent` prevents it.
+            ValueError: a link whose inertia is not physical; `IdentificationConfig.consistent`
+                prevents it.
         """
         model = self.model
         rotors = model.chain(self.robot).rotor_matrix.diagonal()
@@ -290,7 +297,7 @@ def _identify(
         ),
     )
     if config.cross_validate:
-        progress(0.95, "what the observer errs by")
+        progress(0.95, "the observer's error")
         readings = held_out_readings(
             recordings, fitted, given.regressions, fits.held_out_models(chosen), robot, model
         )
@@ -316,6 +323,7 @@ def _identify(
         extrapolated={c.law: c.extrapolated for c in candidates if c.extrapolated},
         solution=solution,
         robot=robot,
+        drive_signs=recordings_sign_evidence(recordings, robot),
     )
     progress(1.0, "done")
     return result
@@ -329,6 +337,7 @@ def identify_logs(
     log_format: str | Path | None = None,
     config: IdentificationConfig | None = None,
     progress: ProgressCallback = lambda fraction, what: None,
+    accept_signs: bool = False,
 ) -> IdentificationResult:
     """The command `identify`: reads the logs, fits, and writes the result into `out`.
 
@@ -338,17 +347,20 @@ def identify_logs(
     with result_folder(out, "identify") as folder:
         robot = Robot.load(robot_name)
         recordings, validation = (
-            [read_recording(log, log_format, robot) for log in paths] for paths in (logs, validate)
+            [read_recording(log, log_format, robot, accept_signs=accept_signs) for log in paths]
+            for paths in (logs, validate)
         )
         result = identify(recordings, robot, validation, config, progress)
         settings = IdentifySettings(
             robot=str(robot_name),
+            accept_signs=accept_signs,
             logs=[str(log) for log in logs],
             validate=[str(log) for log in validate],
             log_format=None if log_format is None else str(log_format),
         )
         result.write(folder, settings)
-    return result
+    notices = [sentence for one in (*recordings, *validation) for sentence in one.notices]
+    return replace(result, notices=tuple(dict.fromkeys(notices)))
 
 
 def predict_torque(
@@ -477,7 +489,7 @@ def _model_error(
         how = "second moment of the low-passed residual of each log, predicted from the others"
     else:
         covariance = residual_covariance([f.residual for f in fit])
-        # The fit has bent towards its own log: undo it as far as counting parameters can.
+        # The fit has adapted to its own log: corrected by the number of parameters.
         growth = estimate.residual_sd / np.maximum(pooled_rmse(fit), 1e-300)
         growth = np.clip(growth, 1.0, 10.0)
         covariance = covariance * np.outer(growth, growth)

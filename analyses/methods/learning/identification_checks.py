@@ -40,7 +40,7 @@ def gain_ratios(
         oversampling: rows per independent sample.
 
     Returns:
-        (n,) factors and their sds; NaN and infinity where nothing is told of a factor.
+        (n,) factors and their sds; NaN and infinity where a factor is not determined.
     """
     n = len(factors[0].R)
     stacked = [
@@ -107,7 +107,7 @@ def payload_differences(
 POOR_FIT = 0.5  # share of a joint's torque that stays unexplained
 PAYLOAD_DIFFERENCE = 0.3  # kg between logs; on the UR10e's unloaded runs 0.01
 GAIN_DIFFERENCE = 0.2  # of 1; on the UR10e with plain friction up to 0.1 with right constants
-SURE = 6.0  # standard deviations, which leave out what no model explains
+SURE = 6.0  # standard deviations; many, as they do not cover what no model explains
 HIGH_CONDITION_NUMBER = 100.0  # above it, small torque errors move the parameters a lot
 
 
@@ -152,12 +152,13 @@ def contradictions(
         return []
     read = ", ".join(f"{robot.joint_names[j]} {ratios[j]:.2f} times" for j in wrong)
     return [
-        f"gravity is inconsistent: of the masses that the other joints feel, {read} the torque is "
+        f"gravity is inconsistent: {read} the torque of the masses that the other joints show is "
         "measured; check torque_per_ampere and the gear ratios of these joints and the next"
     ]
 
 
 def doubts(fit: Sequence[TorqueFit], base: BaseParameters, model: IdentifiedModel) -> list[str]:
+    """Warnings for a poor fit, a poorly excited motion and negative friction."""
     names = model.joint_names
     unexplained = pooled_rmse(fit) / rms(np.vstack([f.measured for f in fit]))
     found = [

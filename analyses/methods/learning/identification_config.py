@@ -25,7 +25,7 @@ class IdentificationConfig:
     num_passes: int = 4  # of weighted least squares; the first with equal weights
     filter_regressor: bool = True  # whether each column of it goes through the low-pass (step 2)
     friction: str = "coulomb-viscous-offset"  # a law of LAWS, or "best": cross-validation chooses
-    consistent: bool = False  # whether the model must be that of a robot that can exist
+    consistent: bool = False  # whether every link's inertia must be physical
     selection: str = SELECTIONS[0]  # rule of the shape's choice
     loss: str = "huber"  # or "squares"; see analyses.methods.learning.friction_fit
     cross_validate: bool = True  # whether each log is predicted from the others, too
@@ -34,7 +34,7 @@ class IdentificationConfig:
 
 @dataclass
 class RefreshConfig:
-    """How friction is found anew, for `identify --refresh`."""
+    """How friction is re-estimated, for `identify --refresh`."""
 
     part: list[float] = field(default_factory=list)  # begin and end, s of the log; none: all of it
     coulomb_drift: float = 0.05  # sd of the prior, share of the joint's dry friction
@@ -48,10 +48,11 @@ class IdentifySettings:
 
     command: str = "identify"  # which wrote it
     robot: str = ""  # a bundled name, or a robot.yaml
+    accept_signs: bool = False  # take the drives' signs as they are, also against the evidence
     logs: list[str] = field(default_factory=list)  # of free motion, to be fitted
     validate: list[str] = field(default_factory=list)  # logs to predict, not fitted
     load: list[str] = field(default_factory=list)  # LOG=MASS or LOG=MASS,X,Y,Z, kg and m
-    refresh: str | None = None  # model.yaml of which the one log finds the friction anew
+    refresh: str | None = None  # model.yaml whose friction is re-estimated from the one log
     log_format: str | None = None  # description of the logs' columns
     identification: IdentificationConfig = field(default_factory=IdentificationConfig)  # how
     refreshing: RefreshConfig = field(default_factory=RefreshConfig)  # how, with `refresh`

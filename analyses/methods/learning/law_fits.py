@@ -38,6 +38,7 @@ class LawFit:
 
     @property
     def cross_validated_rmse(self) -> Array:
+        """(n,) N m, of held-out logs; of the fit itself where nothing was held out."""
         return pooled_rmse(self.cross_validation or self.fit)
 
 
@@ -108,7 +109,7 @@ class LawFits:
             }
             cross_validation = tuple(found[k] for k in range(len(runs)))
         if self._config.cross_validate and self._config.friction == "best":
-            # A network cannot be trained where it is to be judged: the law below it stands in.
+            # A network must not be trained where it is judged: the law below it is used there.
             extrapolated = self._extrapolated(WITH_NETWORK.get(law, law), fit)
         predicted = tuple(run.predict(chain, friction) for run in runs)
         return LawFit(
@@ -242,7 +243,7 @@ def _with_networks(
     for k, run in enumerate(runs):
         rigid = np.asarray(chain.inverse_dynamics(run.q, run.v, run.vdot))
         whole = friction.torque_along(run.q, run.v, rigid)
-        # What the network replaces is a function of velocity: the slip part is not its business.
+        # The network replaces a function of velocity; the slip part stays as it is.
         slip = whole - friction.velocity_law.torque(run.v)
         v.append(run.v[run.used])
         torque.append((run.tau - run.match(rigid + slip))[run.used])

@@ -56,12 +56,14 @@ class LowPassedLog:
         return self.low_pass(x) if self.filter_regressor else x
 
     def predict(self, chain: SerialChain, friction: FrictionLaw) -> TorqueFit:
+        """Measured and predicted torque where samples are used; inertias of `chain`."""
         rigid = np.asarray(chain.inverse_dynamics(self.q, self.v, self.vdot))
         predicted = self.match(rigid + friction.torque_along(self.q, self.v, rigid))
         return TorqueFit(self.name, self.t[self.used], self.tau[self.used], predicted[self.used])
 
 
 def check_recording(recording: Recording, robot: Robot) -> None:
+    """Raises InputError for a log that has another number of joints than the robot."""
     if recording.num_joints != robot.num_joints:
         raise InputError(
             recording.source,
@@ -198,6 +200,7 @@ def low_pass_logs(
     config: IdentificationConfig,
     progress: ProgressCallback,
 ) -> LowPassedLogs:
+    """Low-passes all logs and builds the regressors of those to be fitted."""
     logs = [*recordings, *validation]
     steps = len(logs) + len(recordings) + 1
     runs = []

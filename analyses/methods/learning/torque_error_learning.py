@@ -1,4 +1,4 @@
-"""What the momentum observer errs by, learnt from logs that its model was not fitted on.
+"""The momentum observer's error, learnt from logs that its model was not fitted on.
 
 Each fold of the cross-validation is read causally, sample by sample as a controller would, by the
 model of the others: rounded positions, raw currents, friction with its memory. Nothing touches the

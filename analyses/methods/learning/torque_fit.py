@@ -61,8 +61,10 @@ class TorqueFit:
 
 
 def rms(x: Array) -> Array:
+    """Root mean square along the first axis."""
     return np.asarray(np.sqrt(np.mean(x**2, axis=0)))
 
 
 def pooled_rmse(fits: Sequence[TorqueFit]) -> Array:
+    """(n,) N m, over the samples of all fits together."""
     return rms(np.vstack([fit.residual for fit in fits]))

@@ -3,8 +3,8 @@
 Several random motions within all limits are drawn; the best of them starts the program of
 `models.excitation.excitation_program`. What comes out is checked between the samples: torque at the
 controller's rate, clearance by a bound on the arm's speed (`diagrams.clearance`). Where a check
-fails, the program is solved again with more in reserve; where that fails, too, the way back to the
-random motion is gone until all checks pass.
+fails, the program is solved again with more in reserve; where that fails, too, motions on the way
+back to the random one are tried until all checks pass.
 """
 
 from collections.abc import Callable, Iterator
@@ -41,7 +41,7 @@ ProgressCallback = Callable[[float, str], None]
 # The second goes on where the first ended, the others start from the next best random ones.
 RESERVES = ((0.004, 0.02), (0.008, 0.05), (0.008, 0.05), (0.015, 0.15))
 # Where all of the solver's ends break a limit: parts of the way to the last one, from the random
-# motion that it came from. Where a solver ends is a matter of last bits; whether one is found not.
+# motion that it came from. Where a solver ends depends on rounding; whether it finds one must not.
 RETREATS = (0.95, 0.85, 0.7, 0.5, 0.25, 0.0)
 LARGEST_CLEARANCE = 0.1  # m; Clearance looks no farther than a little beyond
 LONGEST_TABLE = 5e6  # rows for the controller: 83 minutes at 1 kHz
@@ -62,7 +62,7 @@ class ExcitationResult:
         undetermined: those of them that this motion does not tell.
         peak_torque_share: (n,) largest rigid-body torque over the effort limit.
         closest: shapes that come closest; None where there are none near each other.
-        status: the solver's word.
+        status: the solver's own word for how it ended.
         evaluations: of the cost with its gradient.
         warnings: one line each.
         config: as used.
@@ -130,6 +130,7 @@ def excite(
     """
     config = ExcitationConfig() if config is None else config
     _check(config)
+    robot.require_inertias("excite")
     bounds = MotionBounds.of_robot(robot, config.limits)
     information = ExcitationInformation.of_chain(robot.chain, 1.0 / robot.effort_limit)
     progress(0.02, "shapes of the arm")
@@ -224,7 +225,7 @@ def excite(
 def _between(
     first: FourierTrajectory, second: FourierTrajectory, share: float
 ) -> FourierTrajectory:
-    """A part of the way from one trajectory to another: what limits each joint alone both keep."""
+    """A part of the way from one trajectory to another, within the joint limits that both keep."""
     return FourierTrajectory(
         first.base_frequency,
         first.centre + share * (second.centre - first.centre),
@@ -274,7 +275,7 @@ def _excite_into(
     progress: ProgressCallback,
 ) -> tuple[ExcitationResult, ...]:
     robot = Robot.load(robot_name)
-    # Any other seed is as good; this one meets nobody's second run.
+    # Any other seed will do; this one is unlikely to be a user's second run.
     seeds = {"trajectory": config.seed, "validation": config.seed + 1_000_003}
     names = list(seeds) if validation else ["trajectory"]
     results = []

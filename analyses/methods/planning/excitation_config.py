@@ -1,4 +1,4 @@
-"""What an excitation is to be like: the settings of `excite`."""
+"""The settings of `excite`: what kind of excitation is wanted."""
 
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 class ExcitationConfig:
     """What an excitation is to be like."""
 
-    measure: str = "condition_number"  # to be small; or log_det, to be large
+    measure: str = "condition_number"  # minimised; or log_det, maximised
     base_frequency: float = 0.1  # Hz
     num_harmonics: int = 5  # of the Fourier series
     limits: ExcitationLimits = field(default_factory=ExcitationLimits)

@@ -73,7 +73,7 @@ class Slice:
         return self.postures.best.reshape(len(self.v), len(self.u))
 
     def best_point(self) -> int:
-        """Index of the best point that is reached; of two as good, one on each side, the first."""
+        """Index of the best point that is reached; of equal ones the first."""
         best = self.postures.best
         return int(first_of_least(np.where(np.isfinite(best), best, np.inf)))
 

@@ -1,10 +1,10 @@
 """Where must the workpiece stand so that the force of a machining task is read best?
 
 The article places a path by the condition number of J alone. In machining the joints are slow, and
-friction is what a reading errs by: a joint that rests or turns round in the middle of the path
-hides force within its stiction, one that moves on errs by what its law misses. So the workpiece,
-its path fixed on it, is placed where the force that the article's method (eq. 22) reads has the
-least predicted sd,
+a reading's error is mostly friction: a joint that rests or reverses in the middle of the path hides
+force within its stiction, and the friction law of one that keeps moving has an error. So the
+workpiece, its path fixed on it, is placed where the force that the article's method (eq. 22) reads
+has the least predicted sd,
 
     minimise  mean over path, feeds and components of  c^T J^-T Sigma_tau(v) J^-1 c
 
@@ -14,8 +14,8 @@ feed's direction and the normal, v the planned joint speeds and Sigma_tau(v) = d
 observer's output along held-out contact-free logs, the planned path. Turning the cell about the
 first axis changes nothing, so that the path's middle lies straight ahead.
 
-`python -m analyses.methods.planning.machining_placement SCENARIO` prints the best places, and what
-the scenario's is worth.
+`python -m analyses.methods.planning.machining_placement SCENARIO` prints the best places, and the
+force sd of the scenario's own.
 """
 
 import sys

@@ -3,7 +3,7 @@
 The article names the algorithm and gives no constants. Here: the usual swarm (Shi and Eberhart,
 1998, inertia falling from 0.9 to 0.4, both attractions 1.5), and after each step of the swarm a
 genetic one on its best-known positions: arithmetic crossover of tournament winners and Gaussian
-mutation, children taking the place of the worst particles. No library that is kept up offers this
+mutation, children taking the place of the worst particles. No maintained library offers this
 hybrid; its two halves are some lines each.
 
 A particle is the article's unknowns: n, m, theta and r. Its cost is the mean of the measure over
@@ -37,7 +37,7 @@ UNREACHED = 1e4  # of a path that cannot be followed
 
 @dataclass(frozen=True)
 class SwarmConfig:
-    """Size and habits of the swarm."""
+    """Size and constants of the swarm."""
 
     num_particles: int = 60
     num_iterations: int = 120

@@ -18,4 +18,4 @@ class PlaceSettings:
     method: str = "bayesian"  # of force-sd: how wrenches are reconstructed
     seed: int = 0  # of the random starts
     quick: bool = False  # a coarser search
-    task_content: PlacementTask | None = None  # counts before what `task` names
+    task_content: PlacementTask | None = None  # overrides what `task` names

@@ -169,7 +169,7 @@ class PlacementResult:
 
 
 def _digits(values: ArrayLike) -> Array:
-    """Numbers to six decimals, and no zero with a sign: finer, only the solver's way is told."""
+    """Numbers to six decimals, and no zero with a sign: finer digits are the solver's alone."""
     return np.asarray(np.round(np.asarray(values, dtype=np.float64), 6) + 0.0)
 
 
@@ -282,7 +282,7 @@ def place_task(
     """The command `place`: reads the task, places its path and writes the results.
 
     Args:
-        content: what counts before the content of the task that `task_name` names.
+        content: used instead of the content of the task that `task_name` names.
 
     Raises:
         InputError: as `place` and `result_folder`; the task, the robot or the model cannot be

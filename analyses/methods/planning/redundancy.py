@@ -7,14 +7,16 @@ refined continuously).
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydrake.math import RollPitchYaw
 
+from analyses.methods.planning.free_redundancy import best_free, clear_of_all, surroundings
 from analyses.methods.planning.redundancy_task import PatchPathConfig, RedundancyTask
+from diagrams.clearance import ClosestPair
 from diagrams.pages.path_page import TriangleMesh
 from models.arrays import Array
 from models.estimation.wrench import WrenchReconstructionConfig, live_prior
@@ -54,6 +56,9 @@ class RedundancyResult:
         constant_angles: (K,) mean measure at each constant angle of the grid, NaN where it cannot
             be kept.
         notices: sentences for the user.
+        clearance: of each way that was looked at, by its name, the pair of shapes with the least
+            slack; None where nothing is near.
+        free: the best way on which nothing is hit, where the optimised one hits something.
     """
 
     problem: RedundancyProblem
@@ -64,6 +69,8 @@ class RedundancyResult:
     constant_angles: Array
     workpiece: TriangleMesh | None
     notices: tuple[str, ...]
+    clearance: dict[str, ClosestPair | None] = field(default_factory=dict)
+    free: Trajectory | None = None
 
     def metrics(self) -> dict[str, Any]:
         """Nested figures; the measure's key carries its unit."""
@@ -103,6 +110,15 @@ class RedundancyResult:
             metrics["samples_lower"] = int(np.count_nonzero(after < before))
         if self.local is not None:
             metrics["local"] = self._figures(self.local)
+        if self.free is not None:
+            metrics["free"] = self._figures(self.free)
+        if self.clearance:
+            metrics["clearance"] = {
+                name: None
+                if pair is None
+                else {"shapes": [pair.first, pair.second], "slack_m": round(pair.slack, 6)}
+                for name, pair in self.clearance.items()
+            }
         return metrics
 
     def _figures(self, trajectory: Trajectory) -> dict[str, float]:
@@ -160,6 +176,7 @@ def find_redundancy(
         notices.append("interrupted: this is the optimum on the grid of angles, not refined")
     if np.ptp(problem.measure.values(grid.q[0][np.isfinite(grid.q[0, :, :, 0])])) < 1e-6:
         notices.append("no angle and no branch makes a difference: " + problem.measure.label)
+    clearance, free = _looked_at(problem, config, grid, initial, optimised, notices, progress)
     progress(1.0, "done")
     return RedundancyResult(
         problem,
@@ -170,7 +187,57 @@ def find_redundancy(
         _constant_angles(problem, grid),
         workpiece,
         tuple(notices),
+        clearance,
+        free,
     )
+
+
+def _looked_at(
+    problem: RedundancyProblem,
+    config: RedundancyTask,
+    grid: Candidates,
+    initial: Trajectory | None,
+    optimised: Trajectory,
+    notices: list[str],
+    progress: Callable[[float, str], None],
+) -> tuple[dict[str, ClosestPair | None], Trajectory | None]:
+    """What the ways come near to, and the best free one where the optimum hits something."""
+    if config.clearance is None:
+        return {}, None
+    robot = problem.robot
+    if robot.unusable_collisions:
+        notices.append(
+            "no clearance is claimed: no shape for " + ", ".join(robot.unusable_collisions)
+        )
+        return {}, None
+    cell = surroundings(robot, config, config.clearance)
+    if not cell.clearance.has_shapes:
+        notices.append(f"{robot.name} has no collision shapes: no clearance is claimed")
+        return {}, None
+    if config.surface is None:
+        notices.append("the workpiece behind a CSV is not known as a body: it is not looked at")
+    progress(0.95, "clearance")
+    ways = {"initial": initial, "optimised": optimised}
+    found = {
+        name: clear_of_all(cell, problem, way) for name, way in ways.items() if way is not None
+    }
+    pairs = {name: pair for name, (_, pair) in found.items()}
+    free, pair = found["optimised"]
+    if free:
+        return pairs, None
+    where = (
+        "" if pair is None else f" ({pair.first} and {pair.second}: {1e3 * pair.distance:.0f} mm)"
+    )
+    notices.append(
+        f"the optimum keeps less than {1e3 * config.clearance.distance:.0f} mm from the arm "
+        f"itself, the floor or the workpiece, coming and going included{where}"
+    )
+    way = best_free(cell, problem, grid, lambda f: progress(0.95 + 0.05 * f, "clearance"))
+    if way is None:
+        notices.append("no way on the grid is free: move the workpiece, or lower the clearance")
+    else:
+        pairs["free"] = clear_of_all(cell, problem, way)[1]
+    return pairs, way
 
 
 def _refined(
@@ -193,7 +260,7 @@ def _refined(
     if local is None or problem.violation(local.q) > 1e-7:
         return best
     if better(mean(local), mean(best)):
-        # Smoother than the local one, and for that a little worse: here the measure comes first.
+        # Smoother than the local one, and so a little worse: here the measure comes first.
         found.append(local)
         best = found[int(first_of_least([mean(trajectory) for trajectory in found]))]
     return best

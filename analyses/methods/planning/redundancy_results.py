@@ -133,11 +133,12 @@ def redundancy(
     progress: Callable[[float, str], None] = lambda fraction, what: None,
     content: RedundancyTask | None = None,
 ) -> RedundancyResult:
-    """The command `redundancy`, for a bundled task or a task's file: writes trajectory.csv,
-    metrics.json, config.yaml, figures and recording.html into `out`.
+    """The command `redundancy`, for a bundled task or a task's file: writes trajectory.csv
+    (trajectory_free.csv of the best free way, where that is another one), metrics.json,
+    config.yaml, figures and recording.html into `out`.
 
     Args:
-        content: what counts before the content of the task that `task_name` names.
+        content: used instead of the content of the task that `task_name` names.
 
     Raises:
         InputError: see `find_redundancy`; or `out` cannot be written to.
@@ -147,7 +148,9 @@ def redundancy(
         source = task_file(task_name, "redundancy")
         config = load_configuration(source, RedundancyTask) if content is None else content
         result = find_redundancy(robot, config, source, progress)
-        folder.write_text("trajectory.csv", trajectory_csv(result))
+        folder.write_text("trajectory.csv", trajectory_csv(result, result.optimised))
+        if result.free is not None:
+            folder.write_text("trajectory_free.csv", trajectory_csv(result, result.free))
         draw(result, folder.path)
         metrics = {**result.metrics(), "notices": list(result.notices)}
         folder.write_json("metrics.json", metrics)
@@ -158,8 +161,9 @@ def redundancy(
     return result
 
 
-def trajectory_csv(result: RedundancyResult) -> str:
-    """One row a sample: place, angle about the normal, joint positions, measure before and after.
+def trajectory_csv(result: RedundancyResult, way: Trajectory) -> str:
+    """One row a sample of a way: place, angle about the normal, joint positions, its measure and
+    that of the initial way.
 
     Distances in m, angles in rad.
     """
@@ -169,11 +173,11 @@ def trajectory_csv(result: RedundancyResult) -> str:
     key = problem.measure.key
     joints = [f"q{j + 1}" for j in range(problem.robot.num_joints)]
     writer.writerow(["s", "x", "y", "z", "nx", "ny", "nz", "psi", *joints, key, f"{key}_initial"])
-    after = problem.measure.values(result.optimised.q)
+    after = problem.measure.values(way.q)
     before = np.full(len(after), np.nan)
     if result.initial is not None:
         before = problem.measure.values(result.initial.q)
-    columns = (path.distance, path.p_WS, path.n_W, result.optimised.psi, result.optimised.q)
+    columns = (path.distance, path.p_WS, path.n_W, way.psi, way.q)
     rows = np.column_stack([*columns, after, before])
     writer.writerows([[repr(float(value)) for value in row] for row in rows])
     return text.getvalue()

@@ -28,6 +28,15 @@ class PatchPathConfig:
 
 
 @dataclass
+class RedundancyClearance:
+    """What the whole arm keeps from itself, from the floor and, but for the tool, the workpiece."""
+
+    distance: float = 0.005  # m
+    floor: float | None = 0.0  # m, height of the floor in W; None for none
+    approach: float = 0.05  # m, that E comes and goes along the normal at both ends
+
+
+@dataclass
 class RedundancyTask:
     """What `redundancy --task` reads."""
 
@@ -46,6 +55,8 @@ class RedundancyTask:
     max_joint_step_deg: float = 6.0  # from one sample to the next
     smoothness: float = 0.002  # weight of the joints' motion, objective per rad^2
     num_angles: int = 72  # of the grid
+    clearance: RedundancyClearance | None = field(default_factory=RedundancyClearance)
+    # what is looked at beside the optimum; none: nothing is
 
 
 @dataclass
@@ -55,4 +66,4 @@ class RedundancySettings:
     command: str = "redundancy"  # which wrote it
     task: str = ""  # a bundled task, or a YAML file
     robot: str = "sts_sre4_600"  # a bundled name, or a robot.yaml
-    task_content: RedundancyTask | None = None  # counts before what `task` names
+    task_content: RedundancyTask | None = None  # overrides what `task` names

@@ -8,9 +8,9 @@ import numpy as np
 from models.arrays import Array, Flags
 from models.detection.contact_detector import Detection
 
-KEPT = 1000  # contacts told one by one; a log that is all contact and none has no more to say
+KEPT = 1000  # contacts that are listed one by one; further ones are only counted
 SHOWN = 8  # lines of the command
-FAR_CLOCK = 1e6  # s; of a clock that shows more only the time since the first sample is told
+FAR_CLOCK = 1e6  # s; with a clock that shows more, times are since the first sample
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""Pushes put into logs, and what a detector makes of them.
+"""Pushes added to logs, and what a detector finds of them.
 
 A push is put in where the motors are: a force F at a point with Jacobian J takes J^T F off the
 torque that the same motion asks of them. Observer, friction and detector see the log as any other.
@@ -24,6 +24,7 @@ from models.recordings.resampling import resampled
 from models.robot.robot import Robot
 
 LATE = 0.1  # s after a push in which it may still be found: the observer's own lag and more
+PROMPT = 0.05 + 1e-9  # s, the delay that is wanted; delays are multiples of the period
 CONFIDENCE = 0.95  # of the largest rate that a count agrees with
 
 
@@ -155,6 +156,7 @@ class Tally:
             "delay_median_s": float(np.median(delays)) if found else None,
             "delay_p95_s": float(np.quantile(delays, 0.95)) if found else None,
             "delay_max_s": float(delays.max()) if found else None,
+            "within_50ms_pct": 100.0 * float(np.sum(delays <= PROMPT)) / max(self.contacts, 1),
             "misfit_pct": 100.0 * self.misfits / max(found, 1),
             **{f"link_{name}": self.links.get(name, 0) for name in ("right", "wrong", "untold")},
         }

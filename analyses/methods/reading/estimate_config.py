@@ -16,7 +16,9 @@ from models.observers.observer_kinds import OBSERVERS, kind_name, make_observer
 from models.robot.robot import Robot
 
 ENGINES = ("batch", "diagram")
+TORQUES = ("found", "currents", "external")
 LEAST_SD, LARGEST_SD = 1e-3, 1e9  # N or N m; a prior of less says that nothing acts
+LEAST_TORQUE_SD = 1e-6  # N m
 LEAST_STEP, LONGEST = 1e-4, 10.0  # s; finer grids only repeat what a log says
 PRIORS = ("live", "log")
 FLOOR_SHARE = 1.0 / 3.0
@@ -39,11 +41,18 @@ class EstimateConfig:
     """Where the estimator states none: "live", half the rated payload; "log", what explains the log
     best, but no less than FLOOR_SHARE of the live one, so that a short contact in a quiet log is
     not read as noise; or two numbers, N and N m: "30,2"."""
+    torque: str = "found"
+    """What is read: "currents" (or motor torque, through model and observer); "external", the
+    external torque that the arm itself reports; "found", that where the log has it and no
+    currents."""
+    torque_sd: list[float] = field(default_factory=list)
+    """N m, of an external torque's error, one for all joints or one each; none: by the evidence."""
     engine: str = "batch"  # "batch": the kernels; "diagram": the same chain as a Drake diagram
     estimator: WrenchEstimatorConfig = field(default_factory=_estimator_of_logs)
-    smooth: bool = False  # each sample read with what comes after it, too: no lag
+    smooth: bool = False  # each sample estimated from those after it as well: no lag
     max_gap: float = 0.0  # s, longest gap that is bridged; 0: 0.1 s or three steps
     check: bool = True  # hold the log against the robot's limits and gravity
+    accept_signs: bool = False  # take the drives' signs as they are, also against the evidence
     mcap: bool = False  # write the wrenches as ROS 2 messages too (wrench.mcap)
     reference: ReferenceConfig = field(default_factory=ReferenceConfig)  # a force sensor in the log
     detection: ContactDetectionConfig = field(default_factory=ContactDetectionConfig)
@@ -57,25 +66,33 @@ class EstimateSettings:
     """All that a run of `estimate` depends on, as its config.yaml holds it."""
 
     command: str = "estimate"  # which wrote it
-    log: str = ""  # of q, v and motor current
-    robot: str = ""  # a bundled name, or a robot.yaml
+    log: str = ""  # of q, v and motor current; or of external torque
+    further_logs: list[str] = field(default_factory=list)  # of external torque, read together
+    robot: str = ""  # a bundled name, or a robot.yaml; none: the log holds the Jacobian
     model: str | None = None  # a model.yaml; None: what the robot's own files state
     log_format: str | None = None  # description of the log's columns
     estimate: EstimateConfig = field(default_factory=EstimateConfig)  # how
 
 
-def stated_prior(config: EstimateConfig, robot: Robot) -> tuple[float, float] | None:
-    """Force sd (N) and moment sd (N m) that `prior` says without the log; None: it is the log's."""
+def stated_prior(config: EstimateConfig, robot: Robot | None) -> tuple[float, float] | None:
+    """Force sd (N) and moment sd (N m) that `prior` says without the log; None: it is the log's.
+
+    Raises:
+        InputError: it rests on a robot, and there is none.
+    """
     if config.prior == "log":
         return None
     if config.prior == "live":
+        if robot is None:
+            problem = "is live, from the rated payload of a robot, but none is named"
+            raise InputError("estimate", "--prior", problem, "add --robot, or give two numbers")
         return live_prior(robot.payload)
     force_sd, moment_sd = (float(x) for x in config.prior.split(","))
     return force_sd, moment_sd
 
 
-def checked_config(config: EstimateConfig, robot: Robot) -> EstimateConfig:
-    """Returns `config`.
+def checked_config(config: EstimateConfig, robot: Robot | None) -> EstimateConfig:
+    """Returns `config`; without a robot nothing is known of its joints.
 
     Raises:
         InputError: a setting that makes no sense.
@@ -88,6 +105,7 @@ def checked_config(config: EstimateConfig, robot: Robot) -> EstimateConfig:
     observer, reconstruction = config.estimator.observer, config.estimator.reconstruction
     for name, value, known in (
         ("engine", config.engine, ENGINES),
+        ("torque", config.torque, TORQUES),
         ("method", reconstruction.method, METHODS),
         ("table", config.table, TABLES),
     ):
@@ -131,6 +149,11 @@ def checked_config(config: EstimateConfig, robot: Robot) -> EstimateConfig:
     ):
         found = f"is {min(observer.K_0):g} /s, expected {LEAST_K_0:g} or more"
         raise refuse("K_0", found, "20 is the default")
+    if not all(LEAST_TORQUE_SD <= sd <= LARGEST_SD for sd in config.torque_sd):
+        found = f"is {config.torque_sd}, expected positive numbers from {LEAST_TORQUE_SD:g}"
+        raise refuse("torque_sd", found, "give N m, one for all joints or one each")
+    if robot is None:
+        return config
     step = observer.time_step or 1e-3  # any: that of the log is not known yet
     try:
         made = make_observer(replace(observer, time_step=step), robot.num_joints)

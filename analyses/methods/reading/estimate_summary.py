@@ -1,5 +1,6 @@
 """What is kept of a log's wrenches as they stream by: metrics, doubts and a picture."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,7 +10,8 @@ from analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
 from analyses.output.stream_summary import Envelope, EvenSample
 from models.arrays import Array, Flags
 from models.estimation.estimator import EstimateBatch, WrenchEstimatorConfig
-from models.identification.identified_model import IdentifiedModel
+from models.estimation.wrench import WrenchEstimate
+from models.identification.identified_model import Validity
 from models.observers.sample_check import BEYOND, DISAGREES, FROZEN
 from models.recordings.recording import Recording
 from models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
@@ -69,8 +71,12 @@ class _Moments:
 class EstimateSummary:
     """What metrics and figure need, gathered chunk by chunk."""
 
-    def __init__(self, model: IdentifiedModel, settling_time: float) -> None:
-        self._model, self._settling_time = model, settling_time
+    def __init__(
+        self, joint_names: Sequence[str], validity: Validity, settling_time: float
+    ) -> None:
+        """Args: `validity` states the ranges in which the model holds; none, and none is left."""
+        self._joint_names, self._validity = joint_names, validity
+        self._settling_time = settling_time
         self.count = 0
         self.num_valid = 0
         self._faults = dict.fromkeys(_FAULTS, 0)
@@ -83,14 +89,19 @@ class EstimateSummary:
         self._condition = EvenSample(_MEDIAN_SAMPLES)
         self._all = _Moments()
         self._of_valid = _Moments()
-        n = len(model.joint_names)
+        n = len(joint_names)
         self._outside = {"q": np.zeros(n), "v": np.zeros(n), "tau": np.zeros(n)}
         self._outside_motion = 0
         self._extrapolated = 0
         self._envelope = Envelope(_FIGURE_BINS)
         self._valid_range = np.stack([np.full(6, np.inf), np.full(6, -np.inf)])
 
-    def judge(self, chunk: Recording, batch: EstimateBatch, config: WrenchEstimatorConfig) -> Flags:
+    def judge(
+        self,
+        chunk: Recording,
+        batch: EstimateBatch | WrenchEstimate,
+        config: WrenchEstimatorConfig,
+    ) -> Flags:
         """(N,) which samples of the next chunk may be trusted; counts why others may not."""
         index = self.count + np.arange(chunk.num_samples)
         settling = index * config.observer.time_step < self._settling_time  # it flags these
@@ -103,12 +114,13 @@ class EstimateSummary:
     def add(
         self,
         chunk: Recording,
-        batch: EstimateBatch,
+        batch: EstimateBatch | WrenchEstimate,
         sd: Array,
         valid: Flags,
         torque: Array,
         contact: Flags,
     ) -> None:
+        """Takes the next chunk of N samples; sd (N, 6) rotation first, torque (N, n) N m."""
         if not chunk.num_samples:
             return
         if not self.count:
@@ -139,7 +151,7 @@ class EstimateSummary:
             self._valid_range[1] = np.maximum(self._valid_range[1], upper[valid].max(axis=0))
 
     def _add_outside(self, chunk: Recording, torque: Array) -> None:
-        ranges = self._model.validity
+        ranges = self._validity
         outside = np.zeros(chunk.num_samples, bool)
         # Friction is a law of speed and load; positions enter by exact kinematics.
         extrapolated = outside.copy()
@@ -160,6 +172,7 @@ class EstimateSummary:
         self._extrapolated += int(extrapolated.sum())
 
     def metrics(self, config: WrenchEstimatorConfig, rule: str) -> dict[str, Any]:
+        """All figures, as written to metrics.json; `rule` is the prior's."""
         share = 100.0 / self.count
         return {
             "num_samples": self.count,
@@ -200,6 +213,7 @@ class EstimateSummary:
             self._faults[code] += int(((fault & code) != 0).sum())
 
     def warnings(self) -> list[str]:
+        """What makes the result doubtful, one sentence each."""
         found = []
         for code, what in _FAULTS.items():
             if self._faults[code]:
@@ -208,7 +222,7 @@ class EstimateSummary:
         extrapolated = self._extrapolated / self.count
         if extrapolated > _OUTSIDE_WARNING:
             worst = {
-                quantity: self._model.joint_names[int(np.argmax(self._outside[name]))]
+                quantity: self._joint_names[int(np.argmax(self._outside[name]))]
                 for name, quantity in (("v", "speed"), ("tau", "torque"))
                 if self._outside[name].any()
             }

@@ -29,7 +29,7 @@ from analyses.methods.reading.estimate_summary import EstimateSummary
 from analyses.methods.reading.friction_watch import FrictionWatch
 from analyses.methods.reading.sample_screen import FAULT, SampleScreen
 from analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
-from analyses.methods.sensors.reference_config import ReferenceConfig, check_columns, check_tare
+from analyses.methods.sensors.reference_config import REFERENCE, ReferenceConfig, reference_columns
 from analyses.methods.sensors.sensor_log import SensorLogCollector
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
@@ -49,7 +49,6 @@ from models.observers.observer_kinds import kind_name, kind_of, make_observer
 from models.observers.sample_check import BEYOND
 from models.recordings.position_resolution import position_resolution
 from models.recordings.recording import Recording, concatenated
-from models.recordings.recording_format import SignalColumns, column_items
 from models.recordings.recording_reader import RecordingReader
 from models.recordings.resampling import plausible_step, resample_chunks
 from models.rigid_body.spatial_vectors import FORCE_FIRST
@@ -59,7 +58,6 @@ ProgressCallback = Callable[[float, str], None]
 
 CHUNK_SAMPLES = 1 << 16  # samples that are worked on at a time
 _PRIOR_SAMPLES = 1 << 12
-REFERENCE = "--reference"  # the sensor's signal in a recording; no description can name one so
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,13 +125,22 @@ def estimate_log(
         robot = Robot.load(robot_name)
         config = checked_config(config or EstimateConfig(), robot)
         if model_path is None:
+            robot.require_inertias("estimate without --model")
             model = IdentifiedModel.nominal(robot)
         else:
             model = IdentifiedModel.load(Path(model_path), robot, config.other_robot)
 
         def read() -> RecordingReader:
             reader = RecordingReader(
-                log, log_format, robot, config.check, _further(config.reference), "estimate"
+                *(
+                    log,
+                    log_format,
+                    robot,
+                    config.check,
+                    reference_columns(config.reference),
+                    "estimate",
+                ),
+                accept_signs=config.accept_signs,
             )
             reader.require_joint_signals()
             return reader
@@ -177,8 +184,13 @@ def estimate(
     warnings += [f"read as asked for with another robot: {key}: {what}" for key, what in other]
     if model.provenance.logs and model.torque_error is None:
         warnings.append(
-            "the model does not say what its torque errs by at rest and in motion: one covariance "
+            "the model does not state its torque error at rest and in motion: one covariance "
             "stands for both; identify it again"
+        )
+    elif model.provenance.logs and model.contact_noise is None:
+        warnings.append(
+            "the model does not state its readings without contact: how often contact is reported "
+            "where nothing touches the arm is not known; identify it again"
         )
     config, max_gap = settings.estimate.estimator, settings.estimate.max_gap
     if config.position_resolution is None:
@@ -210,7 +222,7 @@ def estimate(
     detection = settings.estimate.detection
     estimates = _estimates(settings.estimate, robot, model, config, chain([first], chunks))
     observer = make_observer(config.observer, robot.num_joints)
-    summary = EstimateSummary(model, observer.settling_time)
+    summary = EstimateSummary(model.joint_names, model.validity, observer.settling_time)
     reference = settings.estimate.reference
     beside = SensorLogCollector(config.observer.time_step) if reference.columns else None
     episodes = ContactEpisodes(robot.num_joints)
@@ -247,6 +259,8 @@ def estimate(
     episodes.finish()
     metrics = {**summary.metrics(config, rule), "smoothed": settings.estimate.smooth}
     metrics["other_robot"] = [f"{key}: {what}" for key, what in other]
+    signs = reader.sign_evidence
+    metrics["drive_signs"] = None if signs is None else signs.metrics()
     metrics["contact"] = episodes.metrics(detection.false_alarms_per_hour)
     comparison = None if beside is None else _compared(beside, reference)
     notices = reader.notices + (screen.notices if screen is not None else ())
@@ -275,16 +289,6 @@ def estimate(
         _metrics=metrics,
         comparison=comparison,
     )
-
-
-def _further(reference: ReferenceConfig) -> dict[str, SignalColumns]:
-    """The sensor's columns, which the log's description need not know."""
-    if not reference.columns:
-        return {}
-    items = column_items(reference.columns, REFERENCE, "estimate")
-    check_columns(len(items))
-    check_tare(reference, len(items))
-    return {REFERENCE: SignalColumns(reference.columns)}
 
 
 def _collect(
@@ -433,7 +437,7 @@ def _fault(chunk: Recording, batch: EstimateBatch) -> NDArray[np.int64]:
     found = chunk.extra.get(FAULT)
     if found is None:
         return batch.fault
-    # Beside a sample that is missing an interpolated one is, too.
+    # An interpolated sample beside a missing one is missing, too.
     return np.asarray(batch.fault | np.where(found == 0.0, 0, BEYOND))
 
 
@@ -473,7 +477,7 @@ def _with_evidence(
     kind = kind_of(config.observer)
     plain = config
     if kind is not None and kind.kernels.wrench is not None:
-        # What reads the wrench by a prior says nothing of which prior explains the torque.
+        # An observer that reads the wrench by a prior cannot tell which prior explains the torque.
         observer = MomentumObserverConfig(
             time_step=config.observer.time_step, torque_samples=config.observer.torque_samples
         )

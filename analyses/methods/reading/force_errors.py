@@ -1,4 +1,4 @@
-"""How far is a force reading from its reference, and does its stated band tell the truth?
+"""How far is a force reading from its reference, and is its stated band right?
 
 Force along X, Y and Z of W, axis by axis: root mean square, largest, mean error (bias),
 correlation, and calibration: the share of samples whose error lies inside the stated 68 % and 95 %
@@ -34,7 +34,7 @@ class ForceReading:
         t: (T,) s.
         force: (T, 3) N along X, Y, Z of W, on the robot.
         sd: (T, 3) N, stated.
-        reference: (T, 3) N, what it is held against.
+        reference: (T, 3) N, what it is compared with.
         condition_number: (T,) of J.
     """
 

@@ -56,7 +56,7 @@ class Reference:
 
     Attributes:
         direction: (N, 3) g - a_E in axes of W, m/s^2.
-        force: (N, 3) N, exerted on the robot.
+        mass: kg, of the payload.
     """
 
     direction: Array
@@ -64,6 +64,7 @@ class Reference:
 
     @property
     def force(self) -> Array:
+        """(N, 3) N, exerted on the robot, in axes of W."""
         return self.mass * self.direction
 
 
@@ -85,6 +86,7 @@ class Reading:
 
     @classmethod
     def of(cls, estimate: WrenchEstimate, fresh: slice) -> "Reading":
+        """The force of an estimate at the samples `fresh`."""
         return cls(
             estimate.wrench[fresh, 3:],
             estimate.standard_deviation[fresh, 3:],
@@ -171,6 +173,7 @@ class AtLoad:
     reference: Reference
 
     def metrics(self) -> dict[str, Any]:
+        """Figures by method, the point found and the prior, as written to metrics.json."""
         return {
             **{name: one.metrics(self.reference) for name, one in self.readings.items()},
             "point_m": self.found.p_EP,
@@ -222,6 +225,7 @@ def read_at_load(
 def estimate_run(
     log: Path, robot: Robot, model: IdentifiedModel
 ) -> tuple[Recording, EstimateBatch]:
+    """A log on its uniform grid, and what the estimator reads of it."""
     recording = resampled(read_recording(log, robot=robot), TIME_STEP)
     estimator = WrenchEstimator(robot, model, estimator_config())
     state = estimator.initial_state()
@@ -229,6 +233,7 @@ def estimate_run(
 
 
 def rms(x: Array) -> Array:
+    """Root mean square along the first axis."""
     return np.asarray(np.sqrt(np.mean(x**2, axis=0)))
 
 

@@ -1,8 +1,8 @@
 """Pushes of a known force, put into the currents of a log in which nothing touched the arm.
 
-What the drives would have carried less of, had the environment pushed: the motion is as logged, the
-current is less by J^T F over the torque per ampere. Friction that depends on the load stays what it
-was: a few percent of the push.
+The currents become those that the drives would have needed had the environment pushed: the motion
+is as logged, the current is less by J^T F over the torque per ampere. Friction that depends on the
+load stays what it was: a few percent of the push.
 """
 
 from dataclasses import replace

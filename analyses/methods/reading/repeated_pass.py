@@ -95,16 +95,16 @@ class LoadedPass:
 
     @property
     def repeated_share(self) -> Array:
-        """(n,) share of the torque error's mean square that the lesson takes off."""
+        """(n,) share of the torque error's mean square that the empty pass takes off."""
         plain, taught = (np.mean(p.torque_error**2, axis=0) for p in (self.plain, self.taught))
         return np.asarray(1.0 - taught / plain)
 
     def shares(self) -> dict[str, Array]:
         """What the torque error's mean square with the load is made of, (n,) shares of it.
 
-        `repeated`: what the lesson takes off; `grows_with_load`: what friction in proportion to
-        the load's growth, fitted in hindsight, would take off besides; `reversals`: what is then
-        left within REVERSAL of a joint's turning; `other`: the rest.
+        `repeated`: what the pass without load takes off; `grows_with_load`: what friction in
+        proportion to the load's growth, fitted in hindsight, would take off besides; `reversals`:
+        what is then left within REVERSAL of a joint's turning; `other`: the rest.
         """
         plain, left = self.plain.torque_error, self.taught.torque_error
         whole = np.mean(plain**2, axis=0)

@@ -1,6 +1,6 @@
-"""A log's samples held against what the joints can do, before the log is resampled.
+"""A log's samples checked against what the joints can do, before the log is resampled.
 
-Interpolation would spread one absurd sample over its neighbours, where nothing tells it any more.
+Interpolation would spread one absurd sample over its neighbours, where it is no longer noticed.
 """
 
 from collections.abc import Iterable, Iterator
@@ -14,12 +14,12 @@ from models.recordings.recording import Recording, place_of
 from models.robot.robot import Robot
 
 FAULT = "sample fault"
-"""Signal of `Recording.extra`: 1 where a sample is missing because it cannot be; resampled, above 0
-wherever such a sample would have counted."""
+"""Signal of `Recording.extra`: 1 where a sample is missing because it is impossible; resampled,
+above 0 wherever such a sample would have counted."""
 
 
 class SampleScreen:
-    """Passes a log on chunk by chunk, with NaN and a drop-out in the place of what cannot be.
+    """Passes a log on chunk by chunk, with NaN and a drop-out in place of impossible samples.
 
     Args:
         robot: whose limits count.
@@ -44,7 +44,7 @@ class SampleScreen:
         )
 
     def screened(self, chunks: Iterable[Recording]) -> Iterator[Recording]:
-        """Yields the same chunks, what cannot be taken out of them."""
+        """Yields the same chunks without their impossible samples."""
         for chunk in chunks:
             before = chunk.t[0] if self._last is None else self._last
             period = np.diff(chunk.t, prepend=before)

@@ -7,8 +7,8 @@ tool works, from the first to the last motion, turns included:
     article          semi-parametric friction, K_0 = 20, eq. 22
     coulomb_viscous  the same with the identified law alone
     ours             the estimator in the loop, which reads with what an air pass has taught
-                     (`models.machining.air_pass`), wherever the feed is steady; where joints
-                     start, stop or turn round, the Bayesian reading with the covariance of
+                     (`models.machining.air_pass`), wherever the feed is steady; where joints start,
+                     stop or reverse, the Bayesian reading with the covariance of
                      contact-free logs
     known_friction   no estimator: the article's with the true friction taken off the torques
     sensor           no estimator: the sensor under the tool, behind its low-pass
@@ -17,9 +17,10 @@ tool works, from the first to the last motion, turns included:
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
@@ -37,9 +38,6 @@ from models.machining.air_pass import TaughtTorque, raised_motion
 from models.machining.machining_path import MachiningPath
 from models.machining.machining_phases import Fault, Phase
 from models.observers.momentum_observer import MomentumObserverConfig
-
-if TYPE_CHECKING:
-    pass
 
 ProgressCallback = Callable[[float, str], None]
 
@@ -114,6 +112,18 @@ class MachiningRun:
             self.signals["feed_time"][:, 0], self.plan.trajectory.t, self.plan.steady
         )
         return np.asarray(self.working & (on_plan == 1.0))
+
+    @property
+    def ways(self) -> NDArray[np.int64]:
+        """(T,) number of the way along the path, from 1, where the tool works; else 0."""
+        moves = np.sign(np.diff(self.plan.s, append=self.plan.s[-1]))
+        led = np.flatnonzero(moves)
+        numbers = np.zeros(len(moves), np.int64)
+        numbers[led] = 1 + np.cumsum(np.diff(moves[led], prepend=moves[led[0]]) != 0.0)
+        numbers = np.maximum.accumulate(np.maximum(numbers, 1))  # at rest: of the way before
+        feed_time = self.signals["feed_time"][:, 0]
+        k = np.searchsorted(self.plan.trajectory.t, feed_time, side="right") - 1
+        return np.asarray(np.where(self.working, numbers[np.clip(k, 0, len(numbers) - 1)], 0))
 
     @property
     def directions(self) -> dict[str, Array]:
@@ -257,6 +267,29 @@ def errors(reading: Array, truth: Array) -> dict[str, float]:
     }
 
 
+def errors_within_ways(reading: Array, truth: Array, ways: NDArray[np.int64]) -> dict[str, Any]:
+    """How well a reading follows the force beyond the mean of each way.
+
+    Friction along the feed changes its sign when the feed turns round: over several ways most of a
+    correlation is that change. Here each way's means are taken off first.
+
+    Args:
+        reading, truth: (T,) N.
+        ways: (T,) number of the way of a sample; 0 is left out.
+
+    Returns:
+        correlation and RMSE over all ways, and `ways` with those of each.
+    """
+    parts = [(reading[own], truth[own]) for own in (ways == k for k in np.unique(ways[ways > 0]))]
+    centred = [(own - own.mean(), known - known.mean()) for own, known in parts]
+    together = [np.concatenate(signal) for signal in zip(*centred, strict=True)]
+    wanted = ("correlation", "rmse_n")
+    each = [errors(*pair) for pair in centred]
+    return {key: errors(together[0], together[1])[key] for key in wanted} | {
+        "ways": {key: [own[key] for own in each] for key in wanted}
+    }
+
+
 def regulation(run: MachiningRun) -> dict[str, float]:
     """How well the true normal force was held: RMS and extremes of its error in N.
 
@@ -276,4 +309,5 @@ def regulation(run: MachiningRun) -> dict[str, float]:
 
 
 def feed_key(feed: float) -> str:
+    """The key of a feed (s, one way) in the metrics: T15."""
     return f"T{feed:g}"

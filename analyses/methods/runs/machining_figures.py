@@ -114,6 +114,7 @@ def machining_figures(
     without: Mapping[float, MachiningRun],
     metrics: Mapping[str, Any],
 ) -> list[FigureFile]:
+    """Writes all figures of a machining study below its folder."""
     other = COMPONENTS[1 - COMPONENTS.index(task.component)]
     with_sensor = {feed: run for feed, (run, _) in shown.items()}
     figures = (

@@ -1,7 +1,7 @@
 """What does repeated motion read? Two cycles along each path; the second is read with the first.
 
 The torques of the first cycle are tau_d of eq. 4 in the second one: the model's error cancels, and
-what is left, noise and what friction does not repeat, is read as a force that grows with the
+the rest, noise and what friction does not repeat, is read as a force that grows with the
 condition number. As the article has it, eq. 4 takes the drives' torque as it comes, without the
 observer's low-pass.
 """
@@ -38,7 +38,6 @@ from diagrams.scenario import LineMotion, Scenario
 from models.arrays import Array
 from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig, live_prior
 from models.rigid_body.spatial_vectors import AXES
-from models.robot.robot import Robot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -104,7 +103,7 @@ class RepeatedCycles:
 
 def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCycles:
     """Simulates two cycles on each path, and reads the second one with every variant."""
-    robot = Robot.load(ROBOT)
+    robot = context.robot(ROBOT)
     scenario = task_scenario(scenario_name, context.seed, ONE_WAY_QUICK if context.quick else None)
     covariances = repetition_covariances(
         robot, (None, K_0), context.seed, lambda share, what: context.progress(0.05 * share, what)

@@ -10,6 +10,7 @@ class SimulateSettings:
     command: str = "simulate"  # which wrote it
     scenario: str = "Default"  # a bundled one's name, FILE.yaml or FILE.yaml:NAME
     robot: str | None = None  # instead of the scenario's; a bundled name, or a robot.yaml
+    motion: str | None = None  # a trajectory.yaml of `excite`, instead of the scenario's motion
     model: str | None = None  # a model.yaml; None: see analyses.methods.runs.simulation.known_model
     seed: int | None = None  # instead of the scenario's
     duration_s: float | None = None  # instead of the scenario's

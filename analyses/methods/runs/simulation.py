@@ -28,8 +28,15 @@ from diagrams.graph import write_graph
 from diagrams.machining import longest_duration, make_machining_path, view_of
 from diagrams.pages.run_page import make_meshcat, start_animation, write_page
 from diagrams.robot_cell import true_friction
-from diagrams.scenario import Scenario, check_scenario, load_scenario, make_trajectory
+from diagrams.scenario import (
+    FourierMotion,
+    Scenario,
+    check_scenario,
+    load_scenario,
+    make_trajectory,
+)
 from models.arrays import Array, Flags
+from models.excitation.fourier_trajectory import FourierTrajectory
 from models.files.input_error import InputError
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
@@ -125,7 +132,7 @@ class SimulationResult:
     def metrics(self) -> dict[str, Any]:
         """Errors of estimate, sensor, motion and force, as written to metrics.json.
 
-        `rmse_*`, `max_error_*` and `correlation_*` hold the estimate against the truth, axis by
+        `rmse_*`, `max_error_*` and `correlation_*` compare the estimate with the truth, axis by
         axis; the same below `sensor`. `coverage_share` is how often the true force lies in the
         stated 95 % band. Below `valid` the readings that are not valid are left out. Nothing in it
         depends on the machine's speed.
@@ -164,7 +171,11 @@ class SimulationResult:
         return metrics
 
     def pressing_force(self) -> Array:
-        """(T,) N: the true push of the environment along the controlled direction."""
+        """(T,) N: the true push of the environment along the controlled direction.
+
+        Raises:
+            ValueError: the scenario controls no force.
+        """
         controller = self.scenario.controller
         if not isinstance(controller, ImpedanceConfig) or controller.force is None:
             raise ValueError("the scenario controls no force")
@@ -222,6 +233,7 @@ def simulate_scenario(
     robot_name: str | Path | None = None,
     model_path: Path | None = None,
     *,
+    motion_path: Path | None = None,
     seed: int | None = None,
     duration: float | None = None,
     quick: bool = False,
@@ -238,6 +250,8 @@ def simulate_scenario(
         scenario_name: of a bundled scenario; or FILE.yaml, or FILE.yaml:NAME.
         robot_name: in the place of the scenario's robot.
         model_path: a model.yaml; without it see `known_model`.
+        motion_path: a trajectory.yaml of `excite`, in the place of the scenario's motion and for
+            its duration; in the default scenario nothing then touches the arm.
         seed, duration: in the place of the scenario's.
         quick: at most a second.
         record: whether to write recording.html.
@@ -252,6 +266,7 @@ def simulate_scenario(
             scenario_name,
             robot_name,
             model_path,
+            motion_path,
             seed,
             duration,
             quick,
@@ -268,6 +283,7 @@ def _simulate_into(
     scenario_name: str,
     robot_name: str | Path | None,
     model_path: Path | None,
+    motion_path: Path | None,
     seed: int | None,
     duration: float | None,
     quick: bool,
@@ -284,6 +300,10 @@ def _simulate_into(
         seed=scenario.seed if seed is None else seed,
         duration=scenario.duration if duration is None else duration,
     )
+    if motion_path is not None:
+        scenario = _in_motion(scenario, motion_path, duration)
+        if scenario_name == SimulateSettings.scenario:
+            scenario = replace(scenario, wrench=[], force_torque_sensor=None)
     if quick and scenario.machining is not None:
         # The phases before and after the feed are kept: only then is anything touched.
         machining = replace(scenario.machining, one_way=_QUICK_DURATION)
@@ -321,6 +341,7 @@ def _simulate_into(
     settings = SimulateSettings(
         scenario=scenario_name,
         robot=scenario.robot,
+        motion=None if motion_path is None else str(motion_path),
         model=None if model_path is None else str(model_path),
         seed=scenario.seed,
         duration_s=scenario.duration,
@@ -331,6 +352,19 @@ def _simulate_into(
     files.append(folder.write_settings("config.yaml", settings))
     files.append(folder.write_json("metrics.json", result.metrics()))
     return replace(result, files=tuple(files), notices=notices + result.notices)
+
+
+def _in_motion(scenario: Scenario, path: Path, duration: float | None) -> Scenario:
+    """The scenario with one period of a motion that `excite` wrote, free of any workpiece."""
+    series = FourierTrajectory.load(path, Robot.load(scenario.robot).name)
+    motion = FourierMotion(
+        series.base_frequency,
+        series.centre.tolist(),
+        series.sine.tolist(),
+        series.cosine.tolist(),
+    )
+    period = 1.0 / series.base_frequency if duration is None else duration
+    return replace(scenario, motion=motion, machining=None, workpiece=None, duration=period)
 
 
 def simulate(
@@ -354,6 +388,7 @@ def simulate(
     Raises:
         InputError: scenario, robot and model do not fit; or the motion diverges.
     """
+    robot.require_inertias("simulate")
     notices: list[str] = []
     plan = None
     if scenario.machining is not None:

@@ -28,6 +28,7 @@ from analyses.methods.planning.article_paths import (
 )
 from analyses.methods.reading.force_errors import ForceReading
 from analyses.methods.reading.repetition import repetition_torque
+from analyses.methods.runs.fast_runs import is_free, run_free
 from analyses.study.experiment import FigureFile
 from diagrams.closed_loop import make_closed_loop
 from diagrams.pages.path_page import PathMotion, write_path_page
@@ -46,7 +47,7 @@ from models.truth.log_clock import clocked
 ProgressCallback = Callable[[float, str], None]
 
 PATHS = ("initial", "optimised", "found")
-HAND_HZ = 3.0  # up to which the stated band holds a low-pass's lag behind a hand
+HAND_HZ = 3.0  # Hz, up to which the stated band covers a low-pass's lag behind a hand
 _BLOCK = 50_000  # rows read at a time: a covariance a row is much memory
 _FRAMES = 200  # of a pass in a recording
 _STRETCH = 0.5  # s between two reports of progress
@@ -74,7 +75,7 @@ class TaskRun:
 
     @property
     def reference(self) -> Array:
-        """(T, 3) N that readings are held against: the sensor's force, or the true one."""
+        """(T, 3) N that readings are compared with: the sensor's force, or the true one."""
         wrench = self.wrench_true if self.ft_wrench is None else self.ft_wrench
         return wrench[:, 3:]
 
@@ -95,7 +96,7 @@ class TaskRun:
 def uniform_motion(motion: LineMotion) -> tuple[float, float]:
     """From when to when, s, the arm moves evenly on its one pass: between the ramps.
 
-    At rest before it, dry friction holds whatever it likes, which no law of it can say.
+    At rest before it, dry friction may hold any torque within stiction, which no law can predict.
     """
     ramp = motion.ramp * motion.one_way
     return motion.start + ramp, motion.start + motion.one_way - ramp
@@ -115,6 +116,9 @@ def on_path(scenario: Scenario, robot: Robot, path: StraightPath, posture: Array
 
     Args:
         posture: (n,) at the path's midpoint, names the branch.
+
+    Raises:
+        ValueError: the scenario's motion is not a line.
     """
     if not isinstance(scenario.motion, LineMotion):
         raise ValueError("the scenario has no line to move")
@@ -179,10 +183,38 @@ def run_task(
         name: of the run.
         progress: told the share done.
     """
+    nominal = IdentifiedModel.nominal(robot)
+    if is_free(scenario, robot):
+        t, signals = run_free(scenario, robot, nominal)
+        progress(1.0, f"simulating, {name} path")
+    else:
+        t, signals = _run_closed_loop(scenario, robot, nominal, name, progress)
+    recording = Recording(
+        t=t, q=signals["q"], v=signals["v"], current=signals["current"], source=name
+    )
+    mechanisms = robot.config.simulated_truth.mechanisms
+    if mechanisms is not None:
+        recording = clocked(recording, mechanisms.clock, scenario.seed)
+    return TaskRun(
+        name,
+        recording,
+        signals["wrench_true"],
+        signals.get("ft_wrench"),
+        signals["tau_f_true"],
+        np.asarray(robot.chain.condition_number(signals["q"])),
+    )
+
+
+def _run_closed_loop(
+    scenario: Scenario,
+    robot: Robot,
+    nominal: IdentifiedModel,
+    name: str,
+    progress: ProgressCallback,
+) -> tuple[Array, dict[str, Array]]:
     wanted = ["q", "v", "current", "wrench_true", "tau_f_true"]
     if scenario.force_torque_sensor is not None:
         wanted.append("ft_wrench")
-    nominal = IdentifiedModel.nominal(robot)
     loop = make_closed_loop(
         scenario,
         robot,
@@ -198,21 +230,7 @@ def run_task(
         even_stretches(scenario.duration, _STRETCH),
         lambda share: progress(share, f"simulating, {name} path"),
     )
-    t, signals = loop.logged(simulator.get_context())
-    recording = Recording(
-        t=t, q=signals["q"], v=signals["v"], current=signals["current"], source=name
-    )
-    mechanisms = robot.config.simulated_truth.mechanisms
-    if mechanisms is not None:
-        recording = clocked(recording, mechanisms.clock, scenario.seed)
-    return TaskRun(
-        name,
-        recording,
-        signals["wrench_true"],
-        signals.get("ft_wrench"),
-        signals["tau_f_true"],
-        np.asarray(robot.chain.condition_number(signals["q"])),
-    )
+    return loop.logged(simulator.get_context())
 
 
 def write_runs_page(

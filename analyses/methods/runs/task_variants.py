@@ -2,7 +2,8 @@
 
 A variant is a path, a friction law, a gain and a way from torque to wrench. Two rows that are no
 estimators stand beside them, made with the truth: the reading with the true friction known, and the
-true force behind the observer's low-pass. They say what friction and lag have in the errors.
+true force behind the observer's low-pass. They show how much of the errors is due to friction and
+lag.
 """
 
 from collections.abc import Mapping, Sequence
@@ -80,7 +81,7 @@ def known_friction(models: ArmModels, run: TaskRun, gain: float = K_0) -> dict[s
 
 
 def lag_alone(run: TaskRun, gain: float = K_0) -> dict[str, Any]:
-    """Errors of the true force behind K_0 / (s + K_0): what an observer cannot do better."""
+    """Errors of the true force behind K_0 / (s + K_0): the least that this observer can have."""
     force = _lagged(run, gain)
     return _without_band(force_metrics(force, np.zeros_like(force), run.reference))
 

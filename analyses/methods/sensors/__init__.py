@@ -1,1 +1,1 @@
-"""Readings held against a force sensor: where it is mounted, and how far the two differ."""
+"""Readings compared with a force sensor: how it is mounted, and how far the two differ."""

@@ -1,8 +1,8 @@
 """How far a reading is from a sensor, by phase: at rest or in motion, in contact or free.
 
-A phase is told by the sensor's own force and by the joints' speed. Numbers are over averages of
-0.1 s (`sensor_log.WINDOW` blocks), as in all our experiments; the sd of an average is the mean of
-its parts', since their errors last longer. A band holds where the average's error is within 1.96
+Phases are told apart by the sensor's own force and by the joints' speed. Numbers are over averages
+of 0.1 s (`sensor_log.WINDOW` blocks), as in all our experiments; the sd of an average is the mean
+of its parts', since their errors last longer. A band holds where the average's error is within 1.96
 sds.
 """
 
@@ -84,7 +84,7 @@ class SensorComparison:
                 found[phase][axis] = None if judged is None else judged.metrics(unit)
         return found
 
-    def figure(self) -> "Figure":
+    def figure(self, reading: str = "from motor currents") -> "Figure":
         """Sensor and reading with its band over time, a panel for each quantity."""
         columns = 2 if len(self.axes) == len(AXES) else 1
         figure, panels = new_figure(len(self.axes) // columns, columns, share_x=True)
@@ -103,7 +103,7 @@ class SensorComparison:
                 label="95 % band",
             )
             panel.plot(t, self.sensor[every, k], color=COLOUR["truth"], lw=1.0, label="sensor")
-            panel.plot(t, mean, color=COLOUR["estimate"], lw=1.0, label="from motor currents")
+            panel.plot(t, mean, color=COLOUR["estimate"], lw=1.0, label=reading)
             panel.set_ylabel(f"{axis} [{'N m' if axis.startswith('m') else 'N'}]")
             _keep_in_view(panel, np.concatenate([mean, self.sensor[every, k]]))
         for column in range(columns):
@@ -113,19 +113,26 @@ class SensorComparison:
         return figure
 
 
-def compare_with_sensor(log: SensorLog, config: ReferenceConfig) -> SensorComparison:
+def compare_with_sensor(
+    log: SensorLog, config: ReferenceConfig, mounted: Mounting | None = None
+) -> SensorComparison:
     """Finds what the configuration leaves open, and holds the reading against the sensor.
+
+    Args:
+        log: of both.
+        config: what is given of the sensor.
+        mounted: how it is mounted, where that has been found before.
 
     Raises:
         InputError: another number of columns than 1, 3 or 6, or as `find_mounting`.
     """
     k = log.sensor.shape[1]
     check_columns(k)
-    mounting, notices = find_mounting(log, config)
+    mounting, notices = find_mounting(log, config) if mounted is None else (mounted, ())
     sensor = mounting.on_robot(log.t, log.sensor, log.R_WE)
     reading = mounting.seen(log.reading, log.R_WE, k)
     if k == 1:
-        # The sd along an axis, at most: components are not known to err independently.
+        # The largest sd along an axis: the components' errors may not be independent.
         sd = np.sum(np.abs(mounting.direction(log.R_WE)) * log.sd[:, :3], axis=1)[:, None]
         axes: tuple[str, ...] = (ALONG,)
     else:

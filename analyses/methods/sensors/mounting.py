@@ -3,13 +3,13 @@
 Found is what makes the sensor agree best with the reading, root mean square over the log:
 
     frame   the axes of W or of the tool, turned by quarter turns (24 ways); or given, with any turn
-    sign    whether the sensor says what acts on the robot or what the robot does
+    sign    whether the sensor reports the force on the robot or the force on the environment
     delay   in steps of a block, up to MAX_DELAY either way
     tare    `fit`: the constant in the sensor's axes, whatever the rest
 
 A force that never changes its direction leaves some of that open. Of mountings that agree within
-SAME of the best the plainest is taken, the unturned before the turned; a notice says so where it
-matters. The reading errs, so a fit of the tare hides a constant error of the reading.
+SAME of the best the simplest is taken, the unturned before the turned; a notice says so where it
+matters. The reading has errors of its own: a fit of the tare hides a constant one.
 """
 
 from dataclasses import dataclass, replace
@@ -31,8 +31,8 @@ from models.files.input_error import InputError
 
 MAX_DELAY: Final = 0.3  # s
 TARE_TIME: Final = 0.5  # s, of the tare `start`
-SAME: Final = 1.02  # times the least error: agrees as well
-_FLAT = 1.05  # times the least error over all delays: the log tells none
+SAME: Final = 1.02  # times the least error: agrees equally well
+_FLAT = 1.05  # times the least error over all delays: the log does not determine the delay
 _ROWS = 5000  # that a search looks at
 _POOR = 0.6  # of the sensor's force, RMS: no agreement that tells a mounting
 _DIFFERS = 0.5  # of the error: two mountings that say different things
@@ -45,7 +45,7 @@ class Mounting:
     Attributes:
         frame: "world" or "tool".
         R: (3, 3) axes of the sensor in that frame. A single column is a force along its z.
-        sign: 1: the sensor says what acts on the robot; -1: what the robot does.
+        sign: 1: the sensor reports the force on the robot; -1: the force on the environment.
         tare: (k,) what it reads without load.
         delay: s that it is late by.
     """
@@ -104,7 +104,7 @@ def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tu
         raise InputError(
             "estimate", "--reference", "the log is too short to compare with", "record a longer one"
         )
-    plain = Mounting("world", np.eye(3), 1, _tare(log, config), 0.0)
+    plain = Mounting("world", np.eye(3), 1, tare_of(log, config), 0.0)
     coarse = log.every(max(1, len(log.t) // _ROWS))
     candidates = _candidates(plain, config, k)
     wants_delay = config.delay == FOUND
@@ -115,13 +115,13 @@ def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tu
     if wants_delay:
         delay = _found_delay(coarse, best, config)
         if delay is None:
-            notices.append("the log does not tell the sensor's delay; taken as none")
+            notices.append("the log does not determine the sensor's delay; taken as zero")
         elif delay != 0.0:
             candidates = [replace(one, delay=delay) for one in candidates]
             best, open_frame = _best(coarse, candidates, config)
     if open_frame:
         notices.append(
-            "the forces of the log leave the sensor's axes or sign open: the plainest that agree "
+            "the forces of the log leave the sensor's axes or sign open: the simplest that agree "
             "are taken; give --reference-frame and --reference-sign"
         )
     if config.tare == "fit":
@@ -157,7 +157,8 @@ def error_of(log: SensorLog, mounting: Mounting, with_offset: bool) -> float:
     return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
 
 
-def _tare(log: SensorLog, config: ReferenceConfig) -> Array:
+def tare_of(log: SensorLog, config: ReferenceConfig) -> Array:
+    """(k,) what the configuration says the sensor reads without load; zero where it is fitted."""
     k = log.sensor.shape[1]
     given = tare_numbers(config)
     if given is not None:

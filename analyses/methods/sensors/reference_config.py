@@ -1,16 +1,18 @@
-"""What `estimate --reference` is told of the sensor in a log."""
+"""The settings of `estimate --reference`: the force sensor in a log."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from models.files.input_error import InputError
+from models.recordings.recording_format import SignalColumns, column_items
 
 SIZES = (1, 3, 6)  # columns: a force along an axis, a force, a force and a moment
 FRAMES = ("found", "world", "tool")
 SIGNS = ("found", "robot", "environment")
 TARES = ("none", "start", "fit")
 FOUND = "found"
+REFERENCE = "--reference"  # the sensor's signal in a recording; no description can name one so
 _LONGEST_DELAY = 5.0  # s
 
 
@@ -19,9 +21,9 @@ class ReferenceConfig:
     """A force sensor among a log's columns, and how it is mounted."""
 
     columns: str = ""  # of the sensor, force first: 1, 3 or 6; N, N m; empty: no sensor
-    frame: str = "found"  # whose axes the sensor's are, once turned: world, tool, or found
+    frame: str = "found"  # frame that the sensor is fixed in: world, tool, or found
     turn: list[float] = field(default_factory=list)  # rad, roll pitch yaw of its axes in the frame
-    sign: str = "found"  # robot: what acts on the robot; environment: what the robot does; or found
+    sign: str = "found"  # of the force: robot (on the robot), environment (on it), or found
     tare: str = "none"  # none; start: mean of the first half second; fit; or numbers with commas
     delay: str = "found"  # s that the sensor is later than the motion; or found
     contact_force: float = 5.0  # N, beyond which the sensor tells contact
@@ -106,3 +108,17 @@ def checked_reference(config: ReferenceConfig) -> ReferenceConfig:
         if not (np.isfinite(number) and number > 0.0):
             raise refuse(name, f"is {number}, expected more than zero", "leave it out")
     return config
+
+
+def reference_columns(reference: ReferenceConfig) -> dict[str, SignalColumns]:
+    """The sensor's columns, which the log's description need not know.
+
+    Raises:
+        InputError: columns that are none, or not 1, 3 or 6 of them, or a tare of other size.
+    """
+    if not reference.columns:
+        return {}
+    items = column_items(reference.columns, REFERENCE, "estimate")
+    check_columns(len(items))
+    check_tare(reference, len(items))
+    return {REFERENCE: SignalColumns(reference.columns)}

@@ -1,5 +1,6 @@
 """A reading and a sensor side by side, as means over short blocks of time."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -91,3 +92,16 @@ class SensorLogCollector:
             np.concatenate(column) for column in zip(*self._kept, strict=True)
         )
         return SensorLog(t, reading, sd, valid == 1.0, R_WE, speed, sensor)
+
+
+def joined_logs(logs: Sequence[SensorLog]) -> SensorLog:
+    """Logs one after the other on one clock: for what a sensor has in common in all of them."""
+    end, clocks = 0.0, []
+    for log in logs:
+        clocks.append(log.t - log.t[0] + end)
+        end = clocks[-1][-1] + log.step
+    if len(logs) == 1:
+        return logs[0]
+    names = [name for name in SensorLog.__dataclass_fields__ if name != "t"]
+    parts = {name: np.concatenate([getattr(log, name) for log in logs]) for name in names}
+    return SensorLog(t=np.concatenate(clocks), **parts)

@@ -60,6 +60,9 @@ class RosbagContainer:
 
         q, v and tau go to /joint_states, i to /motor_current as efforts, and a signal NAME.1.. to
         /NAME as positions.
+
+        Raises:
+            InputError: a time that a stamp cannot hold; the file cannot be written.
         """
         joints: dict[str, dict[str, dict[str, NDArray[Any]]]] = {}  # topic, quantity, joint
         own = {"q": "position", "v": "velocity", "tau": "effort", "i": "effort"}

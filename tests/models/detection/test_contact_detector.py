@@ -129,7 +129,10 @@ def test_without_learnt_tails_the_rate_is_kept_for_gaussian_noise(sts, model):
 def test_a_higher_rate_has_lower_levels(sts, model):
     own = learnt(model, sts, 60_000, 4)
     levels = np.array([detector_of(own, sts, rate).levels for rate in (0.1, 1.0, 10.0, 100.0)])
-    assert (np.diff(levels, axis=0) < 0.0).all()
+    sample, mean, power, change = levels.T
+    assert (np.diff([sample, mean, change]) < 0.0).all()
+    # Misfit is asked in contact alone: its level follows a rate that is high already.
+    assert power[0] == power[1] == power[2] > power[3]
     with pytest.raises(ValueError, match="false_alarms_per_hour"):
         detector_of(own, sts, 0.0)
 
@@ -153,7 +156,7 @@ def test_a_weak_push_is_found_by_its_mean(sts, model):
     tau_ext = noise(model, 4000, np.random.default_rng(7))
     detector = detector_of(model, sts)
     direction = np.linalg.cholesky(model.torque_error.correlation) @ np.ones(N) / np.sqrt(N)
-    sample, mean, _ = detector.levels
+    sample, mean, *_ = detector.levels
     scale = np.sqrt(CORRELATION_TIME / (CORRELATION_TIME + 0.3))
     size = 1.5 * mean * scale
     assert size < 0.95 * sample  # nothing that a sample without noise would show
@@ -197,6 +200,31 @@ def test_drifted_friction_widens_the_threshold_after_its_first_alarm(sts, model)
     late = found.contact[30_000:]
     assert late.mean() < 0.01
     assert begins(late) <= 3
+
+
+def test_a_push_is_found_at_once_on_top_of_an_error_that_drifts(sts, model):
+    """A slow error of 4 sds is no change; the push of 6 sds on it is."""
+    own = learnt(model, sts, 60_000, 14)
+    tau_ext = noise(own, 6000, np.random.default_rng(15))
+    t = T * np.arange(6000)
+    tau_ext += 4.0 * SD[0] * np.sin(2.0 * np.pi * t / 10.0)[:, np.newaxis] * np.eye(N)[0]
+    pushed = tau_ext.copy()
+    pushed[3000:3040] += 6.0 * SD * [0.0, 1.0, -1.0, 1.0, 0.0, 1.0]
+    detector = detector_of(own, sts)
+    _, free = judged(detector, own, sts, tau_ext)
+    assert not free.contact.any()
+    _, found = judged(detector, own, sts, pushed)
+    assert np.flatnonzero(found.contact)[0] == 3000
+
+
+def test_a_change_is_learnt_from_what_it_is_made_of(sts, model):
+    own = learnt(model, sts, 60_000, 16)
+    shares = np.array(own.contact_noise.change_sd)
+    assert shares.shape == (N, 7)
+    # x minus its low-pass of .3 s, of an error with covariance exp(-|t| / .2):
+    # 1 - 2 * .2 / .5 + .2 / .5 of its variance.
+    np.testing.assert_allclose(shares[:, 0], SD * np.sqrt(0.6), rtol=0.1)
+    assert (shares[:, 1:] == 0.0).all()  # nothing moves
 
 
 def test_held_readings_leave_everything_as_it_was(sts, model):
@@ -271,5 +299,7 @@ def test_noise_without_excursions_has_no_tail(sts, model):
     own = learnt(model, sts, 300, 13)
     assert own.contact_noise.sample is None
     assert peaks_above(np.zeros(3), 1.0, T).size == 0
-    levels = detector_of(own, sts).levels
+    assert own.contact_noise.change is None
+    *levels, change = detector_of(own, sts).levels
     assert np.isfinite(levels).all()
+    assert change == np.inf  # changes are not looked at

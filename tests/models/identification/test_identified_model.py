@@ -308,7 +308,8 @@ def test_the_fitted_speed_of_a_law_makes_the_round_trip(model, sts, tmp_path):
 
 def with_contact_noise(model):
     tail = ExceedanceTail(level=3.7, rate_per_hour=1175.7, scale=1.0 / 3.0, shape=0.025)
-    noise = ContactNoise([0.1] * 6, [0.7] * 6, 0.01, 0.034, sample=tail, mean=tail)
+    change = {"change_sd": [[0.1, *([0.0] * 6)]] * 6, "change": tail}
+    noise = ContactNoise([0.1] * 6, [0.7] * 6, 0.01, 0.034, sample=tail, mean=tail, **change)
     return replace(model, contact_noise=noise)
 
 
@@ -322,6 +323,8 @@ def test_the_contact_noise_makes_the_round_trip(model, sts, tmp_path):
     [
         ("mean_scale", [0.7] * 5, r"contact_noise\.mean_scale: expected 6 numbers"),
         ("usual_jolt", [-1.0] * 6, r"contact_noise\.usual_jolt: expected 6 numbers, 0 or more"),
+        ("change_sd", [[0.1] * 6] * 6, r"contact_noise\.change_sd: expected 6 rows of 7 numbers"),
+        ("change_sd", [[0.0] * 7] * 6, r"contact_noise\.change_sd: .*not all zero"),
         ("hours", 0.0, r"contact_noise\.hours: expected a number above zero"),
         (
             "sample",

@@ -523,20 +523,10 @@ MOVING = '<inertia ixx=".01" ixy="0" ixz="0" iyy=".01" iyz="0" izz=".005"/>'
          'line 17: joint "elbow": lower limit 0 is not below the upper 0'),
         ('lower="-2" upper="2" velocity="3" effort="20"', 'lower="2" upper="-2" effort="20"',
          'line 17: joint "elbow": lower limit 2 is not below the upper -2'),
-        ('<mass value="1"/>', '<mass value="0"/>',
-         'line 7: link "lower" has a rotational inertia but no mass'),
-        ('<mass value="1"/>', '<mass value="-1"/>', 'link "lower" has a mass of -1 kg'),
-        ('<mass value="1"/>', '<mass value="nan"/>', 'value="nan" of <mass>, expected a number'),
-        (MOVING, '<inertia ixx=".01" iyy=".01" izz=".05"/>',
-         'line 8: link "lower" has no physical inertia: principal moments 0.01, 0.01, 0.05 break'),
-        (MOVING, '<inertia ixx="-.01" iyy=".01" izz=".01"/>', "are not all above 0"),
-        (MOVING, '<inertia ixx=".01" ixy=".02" iyy=".01" izz=".01"/>', "are not all above 0"),
-        (MOVING, '<inertia ixx="0" iyy="0" izz="0"/>',
-         'moving link "lower" (with what is fixed to it) has no physical inertia'),
         ('<origin xyz="0 0 .3"/>', '<origin xyz="0 0"/>', 'xyz="0 0" of <origin>, expected three'),
         ('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>', "an axis of length zero"),
         ('<link name="base"/>', '<link name="base"/><xacro:include filename="a"/>',
-         "line 2: <xacro:include> is unexpanded xacro; run xacro on it first"),
+         "xacro: unbound prefix"),
         ('"lower"', '"E"', 'the link name "E" is taken'),
     ],
 )  # fmt: skip
@@ -552,12 +542,44 @@ def test_a_wrong_urdf_is_one_clear_line(tmp_path: Path, old: str, new: str, expe
     assert "\n" not in line
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ('<mass value="1"/>', '<mass value="0"/>',
+         'line 7: link "lower" has a rotational inertia but no mass'),
+        ('<mass value="1"/>', '<mass value="-1"/>', 'link "lower" has a mass of -1 kg'),
+        ('<mass value="1"/>', '<mass value="nan"/>', 'value="nan" of <mass>, expected a number'),
+        (MOVING, '<inertia ixx=".01" iyy=".01" izz=".05"/>',
+         'line 8: link "lower" has no physical inertia: principal moments 0.01, 0.01, 0.05 break'),
+        (MOVING, '<inertia ixx="-.01" iyy=".01" izz=".01"/>', "are not all above 0"),
+        (MOVING, '<inertia ixx=".01" ixy=".02" iyy=".01" izz=".01"/>', "are not all above 0"),
+        (MOVING, '<inertia ixx="0" iyy="0" izz="0"/>',
+         'moving link "lower" (with what is fixed to it) has no physical inertia'),
+    ],
+)  # fmt: skip
+def test_impossible_inertias_spare_kinematics(
+    tmp_path: Path, old: str, new: str, expected: str
+) -> None:
+    (tmp_path / "sound").mkdir()
+    sound = load_small(tmp_path / "sound")
+    robot = load_small(tmp_path, SMALL_URDF.replace(old, new))
+    assert sound.has_inertias and not robot.has_inertias
+    assert any(expected in notice for notice in robot.notices)
+    with pytest.raises(InputError) as error:
+        robot.require_inertias("excite")
+    line = str(error.value)
+    assert line.startswith("excite: needs the inertias of small: ")
+    assert expected in line
+    q = np.array([0.3, -0.8])
+    np.testing.assert_array_equal(robot.chain.jacobian(q), sound.chain.jacobian(q))
+
+
 def test_a_moving_body_without_mass(tmp_path: Path) -> None:
     start = SMALL_URDF.index('<inertial><origin xyz="0 0 .1"/><mass value="1"/>')
     end = SMALL_URDF.index("</inertial>", start) + len("</inertial>")
     massless = SMALL_URDF[:start] + SMALL_URDF[end:]
     with pytest.raises(InputError, match=r'line 7: moving link "lower" .* have no mass'):
-        load_small(tmp_path, massless)
+        load_small(tmp_path, massless).require_inertias("excite")
     # The tool, or a link that is fixed to it, can carry the inertia.
     tool = {"mass": 1.0, "com": [0, 0, 0.1], "inertia": [0.01, 0.01, 0.005, 0, 0, 0]}
     robot = load_small(tmp_path, massless, tool=tool)
@@ -572,8 +594,8 @@ def test_a_moving_body_without_mass(tmp_path: Path) -> None:
 def test_a_file_that_is_no_urdf(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"absent\.urdf: URDF: no such file; see .*robot\.yaml"):
         load_small(tmp_path, urdf_name="absent.urdf")
-    with pytest.raises(InputError, match="<sdf> is the root element, expected <robot>"):
-        load_small(tmp_path, "<sdf/>")
+    with pytest.raises(InputError, match="<mujoco> is the root element, expected <robot>"):
+        load_small(tmp_path, "<mujoco/>")
     with pytest.raises(InputError, match="holds no <link>"):
         load_small(tmp_path, "<robot/>")
 

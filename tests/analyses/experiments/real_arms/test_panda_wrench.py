@@ -10,14 +10,13 @@ from scipy.stats import spearmanr
 
 from analyses.experiments.real_arms.panda_wrench import (
     EXPERIMENT,
-    Knowledge,
     PoseLog,
-    knowledge_by_evidence,
-    rank_correlation,
+    knowledge_of_logs,
     read_forces,
     read_pose_logs,
     run,
 )
+from analyses.methods.external_torque.force_readings import Knowledge, rank_correlation
 from analyses.output.outputs import plain_metrics
 from analyses.study.experiment import ExperimentContext
 from analyses.study.outcome import look_up
@@ -45,8 +44,8 @@ def made_up_logs(noise: float, poses: int = 10, rows: int = 300) -> tuple[PoseLo
 def test_exact_torques_read_the_sensors_force_in_the_pads_axes() -> None:
     knowledge = Knowledge(10.0, 1.0, 1e-4 * np.eye(7))
     reading = read_forces(made_up_logs(0.0), "inverse", knowledge)
-    assert len(reading.poses) == 10
-    for pose in reading.poses:
+    assert len(reading.logs) == 10
+    for pose in reading.logs:
         assert pose.rmse < 1e-12
         assert pose.loaded.sum() == 150
 
@@ -64,12 +63,12 @@ def test_error_and_stated_sd_agree_when_the_noise_is_what_was_said() -> None:
 
 def test_the_rule_finds_the_task_and_never_looks_at_the_sensor() -> None:
     logs = made_up_logs(0.05)
-    knowledge = knowledge_by_evidence(logs)
+    knowledge = knowledge_of_logs(logs)
     assert np.sqrt(knowledge.torque_covariance[0, 0]) == pytest.approx(0.05, rel=0.1)
     # Half the rows carry 3 N along one of three axes.
     assert knowledge.force_sd == pytest.approx(3.0 / np.sqrt(6.0), rel=0.1)
     blind = tuple(replace(log, sensor_force=0.0 * log.sensor_force) for log in logs)
-    again = knowledge_by_evidence(blind)
+    again = knowledge_of_logs(blind)
     assert (again.force_sd, again.moment_sd) == (knowledge.force_sd, knowledge.moment_sd)
 
 

@@ -85,8 +85,8 @@ def test_several_arms_need_a_flange(wheel_robots: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [
-        ("a.urdf.xacro", "<robot/>", "is a macro of URDFs"),
-        ("a.sdf", "<sdf/>", "<sdf> is the root element"),
+        ("a.sdf", "<sdf/>", "holds 0 models, expected one"),
+        ("a.xml", "<mujoco/>", "<mujoco> is the root element"),
         ("a.urdf", "<robot>", "no valid XML"),
         ("a.urdf", "<robot name='a'><link name='b'/></robot>", "links that hang on nothing"),
     ],

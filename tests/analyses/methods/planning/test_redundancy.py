@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,13 +12,16 @@ from typer.testing import CliRunner
 
 from analyses.__main__ import app
 from analyses.methods.planning.redundancy import find_redundancy
-from analyses.methods.planning.redundancy_task import RedundancyTask
+from analyses.methods.planning.redundancy_task import RedundancyClearance, RedundancyTask
+from diagrams.clearance import workpiece_clearance
+from diagrams.scenario import BladeConfig
 from models.arrays import Array
 from models.files.configuration import load_configuration, save_configuration
 from models.files.task_files import task_file
 from models.motion.surface_path import SurfacePath
 from models.motion.workpieces import BladeSection
 from models.robot.robot import Robot
+from models.robot.robot_config import PoseConfig
 
 
 def pinocchio_jcn(robot: Robot, q: Array) -> Array:
@@ -129,3 +133,28 @@ def test_a_task_survives_being_written(tmp_path: Path) -> None:
     blade = load_configuration(task_file("blade_path", "redundancy"), RedundancyTask)
     save_configuration(blade, tmp_path / "task.yaml")
     assert "blade" in (tmp_path / "task.yaml").read_text()
+
+
+def test_where_the_optimum_is_too_near_the_best_free_way_stands_beside_it(sts: Robot) -> None:
+    """Against distances taken one by one, of every link but the tool."""
+    blade = load_configuration(task_file("blade_path", "redundancy"), RedundancyTask)
+    assert blade.surface is not None
+    config = replace(
+        blade,
+        surface=replace(blade.surface, num_samples=25),
+        workpiece=PoseConfig([0.62, 0.0, 0.22], [0.0, 0.0, np.pi / 2]),
+        joint_ranges_deg={},
+        num_angles=36,
+        max_joint_step_deg=20.0,
+        clearance=RedundancyClearance(distance=0.03),
+    )
+    result = find_redundancy(sts, config)
+    assert result.free is not None
+    piece = BladeConfig(pose=config.workpiece)
+    assert workpiece_clearance(sts, piece, result.optimised.q) < 0.03
+    assert workpiece_clearance(sts, piece, result.free.q) >= 0.03
+    metrics = result.metrics()
+    assert metrics["free"]["mean_jcn"] >= metrics["optimised"]["mean_jcn"]
+    assert metrics["free"]["mean_jcn"] < metrics["initial"]["mean_jcn"]
+    assert metrics["clearance"]["optimised"]["slack_m"] < 0.0
+    assert any("keeps less than 30 mm" in notice for notice in result.notices)

@@ -16,6 +16,7 @@ from analyses.methods.runs.machining import (
     READINGS,
     MachiningRun,
     errors,
+    errors_within_ways,
     feed_key,
     learn,
     read_all,
@@ -98,6 +99,31 @@ def test_a_run_is_steady_where_its_plan_is(made_up):
     both = (plan.steady[:-1] == 1.0) & (plan.steady[1:] == 1.0)
     np.testing.assert_array_equal(made_up.steady[205:4200:10], both)
     assert made_up.fault == Fault.NONE
+
+
+def test_ways_change_where_the_feed_turns_round(made_up):
+    ways = made_up.ways
+    assert set(ways[:200]) == set(ways[4200:]) == {0}
+    assert made_up.plan.trajectory.duration == pytest.approx(4.0)  # there and back
+    # At the turn the feed is at rest for an instant.
+    assert set(ways[200:2190]) == {1} and set(ways[2210:4200]) == {2}
+
+
+def test_within_a_way_a_change_of_sign_tells_nothing():
+    """Truth is a step of +-10 N and a ripple; one reading has the step alone, one the ripple."""
+    ways = np.repeat([0, 1, 2], [10, 500, 500])
+    ripple = np.sin(0.1 * np.arange(1010))
+    step = np.array([50.0, 10.0, -10.0])[ways]
+    truth = step + ripple
+    noise = 0.1 * np.cos(0.7 * np.arange(1010))
+    blind, sees = step + noise, 0.5 * step + ripple
+    assert errors(blind[10:], truth[10:])["correlation"] > 0.99
+    found = errors_within_ways(blind, truth, ways)
+    assert abs(found["correlation"]) < 0.05  # ripple and noise are not in step
+    seen = errors_within_ways(sees, truth, ways)
+    assert seen["correlation"] == pytest.approx(1.0, abs=1e-12)
+    assert seen["rmse_n"] == pytest.approx(0.0, abs=1e-12)
+    assert seen["ways"]["rmse_n"] == pytest.approx([0.0, 0.0], abs=1e-12)
 
 
 def test_directions_are_the_path_and_its_normal(made_up):
@@ -241,7 +267,7 @@ def test_all_that_is_compared_and_said_is_measured(sts_reversed, models, runs):
         metrics |= over_feeds(metrics)
         metrics["sources"] = sources(models, dict.fromkeys(FEEDS, runs["sensor"]))
         rows = comparison_rows(task)
-        assert len(rows) == 6
+        assert len(rows) == 8
         for row in rows:
             value = metrics
             for part in row.key.split("."):

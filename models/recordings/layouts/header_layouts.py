@@ -1,8 +1,9 @@
 """Layouts of logs that other programs write, known by their columns.
 
 - Universal Robots RTDE records: timestamp, actual_q_0.., actual_qd_0.., actual_current_0..
-- one series per joint and quantity, as PlotJuggler exports sensor_msgs/JointState and as the bags
-  of this room name their columns: TOPIC/JOINT/position, TOPIC/JOINT/velocity, TOPIC/JOINT/effort
+- one series per joint and quantity, as PlotJuggler exports sensor_msgs/JointState and as
+  `recordings.rosbag` names its columns: TOPIC/JOINT/position, TOPIC/JOINT/velocity,
+  TOPIC/JOINT/effort
 - `ros2 topic echo --csv` of a JointState: no header; sec, nanosec, frame, the joints' names, then
   their positions, velocities and efforts
 
@@ -44,7 +45,7 @@ def known_layout(
         joint_names: of the robot, base to tool; None: the log's own, in its order.
 
     Returns:
-        None: none of them.
+        The layout; None where the columns are of no known program.
 
     Raises:
         InputError: it is one, but a joint or its positions are missing, or two topics hold them.

@@ -1,0 +1,1 @@
+"""The wrench from external joint torque that the arm itself reports, against a sensor."""

@@ -1,0 +1,50 @@
+"""Rows of a log beside its force sensor, as they stand: no averages."""
+
+import numpy as np
+
+from analyses.methods.external_torque.force_readings import LogReading
+from analyses.methods.sensors.mounting import Mounting
+from analyses.output.stream_summary import EvenSample
+from models.arrays import Array
+from models.estimation.wrench import WrenchEstimate
+
+_SENSOR = 22  # numbers of a row before the sensor's: t, force, covariance, axes
+_FORCE_COLUMNS = 3
+
+
+class RowsBesideSensor:
+    """Gathers them from a stream, at most `capacity`, evenly spread.
+
+    Attributes:
+        reading: once compared with the sensor; None before, and for a single force.
+    """
+
+    def __init__(self, capacity: int) -> None:
+        self._rows = EvenSample(capacity)
+        self._condition = EvenSample(capacity)
+        self.reading: LogReading | None = None
+
+    def add(self, t: Array, batch: WrenchEstimate, R_WE: Array, sensor: Array) -> None:
+        """Takes the next rows: s, what is read, axes of the tool, the sensor as logged."""
+        size = len(t)
+        covariance = batch.covariance[:, 3:, 3:].reshape(size, 9)
+        parts = [t[:, None], batch.wrench[:, 3:], covariance, R_WE.reshape(size, 9), sensor]
+        self._rows.add(np.concatenate(parts, axis=1))
+        self._condition.add(batch.condition_number)
+
+    def hold_against(self, mounting: Mounting, force: float) -> None:
+        """Compares the forces where the sensor's is larger than `force` (N)."""
+        rows = self._rows.values()
+        t, estimate, covariance, R_WE, sensor = np.split(rows, (1, 4, 13, _SENSOR), axis=1)
+        if sensor.shape[1] < _FORCE_COLUMNS:
+            return
+        truth = mounting.on_robot(t[:, 0], sensor, R_WE.reshape(-1, 3, 3))[:, :3]
+        known = np.asarray(np.isfinite(truth).all(axis=1))
+        truth = np.where(known[:, None], truth, 0.0)
+        self.reading = LogReading(
+            force=estimate,
+            covariance=covariance.reshape(-1, 3, 3),
+            condition_number=self._condition.values(),
+            error=estimate - truth,
+            loaded=np.asarray(known & (np.linalg.norm(truth, axis=1) > force)),
+        )

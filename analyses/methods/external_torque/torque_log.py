@@ -1,0 +1,106 @@
+"""A log of external joint torque on disk: what it holds, and its Jacobians."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from analyses.methods.sensors.reference_config import ReferenceConfig, reference_columns
+from models.arrays import Array
+from models.files.input_error import InputError
+from models.recordings.layouts.external_torque import JACOBIAN, TAU_EXT, jacobians
+from models.recordings.recording import Recording
+from models.recordings.recording_reader import RecordingReader
+from models.robot.robot import Robot
+
+_CHUNK = 1 << 15  # rows that are worked on at a time
+
+
+def is_torque_log(log: Path, log_format: str | Path | None, torque: str) -> bool:
+    """Whether `estimate` reads a log's external torque rather than its currents.
+
+    False for a log that cannot be opened: its reader reports why.
+
+    Args:
+        torque: `EstimateConfig.torque`.
+    """
+    if torque != "found":
+        return torque == "external"
+    try:
+        layout = RecordingReader(log, log_format, check=False).layout
+    except InputError:
+        return False
+    drives = ("current", "tau_J")
+    return layout.signal(TAU_EXT) is not None and not any(map(layout.signal, drives))
+
+
+class TorqueLog:
+    """A log on disk, opened anew for each pass.
+
+    Args:
+        path, log_format, robot, check: as `RecordingReader`; the robot may be None.
+        reference: a sensor among the log's columns.
+
+    Raises:
+        InputError: as `RecordingReader`; no external torque, or neither a Jacobian nor a robot
+            and positions.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        log_format: str | Path | None,
+        robot: Robot | None,
+        check: bool,
+        reference: ReferenceConfig,
+    ) -> None:
+        self.path = path
+        self._log_format, self._robot, self._check = log_format, robot, check
+        self._further = reference_columns(reference)
+        reader = self.reader()
+        torque = reader.layout.signal(TAU_EXT)
+        if torque is None:
+            raise InputError(
+                path,
+                "",
+                "holds no external torque",
+                f"name its columns tau_ext_1.., or in a description: extra: {TAU_EXT}",
+            )
+        self.num_joints = len(torque.columns)
+        self.has_jacobian = reader.layout.signal(JACOBIAN) is not None
+        self.has_positions = robot is not None and reader.layout.signal("q") is not None
+        if robot is not None and robot.num_joints != self.num_joints:
+            problem = f"holds the torque of {self.num_joints} joints, but {robot.name} has "
+            problem += f"{robot.num_joints}"
+            raise InputError(path, TAU_EXT, problem, "give the robot that the log comes from")
+        if not (self.has_jacobian or self.has_positions):
+            problem = "holds no Jacobian"
+            remedy = "add its positions, and name the robot with --robot"
+            if reader.layout.signal("q") is not None:
+                problem += ", and no robot is named whose Jacobian its positions would give"
+                remedy = "name the robot with --robot"
+            raise InputError(path, "", problem, f"{remedy}, or log J: see the documentation")
+
+    def reader(self) -> RecordingReader:
+        """Opens the log for one pass."""
+        return RecordingReader(
+            self.path, self._log_format, self._robot, self._check, self._further, "estimate"
+        )
+
+    def chunks(self, reader: RecordingReader) -> Iterator[tuple[Recording, Array, Array]]:
+        """Successive parts of the log: rows, J (N, 6, n) rotation first, tau_ext (N, n)."""
+        for whole in reader.chunks():
+            for begin in range(0, whole.num_samples, _CHUNK):
+                chunk = whole[begin : begin + _CHUNK]
+                if self.has_jacobian:
+                    J = jacobians(chunk)
+                else:
+                    assert self._robot is not None
+                    J = self._robot.chain.jacobian(chunk.q)
+                yield chunk, J, chunk.extra[TAU_EXT]
+
+    def axes(self, chunk: Recording) -> Array:
+        """(N, 3, 3) of E in W; of the Jacobian's own frame where that is all there is."""
+        if self._robot is None or not self.has_positions:
+            return np.broadcast_to(np.eye(3), (chunk.num_samples, 3, 3))
+        return self._robot.chain.pose(np.nan_to_num(chunk.q))[0]

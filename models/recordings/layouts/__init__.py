@@ -1,0 +1,1 @@
+"""Layouts of logs that other programs write, known by the names of their columns."""

@@ -1,0 +1,1 @@
+"""Whether what a log says can come from its robot: evidence gathered sample by sample."""

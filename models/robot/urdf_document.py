@@ -1,0 +1,67 @@
+"""The document that describes a robot: URDF as it stands, xacro and SDF turned into it."""
+
+import xml.etree.ElementTree as ET
+import xml.parsers.expat
+from pathlib import Path
+
+from models.files.input_error import InputError
+from models.files.limited_file import read_limited
+from models.robot.sdf_document import urdf_of_sdf
+from models.robot.xacro_document import urdf_of_xacro
+
+LARGEST_DOCUMENT = 1 << 26  # bytes
+
+
+def read_document(
+    path: Path, named_by: Path | None = None
+) -> tuple[ET.Element, dict[ET.Element, int]]:
+    """Reads a robot's description.
+
+    Args:
+        path: .urdf, .xacro or .sdf; what it is the root element says.
+        named_by: the file that names it, told where it is missing.
+
+    Returns:
+        The <robot> element of a URDF, and the lines of its elements in the file; none for what was
+        turned into a URDF.
+
+    Raises:
+        InputError: no such file, no valid XML, another root element, or as `urdf_of_xacro` and
+            `urdf_of_sdf`.
+    """
+    remedy = f"see {named_by}" if named_by is not None else "check the path"
+    data = read_limited(path, LARGEST_DOCUMENT, "URDF", remedy)
+    root, lines = _parsed(data, path)
+    if root.tag == "sdf":
+        return urdf_of_sdf(root, path), {}
+    if root.tag != "robot":
+        raise InputError(
+            path,
+            f"line {lines[root]}",
+            f"<{root.tag}> is the root element, expected <robot> of a URDF, or <sdf>",
+        )
+    if any(element.tag.startswith("xacro:") for element in root.iter()):
+        expanded, _ = _parsed(urdf_of_xacro(path), path)
+        return expanded, {}
+    return root, lines
+
+
+def _parsed(data: bytes, path: Path) -> tuple[ET.Element, dict[ET.Element, int]]:
+    lines: dict[ET.Element, int] = {}
+    builder = ET.TreeBuilder()
+    parser = xml.parsers.expat.ParserCreate()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        lines[builder.start(tag, attributes)] = parser.CurrentLineNumber
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = builder.end
+    parser.CharacterDataHandler = builder.data
+    try:
+        parser.Parse(data, True)
+    except xml.parsers.expat.ExpatError as error:
+        what = xml.parsers.expat.ErrorString(error.code)
+        raise InputError(path, f"line {error.lineno}", f"no valid XML: {what}") from error
+    except (ValueError, LookupError) as error:  # of the encoding that it states
+        raise InputError(path, "line 1", f"cannot be read: {error}", "save it as UTF-8") from error
+    return builder.close(), lines

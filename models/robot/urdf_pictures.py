@@ -1,0 +1,107 @@
+"""The visual and collision shapes of a URDF: what Drake can take, and what becomes of the rest."""
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+from models.files.files_read import about_to_read
+from models.robot.collision_meshes import CollisionMeshes
+from models.robot.convex_hulls import HULL_SUFFIXES
+from models.robot.gltf import gltf_fault
+from models.robot.urdf_shapes import hull_fault, size_fault
+
+_MESHES = (".obj", ".gltf", ".vtk")
+_SHAPES = ("box", "cylinder", "sphere", "capsule", "ellipsoid", "drake:capsule", "drake:ellipsoid")
+
+
+def drop_pictures(
+    links: dict[str, ET.Element], urdf: Path, collisions: CollisionMeshes
+) -> list[str]:
+    """Drops the shapes that Drake cannot take; collision meshes go to `collisions`.
+
+    Args:
+        links: by name, changed.
+        urdf: the file; meshes are looked for beside it and above.
+        collisions: takes the meshes whose convex hulls can be made.
+
+    Returns:
+        What happened, a sentence each.
+    """
+    dropped: dict[tuple[str, str], int] = {}
+    for link in links.values():
+        for kind in ("visual", "collision"):
+            for element in link.findall(kind):
+                reason = _undrawable(element, urdf)
+                if not reason:
+                    continue
+                link.remove(element)
+                if kind == "collision":
+                    mesh = _mesh_for_hull(element, urdf)
+                    collisions.add(link, element, mesh, reason)
+                    if mesh is not None:
+                        continue
+                dropped[kind, reason] = dropped.get((kind, reason), 0) + 1
+    notices = []
+    if collisions.count:
+        notices.append(
+            f"{collisions.count} collision meshes count as their convex hulls where clearance "
+            "is asked for; in a simulation nothing collides with them"
+        )
+    without = {"visual": "it is drawn without them", "collision": "nothing collides with them"}
+    for (kind, reason), count in dropped.items():
+        shapes = "shape" if count == 1 else "shapes"
+        notices.append(f"{count} {kind} {shapes} dropped ({reason}): {without[kind]}")
+    return notices
+
+
+def _undrawable(element: ET.Element, urdf: Path) -> str:
+    """Why Drake cannot take a visual or collision element; '' if it can."""
+    geometry = element.find("geometry")
+    shape = next(iter(geometry), None) if geometry is not None else None
+    if shape is None:
+        return "no geometry"
+    if shape.tag not in (*_SHAPES, "mesh"):
+        return f"<{shape.tag}>"
+    if fault := size_fault(shape):
+        return fault
+    if shape.tag != "mesh":
+        return ""
+    name = shape.get("filename", "")
+    suffix = Path(name).suffix.lower()
+    if suffix not in _MESHES:
+        return suffix or "no file name"
+    found = resolved_mesh(name, urdf)
+    if found is None:
+        return f"{suffix}, file not found"
+    about_to_read(found)
+    if suffix == ".gltf" and (fault := gltf_fault(found)):
+        return fault
+    if element.tag == "collision" and (fault := hull_fault(found)):
+        return fault
+    shape.set("filename", found.as_uri())
+    return ""
+
+
+def _mesh_for_hull(element: ET.Element, urdf: Path) -> Path | None:
+    """The file of a collision mesh that Drake does not read, but whose hull can be made."""
+    shape = element.find("geometry/mesh")
+    name = "" if shape is None else shape.get("filename", "")
+    if Path(name).suffix.lower() not in HULL_SUFFIXES:
+        return None
+    return resolved_mesh(name, urdf)
+
+
+def resolved_mesh(name: str, urdf: Path) -> Path | None:
+    """The file that a mesh's URI means; package:// is looked for upwards from the URDF."""
+    folder = urdf.resolve().parent
+    if name.startswith("package://"):
+        relative = name.removeprefix("package://")
+        inside = relative.partition("/")[2]
+        candidates = [parent / relative for parent in (folder, *folder.parents)]
+        candidates += [
+            parent / inside
+            for parent in (folder, *folder.parents)
+            if (parent / "package.xml").is_file()
+        ]
+    else:
+        candidates = [folder / name.removeprefix("file://")]
+    return next((path for path in candidates if path.is_file()), None)

@@ -1,0 +1,202 @@
+"""Wrenches from logs of external torque: made-up ones with known answers, and a real arm's."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow.csv as pa_csv
+import pytest
+import yaml
+
+from analyses.experiments.real_arms.panda_wrench import (
+    knowledge_of_logs,
+    read_forces,
+    read_pose_logs,
+)
+from analyses.methods.external_torque.torque_log import is_torque_log
+from analyses.methods.external_torque.torque_logs import estimate_torque_logs
+from analyses.methods.reading.estimate_config import EstimateConfig
+from analyses.methods.sensors.reference_config import ReferenceConfig
+from models.estimation.wrench_table import COLUMNS
+from models.files.input_error import InputError
+from models.robot.robot import Robot
+
+NOISE = 0.03  # N m
+FORCE = np.array([3.0, -6.0, -12.0])  # N, on the robot in axes of W, in the second half
+RECORDINGS = tuple(f"panda_ati_gamma/data_pos_{i}.csv" for i in range(1, 11))
+TURN = [np.pi / 2, 0.0, 0.0]  # of the pad's axes in the sensor's, those of the Jacobian
+
+
+@pytest.fixture(scope="module")
+def torque_log(panda: Robot, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """Writes a log of a Panda that moves and is pushed; with q, with J, or both."""
+
+    def write(seed: int = 0, q: bool = True, J: bool = True, rows: int = 2000) -> Path:
+        rng = np.random.default_rng(seed)
+        t = np.arange(rows) / 100.0
+        home = np.array([0.0, -0.4, 0.0, -1.9, 0.0, 1.6, 0.6])
+        phase = rng.uniform(0.0, 6.0, 7)
+        angles = home + 0.4 * np.sin(0.5 * t[:, None] + phase)
+        jacobian = panda.chain.jacobian(angles)
+        F = np.zeros((rows, 6))
+        F[rows // 2 :, 3:] = FORCE
+        torque = np.einsum("kij,ki->kj", jacobian, F) + NOISE * rng.normal(size=(rows, 7))
+        columns = {"t": t}
+        if q:
+            columns |= {f"q{j + 1}": angles[:, j] for j in range(7)}
+        columns |= {f"tau_ext_hat_filtered[{j}]": torque[:, j] for j in range(7)}
+        if J:
+            linear_first = np.concatenate([jacobian[:, 3:], jacobian[:, :3]], axis=1)
+            columns |= {
+                f"jacobian_{i}_{j}": linear_first[:, i, j] for i in range(6) for j in range(7)
+            }
+        columns |= {f"f{axis}_sensor": -F[:, 3 + k] for k, axis in enumerate("xyz")}
+        path = tmp_path_factory.mktemp("torque") / f"run_{seed}.csv"
+        rows_of_text = np.column_stack(list(columns.values()))
+        np.savetxt(path, rows_of_text, delimiter=",", header=",".join(columns), comments="")
+        return path
+
+    return write
+
+
+def read_table(path: Path) -> dict[str, np.ndarray]:
+    table = pa_csv.read_csv(path)
+    return {name: table[name].to_numpy() for name in table.column_names}
+
+
+def test_the_jacobian_alone_reads_force_noise_and_task(
+    torque_log: Callable[..., Path], tmp_path: Path
+) -> None:
+    path = torque_log(q=False)
+    assert is_torque_log(path, None, "found")
+    result = estimate_torque_logs([path], None, tmp_path)
+    table = read_table(result.logs[0].table)
+    assert tuple(table)[: len(COLUMNS)] == COLUMNS
+    assert "contact" not in table
+    assert "tau_ext_7" in table
+    late = table["t"] >= 10.0
+    for k, axis in enumerate(("fx", "fy", "fz")):
+        mean, sd = table[axis][late].mean(), table[f"sd_{axis}"][late]
+        assert mean == pytest.approx(FORCE[k], abs=0.1)  # a hundredth of the force and its prior
+        inside = np.abs(table[axis] - np.where(late, FORCE[k], 0.0)) < 1.96 * table[f"sd_{axis}"]
+        assert 0.9 < inside.mean() < 0.99
+        assert (sd < 1.0).all()
+    # One torque sd for all joints, of 2000 rows with one number each that no wrench explains.
+    np.testing.assert_allclose(result.config.torque_sd, NOISE, rtol=0.06)
+    assert result.metrics()["prior"]["rule"] == "evidence of the log"
+    # Half the rows carry a force: its sd is the root of its mean square over three axes.
+    expected = np.linalg.norm(FORCE) / np.sqrt(6.0)
+    assert result.metrics()["prior"]["force_sd_n"] == pytest.approx(expected, rel=0.1)
+
+
+def test_positions_and_a_robot_give_the_same_as_its_jacobian(
+    torque_log: Callable[..., Path], panda: Robot, tmp_path: Path
+) -> None:
+    config = EstimateConfig(prior="8,0.5", torque_sd=[NOISE])
+    by_q = estimate_torque_logs([torque_log(J=False)], panda.source, tmp_path / "q", config=config)
+    by_J = estimate_torque_logs([torque_log()], None, tmp_path / "J", config=config)
+    one, other = (read_table(result.logs[0].table) for result in (by_q, by_J))
+    for axis in ("fx", "fy", "fz", "mx", "my", "mz", "sd_fx"):
+        # The text holds 18 digits.
+        np.testing.assert_allclose(one[axis], other[axis], rtol=1e-9, atol=1e-9)
+    assert by_J.config.torque_sd == [NOISE] * 7
+
+
+def test_logs_are_read_together_and_each_has_its_table(
+    torque_log: Callable[..., Path], tmp_path: Path
+) -> None:
+    paths = [torque_log(seed, q=False) for seed in (1, 2)]
+    reference = ReferenceConfig("fx_sensor,fy_sensor,fz_sensor", contact_force=1.0)
+    result = estimate_torque_logs(paths, None, tmp_path, config=EstimateConfig(reference=reference))
+    names = [log.table.name for log in result.logs]
+    assert names == ["wrench_run_1.csv", "wrench_run_2.csv"]
+    assert all((tmp_path / name).is_file() for name in names)
+    metrics = result.metrics()
+    # The sensor says what the robot does: found. It is exact, so that the sd says the error.
+    assert result.logs[0].comparison is not None
+    assert result.logs[0].comparison.mounting.sign == -1
+    assert metrics["reference"]["mean_rmse_n"] == pytest.approx(
+        np.mean([metrics["logs"][name]["reference"]["rows"]["rmse_n"] for name in metrics["logs"]])
+    )
+    np.testing.assert_allclose(metrics["reference"]["error_over_stated_sd"], 1.0, rtol=0.1)
+    again = yaml.safe_load((tmp_path / "config.yaml").read_text())
+    assert again["further_logs"] == [str(paths[1])]
+    assert again["estimate"]["torque"] == "external"
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"smooth": True}, ("--smooth", "leave it out")),
+        ({"engine": "diagram"}, ("--engine",)),
+        ({"prior": "live"}, ("--prior", "--robot")),
+        ({"torque_sd": [0.1, 0.2]}, ("--torque-sd", "expected 1 or 7")),
+        ({"torque_sd": [-0.1]}, ("torque_sd", "positive")),
+        ({"mcap": True}, ("--mcap", "where E is")),
+    ],
+)
+def test_what_has_no_part_in_it_is_refused(
+    torque_log: Callable[..., Path], tmp_path: Path, changes: dict, words: tuple[str, ...]
+) -> None:
+    with pytest.raises(InputError) as caught:
+        estimate_torque_logs(
+            [torque_log(q=False, rows=300)], None, tmp_path, config=EstimateConfig(**changes)
+        )
+    for word in words:
+        assert word in str(caught.value)
+    assert not list(tmp_path.glob("wrench*"))
+
+
+def test_positions_alone_need_a_robot(torque_log: Callable[..., Path], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no robot is named"):
+        estimate_torque_logs([torque_log(J=False, rows=300)], None, tmp_path)
+
+
+def test_a_log_of_another_arm_is_refused(
+    torque_log: Callable[..., Path], ur10e: Robot, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match="7 joints, but ur10e has 6"):
+        estimate_torque_logs([torque_log(rows=300)], ur10e.source, tmp_path)
+
+
+def test_six_joints_say_that_their_noise_is_hardly_told(ur10e: Robot, tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    rows = 400
+    q = np.array([0.3, -1.2, 1.4, -1.0, 1.2, 0.2]) + 0.3 * np.sin(
+        0.01 * np.arange(rows)[:, None] * np.arange(1, 7)
+    )
+    torque = np.einsum(
+        "kij,ki->kj", ur10e.chain.jacobian(q), np.tile([0, 0, 0, 0, 0, -20.0], (rows, 1))
+    )
+    names = ["time", *(f"q_{j}" for j in range(6)), *(f"external_torque_{j}" for j in range(6))]
+    table = np.column_stack([np.arange(rows) / 100.0, q, torque + 0.1 * rng.normal(size=(rows, 6))])
+    path = tmp_path / "iiwa.csv"
+    np.savetxt(path, table, delimiter=",", header=",".join(names), comments="")
+    result = estimate_torque_logs([path], "ur10e", tmp_path / "out")
+    assert any("--torque-sd" in sentence for sentence in result.warnings)
+    fz = read_table(result.logs[0].table)["fz"]
+    assert fz.mean() == pytest.approx(-20.0, abs=0.5)
+
+
+def test_the_command_says_what_the_experiment_says(
+    data_holding: Callable[..., Path], tmp_path: Path
+) -> None:
+    data = data_holding(*RECORDINGS)
+    logs = read_pose_logs(data)
+    knowledge = knowledge_of_logs(logs)
+    expected = read_forces(logs, "bayesian", knowledge).metrics()
+    columns = ",".join(f"ft_wrench_force_{axis}" for axis in "xyz")
+    reference = ReferenceConfig(
+        columns, frame="world", turn=TURN, sign="robot", delay="0", contact_force=1.0
+    )
+    result = estimate_torque_logs(
+        [data / name for name in RECORDINGS],
+        None,
+        tmp_path,
+        config=EstimateConfig(reference=reference),
+    )
+    found = result.metrics()
+    assert found["prior"]["force_sd_n"] == knowledge.force_sd
+    for key in ("mean_rmse_n", "rmse_n", "stated_sd_n", "error_over_stated_sd"):
+        # The axes are turned by a matrix of sines: rounding.
+        np.testing.assert_allclose(found["reference"][key], expected[key], rtol=1e-9)

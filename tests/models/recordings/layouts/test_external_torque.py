@@ -1,0 +1,108 @@
+"""Logs of external torque, known by their columns."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models.files.input_error import InputError
+from models.recordings.layouts.external_torque import external_torque_layout, jacobians
+from models.recordings.recording import Recording
+from models.robot.robot import Robot
+
+LOG = Path("log.csv")
+
+
+def layout_of(names: list[str]):
+    return external_torque_layout(names, LOG)
+
+
+@pytest.mark.parametrize(
+    "torque",
+    [
+        [f"tau_ext_{j}" for j in range(7)],
+        [f"tau_ext.{j + 1}" for j in range(7)],
+        [f"/franka_states/tau_ext_hat_filtered[{j}]" for j in range(7)],
+        [f"ExternalTorque_{j}" for j in range(7)],
+    ],
+)
+def test_torques_are_known_by_their_usual_names(torque: list[str]) -> None:
+    known = layout_of(["other", "time", *torque[::-1], *(f"q{j + 1}" for j in range(7))])
+    assert known is not None
+    assert known.form.time.columns == "2"
+    # In the order of the joints, not of the columns.
+    assert known.form.extra["tau_ext"].columns == "9, 8, 7, 6, 5, 4, 3"
+    assert known.form.position is not None
+
+
+def test_a_jacobian_is_two_numbers_or_one() -> None:
+    torque = ["t", *(f"tau_ext_{j}" for j in range(2))]
+    by_two = layout_of([*torque, *(f"J_{i + 1}_{j + 1}" for i in range(6) for j in range(2))])
+    by_one = layout_of([*torque, *(f"jacobian.{k + 1}" for k in range(12))])
+    for known in (by_two, by_one):
+        assert known is not None
+        assert known.form.extra["jacobian"].shape == [6, 2]
+        assert known.form.extra["jacobian"].columns == ", ".join(str(4 + k) for k in range(12))
+
+
+def test_other_logs_are_none() -> None:
+    assert layout_of(["t", "q1", "v1", "i1"]) is None
+    assert layout_of(["tau_ext_1", "q1"]) is None  # without time
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        (["t", "tau_ext_1", "tau_ext_2"], ("neither a Jacobian nor positions", "q1..")),
+        (["t", "tau_ext_0", "tau_ext_2", "q1", "q2"], ("lacks tau_ext_1",)),
+        (["t", "tau_ext_0", "tau_ext_1", "q1"], ("lacks q_2",)),
+        (["t", "tau_ext_0", "J_0_0", "J_1_0"], ("lacks jacobian_2_0", "3 more")),
+    ],
+)
+def test_what_is_missing_is_named(names: list[str], words: tuple[str, ...]) -> None:
+    with pytest.raises(InputError) as caught:
+        layout_of(names)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def recording(J: np.ndarray) -> Recording:
+    empty = np.zeros((len(J), 0))
+    extra = {"jacobian": J, "tau_ext": np.zeros((len(J), J.shape[2]))}
+    return Recording(np.arange(len(J)) * 0.1, empty, empty, empty, "log.csv", extra=extra)
+
+
+@pytest.fixture(scope="module")
+def J(panda: Robot) -> np.ndarray:
+    """(20, 6, 7) rows [angular; linear]."""
+    rng = np.random.default_rng(1)
+    return panda.chain.jacobian(panda.home + 0.2 * rng.normal(size=(20, 7)))
+
+
+def linear_first(J: np.ndarray) -> np.ndarray:
+    return np.concatenate([J[:, 3:], J[:, :3]], axis=1)
+
+
+def test_linear_rows_come_first_in_files(J: np.ndarray) -> None:
+    np.testing.assert_array_equal(jacobians(recording(linear_first(J))), J)
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        (lambda J: J, "angular rows first"),
+        (lambda J: linear_first(J).transpose(0, 2, 1).reshape(-1, 6, 7), "column by column"),
+        (lambda J: J.transpose(0, 2, 1).reshape(-1, 6, 7), "column by column"),
+        (lambda J: np.degrees(linear_first(J)), "expected 1"),
+    ],
+)
+def test_another_order_or_unit_is_told(J: np.ndarray, change, word: str) -> None:
+    with pytest.raises(InputError, match=word):
+        jacobians(recording(change(J)))
+
+
+def test_a_prismatic_joint_and_a_missing_row_are_no_error(J: np.ndarray) -> None:
+    J = J.copy()
+    J[:, :, 2] = [0.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+    J[3] = np.nan
+    jacobians(recording(linear_first(J)))

@@ -1,0 +1,132 @@
+"""The signs of drives, by what gravity, inertia and friction say of them."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models.files.input_error import InputError
+from models.recordings.plausibility.drive_evidence import (
+    CORRELATION,
+    SURE,
+    odds_text,
+    recordings_sign_evidence,
+)
+from models.recordings.recording import Recording
+from models.recordings.recording_checks import RecordingChecks
+from models.recordings.recording_reader import read_recording
+from models.robot.robot import Robot
+
+COULOMB = np.array([8.0, 8.5, 6.0, 2.0, 2.2, 1.9])
+
+
+def motion(robot: Robot, amplitude: float, duration: float = 20.0) -> Recording:
+    """An arm that swings about a posture out of which gravity pulls, with Coulomb friction."""
+    t = np.arange(0.0, duration, 0.01)
+    rate = 2.0 * np.pi * np.array([0.11, 0.13, 0.17, 0.19, 0.23, 0.29])
+    centre = np.array([0.0, -0.8, 1.0, -0.5, 1.0, 0.0])
+    q = centre + amplitude * np.sin(t[:, None] * rate)
+    v = amplitude * rate * np.cos(t[:, None] * rate)
+    vdot = -amplitude * rate**2 * np.sin(t[:, None] * rate)
+    torque = robot.chain.inverse_dynamics(q, v, vdot) + COULOMB * np.sign(v)
+    current = torque / (robot.current_sign * robot.torque_per_ampere)
+    return Recording(t, q, v, current, "log.csv")
+
+
+def test_the_right_signs_are_sure_and_the_wrong_ones_as_sure(ur10e: Robot) -> None:
+    log = motion(ur10e, 0.5)
+    right = recordings_sign_evidence([log], ur10e)
+    wrong = recordings_sign_evidence([replace(log, current=-log.current)], ur10e)
+    assert right.total > 100.0
+    assert not len(right.contradicted())
+    # Turning the torque exchanges the two fits: but for rounding the logarithm changes its sign.
+    np.testing.assert_allclose(wrong.log_odds, -right.log_odds, rtol=1e-6, atol=1e-6)
+    np.testing.assert_array_equal(wrong.contradicted(), np.arange(6))
+    assert (right.samples <= log.duration / CORRELATION + 1).all()
+
+
+def test_one_drive_alone_is_found(ur10e: Robot) -> None:
+    log = motion(ur10e, 0.5)
+    turned = replace(log, current=log.current * [1, 1, 1, -1, 1, 1])
+    found = recordings_sign_evidence([turned], ur10e)
+    np.testing.assert_array_equal(found.contradicted(), [3])
+    assert ur10e.joint_names[3] in found.sentence("current", ur10e.joint_names)
+    assert "all joints" not in found.sentence("current", ur10e.joint_names)
+
+
+def test_a_vertical_axis_tells_by_friction_and_inertia(ur10e: Robot) -> None:
+    found = recordings_sign_evidence([motion(ur10e, 0.5)], ur10e)
+    assert found.log_odds[0] > np.log(SURE)  # the first joint carries no weight
+
+
+def test_inertia_against_gravity_is_no_wrong_sign(ur10e: Robot) -> None:
+    """A quick swing of a hanging arm: what moves it is more than what holds it, the other way."""
+    t = np.arange(0.0, 20.0, 0.01)
+    rate = 2.0 * np.pi * 0.8
+    hanging = np.array([0.0, np.pi / 2, 0.0, -np.pi / 2, 0.0, 0.0])
+    which = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
+    q = hanging + 0.12 * np.sin(rate * t)[:, None] * which
+    v = 0.12 * rate * np.cos(rate * t)[:, None] * which
+    vdot = -0.12 * rate**2 * np.sin(rate * t)[:, None] * which
+    torque = ur10e.chain.inverse_dynamics(q, v, vdot)
+    gravity = ur10e.chain.gravity_torque(q)
+    cosine = np.sum(torque[:, 1] * gravity[:, 1]) / np.linalg.norm(torque[:, 1])
+    assert cosine / np.linalg.norm(gravity[:, 1]) < -0.5
+    current = torque / (ur10e.current_sign * ur10e.torque_per_ampere)
+    log = Recording(t, q, v, current, "log.csv")
+    RecordingChecks(ur10e).feed(log)
+    assert not len(recordings_sign_evidence([log], ur10e).contradicted())
+
+
+def test_joints_at_rest_say_little(ur10e: Robot) -> None:
+    """Stiction may carry anything: minutes at rest are no more than a few independent samples."""
+    log = motion(ur10e, 0.0)
+    noise = np.random.default_rng(0).normal(size=log.q.shape)
+    still = replace(log, v=0.0 * log.v, current=noise * 0.1)
+    found = recordings_sign_evidence([still], ur10e)
+    assert np.abs(found.log_odds).max() < np.log(SURE) / 2
+    assert (found.samples < 10.0).all()
+
+
+def test_accepted_signs_are_read_and_told(ur10e: Robot, tmp_path: Path) -> None:
+    log = motion(ur10e, 0.5)
+    path = tmp_path / "turned.csv"
+    columns = replace(log, current=-log.current).columns()
+    table = np.column_stack(list(columns.values()))
+    np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="")
+    with pytest.raises(InputError, match=r"odds of .* to 1.*--accept-signs"):
+        read_recording(path, robot=ur10e)
+    taken = read_recording(path, robot=ur10e, accept_signs=True)
+    assert any("signs accepted as asked, although" in notice for notice in taken.notices)
+    np.testing.assert_allclose(taken.current, -log.current)
+
+
+def test_torque_in_place_of_current_is_refused_also_with_accepted_signs(ur10e: Robot) -> None:
+    log = motion(ur10e, 0.5)
+    for sign in (1.0, -1.0):
+        torque = replace(log, current=sign * log.current * ur10e.torque_per_ampere)
+        with pytest.raises(InputError, match=r"look like torques in N m|median torque"):
+            RecordingChecks(ur10e, accept_signs=True).feed(torque)
+
+
+@pytest.mark.parametrize(
+    ("log_odds", "text"), [(np.log(150.0), "150 to 1"), (np.log(1e12), "1e12 to 1")]
+)
+def test_odds_in_words(log_odds: float, text: str) -> None:
+    assert odds_text(float(log_odds)) == text
+
+
+@pytest.mark.parametrize(
+    ("name", "least"),
+    [
+        ("ur10e_more/ur-20_01_17-p1.csv", 5.0),  # ten seconds at rest
+        ("ur10e_more/ur-20_01_31-unload.csv", 300.0),
+        ("ur10e/ur-20_02_19_14harm50secLoad.csv", 300.0),  # with a load that the robot's file lacks
+    ],
+)
+def test_real_logs(ur10e: Robot, data: Callable[[str], Path], name: str, least: float) -> None:
+    found = recordings_sign_evidence([read_recording(data(name), robot=ur10e)], ur10e)
+    assert found.total > least
+    assert found.log_odds.min() > -1.0
