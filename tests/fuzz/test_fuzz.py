@@ -8,6 +8,8 @@ from fuzzing.judging import checksums, fault_of, readings, stray
 
 FIRST, COUNT, PER_TEST = 0, 120, 20
 
+pytestmark = pytest.mark.timeout(1800)  # where the kernels are not compiled yet
+
 
 @pytest.mark.parametrize("first", range(FIRST, FIRST + COUNT, PER_TEST))
 def test_spoilt_inputs_end_well(sandbox, clean, tmp_path, first):

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from fuzzing.clean_inputs import LOG_FORMAT
 
+pytestmark = pytest.mark.timeout(1800)  # where the kernels are not compiled yet
 BUNDLED = Path(__file__).parents[2] / "models" / "robots" / "sts_sre4_600"
 YAML = (BUNDLED / "robot.yaml").read_text()
 URDF = (BUNDLED / "robot.urdf").read_text()

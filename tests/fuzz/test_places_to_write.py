@@ -18,6 +18,8 @@ WRITERS = {
     "redundancy": ("redundancy", "--task", "redundancy.yaml"),
 }
 
+pytestmark = pytest.mark.timeout(1800)  # where the kernels are not compiled yet
+
 
 @pytest.fixture
 def work(clean, tmp_path):
