@@ -65,6 +65,8 @@ class WorldRanges:
     torque_constant: tuple[float, float] = (0.97, 1.03)
     # Errors that a calibration has left in the joints' frames: of the calibration's care
     calibration_error: tuple[float, float] = (0.5, 2.0)
+    # True mass and inertia of the tool per stated: hoses, wear, what was not on the scale
+    payload: tuple[float, float] = (0.9, 1.1)
     # K above the temperature at which viscous friction is stated, at a log's start: no factor
     start_rise: tuple[float, float] = (0.0, 6.0)
     # s by which currents are older than positions, no factor: up to two cycles of a drive's bus
@@ -183,6 +185,7 @@ class World:
                 translation_sd=lambda c: scaled.one("calibration_error") * c.translation_sd,
                 rotation_sd=lambda c: scaled.one("calibration_error") * c.rotation_sd,
             ),
+            payload=part(about.payload, factor=lambda _: scaled.one("payload")),
             clock=part(about.clock, latency=lambda _: scaled.one("latency")),
             individual=self.individual,
             day=self.day,

@@ -6,12 +6,14 @@ Coulomb-viscous model is identified from it and predicts the torque of a second,
 trajectory. Both trajectories were found by `excite` and lie beside the robot as coefficients.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from analyses.methods.arms.simulated_identification import (
+    CONFIG,
     identify_simulated_arm,
     inertial_error,
     with_known_friction,
@@ -39,6 +41,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         robot,
         context.seed,
         periods,
+        replace(CONFIG, seed=context.seed),
         progress=lambda share, what: context.progress(0.85 * share, what),
     )
     context.progress(0.85, "with the true friction known")

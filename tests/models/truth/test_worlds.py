@@ -74,6 +74,7 @@ def test_a_world_changes_the_truth_and_nothing_else(sts: Robot):
     assert truth.mechanisms.motor.torque_factor == list(
         world.factors["torque_constant"][: sts.num_joints]
     )
+    assert truth.mechanisms.payload.factor == factor["payload"]
     assert truth.mechanisms.clock.latency == factor["latency"]
     assert (truth.mechanisms.individual, truth.mechanisms.day) == (world.individual, world.day)
     assert truth.mechanisms.encoder == about.mechanisms.encoder
