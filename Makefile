@@ -4,6 +4,8 @@ OUT ?= out/study
 CAMPAIGN ?= out/campaign
 DATA ?= ../shared/data
 JOBS ?= 2
+COUNT ?= 5000
+SEED ?= 1000000
 STUDY_OPTIONS = $(if $(QUICK),--quick) $(if $(FRESH),--fresh)
 
 BIN := .venv/bin
@@ -19,7 +21,7 @@ OTHER_PROCESSOR = NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=$(C
   GLIBC_TUNABLES=glibc.cpu.hwcaps=-AVX,-AVX2,-FMA,-FMA4,-AVX512F \
   ATEN_CPU_CAPABILITY=default MKL_CBWR=COMPATIBLE ONEDNN_MAX_CPU_ISA=SSE41
 
-.PHONY: study study-generic test test-all test-generic lint bench docs readme clean
+.PHONY: study study-generic test test-all test-generic lint fuzz kills bench docs readme clean
 .DELETE_ON_ERROR:
 
 study: .venv/.ready
@@ -46,6 +48,15 @@ lint: .venv/.ready-lint
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# Spoilt inputs of seeds that nobody has seen, and doubles of any bits in every estimator: COUNT, SEED.
+fuzz: .venv/.ready-test
+	PYTHONPATH=tests/fuzz $(BIN)/python -m fuzzing --count $(COUNT) --seed $(SEED) --keep out/fuzz
+	PYTHONPATH=tests/fuzz $(BIN)/python -m fuzzing.random_samples --seed $(SEED)
+
+# Commands that are ended at random moments.
+kills: .venv/.ready-test
+	PYTHONPATH=tests/fuzz $(BIN)/python -m fuzzing.kills --seed $(SEED)
 
 bench: .venv/.ready-test
 	@set -e; for file in tests/benchmarks/bench_*.py; do echo "== $$file"; $(BIN)/python $$file; done

@@ -18,6 +18,8 @@ from analyses.output.interruption import ends_are_interrupts
 from models.files.files_read import remembering_files_read
 from models.files.input_error import InputError, one_line
 
+_INTERRUPTED = "interrupted; what was written is whole"
+
 
 class _Commands(TyperGroup):
     """Imports a command's module when it is to run, and not before.
@@ -59,8 +61,9 @@ class _Commands(TyperGroup):
         sys.exit(code if isinstance(code, int) else 0)
 
     def invoke(self, ctx: Any) -> Any:
+        came: list[int] = []
         try:
-            with ends_are_interrupts(), remembering_files_read():
+            with ends_are_interrupts() as came, remembering_files_read():
                 return super().invoke(ctx)
         except InputError as error:
             line, code = str(error), 2
@@ -72,8 +75,11 @@ class _Commands(TyperGroup):
             what = error.strerror or str(error)
             line, code = f"{error.filename}: {what}" if error.filename else what, 2
         except KeyboardInterrupt as error:
-            line = "interrupted; what was written is whole"
-            code = 128 + getattr(error, "signum", signal.SIGINT)
+            line, code = _INTERRUPTED, 128 + getattr(error, "signum", signal.SIGINT)
+        except Exception:
+            if not came:
+                raise
+            line, code = _INTERRUPTED, 128 + came[0]
         self._has_told = True
         raise typer.Exit(_told(line, code))
 

@@ -59,6 +59,7 @@ PLACES = {
     "false_alarms_per_hour": "estimate.detection.false_alarms_per_hour",
     "covariance": "estimate.covariance",
     "table": "estimate.table",
+    "other_robot": "estimate.other_robot",
 }
 OBSERVER_PLACES = {  # of whichever observer it is
     "k0": "estimate.estimator.observer.K_0",
@@ -249,6 +250,14 @@ def command(
         bool, typer.Option("--covariance", help="Add the 21 entries of the covariance.")
     ] = DEFAULTS.covariance,
     table: Annotated[str, typer.Option(help="csv or parquet.")] = DEFAULTS.table,
+    other_robot: Annotated[
+        bool,
+        typer.Option(
+            "--other-robot",
+            help="Read even where robot.yaml says otherwise than when the model was identified; "
+            "the result says so.",
+        ),
+    ] = DEFAULTS.other_robot,
     config: Annotated[
         Path | None, config_option(EstimateSettings, {**PLACES, **OBSERVER_PLACES})
     ] = None,

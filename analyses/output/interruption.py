@@ -17,21 +17,28 @@ class TerminatedError(KeyboardInterrupt):
 
 
 @contextmanager
-def ends_are_interrupts() -> Iterator[None]:
-    """Raises `TerminatedError` in the block where SIGTERM or SIGHUP would end the process."""
+def ends_are_interrupts() -> Iterator[list[int]]:
+    """Raises `TerminatedError` in the block where SIGTERM or SIGHUP would end the process.
+
+    Yields:
+        The numbers of the signals that came: a library whose work was cut off may turn the
+        exception into one of its own.
+    """
+    came: list[int] = []
 
     def end(signum: int, frame: object) -> None:
+        came.append(signum)
         raise TerminatedError(signum)
 
     if threading.current_thread() is not threading.main_thread():  # which alone gets signals
-        yield
+        yield came
         return
     before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
     for number, handler in before.items():
         if handler == signal.SIG_DFL:  # nohup has SIGHUP ignored
             signal.signal(number, end)
     try:
-        yield
+        yield came
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

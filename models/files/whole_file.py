@@ -15,14 +15,21 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     Until then `path` is as it was. After an error or an interrupt nothing of the attempt is left.
 
     Raises:
-        InputError: the file cannot be made there: no folder, no permission.
+        InputError: the file cannot be made there: no folder, no permission; or not be written to
+            its end: a full disk.
     """
     path = Path(path)
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
         with writing_to(path), partial.open("wb"):
             pass  # a place that cannot be written to is found before the work, not after it
-        yield partial
+        try:
+            yield partial
+        except OSError as error:
+            if error.filename not in (None, str(partial)):  # of another file, which is read
+                raise
+            with writing_to(path):
+                raise
         with writing_to(path):
             with partial.open("rb") as file:
                 os.fsync(file.fileno())  # the content must be on the disk before its name is

@@ -41,35 +41,41 @@ class FittedRobot:
         Raises:
             InputError: a key that every torque depends on differs, naming it and both values.
         """
-        now = FittedRobot.of(robot)
-        if self.torque_per_ampere and not _same(self.coupling, now.coupling):
+        for place, problem in self.differences(robot):
             raise InputError(
                 model,
-                "fitted_robot.coupling",
-                f"the model was identified with {self.coupling or 'no coupling of joints'}, "
-                f"{robot.source} has {now.coupling or 'none'}",
-                "set it back, or identify again",
+                f"fitted_robot.{place}" if place else "",
+                problem,
+                "set it back, or identify again; if it is meant, say --other-robot",
+            )
+
+    def differences(self, robot: Robot) -> list[tuple[str, str]]:
+        """The keys that every torque depends on and that differ, each with what differs."""
+        now = FittedRobot.of(robot)
+        found: list[tuple[str, str]] = []
+        if self.torque_per_ampere and not _same(self.coupling, now.coupling):
+            then = self.coupling or "no coupling of joints"
+            has = now.coupling or "none"
+            found.append(
+                ("coupling", f"the model was identified with {then}, {robot.source} has {has}")
             )
         for key in ("torque_per_ampere", "current_sign", "gravity"):
-            then, found = getattr(self, key), getattr(now, key)
-            if not then:
+            kept, own = getattr(self, key), getattr(now, key)
+            if not kept:
                 continue
-            if len(then) != len(found):
-                raise InputError(
-                    model, f"fitted_robot.{key}", f"{len(then)} numbers, expected {len(found)}"
-                )
-            wrong = np.flatnonzero(~np.isclose(then, found, rtol=_TOLERANCE, atol=1e-12))
-            if len(wrong):
-                j = int(wrong[0])
+            if len(kept) != len(own):
+                found.append((key, f"{len(kept)} numbers, expected {len(own)}"))
+                continue
+            for j in np.flatnonzero(~np.isclose(kept, own, rtol=_TOLERANCE, atol=1e-12)):
                 place = f"component {j + 1}" if key == "gravity" else robot.joint_names[j]
-                raise InputError(
-                    model,
-                    f"fitted_robot.{key}",
-                    f"the model was identified with {then[j]:g} ({place}), {robot.source} has "
-                    f"{found[j]:g}",
-                    "set it back, or identify again; if it is meant, take this key out of the "
-                    "model file",
+                found.append(
+                    (
+                        key,
+                        f"the model was identified with {kept[j]:g} ({place}), {robot.source} has "
+                        f"{own[j]:g}",
+                    )
                 )
+        return found
 
     def doubts(self, robot: Robot) -> list[str]:
         """What differs and may be meant: one sentence each."""

@@ -290,8 +290,11 @@ class IdentifiedModel:
         save_configuration(self._to_file(), path)
 
     @classmethod
-    def load(cls, path: Path, robot: Robot) -> "IdentifiedModel":
+    def load(cls, path: Path, robot: Robot, other_robot: bool = False) -> "IdentifiedModel":
         """Reads a model that `save` wrote.
+
+        Args:
+            other_robot: whether the robot may say otherwise than when the model was identified.
 
         Raises:
             InputError: unreadable or truncated file, misspelt key, another version, wrong shape,
@@ -337,7 +340,8 @@ class IdentifiedModel:
             fitted_robot=block.fitted_robot,
         )
         model.check_robot(robot, path)
-        model.fitted_robot.check(robot, path)
+        if not other_robot:
+            model.fitted_robot.check(robot, path)
         return model
 
     def _to_file(self) -> _ModelFile:

@@ -15,7 +15,8 @@ def clean(tmp_path_factory: pytest.TempPathFactory) -> CleanInputs:
 
 @pytest.fixture(scope="session")
 def sandbox(clean: CleanInputs, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
-    out: Path = tmp_path_factory.mktemp("warm")
-    estimate = ("estimate", clean.log, "--robot", clean.robot, "--prior", "30,2", "--out", out)
-    with Sandbox([[str(word) for word in estimate]]) as sandbox:
+    folder: Path = tmp_path_factory.mktemp("warm")
+    estimate = ("estimate", clean.log, "--robot", clean.robot, "--prior", "30,2", "--out", "clean")
+    with Sandbox() as sandbox:
+        sandbox.warm_up([estimate], folder)
         yield sandbox

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from fuzzing.clean_inputs import LOG_FORMAT
 
+pytestmark = pytest.mark.timeout(1800)  # where the kernels are not compiled yet
 BUNDLED = Path(__file__).parents[2] / "models" / "robots" / "sts_sre4_600"
 YAML = (BUNDLED / "robot.yaml").read_text()
 URDF = (BUNDLED / "robot.urdf").read_text()
@@ -464,3 +465,18 @@ def test_a_folder_whose_name_is_no_text(estimate, tmp_path, run, clean):
     name = b"\xff\xfe\x1b[31m".decode("utf-8", "surrogateescape")
     prior = ("--prior", "30,2")
     run("estimate", clean.log, "--robot", clean.robot, *prior, "--out", name, expect=0)
+
+
+# ---- a model that is not this robot's ----
+
+
+def test_another_robot_only_when_it_is_meant(run, robot, clean, file):
+    log = ("estimate", clean.log, "--prior", "30,2", "--out", "out", "--no-check")
+    other = robot(YAML.replace("torque_constant: 0.47", "torque_constant: 0.94", 1))
+    model = ("--robot", other, "--model", clean.folder / "model.yaml")
+    assert "--other-robot" in run(*log, *model)
+    (other.parent / "work").rmdir()
+    run(*log, *model, "--other-robot", expect=0)
+    out = other.parent / "work" / "out"
+    assert "other_robot: true" in (out / "config.yaml").read_text()
+    assert "torque_per_ampere: the model was identified with" in (out / "metrics.json").read_text()

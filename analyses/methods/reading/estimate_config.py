@@ -62,6 +62,7 @@ class EstimateConfig:
     detection: ContactDetectionConfig = field(default_factory=ContactDetectionConfig)
     covariance: bool = False  # whether the table has columns for it
     table: str = "csv"  # "csv" or "parquet"
+    other_robot: bool = False  # read by a model whose robot.yaml said otherwise
 
 
 @dataclass

@@ -128,7 +128,7 @@ def estimate_log(
             robot.require_inertias("estimate without --model")
             model = IdentifiedModel.nominal(robot)
         else:
-            model = IdentifiedModel.load(Path(model_path), robot)
+            model = IdentifiedModel.load(Path(model_path), robot, config.other_robot)
 
         def read() -> RecordingReader:
             reader = RecordingReader(
@@ -180,6 +180,8 @@ def estimate(
         )
     else:
         warnings += model.fitted_robot.doubts(robot)
+    other = model.fitted_robot.differences(robot)
+    warnings += [f"read as asked for with another robot: {key}: {what}" for key, what in other]
     if model.provenance.logs and model.torque_error is None:
         warnings.append(
             "the model does not state its torque error at rest and in motion: one covariance "
@@ -266,6 +268,7 @@ def estimate(
                 _collect(beside, chunk, batch, sd, valid, robot, settled)
     episodes.finish()
     metrics = {**summary.metrics(config, rule), "smoothed": settings.estimate.smooth}
+    metrics["other_robot"] = [f"{key}: {what}" for key, what in other]
     signs = reader.sign_evidence
     metrics["drive_signs"] = None if signs is None else signs.metrics()
     metrics["contact"] = episodes.metrics(detection.false_alarms_per_hour)

@@ -26,9 +26,9 @@ class Ending:
 
     Attributes:
         code: exit code; negative: the signal that ended it.
-        seconds: of the wall clock.
+        seconds: of the processor.
         peak_bytes: most memory that it held, beyond what it was forked with.
-        timed_out: whether it was ended for its time.
+        timed_out: whether it was ended for its time, or for waiting for what never came.
     """
 
     code: int
@@ -56,17 +56,15 @@ class Ending:
             return None
         if self.code != 0:
             return f"exit code {self.code}"
+        if "Warning" in self.stderr:
+            return "a warning of Python's"
         return None
 
 
 class Sandbox:
-    """Runs commands; a context manager, as it holds a process.
+    """Runs commands; a context manager, as it holds a process."""
 
-    Args:
-        warm_up: commands that are run once, so that what they load is there for all.
-    """
-
-    def __init__(self, warm_up: Sequence[Sequence[str]] = ()) -> None:
+    def __init__(self) -> None:
         environment = os.environ | {
             "PYTHONPATH": os.pathsep.join([str(_PACKAGE), str(_ROOT)]),
             "OMP_NUM_THREADS": "1",
@@ -81,8 +79,14 @@ class Sandbox:
             env=environment,
             text=True,
         )
-        for arguments in warm_up:
-            self._ask({"warm_up": [str(a) for a in arguments]})
+
+    def warm_up(self, commands: Sequence[Sequence[object]], folder: Path) -> None:
+        """Runs commands in `folder` once, so that what they load is there for all."""
+        for arguments in commands:
+            words = [str(word) for word in arguments]
+            code = self._ask({"warm_up": words, "folder": str(folder)})["code"]
+            if code != 0:
+                raise RuntimeError(f"{' '.join(words)} ended with {code}")
 
     def run(
         self,

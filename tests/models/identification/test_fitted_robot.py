@@ -36,6 +36,15 @@ def test_torque_per_ampere_doubled(sts: Robot, saved: Path) -> None:
         IdentifiedModel.load(saved, other)
 
 
+def test_another_robot_that_is_meant_is_read_and_told(sts: Robot, saved: Path) -> None:
+    other = sts.with_torque_per_ampere((2.0 * sts.torque_per_ampere).tolist())
+    model = IdentifiedModel.load(saved, other, other_robot=True)
+    told = model.fitted_robot.differences(other)
+    assert [key for key, _ in told] == ["torque_per_ampere"] * sts.num_joints
+    assert "47.47 (joint_1)" in told[0][1] and "94.94" in told[0][1]
+    assert model.fitted_robot.differences(sts) == []
+
+
 def test_current_sign_flipped(sts: Robot, saved: Path) -> None:
     drives = [replace(d, current_sign=-d.current_sign) for d in sts.config.drives]
     with pytest.raises(InputError, match=r"fitted_robot\.current_sign"):

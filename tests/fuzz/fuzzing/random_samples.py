@@ -1,0 +1,138 @@
+"""`python -m fuzzing.random_samples --ticks 1000000`: doubles of any bits, in every estimator.
+
+Sound samples with any finite doubles among them; for every observer, every way that it reads a
+wrench, with and without a model of the torque's error. What leaves must be finite, a tick with an
+impossible sample must not be valid. Every second block has impossible samples alone: some time
+after the last of them all must be as if nothing had been.
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from models.estimation.wrench import WrenchReconstructionConfig
+from models.estimation.wrench_kernels import METHODS
+from models.identification.identified_model import IdentifiedModel
+from models.identification.torque_error_model import TorqueErrorModel
+from models.observers.observer_kinds import OBSERVERS, kind_name
+from models.robot.robot import Robot
+
+Array = NDArray[np.float64]
+T = 0.002
+ROWS = 1000
+RESTART = 0.16  # s, until what was missing is believed again
+_ALLOWED = 1.0  # sd: what one observer still has of the time before the hole, and one has not
+_IMPOSSIBLE = 1e5  # far beyond the numbers of any arm
+
+
+@cache
+def arm() -> Robot:
+    """The arm whose samples these are."""
+    return Robot.load("ur10e")
+
+
+def sound_log() -> tuple[Array, Array, Array]:
+    """A smooth motion that holds itself up, and noise of the currents."""
+    t = T * np.arange(ROWS)[:, None]
+    w = np.array([1.1, 0.9, 1.7, 2.3, 3.1, 2.0])
+    q, v = arm().home + 0.3 * np.sin(w * t), 0.3 * w * np.cos(w * t)
+    tau = arm().chain.gravity_torque(q) + np.random.default_rng(2).normal(size=(ROWS, 6))
+    return q, v, tau / (arm().torque_per_ampere * arm().current_sign)
+
+
+def model_of(with_error: bool) -> IdentifiedModel:
+    """The arm's nominal model, with a torque error that follows the state or without."""
+    n, model = arm().num_joints, IdentifiedModel.nominal(arm())
+    if not with_error:
+        return model
+    sizes = (np.full(n, 0.3), *(np.full(n, 0.02) for _ in range(4)))
+    error = TorqueErrorModel(
+        *sizes,
+        np.eye(n),
+        *(np.full(n, 0.2), np.full(n, 0.05), np.full(n, 1.0), np.full(n, 30.0)),
+        *(np.full(n, 20.0), np.full(n, 1e-6)),
+    )
+    return replace(model, torque_error=error)
+
+
+def estimators() -> Iterator[tuple[str, WrenchEstimator]]:
+    """Every observer, method and kind of model that go together, by a name."""
+    for kind in OBSERVERS:
+        for method in METHODS:
+            for with_error in (False, True):
+                config = WrenchEstimatorConfig(
+                    replace(kind.Config(), time_step=T),
+                    WrenchReconstructionConfig(method, prior_force_sd=30.0, prior_moment_sd=3.0),
+                )
+                try:
+                    own = WrenchEstimator(arm(), model_of(with_error), config)
+                except ValueError:  # this observer has no use for this method
+                    continue
+                error = "with" if with_error else "without"
+                yield f"{kind_name(kind)}, {method}, {error} torque error", own
+
+
+def faults(own: WrenchEstimator, ticks: int, seed: int) -> list[str]:
+    """What goes wrong in that many ticks; [] if nothing does."""
+    rng = np.random.default_rng(seed)
+    sound = sound_log()
+    state = own.initial_state()
+    clean = own.run(own.initial_state(), *sound)
+    settled = round(own.observer.settling_time / T) + round(RESTART / T)
+    found: list[str] = []
+    for block in range(max(1, ticks // ROWS)):
+        bits = rng.integers(0, 2**64, (3, ROWS, 6), dtype=np.uint64).view(np.float64)
+        bits = np.where(np.isfinite(bits), bits, 1e308)
+        only_impossible = block % 2 == 1
+        if only_impossible:
+            bits = np.where(np.abs(bits) > _IMPOSSIBLE, bits, -1e300)
+        where = rng.random((3, ROWS, 6)) < rng.choice([0.001, 0.1, 1.0])
+        where[:, rng.integers(150, 400) :] = False
+        wild = [np.where(w, b, x) for w, b, x in zip(where, bits, sound, strict=True)]
+        batch = own.run(state, *wild)
+        found += [
+            f"block {block}: {name} is not finite"
+            for name in ("tau_ext", "wrench", "covariance")
+            if not np.isfinite(getattr(batch, name)).all()
+        ]
+        beyond = np.stack([(np.abs(x) > _IMPOSSIBLE).any(axis=1) for x in wild])
+        if batch.valid[beyond[0] | beyond[1]].any() or batch.valid[1:][beyond[2, :-1]].any():
+            found.append(f"block {block}: an impossible sample is valid")
+        last = int(np.flatnonzero(where.any(axis=(0, 2)))[-1]) if where.any() else 0
+        after = last + settled
+        if not only_impossible:
+            continue  # a current of zero is one that a drive can give: it is read, and remembered
+        off = np.abs(batch.wrench - clean.wrench) / (clean.standard_deviation + 1e-9)
+        if not np.array_equal(batch.valid[after:], clean.valid[after:]):
+            found.append(f"block {block}: not as valid again {settled} ticks later")
+        share = float(off[after:].max(initial=0.0))
+        if share > _ALLOWED:
+            found.append(f"block {block}: {share:.2f} sd off {settled} ticks later")
+    return found
+
+
+def main() -> int:
+    """Returns 1 if something went wrong."""
+    parser = argparse.ArgumentParser(prog="fuzzing.random_samples", description=__doc__)
+    parser.add_argument("--ticks", type=int, default=1_000_000, help="of each estimator")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    bad = 0
+    for name, own in estimators():
+        began = time.process_time()
+        found = faults(own, options.ticks, options.seed)
+        bad += bool(found)
+        seconds = time.process_time() - began
+        print(f"{name}: {len(found)} faults {found[:3]} ({seconds:.1f} s)", flush=True)
+    return int(bad > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
