@@ -42,6 +42,8 @@ from models.truth.true_robot import true_robot
 
 VELOCITY_STREAM = 3 * 2**32
 """Added to the seed for the noise of the velocity: another stream than the currents'."""
+WANDER_STREAM = 4 * 2**32
+"""Added to the seed for what friction wanders by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,6 +212,7 @@ def _run(
     R_WE, p_WE, V_WE = np.empty((3, 3)), np.empty(3), np.empty(6)
     scratch = np.empty((n, SCRATCH_COLUMNS))
     q_read, v_read, tau = np.empty(n), np.empty(n), np.empty(n)
+    draws = np.empty(2 * n)
     command, noise, current = np.empty(n), np.empty(n), np.empty(n)
     integral, tau_ext, lagged = np.zeros(n), np.zeros(n), np.full(n, np.nan)
     wrench = np.zeros(6)
@@ -243,7 +246,8 @@ def _run(
         )
         for i in range(n):
             command[i] = tau[i] / gain[i]
-        joint_tick(table, time_step, M, Cv, G, q, v, command, tau_ext, state, after, signals)
+        gaussian_noise(seed + WANDER_STREAM, tick, draws)
+        joint_tick(table, time_step, M, Cv, G, q, v, command, tau_ext, draws, state, after, signals)
         update_lag(sensor[0], time_step, signals[MOTOR_CURRENT], lagged)
         if tick % every == 0:
             current[:] = lagged

@@ -179,9 +179,8 @@ def findings(metrics: dict[str, Any]) -> list[str]:
         f"On the path of least mean condition number {_axes(metrics, 'least_jcn')} "
         f"({_three(metrics['least_jcn'])} N): the condition number asks about the worst direction "
         "of force and moment together, the force sd about force.",
-        f"Inside the stated 95 % band lie {shares}. The band is from contact-free logs at the "
-        "task's speed (`analyses.methods.arms.arm_models`), never from these runs; it leaves "
-        "the lag out.",
+        f"Inside the stated 95 % band lie {shares}. The band follows each joint's state, learnt "
+        "from contact-free logs (`analyses.methods.arms.arm_models`), never from these runs.",
         "The hand pushes for 6 s and pauses for 4 s, 15 N standard deviation per axis with nothing "
         "above 3 Hz; readings count where the arm moves evenly, between ramps of 1 % of the time.",
     ]
@@ -299,7 +298,7 @@ def _figures(
                 "Pushed by hand along the path: one change per row",
             ),
             "Errors of every variant. A row with + changes the row above it, one with B the row "
-            "marked (B). Grey: where the share inside an honest 95 % band lies.",
+            "marked (B). Grey: where the share inside a correct 95 % band lies.",
         ),
     )
     return saved_figures(figures, context.out)

@@ -139,9 +139,9 @@ def findings(metrics: dict[str, Any]) -> list[str]:
         f"{after['rmse_z_n']:.2f} N.",
         "Inside the stated 95 % band lie "
         + ", ".join(f"{100 * metrics[v.key]['share_in_95_band']:.0f} % ({v.key})" for v in VARIANTS)
-        + ". The band is from contact-free logs at the task's speed "
-        "(`analyses.methods.arms.arm_models`), never from this run; it leaves the observer's "
-        "lag out.",
+        + ". The band follows each joint's state, learnt from contact-free logs "
+        "(`analyses.methods.arms.arm_models`), never from this run. A law without Stribeck's rise "
+        "errs to one side wherever joints are slow, which a fast log hardly shows.",
     ]
 
 
@@ -262,7 +262,7 @@ def _figures(
                 {variant.key: variant.label for variant in VARIANTS},
                 "Joints turning round under a hand: one change per row",
             ),
-            "Errors of every variant. Grey: where the share inside an honest 95 % band lies.",
+            "Errors of every variant. Grey: where the share inside a correct 95 % band lies.",
         ),
     )
     return saved_figures(figures, context.out)

@@ -57,7 +57,7 @@ ARTICLE, ARTICLE_LARGEST = 37.12, 69.71  # %, reduction of the RMSE and of the l
 
 
 def noise_alone(robot: Robot, torque_sd: Array) -> dict[str, Any]:
-    """The ablation: reduction of the Y error that noise alone gives, by what is not known of it.
+    """The ablation: reduction of the Y error that noise alone gives, under several assumptions.
 
     Eq. 22 along both paths for independent torque errors of these sds (n,): averaged over time by
     how the path is travelled; with thirds, for the error of one joint alone (a list over joints).
@@ -70,7 +70,7 @@ def noise_alone(robot: Robot, torque_sd: Array) -> dict[str, Any]:
         "uniform_acceleration": uniform_acceleration,
     }
     u, even = np.linspace(0.0, 1.0, 4001), np.linspace(0.0, 1.0, 501)
-    squares = {}  # of what a joint's error of 1 N m makes of Y, along each path
+    squares = {}  # of the error of Y per 1 N m of a joint's error, along each path
     for name in (BEFORE, AFTER):
         path, posture = task_path(robot, name)
         q = follow_path(robot, *path.poses(even), branch_start(robot, path, posture))
@@ -306,7 +306,7 @@ def _figures(
                 {variant.key: variant.label for variant in VARIANTS},
                 "Second cycle without contact: one change per row",
             ),
-            "Errors of every variant. Grey: where the share inside an honest 95 % band lies.",
+            "Errors of every variant. Grey: where the share inside a correct 95 % band lies.",
         ),
     )
     return saved_figures(figures, context.out)

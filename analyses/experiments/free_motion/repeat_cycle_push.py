@@ -231,7 +231,7 @@ def _figures(
                 {variant.key: variant.label for variant in VARIANTS},
                 "Second cycle, pushed by hand: one change per row",
             ),
-            "Errors of every variant. Grey: where the share inside an honest 95 % band lies.",
+            "Errors of every variant. Grey: where the share inside a correct 95 % band lies.",
         ),
     )
     return saved_figures(figures, context.out)

@@ -52,7 +52,7 @@ def stored_excitation(robot: Robot, number: int) -> FourierTrajectory:
     """Excitation `number` (1, 2) that lies beside the robot's own file.
 
     Raises:
-        InputError: there is none; `excite` makes one.
+        InputError: the file is missing; `excite` makes it.
     """
     return FourierTrajectory.load(robot.source.parent / f"excitation_{number}.yaml", robot.name)
 

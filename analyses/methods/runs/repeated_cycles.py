@@ -51,7 +51,7 @@ OURS = "found_bayesian"
 
 @dataclass(frozen=True)
 class Variant:
-    """One row of the table; each changes one thing of the one that it is compared with."""
+    """One row of the table; it differs in one thing from the row that it is compared with."""
 
     key: str
     label: str
