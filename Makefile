@@ -1,6 +1,7 @@
 # Each target sets up .venv by itself; all that is needed beforehand is Python 3.11.
 PYTHON ?= python3.11
 OUT ?= out/study
+CAMPAIGN ?= out/campaign
 DATA ?= ../shared/data
 JOBS ?= 2
 STUDY_OPTIONS = $(if $(QUICK),--quick) $(if $(FRESH),--fresh)
@@ -54,7 +55,7 @@ docs: .venv/.ready-docs
 	@echo "out/docs/index.html"
 
 readme: .venv/.ready
-	$(BIN)/python -m analyses.study.readme_table $(OUT) README.md
+	$(BIN)/python -m analyses.study.readme_table $(OUT) README.md $(CAMPAIGN)
 
 clean:
 	rm -rf .venv out .mypy_cache .ruff_cache .hypothesis

@@ -38,7 +38,8 @@ class _Commands(TyperGroup):
         return name, command and load_command(find_commands()[str(command.name)]), rest
 
     def main(self, args: Sequence[str] | None = None, *more: Any, **extra: Any) -> Any:
-        """Runs a command and ends the process; a usage error is one line, as every other one."""
+        """Runs a command and ends the process; a usage error is one line, like every other
+        error."""
         self._has_told = False
         try:
             code = super().main(args, *more, **{**extra, "standalone_mode": False})
@@ -46,7 +47,7 @@ class _Commands(TyperGroup):
                 _told("interrupted", code)
         except Exception as raised:
             error: Any = raised
-            if not hasattr(error, "format_message"):  # the parser's moves between releases
+            if not hasattr(error, "format_message"):  # the class's module differs by release
                 raise
             if "NoArgsIsHelp" in type(error).__name__:
                 error.show()

@@ -102,7 +102,7 @@ class Replay:
         )
 
     def take_detection(self, context: Context) -> Detection:
-        """Returns what the same stretch says of contact, and empties these logs; before `take`.
+        """Returns contact and misfit of the same stretch, and empties these logs; before `take`.
 
         Raises:
             RuntimeError: as `take`, or contact is not looked for.

@@ -43,7 +43,7 @@ TIME_LAWS: dict[str, TimeLaw] = {
 }
 FRICTIONS = ("full", "coulomb_viscous", "none")
 MOST_TICKS = 3_600_000  # of a simulation: an hour at 1 kHz
-LIMITS = {  # of counts and sizes that time and memory depend on, wherever they stand
+LIMITS = {  # of counts and sizes that time and memory depend on, by key at any depth
     "time_step": (1e-5, 0.01),  # s
     "duration": (0.0, 36_000.0),  # s
     "one_way": (0.01, 3600.0),  # s
@@ -245,7 +245,7 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
     ):
         if not (np.isfinite(value) and value > 0):
             raise InputError(source, place, f"{value}, expected a positive number")
-    # The observer's time_step is not read, and wrench segments last for ever where not told.
+    # The observer's time_step is not used here, and a wrench segment may last for ever (inf).
     estimator = replace(
         scenario.estimator, observer=replace(scenario.estimator.observer, time_step=1e-3)
     )

@@ -45,6 +45,7 @@ PLACES = {
     "truncation": "estimate.estimator.reconstruction.truncation",
     "max_gap": "estimate.max_gap",
     "smooth": "estimate.smooth",
+    "drift": "estimate.drift",
     "check": "estimate.check",
     "accept_signs": "estimate.accept_signs",
     "mcap": "estimate.mcap",
@@ -238,6 +239,12 @@ def command(
     false_alarms_per_hour: Annotated[
         float, typer.Option(help="How often contact may be reported where nothing touches the arm.")
     ] = DEFAULTS.detection.false_alarms_per_hour,
+    drift: Annotated[
+        float | None,
+        typer.Option(
+            help="Share of the viscous torque that the band allows friction to have drifted by."
+        ),
+    ] = DEFAULTS.drift,
     covariance: Annotated[
         bool, typer.Option("--covariance", help="Add the 21 entries of the covariance.")
     ] = DEFAULTS.covariance,

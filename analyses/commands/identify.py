@@ -193,14 +193,23 @@ def _print_calibration(result: "CalibrationResult", out: Path) -> None:
 
 
 def _print(result: "IdentificationResult", out: Path) -> None:
-    model, law = result.model, result.model.friction.coulomb_viscous
-    held_out = result.metrics()["cross_validation"]["rmse_nm"]  # None for a single log
+    from analyses.methods.learning.identification_report import (
+        filter_text,
+        inconsistent_links_text,
+        law_lines,
+        residual_text,
+    )
+    from analyses.methods.learning.torque_fit import joined_fits
+
+    model, law, metrics = result.model, result.model.friction.coulomb_viscous, result.metrics()
+    judged = result.cross_validation or result.fit
+    how = "held out" if result.cross_validation else "fitted"
+    joined = joined_fits(judged, how)
     columns = {
         "Coulomb\n[N m]": law.coulomb,
         "viscous\n[N m s/rad]": law.viscous,
-        "held out\nRMSE [N m]" if held_out is not None else "fit\nRMSE [N m]": (
-            held_out if held_out is not None else result.fit[0].rmse
-        ),
+        f"{how.replace('fitted', 'fit')}\nRMSE [N m]": joined.rmse,
+        "of torque's\nRMS [%]": 100.0 * joined.relative,
     }
     columns |= {f"{fit.name}\nRMSE [N m]": fit.rmse for fit in result.validation}
     table = new_table("\njoint", *columns)
@@ -208,11 +217,21 @@ def _print(result: "IdentificationResult", out: Path) -> None:
         table.add_row(name, *(f"{values[j]:#.3g}".rstrip(".") for values in columns.values()))
     console = new_console()
     console.print(table)
+    for fit in (joined, *result.validation):
+        say(
+            console,
+            f"residual, {fit.name}, mean ± 1 sd [N m]: {residual_text(fit.bias, fit.residual_sd)}",
+        )
+    for line in law_lines(result.held_out, result.law, how):
+        say(console, line)
+    say(console, f"filter: {filter_text(result.config)}")
     say(
         console,
         f"friction {result.law}, {len(result.base.names)} base parameters, "
         f"condition number {result.base.condition_number:.3g}",
     )
-    for warning in result.warnings:
-        say(console, f"note: {warning}")
+    links = inconsistent_links_text(metrics["inconsistent_links"], len(model.joint_names))
+    notes = [*result.notices, *result.warnings, *([links] if links else [])]
+    for note in notes:
+        say(console, f"note: {note}")
     say(console, f"model: {out / 'model.yaml'}")

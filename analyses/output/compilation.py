@@ -7,7 +7,7 @@ ANNOUNCEMENT = "compiling kernels, once on this machine"
 
 
 def on_first_compilation(say: Callable[[str], None]) -> None:
-    """Has `say(ANNOUNCEMENT)` called when this process first compiles what no cache on disk has."""
+    """Calls `say(ANNOUNCEMENT)` when this process first compiles a kernel that is not cached."""
     from numba.core import event
 
     class FirstCompilation(event.Listener):

@@ -1,4 +1,4 @@
-"""A command's results: they change as one, and nothing that is not ours is touched.
+"""A command's results: they change all at once, and nothing else in the folder is touched.
 
 While a command runs, its files are written into `.wrenchsight.partial` below the folder. At the end
 a journal of what is to change is put beside them, under its name only when it is complete; then

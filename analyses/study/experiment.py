@@ -3,12 +3,19 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from models.robot.robot import Robot
 
 
 @dataclass(frozen=True)
 class ExperimentContext:
-    """What an experiment is given to run."""
+    """What an experiment is given to run.
+
+    An experiment on the simulated arm takes it from `robot`, so that it runs in any world; it draws
+    and records only what `draws` asks for.
+    """
 
     out: Path  # folder of this experiment alone; exists
     data: Path  # folder of the real recordings; may be absent
@@ -17,6 +24,18 @@ class ExperimentContext:
     progress: Callable[[float, str], None] = lambda fraction, what: (
         None
     )  # 0..1, and what is done now
+    draws: bool = True  # whether anybody looks at figures and recordings; else none are needed
+    world: Callable[["Robot"], "Robot"] = lambda robot: robot  # gives a robot its simulated truth
+
+    def robot(self, name: str) -> "Robot":
+        """A bundled robot with the simulated truth that it has in this run.
+
+        Raises:
+            InputError: see `Robot.load`.
+        """
+        from models.robot.robot import Robot  # Drake: a list of experiments does without it
+
+        return self.world(Robot.load(name))
 
 
 @dataclass(frozen=True)
@@ -37,6 +56,8 @@ class ComparisonRow:
     article: float | list[float] | None  # None where the article has no such figure
     remark: str = ""  # why they differ, where they do
     source: str = "article"  # who stated the figure: the article, or another tool's measurement
+    ours: str = ""  # key of what our method has in the place of this figure of the article's
+    more_is_better: bool = False  # else the less, as of an error
 
 
 @dataclass

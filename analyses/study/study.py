@@ -121,7 +121,7 @@ def run_study(
                 (out / _SHARED).mkdir(mode=0o700)
             _run_all(first, jobs, watch)
         except BaseException:
-            # The user is to hear of the cause, not of what follows from it.
+            # The user should see the cause, not an error that follows from it.
             with suppress(InputError, OSError):
                 _summarise(folder, runs, settings)
             raise

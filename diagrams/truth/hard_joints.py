@@ -6,7 +6,6 @@ from pydrake.systems.primitives import Demultiplexer, PassThrough, Saturation
 
 from diagrams.scenario import Scenario
 from models.robot.robot import Robot, RobotInPlant
-from models.truth.free_arm import VELOCITY_STREAM
 from models.truth.joint_kernels import SIGNALS
 from models.truth.true_joints import TrueJoints
 from systems.motor_current_sensor import MotorCurrentSensor, add_motor_current_sensor
@@ -32,7 +31,7 @@ def add_hard_joints(
     Args:
         contact: whether the true external torque depends on the plant's solver.
     """
-    block = TrueJointsSystem(joints, contact, scenario.seed + VELOCITY_STREAM)
+    block = TrueJointsSystem(joints, contact, scenario.seed)
     builder.AddNamedSystem("true_joints", block)
     n = joints.num_joints
     readings = builder.AddNamedSystem("encoder_readings", Demultiplexer([n, n]))

@@ -108,7 +108,8 @@ class ResidualRows:
     @property
     def drift(self) -> Array:
         """(m, n, 3) what drifting coefficients add: `sliding`, its Coulomb and viscous part zero
-        where a joint rests. There it carries what its stiction takes, whatever the law says.
+        where a joint rests. There stiction balances the torque, whatever the law's coefficients
+        are.
         """
         moves = np.abs(self.v) >= V_REST
         return self.sliding * np.stack([moves, moves, np.ones_like(moves)], axis=2)

@@ -80,7 +80,8 @@ WrenchSegment = Union[WrenchStep, WrenchRamp, WrenchSine, HandPush]  # noqa: UP0
 
 
 @njit(cache=True, error_model="numpy")
-def _sample(table: Array, tones: Array, t: float, out: Array) -> None:
+def sample_script(table: Array, tones: Array, t: float, out: Array) -> None:
+    """The wrench (6,) of a script's `table` and `tones` at time t, into `out`."""
     # table rows: kind, start, end, rise or frequency or fade, phase or first tone, 6 amplitudes,
     # length of one push, time from one to the next
     # tones: (pushes, 6 axes, tones, 2) angular frequency and phase
@@ -127,6 +128,8 @@ class WrenchScript:
         seed: added to each HandPush's own seed.
         source: what an error names: the file that the segments come from.
 
+    `table` and `tones` are what `sample_script` reads.
+
     Raises:
         InputError: a time, frequency, force or moment that is not finite, negative where that has
             no meaning, or not of length 3.
@@ -159,13 +162,13 @@ class WrenchScript:
             end = segment.start + segment.duration
             wrench = (*segment.moment, *segment.force)
             rows.append([kind, segment.start, end, shape, phase, *wrench, each, every])
-        self._table = np.array(rows, dtype=np.float64).reshape(-1, 13)
-        self._tones = np.array(tones, dtype=np.float64).reshape(-1, 6, _NUM_TONES, 2)
+        self.table = np.array(rows, dtype=np.float64).reshape(-1, 13)
+        self.tones = np.array(tones, dtype=np.float64).reshape(-1, 6, _NUM_TONES, 2)
 
     def sample(self, t: float) -> Array:
         """The wrench (6,) at time t, rotation first: [moment N m; force N]."""
         out = np.empty(6)
-        _sample(self._table, self._tones, t, out)
+        sample_script(self.table, self.tones, t, out)
         return out
 
 

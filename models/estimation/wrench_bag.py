@@ -35,7 +35,7 @@ class WrenchBagWriter:
         base_link: the frame that W is.
 
     Raises:
-        InputError: the file cannot be written, or a time is none that a stamp can hold.
+        InputError: the file cannot be written, or a time is outside what a stamp can hold.
     """
 
     def __init__(self, path: str | Path, base_link: str) -> None:

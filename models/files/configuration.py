@@ -34,7 +34,7 @@ REQUIRED: dict[str, bool] = {"required": True}
 # What PyYAML's constructors raise over a tag or a value that makes no sense.
 _ODD_YAML = (yaml.YAMLError, ArithmeticError, AttributeError, LookupError, RecursionError,
              TypeError, ValueError)  # fmt: skip
-# Neither file names nor URDF may hold these: controls, and halves of characters.
+# Neither file names nor a URDF may hold these: control characters and lone surrogates.
 _CONTROL = re.compile("[\\x00-\\x08\\x0b\\x0c\\x0e-\\x1f\\x7f\\ud800-\\udfff]")
 LARGEST_FILE = 1 << 23  # bytes; a model with a network for each joint takes some 100 kB
 _NULL_TAG = "tag:yaml.org,2002:null"

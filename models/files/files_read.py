@@ -28,7 +28,7 @@ def about_to_read(path: str | Path) -> None:
 
 @contextmanager
 def remembering_files_read() -> Iterator[None]:
-    """Has `told_of_files_read`, inside the block, tell also of what was read before it."""
+    """Within the block, `told_of_files_read` reports also the files read before it."""
     token = _remembered.set([])
     try:
         yield

@@ -1,4 +1,4 @@
-"""Files of which no more is read than one of their kind holds: a device may have no end."""
+"""Files that are read up to a largest size: a device such as /dev/zero never ends."""
 
 from pathlib import Path
 

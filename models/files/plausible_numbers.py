@@ -1,4 +1,4 @@
-"""Numbers of a configuration that no robot's task has: refused before anything is computed."""
+"""Implausible numbers in a configuration: refused before anything is computed."""
 
 import dataclasses
 import math
@@ -9,17 +9,18 @@ import numpy as np
 
 from models.files.input_error import InputError
 
-LARGEST = 1e12  # of any number, in SI units: some times the stiffness of steel
+LARGEST = 1e12  # of any number, in SI units: five times steel's modulus of elasticity in Pa
 
 
 def check_numbers(
     configuration: Any, source: str, limits: Mapping[str, tuple[float, float]] | None = None
 ) -> None:
-    """Holds every number in a dataclass, and in what it holds, against what can be meant.
+    """Checks every number in a dataclass, and in all that it contains, against limits.
 
     Args:
         source: whose numbers these are, for error lines.
-        limits: least and most by a field's name, wherever it stands; for lists each of them.
+        limits: least and most by a field's name, at any depth; of a list, for each number. Fields
+            without have +-LARGEST.
 
     Raises:
         InputError: a number is not finite, larger than LARGEST, or beyond its limits.

@@ -31,12 +31,12 @@ class ContactNoise:
     """Per joint, the parts of the sd of the error's change: N m, then per unit of speed, load,
     acceleration, reversal, stiction and jolt. None: changes are not looked at."""
     change: ExceedanceTail | None = None
-    """Of the square of what a sample has beyond the mean over the window: of Gaussian errors of any
-    size it is exponential, the least that is assumed."""
+    """Of the square of a sample's norm beyond the mean over the window. For Gaussian errors of any
+    size its tail is exponential; no lighter one is assumed."""
 
 
 def check_contact_noise(path: Path, noise: ContactNoise | None, n: int) -> ContactNoise | None:
-    """Returns what a model's file says of an arm with n joints.
+    """Returns `noise` as read from a model's file, checked for an arm with n joints.
 
     Raises:
         InputError: a number out of range.

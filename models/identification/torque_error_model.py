@@ -352,7 +352,7 @@ def torque_sd_tick(
 ) -> None:
     """Single-sample kernel: takes a sample into `state` and writes the sds after it.
 
-    A joint whose q or v is not finite keeps its state and has the sd of one that stands still.
+    A joint whose q or v is not finite keeps its state and has the sd of a joint at rest.
 
     Args:
         table: `TorqueErrorModel.table`.

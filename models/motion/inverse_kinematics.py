@@ -205,7 +205,7 @@ def _seeds(robot: Robot) -> list[Array]:
 def _polish(
     robot: Robot, q: Array, R_WE: Array, p_WE: Array, num_steps: int, limited: bool
 ) -> Array:
-    """What damped least squares makes of q; see `damped_least_squares`."""
+    """q (n,) after damped least squares; see `damped_least_squares`."""
     q = np.array(q, dtype=np.float64)
     _approach(robot, q, R_WE, p_WE, num_steps, limited)
     return q

@@ -1,7 +1,7 @@
 """A Kalman filter of the momentum with wrench and torque error as states.
 
 Momentum obeys d/dt p = u + tau, with u = tau_J - tau_f + CTv - G. In what the model does not
-explain, tau = J^T F + e, the wrench F is told from the torque error e by what is known of both
+explain, tau = J^T F + e, the wrench F is separated from the torque error e by what is known of both
 (Wahrburg et al., "Motor-current-based estimation of Cartesian contact forces and torques for
 robotic manipulators and its application to force control", IEEE T-ASE 15(2), 2018, whose states are
 p and F; the error's states are those of the model's own torque error):

@@ -1,10 +1,10 @@
 """What an observer's lag does to a reading, and how the reading accounts for it.
 
-The observer reads each joint through K_0 / (s + K_0), LP for short: what it reads is LP(J^T F), not
-J^T F.
+The observer reads each joint through K_0 / (s + K_0), LP for short: it yields LP(J^T F), not J^T F.
 
-**The arm moves meanwhile.** With the J of the present, even a constant force is read wrong by what
-J has changed in 1 / K_0: on the UR10e with 2.8 kg at the flange as much as all friction is. With
+**The arm moves meanwhile.** With the J of the present, even a constant force is read wrong, in
+proportion to the change of J within 1 / K_0: on the UR10e with 2.8 kg at the flange as much as all
+friction is. With
 
     J_seen = LP(J), column j through the observer's pole of joint j,
 
@@ -23,8 +23,8 @@ already: f_i counts as f_i max(0, 1 - Sigma_F,ii / f_i^2), in full beyond the no
 Where a reading is not valid LP_omega follows a tenth as fast: what is read there, near a singular
 posture, is not the force.
 
-**The scale** of all that is read (torque per ampere, friction under a load that no log had) errs by
-a stated share: Sigma_F <- Sigma_F + (scale F) (scale F)^T.
+**The scale** of all readings (torque per ampere, friction under a load that no log had) has a
+stated relative sd: Sigma_F <- Sigma_F + (scale F) (scale F)^T.
 """
 
 from dataclasses import dataclass

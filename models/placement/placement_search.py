@@ -11,7 +11,7 @@ The cost has many local optima, and the best one's basin can be narrow. So
 4. in some more rounds the best ends that differ are varied, the tool turned about the path in even
    steps, again on every branch, and what is reached descends: a basin that a random start rarely
    meets is often the neighbour, in this sense, of one that is easily met;
-5. the ends are sorted by what the measure looks like point by point; the best of each kind descends
+5. the ends are grouped by the measure's course over the points; the best of each kind descends
    some more, and the best of these are brought to an optimum of the `MathematicalProgram`;
 6. what differs of these is taken to the optimum's exact place, and to the one member of its family
    that stands for all (`models.placement.placement_refinement`): the same from any start and on any

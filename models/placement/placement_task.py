@@ -75,7 +75,7 @@ class PlacementTask:
     tool_direction: list[float] | None = None  # in W, where E's z axis should point
     tool_tilt_deg: float = 0.0  # how far it may lean from there
     initial: GuessConfig | None = None
-    clearance: ClearanceConfig | None = None  # without it nothing is asked about collisions
+    clearance: ClearanceConfig | None = None  # None: collisions are not checked
 
     def initial_path(self) -> StraightPath | None:
         """The guess as a path; None without one."""

@@ -38,7 +38,7 @@ from models.recordings.rosbag.table import is_bag
 from models.robot.robot import Robot
 
 _BEYOND_ANY_ROBOT = 1e9  # SI; sums of squares of smaller numbers cannot overflow
-_BEYOND_ANY_CLOCK = 1e19  # s; nanoseconds since 1970 that are read as seconds have their own line
+_BEYOND_ANY_CLOCK = 1e19  # s; nanoseconds since 1970 read as seconds have a message of their own
 MIN_SAMPLES = 10  # less is no motion
 _DESCRIBE = "or describe the columns with --log-format"
 _ID_COLUMNS = ("frame_id", "seq", "header.frame_id", "header.seq")  # beside a stamp

@@ -28,9 +28,9 @@ MAX_GAP_STEPS = 3  # the least number of steps that may be bridged, for slow log
 STEP_SAMPLES = 1 << 16  # whose median step counts
 _COARSE_CLOCK = 0.1  # share of repeated times above which the clock is too coarse
 _PLAUSIBLE_STEP = (1e-5, 0.25)  # s; an estimator of motor currents has no use for others
-_GIVEN_STEP = (1e-5, 1.0)  # s
-LONGEST_BRIDGE = 60.0  # s, that may be asked for
-_MOST_POINTS = 1 << 20  # grid points between two chunks; more is no log's step
+_GIVEN_STEP = (1e-5, 1.0)  # s, least and most that may be asked for
+LONGEST_BRIDGE = 60.0  # s, longest gap that may be bridged on request
+_MOST_POINTS = 1 << 20  # grid points of one chunk; with more the step is far too small
 
 
 def resample_chunks(
@@ -94,7 +94,7 @@ def plausible_step(chunk: Recording) -> float:
     """The median step of the first samples of a recording, s, to nine digits.
 
     Raises:
-        InputError: the step is none of a robot's log: time in another unit.
+        InputError: the step is not that of a robot's log: time in another unit.
     """
     if chunk.num_samples < 2:
         raise InputError(chunk.source, "", "holds one sample only", "record a longer log")
@@ -160,7 +160,7 @@ class _Grid:
         )
 
     def _interpolated(self, part: Recording, steps: Array) -> Recording:
-        """Grid points in (t[0], t[-1]] of the part, both ends later by what rounding may do."""
+        """Grid points in (t[0], t[-1]] of the part, both ends moved later by the rounding error."""
         h = self._step
         ends = part.t + _ROUNDING * h
         last = int(np.floor((ends[-1] - self._origin) / h)) + 1

@@ -21,7 +21,7 @@ Lines = NDArray[np.int64]
 BLOCK_BYTES = 1 << 23  # small beside any memory, large enough that a block's overhead vanishes
 _LONGEST_LINE = 1 << 17  # more than any number of joints needs
 _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "spaces"}
-# Without a second way to read any digits: a cell may have a hundred thousand of them.
+# Unambiguous, so that it does not backtrack: a cell may have a hundred thousand digits.
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 _NO_NUMBERS = ("nan", "NaN", "NAN", "-nan", "-nan(ind)")
 _BLANK_LINE = re.compile(rb"(?m)^[ \t]+(?=\r?$)")
@@ -214,7 +214,7 @@ class TextTable:
         names = [str(k) for k in range(self.num_columns)]
         used = [str(k) for k in columns]
         if block.count(b"\r") > block.count(b"\r\n") + block.endswith(b"\r"):
-            self._find_fault(block, line, columns, may_be_empty)  # or else within a line's quotes
+            self._find_fault(block, line, columns, may_be_empty)  # none: they are within quotes
         try:
             try:
                 table = self._table(block, names, used)
@@ -275,7 +275,7 @@ class TextTable:
                 raise InputError(
                     self.path,
                     place,
-                    "holds a carriage return that ends no line",
+                    "holds a carriage return in the middle",
                     "correct or remove the line",
                 )
             text = data.decode("utf-8", "replace").strip("\r")

@@ -36,7 +36,7 @@ from models.robot.robot_config import (
 from models.robot.truth_config import JointFrictionConfig, SimulatedTruthConfig
 from models.robot.urdf import read_urdf
 
-# What no robot is beyond: in a number, a slip of the unit or of the pen.
+# Limits that no robot exceeds: a number beyond is a wrong unit or a typing error.
 _FAR = 1e3  # m, rad, m/s^2, A
 _LIGHT, _HEAVY = 1e-3, 1e5  # kg, kg m^2
 _WEAK, _STRONG = 1e-5, 1e6  # N m, N m/A
@@ -373,7 +373,9 @@ def _check_lists(config: RobotConfig, source: Path) -> None:
                 expect(shape.box, 3, f"{place}.box")
                 sizes = shape.box
             if not all(0.0 < size <= _FAR for size in sizes) or min(shape.rgba) < 0.0:
-                raise InputError(source, place, "a size or a colour is not above 0", "correct it")
+                raise InputError(
+                    source, place, "a size is not above 0, or a colour below", "correct it"
+                )
 
 
 def _ordered_drives(

@@ -14,6 +14,9 @@ Where the numbers and the equations come from:
                   identification of load and temperature effects", ASME J. Dyn. Syst. 134, 2012;
                   heat: Simoni, Beschi, Legnani, Visioli, "Friction modeling with temperature
                   effects for industrial robot manipulators", IROS 2015
+    wander        Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky, "Friction models and friction
+                  compensation", European J. Control 4, 1998, section 2: friction varies from
+                  pass to pass; the process is the simplest one
     ripple        Tuttle, Seering, "A nonlinear model of a harmonic drive gear transmission", IEEE
                   Trans. Robotics and Automation 12(3), 1996
     elasticity    Spong, "Modeling and control of elastic joint robots", ASME J. Dyn. Syst. 109,
@@ -22,7 +25,7 @@ Where the numbers and the equations come from:
                   high-precision permanent magnet motor drives", IEEE Trans. Industrial
                   Electronics 43, 1996
     kinematics    Hollerbach, Khalil, Gautier, "Model identification", Springer Handbook of
-                  Robotics, 2016 (sizes of what a calibration leaves)
+                  Robotics, 2016 (sizes of the errors after calibration)
 
 The equations, as they are simulated, stand in `models.truth.joint_kernels`.
 """
@@ -70,13 +73,21 @@ class LubricationConfig:
     """Viscous friction that falls as the joint warms, with speed, and from day to day."""
 
     saturation: list[float] = field(default_factory=list)
-    # rad/s at which viscous friction is half of what its slope at rest makes of it; 0: linear
+    # rad/s at which viscous friction is half of its linear value (slope at rest); 0: linear
     temperature_share: list[float] = field(default_factory=list)  # 1/K, by which it falls
     heating: list[float] = field(default_factory=list)  # K per W of friction, once settled
     time_constant: float = 1500.0  # s, of warming and cooling
     start_rise: float = 0.0  # K above the temperature at which `viscous` holds, at a log's start
-    day_sd: float = 0.0  # relative, of viscous friction from day to day
-    coulomb_day_sd: float = 0.0  # relative, of Coulomb friction and stiction from day to day
+    day_sd: list[float] = field(default_factory=list)  # relative, of `viscous` from day to day
+    coulomb_day_sd: list[float] = field(default_factory=list)  # of Coulomb friction and stiction
+
+
+@dataclass
+class WanderConfig:
+    """Friction that does not repeat: its level wanders as a first-order Gauss-Markov process."""
+
+    sd: list[float] = field(default_factory=list)  # relative, of Coulomb and viscous friction
+    time: list[float] = field(default_factory=list)  # s, in which it forgets to 1/e; 0 is 1
 
 
 @dataclass
@@ -116,6 +127,9 @@ class MotorConfig:
     bandwidth: float = 0.0  # Hz at -3 dB, of the current loop; 0: not limited
     cogging_amplitude: list[float] = field(default_factory=list)  # N m, that no current shows
     cogging_periods: list[float] = field(default_factory=list)  # per turn of the joint
+    # A, of white noise in the measured current of a joint that moves (commutation, meshing): this
+    # sd times tanh(|v| / .05 rad/s)
+    moving_noise_sd: list[float] = field(default_factory=list)  # see above
 
 
 @dataclass
@@ -124,6 +138,13 @@ class KinematicsConfig:
 
     translation_sd: float = 0.0  # m, along each axis
     rotation_sd: float = 0.0  # rad, about each axis; about the joint's own: an encoder offset
+
+
+@dataclass
+class PayloadConfig:
+    """A tool that weighs something else than the robot's file says."""
+
+    factor: float = 1.0  # true mass and inertia of the tool per stated
 
 
 @dataclass
@@ -141,14 +162,16 @@ class MechanismsConfig:
     slip: SlipConfig | None = None
     load: LoadFrictionConfig | None = None
     lubrication: LubricationConfig | None = None
+    wander: WanderConfig | None = None
     ripple: RippleConfig | None = None
     elasticity: ElasticityConfig | None = None
     encoder: EncoderConfig | None = None
     motor: MotorConfig | None = None
     kinematics: KinematicsConfig | None = None
+    payload: PayloadConfig | None = None
     clock: ClockConfig | None = None
-    individual: int = 0  # seed of what differs from arm to arm: phases, frames of the joints
-    day: int = 0  # seed of what differs from day to day
+    individual: int = 0  # seed of an arm's own phases and joint frames
+    day: int = 0  # seed of a day's own values
 
 
 @dataclass

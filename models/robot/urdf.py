@@ -29,7 +29,7 @@ from models.robot.urdf_shapes import settle_colours, settle_filters
 _MOVING = ("revolute", "continuous", "prismatic")
 _KNOWN_TYPES = (*_MOVING, "fixed", "floating", "planar")
 _KEPT = ("link", "joint", "material", "drake:collision_filter_group")
-_LARGEST = 1e6  # of any number in it, in SI units; a limit beyond is none
+_LARGEST = 1e6  # of any number in it, in SI units; a joint limit beyond means no limit
 
 
 def read_urdf(path: Path, config: RobotConfig, config_source: Path) -> EffectiveUrdf:
@@ -446,14 +446,14 @@ class _Reader:
                 f'joint "{name}": lower limit {lower:g} is not below the upper {upper:g}',
             )
         if not velocity >= 1e-6:
-            self._fail(joint, f'joint "{name}": a velocity limit of {velocity:g}')
+            self._fail(joint, f'joint "{name}": velocity limit {velocity:g}, expected 1e-6 or more')
         is_stated = 0 < effort < math.inf
         return JointLimits(
             name, self.lines.get(joint, 0), lower, upper, velocity, effort if is_stated else None
         )
 
     def _limit(self, limit: ET.Element, key: str) -> float:
-        """A limit of a joint; what no robot reaches is no limit, and Drake is told so, too."""
+        """A limit of a joint; inf beyond _LARGEST, and then removed for Drake, too."""
         value = self._number(limit, key, 0.0, math.inf)
         if abs(value) > _LARGEST:
             limit.attrib.pop(key)

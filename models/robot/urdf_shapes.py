@@ -1,7 +1,7 @@
-"""What of a URDF is only drawn or collided with: left out where Drake could not take it.
+"""Shapes, colours and collision filters of a URDF: left out where Drake would not accept them.
 
-Drake ends the process over a box without a size, and refuses a whole robot over a colour. An arm
-whose picture is damaged can still be read.
+Drake aborts the process at a box without a size, and refuses a whole robot because of a colour. An
+arm whose pictures are damaged can still be read.
 """
 
 import math
@@ -48,7 +48,7 @@ def hull_fault(path: Path) -> str:
 
 
 def settle_colours(root: ET.Element, links: Collection[ET.Element]) -> None:
-    """Gives each visual its own colour; a name that stands for none, or for two, is no error."""
+    """Gives each visual its own colour. A name without a colour, or with two, is not an error."""
     known: dict[str, list[float]] = {}
     for material in root.findall("material"):
         known.setdefault(material.get("name", ""), _colour(material))
@@ -71,7 +71,7 @@ def settle_colours(root: ET.Element, links: Collection[ET.Element]) -> None:
 
 
 def settle_filters(root: ET.Element, links: Collection[str]) -> None:
-    """Keeps the collision filter groups that name links of the arm and groups that there are."""
+    """Keeps the collision filter groups that name links of the arm and groups that exist."""
     groups = root.findall(_FILTER)
     kept: list[ET.Element] = []
     names: set[str] = set()
@@ -93,14 +93,14 @@ def settle_filters(root: ET.Element, links: Collection[str]) -> None:
 
 
 def _colour(material: ET.Element) -> list[float]:
-    """Red, green, blue, alpha, 0 to 1; [] where there is none that makes sense."""
+    """Red, green, blue, alpha, 0 to 1; [] without a valid colour."""
     element = material.find("color")
     values = _numbers("" if element is None else element.get("rgba", ""))
     return values if len(values) == 4 and all(0.0 <= x <= 1.0 for x in values) else []
 
 
 def _numbers(text: str) -> list[float]:
-    """The numbers of a text; [] where one is none, or not finite."""
+    """The numbers of a text; [] where a word is not a finite number."""
     try:
         values = [float(word) for word in text.split()]
     except ValueError:

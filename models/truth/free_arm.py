@@ -1,4 +1,4 @@
-"""What a simulated arm's controller records of a motion in which it touches nothing: a fast log.
+"""What a simulated arm's controller records where it touches nothing but a hand: a fast log.
 
 The same joints (`joint_kernels`), rigid bodies, controller and current sensor as in the cell of
 `diagrams.robot_cell`, in one compiled loop: some ten microseconds a tick in place of a hundred.
@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from models.arrays import Array
 from models.control.joint_tracking import advance_integral, tracking_torque
+from models.control.wrench_script import WrenchScript, sample_script
 from models.friction.velocity_friction import SemiParametricFriction
 from models.motion.paths import JointTrajectory
 from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, all_terms
@@ -41,6 +42,8 @@ from models.truth.true_robot import true_robot
 
 VELOCITY_STREAM = 3 * 2**32
 """Added to the seed for the noise of the velocity: another stream than the currents'."""
+WANDER_STREAM = 4 * 2**32
+"""Added to the seed for what friction wanders by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +77,7 @@ class FreeLog:
         tau_J_true: (T, n) N m, motor torque.
         tau_f_true: (T, n) N m, friction, ripple and cogging.
         rise: (T, n) K, of the joints' temperature.
+        wrench_true: (T, 6) of the script, rotation first, N m, N.
     """
 
     t: Array
@@ -85,6 +89,7 @@ class FreeLog:
     tau_J_true: Array
     tau_f_true: Array
     rise: Array
+    wrench_true: Array
 
 
 def simulate_free_arm(
@@ -96,8 +101,10 @@ def simulate_free_arm(
     every: int = 1,
     payload: SerialChain | None = None,
     start_rise: ArrayLike | None = None,
+    wrench: WrenchScript | None = None,
+    duration: float | None = None,
 ) -> FreeLog:
-    """Lets the true robot follow a trajectory where nothing touches it.
+    """Lets the true robot follow a trajectory where nothing touches it but what a script says.
 
     Args:
         robot: with its simulated truth.
@@ -110,13 +117,17 @@ def simulate_free_arm(
             None: the robot's, its joints off as its truth has it.
         start_rise: (n,) K of the joints at the start, in the place of the truth's: for a log that
             goes on where another ended.
+        wrench: of the environment on the robot at E, over time.
+        duration: s; the trajectory's where it is not given.
 
     Raises:
         InputError: the robot's truth is out of range.
     """
     joints = TrueJoints.of(robot, time_step)
     chain = true_robot(robot).chain if payload is None else payload
-    ticks = round(trajectory.duration / time_step) + 1
+    duration = trajectory.duration if duration is None else duration
+    ticks = round(duration / time_step) + 1
+    script = WrenchScript(()) if wrench is None else wrench
     rows = (ticks + every - 1) // every
     n = robot.num_joints
     state = joints.initial_state()
@@ -127,7 +138,7 @@ def simulate_free_arm(
     reference = np.concatenate(trajectory.sample(times), axis=1)
     sensor = np.stack([robot.current_bandwidth, robot.current_noise_sd, robot.current_resolution])
     gain = motor_gain(robot.torque_per_ampere, robot.current_sign)
-    log = np.empty((8, rows, n))
+    log, wrenches = np.empty((8, rows, n)), np.zeros((rows, 6))
     _run(
         joints.table,
         joints.on_motor,
@@ -144,12 +155,28 @@ def simulate_free_arm(
         seed,
         every,
         reference,
+        script.table,
+        script.tones,
+        float(trajectory.t[0]),
         state,
         q,
         v,
         log,
+        wrenches,
     )
-    return FreeLog(times[::every].copy(), *log)
+    q_read, v_read, current, q_true, v_true, tau_J, tau_f, rise = log
+    return FreeLog(
+        times[::every].copy(),
+        q_read,
+        v_read,
+        current,
+        q_true,
+        v_true,
+        tau_J,
+        tau_f,
+        rise,
+        wrenches,
+    )
 
 
 @njit(cache=True, error_model="numpy")
@@ -169,10 +196,14 @@ def _run(
     seed: int,
     every: int,
     reference: Array,
+    script: Array,
+    tones: Array,
+    start: float,
     state: Array,
     q: Array,
     v: Array,
     log: Array,
+    wrenches: Array,
 ) -> None:
     n = q.shape[0]
     p, CTv, Cv, G = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
@@ -181,11 +212,19 @@ def _run(
     R_WE, p_WE, V_WE = np.empty((3, 3)), np.empty(3), np.empty(6)
     scratch = np.empty((n, SCRATCH_COLUMNS))
     q_read, v_read, tau = np.empty(n), np.empty(n), np.empty(n)
+    draws = np.empty(2 * n)
     command, noise, current = np.empty(n), np.empty(n), np.empty(n)
-    integral, nothing, lagged = np.zeros(n), np.zeros(n), np.full(n, np.nan)
+    integral, tau_ext, lagged = np.zeros(n), np.zeros(n), np.full(n, np.nan)
+    wrench = np.zeros(6)
     signals, after = np.empty((SIGNALS, n)), np.empty_like(state)
     for tick in range(reference.shape[0]):
         all_terms(chain, q, v, p, CTv, Cv, G, M, J, R_WE, p_WE, V_WE, scratch)
+        if script.shape[0] > 0:
+            sample_script(script, tones, start + tick * time_step, wrench)
+            for i in range(n):
+                tau_ext[i] = 0.0
+                for axis in range(6):
+                    tau_ext[i] += J[axis, i] * wrench[axis]
         encoder_reading(
             table, state, G, q, v, on_motor, seed + VELOCITY_STREAM, tick, q_read, v_read
         )
@@ -207,7 +246,8 @@ def _run(
         )
         for i in range(n):
             command[i] = tau[i] / gain[i]
-        joint_tick(table, time_step, M, Cv, G, q, v, command, nothing, state, after, signals)
+        gaussian_noise(seed + WANDER_STREAM, tick, draws)
+        joint_tick(table, time_step, M, Cv, G, q, v, command, tau_ext, draws, state, after, signals)
         update_lag(sensor[0], time_step, signals[MOTOR_CURRENT], lagged)
         if tick % every == 0:
             current[:] = lagged
@@ -218,8 +258,9 @@ def _run(
             log[3, row], log[4, row] = q, v
             log[5, row], log[6, row] = signals[TAU_J], signals[TAU_F]
             log[7, row] = state[RISE]
+            wrenches[row] = wrench
         advance_integral(time_step, gains, effort_limit, q_read, reference[tick, :n], tau, integral)
-        _step(M, time_step, signals[TAU_J], signals[TORQUE], Cv, G, q, v)
+        _step(M, time_step, signals[TAU_J] + tau_ext, signals[TORQUE], Cv, G, q, v)
         state[:] = after
 
 

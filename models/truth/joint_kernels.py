@@ -15,6 +15,10 @@ of the tick before:
     c     = viscous exp(-share rise) / (1 + |v| / saturation)
     rise  : d(rise)/dt = (heating P - rise) / time_constant,  P = (sum_k s_k + c v) v
 
+All of it but the load's part wanders: coulomb, stiction and viscous times 1 + w, with
+
+    w_k = a w_{k-1} + sqrt(1 - a^2) sd N(0, 1),   a = exp(-h / time)
+
 and kept_k = exp(-h / creep_time_k): a spring creeps as a Maxwell element does. s_k and c v are
 taken at the velocity v+ at the tick's end, with limit and c of its beginning:
 
@@ -55,16 +59,20 @@ RIGID = 1e5
 """N m s/rad of an element without displacement: a joint at rest creeps by its torque over this."""
 DAMPING = 0.7
 """Of the gear's deflection, of critical."""
+MOVING = 0.05
+"""rad/s above which a joint's current has the noise of its motion."""
+LEAST_WANDER = 0.2
+"""Below this share of itself friction does not wander."""
 
 # Columns of the table; then (weight, stiffness, kept) for each slip element.
 STICTION, COULOMB, SPEED, VISCOUS, INVERSE_SATURATION, TEMPERATURE_SHARE = range(6)
 HEATING, INVERSE_TIME, FORWARDS, BACKWARDS, MOTORING, GENERATING = range(6, 12)
 RIPPLES = 12  # three of (amplitude, load share, periods, phase): gear, its other wheel, cogging
 GAIN, POLE, COMPLIANCE, FREQUENCY, RESOLUTION, VELOCITY_NOISE, VELOCITY_RESOLUTION = range(24, 31)
-ELEMENTS = 31
+WANDER_SD, WANDER_KEPT, MOVING_NOISE, ELEMENTS = range(31, 35)
 # Rows of the state; then three rows a slip element: torque of its spring before the last tick's
 # displacement, and its limits in that tick, N m.
-CURRENT, TRANSMITTED, RISE, DEFLECTION, RATE, EXTERNAL, SLIPS = range(7)
+CURRENT, TRANSMITTED, RISE, DEFLECTION, RATE, EXTERNAL, WANDER, SLIPS = range(8)
 # Rows of what a tick gives.
 TAU_J, TORQUE, TAU_F, MOTOR_CURRENT = range(4)
 SIGNALS = 4
@@ -81,6 +89,7 @@ def joint_tick(
     v: Array,
     command: Array,
     tau_ext: Array,
+    noise: Array,
     state: Array,
     after: Array,
     signals: Array,
@@ -94,10 +103,12 @@ def joint_tick(
         q, v: (n,) of the links at the tick's beginning, rad, rad/s.
         command: (n,) A, commanded current.
         tau_ext: (n,) N m, of the environment during the tick.
+        noise: (2n,) unit Gaussian draws of the tick: of what wanders, and of the currents.
         state: (SLIPS + 3 K, n) at the beginning; NaN currents and deflections start settled.
         after: (SLIPS + 3 K, n), written: at the end.
         signals: (SIGNALS, n), written: motor torque, the rest of the generalized force on the links
-            (friction, ripple, cogging), true friction (minus the former), N m; motor current, A.
+            (friction, ripple, cogging), true friction (minus the former), N m; motor current with
+            the noise of its motion, A.
     """
     n = q.shape[0]
     K = (state.shape[0] - SLIPS) // 3
@@ -118,10 +129,18 @@ def joint_tick(
         if math.isnan(load):
             load = G[i]
         after[CURRENT, i] = current
-        signals[TAU_J, i], signals[MOTOR_CURRENT, i] = tau_J, current
+        noisy = row[MOVING_NOISE] * math.tanh(abs(v[i]) / MOVING) * noise[n + i]
+        signals[TAU_J, i], signals[MOTOR_CURRENT, i] = tau_J, current + noisy
 
         x = v[i] / row[SPEED]
+        kept = row[WANDER_KEPT]
+        wander = row[WANDER_SD] * noise[i]  # from the first tick on as far as ever
+        if not math.isnan(state[WANDER, i]):
+            wander = kept * state[WANDER, i] + math.sqrt(1.0 - kept * kept) * wander
+        after[WANDER, i] = wander
+        wander = max(1.0 + wander, LEAST_WANDER)
         level = row[COULOMB] + (row[STICTION] - row[COULOMB]) * math.exp(-x * x)
+        level *= wander
         ahead, behind = row[MOTORING], row[GENERATING]
         if load < 0.0:
             ahead, behind = behind, ahead
@@ -133,7 +152,7 @@ def joint_tick(
             kept = row[ELEMENTS + 3 * k + 2]
             before[k, i] = kept * spring_torque(table, time_step, state, i, k, v[i])
             high[k, i], low[k, i] = weight * forwards, -weight * backwards
-        viscous[i] = row[VISCOUS] * math.exp(-row[TEMPERATURE_SHARE] * state[RISE, i])
+        viscous[i] = row[VISCOUS] * wander * math.exp(-row[TEMPERATURE_SHARE] * state[RISE, i])
         viscous[i] /= 1.0 + abs(v[i]) * row[INVERSE_SATURATION]
 
         position = 0.0

@@ -22,6 +22,7 @@ from models.robot.truth_config import (
     MotorConfig,
     RippleConfig,
     SlipConfig,
+    WanderConfig,
 )
 from models.truth.joint_kernels import (
     BACKWARDS,
@@ -38,6 +39,7 @@ from models.truth.joint_kernels import (
     INVERSE_SATURATION,
     INVERSE_TIME,
     MOTORING,
+    MOVING_NOISE,
     POLE,
     RESOLUTION,
     RIGID,
@@ -51,6 +53,9 @@ from models.truth.joint_kernels import (
     VELOCITY_NOISE,
     VELOCITY_RESOLUTION,
     VISCOUS,
+    WANDER,
+    WANDER_KEPT,
+    WANDER_SD,
     spring_torque,
 )
 
@@ -93,7 +98,7 @@ class TrueJoints:
     def initial_state(self) -> Array:
         """(SLIPS + 3 K, n) of joints at rest, springs relaxed, gears settled under their load."""
         state = np.zeros((SLIPS + 3 * self.num_elements, self.num_joints))
-        state[[CURRENT, TRANSMITTED, DEFLECTION]] = math.nan
+        state[[CURRENT, TRANSMITTED, DEFLECTION, WANDER]] = math.nan
         state[RISE] = self.start_rise
         return state
 
@@ -133,7 +138,7 @@ class TrueJoints:
         individual = np.random.default_rng([config.individual, _PHASES])
         day = np.random.default_rng([config.day, config.individual, _DAY]).standard_normal((2, n))
         viscous_today, coulomb_today = (
-            np.maximum(1.0 + read.number(lubrication, name) * draw, 0.2)
+            np.maximum(1.0 + read.each(lubrication, name) * draw, 0.2)
             for name, draw in zip(("day_sd", "coulomb_day_sd"), day, strict=True)
         )
         K = len(slip.weight)
@@ -152,6 +157,11 @@ class TrueJoints:
         table[:, GENERATING] = read.each(load, "generating", below=1.0)
         asymmetry = read.each(load, "asymmetry", least=-0.9, below=0.9)
         table[:, FORWARDS], table[:, BACKWARDS] = 1.0 + asymmetry, 1.0 - asymmetry
+        wander = config.wander or WanderConfig()
+        table[:, WANDER_SD] = read.each(wander, "sd", below=1.0)
+        time = read.each(wander, "time")
+        table[:, WANDER_KEPT] = np.exp(-time_step / np.where(time > 0.0, time, 1.0))
+        table[:, MOVING_NOISE] = read.each(motor, "moving_noise_sd")
         phases = individual.uniform(0.0, 2.0 * np.pi, (3, n))
         if config.ripple is None and config.motor is None:
             phases[:] = 0.0  # the plain truth's

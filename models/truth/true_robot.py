@@ -1,6 +1,7 @@
 """The true robot behind a nominal one: the frames of its joints as they really are; presets."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -38,16 +39,20 @@ def has_hard_truth(robot: Robot) -> bool:
 
 
 def true_robot(robot: Robot) -> Robot:
-    """The robot as it was really built: every joint's frame off by what calibration left.
+    """The robot as it really is: its joints' frames off, and its tool's weight.
 
-    Drawn once for each `individual`, along and about all three axes of the joint's frame; about the
-    joint's own axis that is an encoder's offset. The robot itself where nothing is off.
+    Frames are drawn once for each `individual`, along and about all three axes of the joint's own;
+    about the joint's axis that is an encoder's offset. The robot itself where nothing is off.
 
     Raises:
-        InputError: a standard deviation is negative or not finite.
+        InputError: a standard deviation or the tool's factor is negative or not finite.
     """
     mechanisms = robot.config.simulated_truth.mechanisms
-    if mechanisms is None or mechanisms.kinematics is None:
+    if mechanisms is None:
+        return robot
+    if mechanisms.payload is not None and mechanisms.payload.factor != 1.0:
+        robot = _with_weight(robot, mechanisms.payload.factor)
+    if mechanisms.kinematics is None:
         return robot
     errors = mechanisms.kinematics
     for name in ("translation_sd", "rotation_sd"):
@@ -61,3 +66,15 @@ def true_robot(robot: Robot) -> Robot:
     return robot.with_moved_joints(
         errors.translation_sd * draws[:, :3], errors.rotation_sd * draws[:, 3:]
     )
+
+
+def _with_weight(robot: Robot, factor: float) -> Robot:
+    if not (math.isfinite(factor) and factor > 0.0):
+        place = "simulated_truth.mechanisms.payload.factor"
+        raise InputError(robot.source, place, f"{factor}, expected a number above 0")
+    tool = robot.config.tool
+    if tool is None:
+        return robot
+    inertia = [factor * value for value in tool.inertia]
+    heavier = replace(tool, mass=factor * tool.mass, inertia=inertia)
+    return robot.with_tool(heavier, robot.config.tool_frame)

@@ -14,6 +14,8 @@ from pydrake.systems.framework import (
 
 from models.arrays import Array
 from models.rigid_body.serial_chain import RigidBodyTerms
+from models.signals.gaussian_noise import gaussian_noise
+from models.truth.free_arm import VELOCITY_STREAM, WANDER_STREAM
 from models.truth.joint_kernels import EXTERNAL, SIGNALS, encoder_reading, joint_tick
 from models.truth.true_joints import TrueJoints
 
@@ -43,7 +45,7 @@ class TrueJointsSystem(LeafSystem):
     Args:
         joints: the true joints.
         contact: whether tau_ext depends on the plant's solver; then that of the tick before counts.
-        seed: of the velocities' noise.
+        seed: of the velocities' noise and of what friction wanders by.
     """
 
     def __init__(self, joints: TrueJoints, contact: bool, seed: int) -> None:
@@ -65,6 +67,7 @@ class TrueJointsSystem(LeafSystem):
             self._terms.ticket(),
             self.discrete_state_ticket(state),
             self.all_parameters_ticket(),
+            self.time_ticket(),
         }
         tickets = known | {self._command.ticket()}
         if not contact:
@@ -77,9 +80,11 @@ class TrueJointsSystem(LeafSystem):
         self.DeclareVectorOutputPort(
             "signals", SIGNALS * n, self._calc_signals, {self._tick.ticket()}
         )
-        self.DeclareVectorOutputPort(
-            "encoders", 2 * n, self._calc_encoders, known | {self.time_ticket()}
-        )
+        self.DeclareVectorOutputPort("encoders", 2 * n, self._calc_encoders, known)
+
+    def _tick_of(self, context: Context) -> int:
+        # A thousandth of a tick absorbs the rounding of t = k time_step.
+        return int(context.get_time() / self._joints.time_step + 1e-3)
 
     def _table_of(self, context: Context) -> Array:
         table: Array = context.get_numeric_parameter(self._table).value()
@@ -89,6 +94,8 @@ class TrueJointsSystem(LeafSystem):
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
         state = context.get_discrete_state(0).value().reshape(self._shape)
         after, signals = np.empty(self._shape), np.empty((SIGNALS, self._n))
+        noise = np.empty(2 * self._n)
+        gaussian_noise(self._seed + WANDER_STREAM, self._tick_of(context), noise)
         joint_tick(
             self._table_of(context),
             self._joints.time_step,
@@ -99,6 +106,7 @@ class TrueJointsSystem(LeafSystem):
             terms.v,
             self._command.Eval(context),
             state[EXTERNAL] if self._contact else self._tau_ext.Eval(context),
+            noise,
             state,
             after,
             signals,
@@ -118,9 +126,8 @@ class TrueJointsSystem(LeafSystem):
             terms.q,
             terms.v,
             self._joints.on_motor,
-            self._seed,
-            # A thousandth of a tick absorbs the rounding of t = k time_step.
-            int(context.get_time() / self._joints.time_step + 1e-3),
+            self._seed + VELOCITY_STREAM,
+            self._tick_of(context),
             reading[:n],
             reading[n:],
         )

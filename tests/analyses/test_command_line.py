@@ -496,6 +496,7 @@ def test_options_reach_the_simulation(invoke, monkeypatch, tmp_path, scenario, a
         "quick": True,
         "record": False,
         "graph": True,
+        "motion_path": None,
     }
 
 

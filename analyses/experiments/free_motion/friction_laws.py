@@ -138,7 +138,7 @@ class LawsOnOneArm:
 
 def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
     """All laws on the simulated arm."""
-    robot = Robot.load(ROBOT)
+    robot = context.robot(ROBOT)
 
     def told(start: float, end: float) -> Callable[[float, str], None]:
         return lambda part, what: context.progress(share * (start + (end - start) * part), what)

@@ -6,12 +6,14 @@ Coulomb-viscous model is identified from it and predicts the torque of a second,
 trajectory. Both trajectories were found by `excite` and lie beside the robot as coefficients.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from analyses.methods.arms.simulated_identification import (
+    CONFIG,
     identify_simulated_arm,
     inertial_error,
     with_known_friction,
@@ -27,19 +29,19 @@ from analyses.study.experiment import (
     FigureFile,
 )
 from models.arrays import Array
-from models.robot.robot import Robot
 
 ARTICLE_RMSE = [3.2926, 3.5804, 2.2578, 0.5272, 0.7846, 0.3602]  # N m, section 4.1
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
     """Simulates, identifies, predicts; then once more with the true friction known."""
-    robot = Robot.load(ROBOT)
+    robot = context.robot(ROBOT)
     periods = 1 if context.quick else PERIODS
     result, logs = identify_simulated_arm(
         robot,
         context.seed,
         periods,
+        replace(CONFIG, seed=context.seed),
         progress=lambda share, what: context.progress(0.85 * share, what),
     )
     context.progress(0.85, "with the true friction known")
@@ -63,19 +65,20 @@ def run(context: ExperimentContext) -> ExperimentResult:
     metrics["inertial_error_nm"] = unknown_error
     metrics["inertial_error_pct_of_torque"] = 100.0 * unknown_error / torque
     context.progress(0.95, "figures")
-    path = Path("figures") / "torque_validation.png"
-    figure = torque_figure(fit, robot.joint_names, "validation, simulated arm")
-    save_figure(figure, context.out / path)
+    figures = []
+    if context.draws:
+        path = Path("figures") / "torque_validation.png"
+        figure = torque_figure(fit, robot.joint_names, "validation, simulated arm")
+        save_figure(figure, context.out / path)
+        what = (
+            "Measured torque along the second excitation and what the model identified along the "
+            "first predicts for it (the article's Fig. 6)."
+        )
+        figures.append(FigureFile(path, what))
     result.model.save(context.out / "model.yaml")
     return ExperimentResult(
         metrics=metrics,
-        figures=[
-            FigureFile(
-                path,
-                "Measured torque along the second excitation and what the model identified along "
-                "the first predicts for it (the article's Fig. 6).",
-            )
-        ],
+        figures=figures,
         comparison=_comparison(),
         notes=findings(metrics, periods),
         configuration={

@@ -205,7 +205,7 @@ def _loaded_scene(recording: Recording, mass: float, robot: Robot, model: Identi
 
 
 def _simulated_scenes(context: ExperimentContext) -> dict[str, Scene]:
-    robot = Robot.load(ROBOT)
+    robot = context.robot(ROBOT)
     models = identify_arm(
         robot,
         context.seed,

@@ -139,7 +139,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         },
         "with_table": table.figures(),
     }
-    # What lies behind, not every search meets; at a table it is the best alone that each does.
+    # Later optima are not met by every search; at a table only the best one is met by all.
     metrics["optima"] = metrics["optima"][:_OPTIMA]
     metrics["with_table"]["optima"] = metrics["with_table"]["optima"][:1]
     metrics["optimised"]["smallest_own_distance_m"] = found.own_distance["optimised"]

@@ -10,9 +10,11 @@ direction in some postures give a model per friction law:
 
 **The stated covariance.** What a model leaves unexplained in an identification is not the error of
 its observer in a task: an excitation is fast, a task may be slow, and near zero velocity a friction
-law's error is largest. So Sigma_tau of each law is found from the causal observer's own output
-along contact-free logs that no model was fitted on (excitation 2, and passes in a posture of their
-own), behind the same K_0, over the samples slower than the task's planned motion:
+law's error is largest. So the torque error of each law is learnt as `identify` learns it, by the
+state of each joint (`models.identification.torque_error_model`), from the causal observer's own
+output along contact-free logs that no model was fitted on (excitation 2, and passes in a posture of
+their own), behind the same K_0. For planning, where no state is known yet, one Sigma_tau is found
+over their samples slower than the task's planned motion:
 
     sd_j        = RMS of tau_ext_j where |v_j| <= speed, about zero: a lasting error is an error
     Sigma_tau   = D R D,  D = diag(sd),  R = the outputs' correlations (about zero) over all samples
@@ -38,7 +40,10 @@ from models.arrays import Array
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.identification.identified_model import IdentifiedModel
+from models.identification.torque_error_fit import HeldOutReading, fit_torque_error
+from models.identification.torque_error_model import TorqueErrorModel
 from models.observers.momentum_observer import MomentumObserverConfig
+from models.recordings.position_resolution import position_resolution
 from models.recordings.recording import Recording
 from models.robot.robot import Robot
 
@@ -71,7 +76,12 @@ class ArmModels:
     held_out: tuple[Recording, ...]
 
     def estimator(
-        self, law: str, speed: float, K_0: float, reconstruction: WrenchReconstructionConfig
+        self,
+        law: str,
+        speed: float,
+        K_0: float,
+        reconstruction: WrenchReconstructionConfig,
+        by_state: bool = True,
     ) -> WrenchEstimator:
         """An estimator with a law's model and the covariance of its error in a task.
 
@@ -80,13 +90,38 @@ class ArmModels:
             speed: rad/s, the highest joint speed of the planned task.
             K_0: 1/s.
             reconstruction: method and prior.
+            by_state: whether its torque error follows the joints' states, or is Sigma_tau.
         """
         config = WrenchEstimatorConfig(MomentumObserverConfig([K_0]), reconstruction)
         model = self.models[law]
         tau_ext, v = self.held_out_errors(law, K_0)
         covariance = covariance_at_speed(tau_ext, v, speed)
-        model = replace(model, residual_covariance=covariance, torque_error=None)
+        error = self.torque_error(law, K_0) if by_state else None
+        model = replace(model, residual_covariance=covariance, torque_error=error)
         return WrenchEstimator(self.robot, model, config)
+
+    def torque_error(self, law: str, K_0: float) -> TorqueErrorModel:
+        """What an observer with a law's model errs by, as the held-out logs show.
+
+        Args:
+            law: one of LAWS.
+            K_0: 1/s.
+        """
+        config = WrenchEstimatorConfig(MomentumObserverConfig([K_0]))
+        plain = replace(self.models[law], torque_error=None)
+        estimator = WrenchEstimator(self.robot, plain, config)
+        readings = []
+        for log in self.held_out:
+            seen = estimator.observe(log.q, log.v, log.current)
+            settled = log.t - log.t[0] >= 3.0 / K_0
+            readings.append(
+                HeldOutReading(
+                    *(seen.tau_ext, log.q, log.v, seen.tau_J - seen.tau_f),
+                    *(seen.fresh & settled, estimator.friction, log.time_step),
+                    *(np.full(self.robot.num_joints, K_0), position_resolution(log.q)),
+                )
+            )
+        return fit_torque_error(readings)
 
     def held_out_errors(self, law: str, K_0: float) -> tuple[Array, Array]:
         """tau_ext (N, n) N m that an observer reads of the held-out logs, and v (N, n) rad/s.

@@ -17,6 +17,7 @@ from analyses.methods.arms.simulated_logs import (
 )
 from analyses.methods.learning.identification import IdentificationResult, identify
 from analyses.methods.learning.identification_config import IdentificationConfig
+from analyses.study.shared_results import shared
 from models.arrays import Array
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
@@ -36,8 +37,19 @@ def identify_simulated_arm(
 ) -> tuple[IdentificationResult, tuple[SimulatedLog, SimulatedLog]]:
     """Identifies the simulated arm from its own log along excitation 1, checked on excitation 2.
 
-    This is where every simulated experiment has its model from.
+    This is where every simulated experiment has its model from; within a study it is found once.
     """
+    arguments = robot, seed, num_periods, config
+    return shared("identify_simulated_arm", arguments, lambda: _identify(*arguments, progress))
+
+
+def _identify(
+    robot: Robot,
+    seed: int,
+    num_periods: int,
+    config: IdentificationConfig,
+    progress: ProgressCallback,
+) -> tuple[IdentificationResult, tuple[SimulatedLog, SimulatedLog]]:
     logs = tuple(
         simulate_excitation(
             robot,

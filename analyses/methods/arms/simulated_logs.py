@@ -52,7 +52,7 @@ def stored_excitation(robot: Robot, number: int) -> FourierTrajectory:
     """Excitation `number` (1, 2) that lies beside the robot's own file.
 
     Raises:
-        InputError: there is none; `excite` makes one.
+        InputError: the file is missing; `excite` makes it.
     """
     return FourierTrajectory.load(robot.source.parent / f"excitation_{number}.yaml", robot.name)
 
@@ -137,13 +137,15 @@ def _simulate_motion(
     return SimulatedLog(recording, signals["tau_f_true"])
 
 
-def drive_servo(robot: Robot, model: IdentifiedModel) -> Servo:
-    """The drives' own controller with the gains of TRACKING, for `simulate_free_arm`."""
-    gains = [TRACKING.kp, TRACKING.kd, TRACKING.ki, TRACKING.integral_limit]
+def drive_servo(
+    robot: Robot, model: IdentifiedModel, config: JointTrackingConfig = TRACKING
+) -> Servo:
+    """The drives' own controller, for `simulate_free_arm`."""
+    gains = [config.kp, config.kd, config.ki, config.integral_limit]
     return Servo(
         model.chain(robot),
         np.stack([np.broadcast_to(np.asarray(row, float), robot.num_joints) for row in gains]),
         model.friction.feedforward,
-        TRACKING.friction_velocity,
-        TRACKING.law == "computed_torque",
+        config.friction_velocity,
+        config.law == "computed_torque",
     )

@@ -262,7 +262,7 @@ def _doubts(result: RefreshResult, robot: Robot) -> list[str]:
     ]
     if strange:
         doubts.append(
-            f"friction does not explain what is left of {', '.join(strange)} N m: a load, contact "
+            f"friction does not explain the residual of {', '.join(strange)} N m: a load, contact "
             "or other changes; identify again, or see `payload`"
         )
     law = found.after

@@ -115,7 +115,7 @@ def error_parts(
 
 
 def largest_first(parts: dict[str, Any], kind: str, known: bool) -> list[tuple[str, float]]:
-    """Causes and by what they change the RMSE of a kind, N, the largest first.
+    """Causes, each with its change of the RMSE of a kind, N, the largest first.
 
     Args:
         parts: of `error_parts`.

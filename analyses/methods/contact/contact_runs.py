@@ -129,7 +129,7 @@ def find_runs(data: Path) -> list[Path]:
     """The runs' files below `data`, sorted by name.
 
     Raises:
-        InputError: there is none.
+        InputError: there are no such files.
     """
     folder = data / FOLDER
     found = sorted(path for path in folder.glob("*.csv") if RunName.parse(path.stem) is not None)

@@ -183,7 +183,7 @@ def read_logs(data: Path) -> list[Lara8Log]:
     """The recordings below `data` that are there.
 
     Raises:
-        InputError: there is none, or one is damaged.
+        InputError: there is no recording, or one is damaged.
     """
     folder = data / FOLDER
     names = [name for name in FILES if (folder / f"{name}.csv").is_file()]

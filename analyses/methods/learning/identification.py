@@ -37,6 +37,7 @@ from analyses.methods.learning.identification_config import (
     checked_config,
 )
 from analyses.methods.learning.identification_figures import torque_figure
+from analyses.methods.learning.identification_report import filter_text
 from analyses.methods.learning.law_fits import LawFit, LawFits
 from analyses.methods.learning.low_passed_logs import (
     LowPassedLog,
@@ -52,7 +53,7 @@ from analyses.methods.learning.torque_error_learning import (
     held_out_readings,
     learn_torque_error,
 )
-from analyses.methods.learning.torque_fit import TorqueFit, pooled_rmse
+from analyses.methods.learning.torque_fit import SIMILARITY, TorqueFit, pooled_rmse
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from analyses.study.shared_results import digest, shared
@@ -135,6 +136,8 @@ class IdentificationResult:
                 "logs": {fit.name: fit.metrics() for fit in self.cross_validation},
             },
             "validation": {fit.name: fit.metrics() for fit in self.validation},
+            "similarity": SIMILARITY,
+            "filter": filter_text(self.config),
             "base_parameters": {
                 "count": len(base.names),
                 "sd_above_half_of_value": int(uncertain.sum()),

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from analyses.methods.learning.torque_fit import TorqueFit
-from analyses.output.figures import COLOUR, legend_below, panels_in_pairs
+from analyses.output.figures import BAND_ALPHA, COLOUR, legend_below, panels_in_pairs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
 def torque_figure(fit: TorqueFit, joint_names: Sequence[str], kind: str) -> "Figure":
-    """Measured and predicted torque with the residual, one panel a joint."""
+    """Measured and predicted torque with the residual and its mean ± 1 sd, one panel a joint."""
     n = fit.measured.shape[1]
     figure, panels = panels_in_pairs(n, "time [s]", "torque [N m]", share_x=True)
     t = fit.t - fit.t[0]
@@ -19,9 +19,18 @@ def torque_figure(fit: TorqueFit, joint_names: Sequence[str], kind: str) -> "Fig
         axis.plot(t, fit.measured[:, j], color=COLOUR["truth"], label="measured")
         axis.plot(t, fit.predicted[:, j], color=COLOUR["estimate"], lw=1.0, label="predicted")
         axis.plot(t, fit.residual[:, j], color=COLOUR["before"], lw=0.8, label="residual")
-        axis.set_title(
-            f"{joint_names[j]}: RMSE {fit.rmse[j]:.2f} N m, {100 * fit.relative[j]:.0f} %"
+        mean, sd = float(fit.bias[j]), float(fit.residual_sd[j])
+        axis.axhspan(
+            *(mean - sd, mean + sd),
+            color=COLOUR["before"],
+            alpha=BAND_ALPHA,
+            lw=0.0,
+            label="its mean ± 1 sd",
         )
-    legend_below(figure, panels[0], 3)
+        axis.set_title(
+            f"{joint_names[j]}: RMSE {fit.rmse[j]:.2f} N m, {100 * fit.relative[j]:.0f} % of the "
+            "torque's RMS"
+        )
+    legend_below(figure, panels[0], 4)
     figure.suptitle(f"{fit.name} ({kind})")
     return figure

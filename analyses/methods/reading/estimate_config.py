@@ -16,6 +16,7 @@ from models.observers.observer_kinds import OBSERVERS, kind_name, make_observer
 from models.robot.robot import Robot
 
 ENGINES = ("batch", "diagram")
+LARGEST_DRIFT = 10.0  # of the viscous torque
 TORQUES = ("found", "currents", "external")
 LEAST_SD, LARGEST_SD = 1e-3, 1e9  # N or N m; a prior of less says that nothing acts
 LEAST_TORQUE_SD = 1e-6  # N m
@@ -50,6 +51,9 @@ class EstimateConfig:
     engine: str = "batch"  # "batch": the kernels; "diagram": the same chain as a Drake diagram
     estimator: WrenchEstimatorConfig = field(default_factory=_estimator_of_logs)
     smooth: bool = False  # each sample estimated from those after it as well: no lag
+    drift: float | None = None
+    """Share of the viscous torque by which friction may have drifted, for the stated band; null: as
+    the model's file says. Where a log contradicts the model, `estimate` says which it shows."""
     max_gap: float = 0.0  # s, longest gap that is bridged; 0: 0.1 s or three steps
     check: bool = True  # hold the log against the robot's limits and gravity
     accept_signs: bool = False  # take the drives' signs as they are, also against the evidence
@@ -74,10 +78,10 @@ class EstimateSettings:
 
 
 def stated_prior(config: EstimateConfig, robot: Robot | None) -> tuple[float, float] | None:
-    """Force sd (N) and moment sd (N m) that `prior` says without the log; None: it is the log's.
+    """Force sd (N) and moment sd (N m) that `prior` gives without the log; None: the log gives it.
 
     Raises:
-        InputError: it rests on a robot, and there is none.
+        InputError: it needs a robot, and none is given.
     """
     if config.prior == "log":
         return None
@@ -122,6 +126,9 @@ def checked_config(config: EstimateConfig, robot: Robot | None) -> EstimateConfi
     if not LEAST_RATE <= rate <= LARGEST_RATE:
         found = f"is {rate:g}, expected {LEAST_RATE:g} to {LARGEST_RATE:g}"
         raise refuse("false_alarms_per_hour", found, "1 is the default")
+    if config.drift is not None and not 0.0 <= config.drift <= LARGEST_DRIFT:
+        found = f"is {config.drift:g}, expected 0 to {LARGEST_DRIFT:g}"
+        raise refuse("drift", found, "0.05 is 5 % of the viscous torque")
     for name in ("prior_force_sd", "prior_moment_sd", "max_force_sd"):
         number = getattr(reconstruction, name)
         if number is not None and not LEAST_SD <= number <= LARGEST_SD:

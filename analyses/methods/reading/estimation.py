@@ -192,6 +192,16 @@ def estimate(
             "the model does not state its readings without contact: how often contact is reported "
             "where nothing touches the arm is not known; identify it again"
         )
+    if settings.estimate.drift is not None:
+        if model.torque_error is None:
+            raise InputError(
+                "estimate",
+                "drift",
+                "the model does not say what its torque errs by",
+                "identify it again, or leave --drift out",
+            )
+        error = model.torque_error.with_drift(settings.estimate.drift)
+        model = replace(model, torque_error=error)
     config, max_gap = settings.estimate.estimator, settings.estimate.max_gap
     if config.position_resolution is None:
         step = position_resolution(next(iter(read().chunks())).q)

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import lfilter
 
+from analyses.methods.reading.estimate_config import LARGEST_DRIFT
 from models.arrays import Array, Flags
 from models.calibration.friction_disagreement import FrictionDisagreement, friction_disagreements
 from models.calibration.residual_noise import ResidualRows
@@ -114,8 +115,27 @@ class FrictionWatch:
 
     def disagreements(self) -> list[FrictionDisagreement]:
         """The joints whose friction contradicts the model."""
-        if not self._rows:
+        rows = self._contact_free()
+        if rows is None:
             return []
+        return friction_disagreements(rows, self._model.friction.coulomb_viscous)
+
+    def drift(self) -> float | None:
+        """The share of the viscous torque that friction has drifted by, of the joint that has most;
+        None where no joint's contradicts the model.
+
+        With it as the torque error's `drift` the band holds what the contact-free stretches show.
+        """
+        rows, found = self._contact_free(), self.disagreements()
+        if rows is None or not found:
+            return None
+        viscous = np.sqrt(np.mean(rows.viscous**2, axis=0))
+        return max(own.torque / max(float(viscous[own.joint]), 1e-9) for own in found)
+
+    def _contact_free(self) -> ResidualRows | None:
+        """The rows that are judged."""
+        if not self._rows:
+            return None
         free = np.concatenate(self._free)
         if free.mean() < 1.0 - MOSTLY:
             free[:] = True
@@ -123,10 +143,7 @@ class FrictionWatch:
             name: np.concatenate([getattr(own, name) for own in self._rows])[free]
             for name in ("t", "v", "residual", "dry", "viscous", "stiction", "sliding")
         }
-        if not free.any():
-            return []
-        rows = replace(self._rows[0], **parts)
-        return friction_disagreements(rows, self._model.friction.coulomb_viscous)
+        return replace(self._rows[0], **parts) if free.any() else None
 
     def sentences(self, log: str, robot: str, model: str | None) -> list[str]:
         """What to tell a user: each joint, and the command that brings its friction up to date.
@@ -147,4 +164,12 @@ class FrictionWatch:
             part = f" --part {np.ceil(10.0 * begin) / 10.0:g},{np.floor(10.0 * end) / 10.0:g}"
         where = "LOG (some seconds of free motion)" if touched and not part else log
         command = f"wrenchsight identify {where} --robot {robot} --refresh {model}{part}"
-        return [*lines, f"friction of today: {command} --out refreshed"]
+        lines.append(f"friction of today: {command} --out refreshed")
+        drift, error = self.drift(), self._model.torque_error
+        if drift is not None and error is not None and drift > error.drift:
+            share = min(np.ceil(100.0 * drift) / 100.0, LARGEST_DRIFT)
+            lines.append(
+                f"until then the stated band is too narrow: --drift {share:g} widens it to what "
+                "the contact-free stretches show"
+            )
+        return lines

@@ -233,7 +233,7 @@ def read_all(run: MachiningRun, models: ArmModels) -> dict[str, dict[str, Array]
     robot, signals = models.robot, run.signals
     speed = float(np.abs(run.plan.trajectory.v).max())
     inverse = WrenchReconstructionConfig("inverse")
-    bayesian = models.estimator(LAW, speed, K_0, WrenchReconstructionConfig("bayesian"))
+    bayesian = models.estimator(LAW, speed, K_0, WrenchReconstructionConfig("bayesian"), False)
     config = WrenchEstimatorConfig(MomentumObserverConfig([K_0]), inverse)
 
     def read(estimator: WrenchEstimator, tau_f: Array | None = None) -> Array:

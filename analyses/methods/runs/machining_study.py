@@ -42,7 +42,6 @@ from diagrams.machining import make_machining_path
 from diagrams.scenario import load_scenario
 from models.arrays import Array
 from models.machining.machining_phases import FAULT_SENTENCES
-from models.robot.robot import Robot
 
 if TYPE_CHECKING:
     pass
@@ -54,7 +53,7 @@ _AIR_SEED = 1000  # apart from the runs' own
 
 def study_machining(context: ExperimentContext, task: MachiningTask) -> ExperimentResult:
     """The experiments `polishing` and `grinding` of `study`."""
-    robot = Robot.load(ROBOT)
+    robot = context.robot(ROBOT)
     models = identify_arm(
         robot, context.seed, context.quick, lambda s, what: context.progress(0.1 * s, what)
     )
@@ -87,7 +86,7 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
             if plan is None or taught is None:  # the same for both
                 plan = make_machining_path(own, robot)
                 taught = learn(own, models, plan, _AIR_SEED + context.seed)
-            with_picture = feedback == "estimate" and feed == FEEDS[0]
+            with_picture = context.draws and feedback == "estimate" and feed == FEEDS[0]
             runs[feedback] = run_machining(
                 own, models, plan, taught, picture if with_picture else None, told
             )
@@ -103,14 +102,16 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
     context.progress(0.96, "figures")
     return ExperimentResult(
         metrics=metrics,
-        figures=machining_figures(context, task, shown, without, metrics),
+        figures=machining_figures(context, task, shown, without, metrics) if context.draws else [],
         recordings=[
             FigureFile(
                 Path("recording.html"),
                 f"The arm at work without a sensor, one way in {FEEDS[0]:g} s: true force black, "
                 "estimated force blue.",
             )
-        ],
+        ]
+        if context.draws
+        else [],
         comparison=comparison_rows(task),
         notes=findings(task, metrics),
         configuration={"scenarios": scenarios, "feeds_s": FEEDS, "K_0": K_0},
@@ -206,8 +207,17 @@ def comparison_rows(task: MachiningTask) -> list[ComparisonRow]:
         "repeats (`air-pass`)"
     )
     return [
-        ComparisonRow(f"{force}: correlation", "article.correlation", "", list(task.correlation)),
-        ComparisonRow(f"{force}: RMSE", "article.rmse_n", "N", list(task.rmse_n)),
+        ComparisonRow(
+            f"{force}: correlation",
+            "article.correlation",
+            "",
+            list(task.correlation),
+            ours="ours.correlation",
+            more_is_better=True,
+        ),
+        ComparisonRow(
+            f"{force}: RMSE", "article.rmse_n", "N", list(task.rmse_n), ours="ours.rmse_n"
+        ),
         ComparisonRow(f"{force}: correlation, ours", "ours.correlation", "", None, ours),
         ComparisonRow(f"{force}: RMSE, ours", "ours.rmse_n", "N", None, ours),
         ComparisonRow(

@@ -38,7 +38,6 @@ from diagrams.scenario import LineMotion, Scenario
 from models.arrays import Array
 from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig, live_prior
 from models.rigid_body.spatial_vectors import AXES
-from models.robot.robot import Robot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,7 +51,7 @@ OURS = "found_bayesian"
 
 @dataclass(frozen=True)
 class Variant:
-    """One row of the table; each changes one thing of the one that it is compared with."""
+    """One row of the table; it differs in one thing from the row that it is compared with."""
 
     key: str
     label: str
@@ -104,7 +103,7 @@ class RepeatedCycles:
 
 def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCycles:
     """Simulates two cycles on each path, and reads the second one with every variant."""
-    robot = Robot.load(ROBOT)
+    robot = context.robot(ROBOT)
     scenario = task_scenario(scenario_name, context.seed, ONE_WAY_QUICK if context.quick else None)
     covariances = repetition_covariances(
         robot, (None, K_0), context.seed, lambda share, what: context.progress(0.05 * share, what)

@@ -329,7 +329,7 @@ def _simulate_into(
         )
     except InputError:
         raise
-    except ValueError as error:  # of a block that is given what it cannot work with
+    except ValueError as error:  # of a block that refuses its parameters
         raise InputError(scenario_name, "", str(error), "correct the scenario") from error
     progress(1.0, "writing")
     files = list(result.files)
@@ -404,7 +404,7 @@ def simulate(
             known += " and a Coulomb-viscous fit of its true friction"
         notices.append(
             f"without --model, controller and estimator are given {known}: "
-            "identify a model for an honest error"
+            "identify a model for a realistic error"
         )
     taught = None
     if plan is not None and scenario.machining is not None and scenario.machining.air_pass > 0.0:

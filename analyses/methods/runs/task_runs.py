@@ -28,6 +28,7 @@ from analyses.methods.planning.article_paths import (
 )
 from analyses.methods.reading.force_errors import ForceReading
 from analyses.methods.reading.repetition import repetition_torque
+from analyses.methods.runs.fast_runs import is_free, run_free
 from analyses.study.experiment import FigureFile
 from diagrams.closed_loop import make_closed_loop
 from diagrams.pages.path_page import PathMotion, write_path_page
@@ -182,10 +183,38 @@ def run_task(
         name: of the run.
         progress: told the share done.
     """
+    nominal = IdentifiedModel.nominal(robot)
+    if is_free(scenario, robot):
+        t, signals = run_free(scenario, robot, nominal)
+        progress(1.0, f"simulating, {name} path")
+    else:
+        t, signals = _run_closed_loop(scenario, robot, nominal, name, progress)
+    recording = Recording(
+        t=t, q=signals["q"], v=signals["v"], current=signals["current"], source=name
+    )
+    mechanisms = robot.config.simulated_truth.mechanisms
+    if mechanisms is not None:
+        recording = clocked(recording, mechanisms.clock, scenario.seed)
+    return TaskRun(
+        name,
+        recording,
+        signals["wrench_true"],
+        signals.get("ft_wrench"),
+        signals["tau_f_true"],
+        np.asarray(robot.chain.condition_number(signals["q"])),
+    )
+
+
+def _run_closed_loop(
+    scenario: Scenario,
+    robot: Robot,
+    nominal: IdentifiedModel,
+    name: str,
+    progress: ProgressCallback,
+) -> tuple[Array, dict[str, Array]]:
     wanted = ["q", "v", "current", "wrench_true", "tau_f_true"]
     if scenario.force_torque_sensor is not None:
         wanted.append("ft_wrench")
-    nominal = IdentifiedModel.nominal(robot)
     loop = make_closed_loop(
         scenario,
         robot,
@@ -201,21 +230,7 @@ def run_task(
         even_stretches(scenario.duration, _STRETCH),
         lambda share: progress(share, f"simulating, {name} path"),
     )
-    t, signals = loop.logged(simulator.get_context())
-    recording = Recording(
-        t=t, q=signals["q"], v=signals["v"], current=signals["current"], source=name
-    )
-    mechanisms = robot.config.simulated_truth.mechanisms
-    if mechanisms is not None:
-        recording = clocked(recording, mechanisms.clock, scenario.seed)
-    return TaskRun(
-        name,
-        recording,
-        signals["wrench_true"],
-        signals.get("ft_wrench"),
-        signals["tau_f_true"],
-        np.asarray(robot.chain.condition_number(signals["q"])),
-    )
+    return loop.logged(simulator.get_context())
 
 
 def write_runs_page(

@@ -17,7 +17,7 @@ from models.contact.contact_force import SIGMA_95
 
 @dataclass(frozen=True, eq=False)
 class ForceReading:
-    """A force over time, and what its method says of it; M averages.
+    """A force over time, with its method's uncertainty and validity; M averages.
 
     Attributes:
         force: (M,) N; NaN where there is no reading.

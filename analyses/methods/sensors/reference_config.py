@@ -114,7 +114,7 @@ def reference_columns(reference: ReferenceConfig) -> dict[str, SignalColumns]:
     """The sensor's columns, which the log's description need not know.
 
     Raises:
-        InputError: columns that are none, or not 1, 3 or 6 of them, or a tare of other size.
+        InputError: items that name no column, not 1, 3 or 6 of them, or a tare of another size.
     """
     if not reference.columns:
         return {}

@@ -100,7 +100,7 @@ def jacobians(recording: Recording) -> Array:
     else:
         length = np.linalg.norm(some[:, :3], axis=1).mean(axis=0)
         shown = " ".join(f"{value:.3g}" for value in length)
-        problem = f"is none: its angular columns have lengths {shown}, expected 1 (a prismatic: 0)"
+        problem = f"is not one: angular columns have lengths {shown}, expected 1 (a prismatic: 0)"
     raise InputError(recording.source, JACOBIAN, problem, remedy)
 
 

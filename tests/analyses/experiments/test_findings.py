@@ -22,13 +22,14 @@ from analyses.experiments.free_motion import (
     repeat_cycle_push,
 )
 from analyses.experiments.machining import grinding, polishing
+from analyses.experiments.other_arms import panda_wrench
 from analyses.experiments.postures import (
     constant_wrench,
     jcn_map,
     metrics_compare,
     surface_path,
 )
-from analyses.experiments.real_arms import panda_wrench, ur10e_identification, ur10e_payload
+from analyses.experiments.real_arms import ur10e_identification, ur10e_payload
 from analyses.methods.planning.jcn_map_settings import SliceConfig
 from analyses.methods.runs import machining_study
 

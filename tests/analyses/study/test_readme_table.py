@@ -153,6 +153,36 @@ def test_it_runs_as_a_module(study, readme):
     assert "24.86" in readme.read_text(encoding="utf-8")
 
 
+def test_a_campaign_s_spread_stands_beside_the_figures(study, readme):
+    def spread(median, ahead=None):
+        figures = {"median": median, "p05": median - 1.0, "p95": median + 1.0}
+        return figures | {"share_of_worlds_ours_ahead": ahead}
+
+    metrics = {
+        "campaign": {"quick": False, "worlds": 200, "seed": 0},
+        "constant-wrench": {
+            "optimised.max_error_y_n": spread(7.5, 0.99),
+            "rmse.0": spread(2.0),
+            "rmse.1": spread(3.0),
+        },
+    }
+    OutputFolder(study.parent / "campaign").write_json("metrics.json", metrics)
+    results = collect(study, study.parent / "campaign")
+    table = results_table(results, whole=True)
+    assert "| Median of 200 worlds (5 to 95 %) |" in table
+    assert "(6.500 to 8.500), ours ahead in 99 % |" in table
+    assert "| 2 (1 to 3), 3 (2 to 4) |" in table
+    assert main([str(study), str(readme)]) == 0
+    written = json.loads((readme.parent / RESULTS).read_text(encoding="utf-8"))
+    assert written == results
+
+    metrics["campaign"]["quick"] = True  # of another length than the study: not beside it
+    OutputFolder(study.parent / "campaign").write_json("metrics.json", metrics)
+    results = collect(study, study.parent / "campaign")
+    assert results == collect(study)
+    assert "worlds" not in results_table(results, whole=True)
+
+
 def test_too_many_arguments_are_refused(capsys):
-    assert main(["a", "b", "c"]) == 2
+    assert main(["a", "b", "c", "d"]) == 2
     assert "STUDY_FOLDER README" in capsys.readouterr().err

@@ -90,11 +90,11 @@ def plant_of(robot: Robot) -> tuple[MultibodyPlant, object]:
 
 
 def test_bundled_robots_are_found_and_load() -> None:
-    assert bundled_robots() == ["sts_sre4_600", "ur10e"]
+    assert bundled_robots() == ["panda", "sts_sre4_600", "ur10e", "ur5e"]
     for name in bundled_robots():
         robot = Robot.load(name)
         assert robot.name == name
-        assert robot.num_joints == 6
+        assert robot.num_joints == (7 if name == "panda" else 6)
         assert robot.notices == ()
 
 
@@ -180,7 +180,7 @@ def test_ur10e_agrees_with_the_recordings_urdf(ur10e: Robot, data: Callable[[str
         np.testing.assert_allclose(X_WE[:3, :3], expected[:3, :3], rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["sts_sre4_600", "ur10e"])
+@pytest.mark.parametrize("name", ["panda", "sts_sre4_600", "ur10e", "ur5e"])
 def test_drake_and_pinocchio_read_the_same_text_alike(name: str) -> None:
     robot = Robot.load(name)
     model = pinocchio.buildModelFromXML(robot.urdf_text)
@@ -188,7 +188,7 @@ def test_drake_and_pinocchio_read_the_same_text_alike(name: str) -> None:
     plant, parts = plant_of(robot)
     context = plant.CreateDefaultContext()
     rng = np.random.default_rng(4)
-    q = rng.uniform(-2, 2, 6)
+    q = rng.uniform(-2, 2, robot.num_joints)
     plant.SetPositions(context, q)
     pinocchio.framesForwardKinematics(model, data, q)
     np.testing.assert_allclose(
@@ -200,6 +200,61 @@ def test_drake_and_pinocchio_read_the_same_text_alike(name: str) -> None:
     np.testing.assert_allclose(
         -plant.CalcGravityGeneralizedForces(context), G, rtol=1e-10, atol=1e-10
     )
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5e"])
+def test_a_bundled_arm_moves_as_pinocchio_says(name: str) -> None:
+    robot = Robot.load(name)
+    model = pinocchio.buildModelFromXML(robot.urdf_text)
+    model.armature = np.array(robot.reflected_inertia)
+    data = model.createData()
+    q, v, vdot = np.random.default_rng(5).uniform(-1.5, 1.5, (3, 20, robot.num_joints))
+    expected = [pinocchio.rnea(model, data, *row) for row in zip(q, v, vdot, strict=True)]
+    found = robot.chain.inverse_dynamics(q, v, vdot)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)  # rounding
+
+
+def test_ur5e_kinematics_are_the_published_ones() -> None:
+    alpha = np.array([np.pi / 2, 0, 0, np.pi / 2, -np.pi / 2, 0])
+    a = np.array([0, -0.425, -0.3922, 0, 0, 0])
+    d = np.array([0.1625, 0, 0, 0.1333, 0.0997, 0.0996])
+    robot = Robot.load("ur5e")
+    turned = np.diag([-1.0, -1.0, 1.0, 1.0])  # base_link is the DH base turned by 180 degrees
+    for q in np.random.default_rng(2).uniform(-np.pi, np.pi, (50, 6)):
+        R_WE, p_WE = robot.chain.pose(q)
+        X_WE = turned @ dh_pose(alpha, a, d, q)
+        np.testing.assert_allclose(p_WE, X_WE[:3, 3], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(R_WE, X_WE[:3, :3], rtol=0, atol=1e-12)
+
+
+def test_ur5e_has_the_published_masses_and_limits() -> None:
+    robot = Robot.load("ur5e")
+    np.testing.assert_allclose(
+        robot.chain.inertial_parameters[:, 0], [3.761, 8.058, 2.846, 1.37, 1.3, 0.365]
+    )
+    np.testing.assert_allclose(robot.effort_limit, [150, 150, 150, 28, 28, 28])
+    np.testing.assert_allclose(robot.velocity_limit, np.pi)
+    # Of the maker's centre of mass of link 2 in its DH frame: (0.2125, 0, 0.11336) m from its end.
+    np.testing.assert_allclose(
+        robot.chain.inertial_parameters[1, 1:4] / 8.058, [-0.2125, 0.0, 0.11336], atol=1e-12
+    )
+
+
+def test_the_panda_is_that_of_example_robot_data(panda: Robot) -> None:
+    """Same kinematics and links, but for the hand, which that one carries."""
+    robot = Robot.load("panda")
+    flange = panda.with_tool(None, PoseConfig([0.0, 0.0, -0.1034], [0.0, 0.0, np.pi / 4]))
+    q = np.random.default_rng(6).uniform(robot.position_lower, robot.position_upper, (20, 7))
+    for one, other in zip(robot.chain.pose(q), flange.chain.pose(q), strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        robot.chain.inertial_parameters[:6], panda.chain.inertial_parameters[:6], atol=1e-12
+    )
+    np.testing.assert_allclose(robot.position_lower, panda.position_lower)
+    np.testing.assert_allclose(robot.velocity_limit, [2.175] * 4 + [2.61] * 3)  # data sheet
+    np.testing.assert_allclose(robot.effort_limit, [87.0] * 4 + [12.0] * 3)
+    weight = robot.chain.inertial_parameters[6, 0]
+    assert weight == pytest.approx(0.735522)  # without the hand's .73 kg
 
 
 # Robots of other people -----------------------------------------------------------------------

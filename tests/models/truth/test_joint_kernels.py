@@ -18,6 +18,8 @@ from models.truth.joint_kernels import (
     TAU_J,
     TORQUE,
     TRANSMITTED,
+    WANDER_KEPT,
+    WANDER_SD,
     encoder_reading,
     joint_tick,
     spring_torque,
@@ -59,6 +61,10 @@ class Bench:
             np.array([v]),
         )
         self.signals = np.empty((SIGNALS, 1))
+        self.random = np.random.default_rng(11)
+
+    def noise(self):
+        return self.random.standard_normal(2)
 
     def tick(self, command=0.0, tau_ext=0.0, q=None, v=None):
         """One tick; with q and v the joint is led: they are those of the next tick's beginning."""
@@ -66,7 +72,8 @@ class Bench:
         zero = np.zeros(1)
         joint_tick(
             self.joints.table, H, self.M, zero, self.G, self.q, self.v,
-            np.array([float(command)]), np.array([float(tau_ext)]), self.state, after, self.signals,
+            np.array([float(command)]), np.array([float(tau_ext)]), self.noise(),
+            self.state, after, self.signals,
         )  # fmt: skip
         force = self.signals[TAU_J] + self.signals[TORQUE] + tau_ext - self.G
         self.v = self.v + H * force / self.M[0] if v is None else np.array([float(v)])
@@ -295,3 +302,18 @@ def test_a_ripple_gives_nothing_over_a_turn_under_a_constant_load():
     assert abs(work) < 1e-6  # J, where a rectified ripple would give 6
     expected = 0.5 * ((0.8 + 0.75) ** 2 + (0.2 + 0.15) ** 2 + 0.3**2)
     assert np.var(swing) == pytest.approx(expected, rel=1e-6)
+
+
+def test_friction_wanders_by_its_sd_and_forgets_in_its_time():
+    joints = one_joint(((1.0, 1e8, 0.0),), coulomb=5.0, stiction=5.0)
+    joints.table[0, WANDER_SD], joints.table[0, WANDER_KEPT] = 0.05, math.exp(-H / 0.02)
+    bench = Bench(joints, M=1e12, v=1.0)
+    torque = []
+    for _ in range(40000):
+        bench.tick(v=1.0)
+        torque.append(bench.signals[TAU_F, 0])
+    share = np.array(torque) / 5.0 - 1.0
+    # 40 s hold 1000 independent values of .02 s both ways: 3 %
+    assert share.std() == pytest.approx(0.05, rel=0.1)
+    lag = np.mean(share[:-20] * share[20:]) / share.var()
+    assert lag == pytest.approx(math.exp(-1.0), abs=0.07)

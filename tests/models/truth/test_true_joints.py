@@ -45,7 +45,7 @@ def test_without_mechanisms_the_table_is_the_plain_truth(robot):
 def test_days_differ_by_the_stated_share_and_a_day_is_always_the_same(robot):
     levels = []
     for day in range(200):
-        lubrication = LubricationConfig(day_sd=0.1, coulomb_day_sd=0.05)
+        lubrication = LubricationConfig(day_sd=[0.1] * 6, coulomb_day_sd=[0.05] * 6)
         joints = TrueJoints.of(with_mechanisms(robot, lubrication=lubrication, day=day), 1e-3)
         levels.append(joints.table[:, [VISCOUS, COULOMB]])
     share = np.array(levels) / np.stack([robot.truth.viscous, robot.truth.coulomb], axis=1)

@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from models.files.input_error import InputError
 from models.robot.robot import Robot
-from models.robot.truth_config import KinematicsConfig, MechanismsConfig
+from models.robot.robot_config import ToolConfig
+from models.robot.truth_config import KinematicsConfig, MechanismsConfig, PayloadConfig
 from models.truth.true_robot import hard_truth, true_robot
 
 
@@ -52,9 +53,31 @@ def test_the_tool_is_off_by_what_the_joints_add_up_to(robot):
     np.testing.assert_array_equal(again.p_PJ, true.chain.p_PJ)
 
 
+def test_a_heavier_tool_is_felt_as_its_weight(robot):
+    tool = robot.config.tool or ToolConfig(
+        mass=2.0, com=[0.0, 0.0, 0.1], inertia=[1e-3] * 3 + [0.0] * 3
+    )
+    nominal = robot.with_tool(tool, robot.config.tool_frame)
+    mechanisms = MechanismsConfig(payload=PayloadConfig(1.25))
+    truth = dataclasses.replace(robot.config.simulated_truth, mechanisms=mechanisms)
+    true = true_robot(nominal.with_truth(truth))
+    without = dataclasses.replace(tool, mass=1e-6, inertia=[1e-9] * 3 + [0.0] * 3)
+    bare = nominal.with_tool(without, robot.config.tool_frame).chain
+    q = np.asarray(robot.home) + 0.2
+    weight = nominal.chain.gravity_torque(q) - bare.gravity_torque(q)
+    found = true.chain.gravity_torque(q) - bare.gravity_torque(q)
+    np.testing.assert_allclose(found, 1.25 * weight, atol=2e-5)  # the bare one's milligram
+    assert np.abs(weight).max() > 0.5
+
+
 def test_bad_input(robot, tmp_path):
     with pytest.raises(InputError, match=r"kinematics\.rotation_sd"):
         true_robot(built(robot, rotation_sd=-1.0))
+    truth = dataclasses.replace(
+        robot.config.simulated_truth, mechanisms=MechanismsConfig(payload=PayloadConfig(-1.0))
+    )
+    with pytest.raises(InputError, match=r"payload\.factor"):
+        true_robot(robot.with_truth(truth))
     elsewhere = Robot(robot.config, tmp_path / "robot.yaml", robot._urdf)
     with pytest.raises(InputError, match="hard_truth"):
         hard_truth(elsewhere)

@@ -7,6 +7,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from models.robot.robot import Robot
+from models.signals.gaussian_noise import gaussian_noise
+from models.truth.free_arm import VELOCITY_STREAM, WANDER_STREAM
 from models.truth.joint_kernels import EXTERNAL, SIGNALS, encoder_reading, joint_tick
 from models.truth.true_joints import TrueJoints
 from models.truth.true_robot import hard_truth
@@ -38,11 +40,13 @@ def at_work(robot, joints, contact):
     return block, context, terms
 
 
-def by_kernel(joints, terms, state, tau_ext):
+def by_kernel(joints, terms, state, tau_ext, tick=0):
     after, signals = np.empty_like(state), np.empty((SIGNALS, 6))
+    noise = np.empty(12)
+    gaussian_noise(7 + WANDER_STREAM, tick, noise)
     joint_tick(
         joints.table, 1e-3, terms.M, terms.Cv, terms.G, terms.q, terms.v, COMMAND,
-        tau_ext, state, after, signals,
+        tau_ext, noise, state, after, signals,
     )  # fmt: skip
     return after, signals
 
@@ -90,7 +94,16 @@ def test_encoders_read_with_the_noise_of_the_tick(robot, joints):
         context.SetTime(tick * 1e-3)
         q, v = np.empty(6), np.empty(6)
         encoder_reading(
-            joints.table, joints.initial_state(), terms.G, terms.q, terms.v, True, 7, tick, q, v
+            joints.table,
+            joints.initial_state(),
+            terms.G,
+            terms.q,
+            terms.v,
+            True,
+            7 + VELOCITY_STREAM,
+            tick,
+            q,
+            v,
         )
         np.testing.assert_array_equal(
             block.GetOutputPort("encoders").Eval(context), np.concatenate([q, v])
@@ -119,6 +132,6 @@ def test_it_runs_in_a_simulator(robot, joints):
     block.GetInputPort("tau_ext").FixValue(context, TAU_EXT)
     simulator.AdvanceTo(0.05)
     state = joints.initial_state()
-    for _ in range(50):
-        state, _ = by_kernel(joints, terms, state, TAU_EXT)
+    for tick in range(50):
+        state, _ = by_kernel(joints, terms, state, TAU_EXT, tick)
     np.testing.assert_array_equal(context.get_discrete_state(0).value().reshape(state.shape), state)

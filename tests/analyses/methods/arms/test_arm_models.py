@@ -1,8 +1,12 @@
-"""The covariance that readings of a task state: from slow samples, lasting errors included."""
+"""What readings of a task state: from held-out logs, slow samples, lasting errors included."""
 
 import numpy as np
 
-from analyses.methods.arms.arm_models import covariance_at_speed
+from analyses.methods.arms.arm_models import ArmModels, covariance_at_speed
+from models.estimation.wrench import WrenchReconstructionConfig
+from models.identification.identified_model import IdentifiedModel
+from models.recordings.recording import Recording
+from models.robot.motors import torque_to_current
 
 
 def test_only_slow_samples_count_for_a_joints_sd():
@@ -32,3 +36,28 @@ def test_it_is_positive_definite_and_falls_back_where_nothing_is_slow():
     covariance = covariance_at_speed(tau_ext, v, 0.1)
     np.testing.assert_allclose(covariance, tau_ext.T @ tau_ext / len(tau_ext), rtol=1e-12)
     assert np.linalg.eigvalsh(covariance).min() > 0.0
+
+
+def test_the_torque_error_is_what_the_held_out_logs_show(sts):
+    """An arm that holds still under noise of its currents, read by a model without friction."""
+    model = IdentifiedModel.nominal(sts)
+    samples, period, K_0 = 20_000, 1e-3, 20.0
+    q = np.tile(sts.home, (samples, 1))
+    noise = np.array([1.0, 0.8, 0.6, 0.3, 0.2, 0.1])
+    gravity = model.chain(sts).terms(sts.home, np.zeros(6)).G
+    torque = gravity + noise * np.random.default_rng(3).normal(size=q.shape)
+    current = torque_to_current(torque, sts.torque_per_ampere, sts.current_sign)
+    log = Recording(
+        t=period * np.arange(samples), q=q, v=np.zeros_like(q), current=current, source="still"
+    )
+    models = ArmModels(sts, {"plain": model}, (log,))
+    error = models.torque_error("plain", K_0)
+    pole = np.exp(-K_0 * period)
+    # 20 s of a correlation time of 50 ms: 200 independent samples, 5 % standard error.
+    expected = noise * np.sqrt((1.0 - pole) / (1.0 + pole))
+    np.testing.assert_allclose(error.constant, expected, rtol=0.2)
+    np.testing.assert_array_equal(error.K_0, K_0)
+    estimator = models.estimator("plain", 0.1, K_0, WrenchReconstructionConfig("inverse"))
+    assert estimator.trusted is not None  # the band follows the joints' state
+    constant = models.estimator("plain", 0.1, K_0, WrenchReconstructionConfig("inverse"), False)
+    assert constant.trusted is None

@@ -8,7 +8,7 @@ import pyarrow.csv as pa_csv
 import pytest
 import yaml
 
-from analyses.experiments.real_arms.panda_wrench import (
+from analyses.experiments.other_arms.panda_wrench import (
     knowledge_of_logs,
     read_forces,
     read_pose_logs,

@@ -28,7 +28,9 @@ from models.estimation.wrench_bag import read_wrench_bag
 from models.estimation.wrench_table import COLUMNS, columns_of
 from models.files.configuration import load_configuration
 from models.files.input_error import InputError
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel, Validity
+from models.identification.torque_error_model import TorqueErrorModel
 from models.recordings import resampling, text_table
 from models.recordings.recording import Recording
 from models.recordings.recording_writer import write_recording
@@ -420,6 +422,32 @@ def test_a_prior_that_makes_no_sense(
     with pytest.raises(InputError, match="prior"):
         _estimate(log, model_file, tmp_path / "out", EstimateConfig(prior=prior))
     assert not (tmp_path / "out").exists()
+
+
+def test_friction_that_may_have_drifted_widens_the_band(
+    log: Path, sts: Robot, model_file: Path, tmp_path: Path
+) -> None:
+    model = IdentifiedModel.load(model_file, sts)
+    one, zero = np.ones(sts.num_joints), np.zeros(sts.num_joints)
+    error = TorqueErrorModel(
+        *(0.05 * one, zero, zero, zero, zero, np.eye(sts.num_joints)),
+        *(0.1 * one, zero, 9.0 * one, 9e3 * one, 20.0 * one, zero),
+    )
+    viscous = SemiParametricFriction(CoulombViscous(zero, 10.0 * one, zero))
+    path = tmp_path / "model.yaml"
+    replace(model, friction=viscous, torque_error=error).save(path)
+    usual, wide = (
+        _table(_estimate(log, path, tmp_path / name, replace(_GIVEN, drift=drift)))[:, 7:13]
+        for name, drift in (("usual", None), ("wide", 0.5))
+    )
+    # 5 N m s/rad in place of .5; the lag's share is that of the reading, whatever the drift.
+    assert (wide > usual).mean() > 0.9
+    assert wide.mean() > 1.5 * usual.mean()
+    with pytest.raises(InputError, match=r"drift.*does not"):
+        _estimate(log, model_file, tmp_path / "none", replace(_GIVEN, drift=0.5))
+    for drift in (-0.1, 11.0, float("nan")):
+        with pytest.raises(InputError, match="drift"):
+            _estimate(log, path, tmp_path / "none", replace(_GIVEN, drift=drift))
 
 
 # --- bad input ---------------------------------------------------------------------------------

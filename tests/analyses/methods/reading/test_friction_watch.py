@@ -9,6 +9,7 @@ from scipy.signal import lfilter
 from analyses.methods.reading.friction_watch import FrictionWatch
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel, LogSource, Provenance
+from models.identification.torque_error_model import TorqueErrorModel
 
 T, ROWS, K_0 = 0.01, 4000, 20.0
 KEEP = np.exp(-K_0 * T)
@@ -76,6 +77,21 @@ def test_more_viscous_friction_is_named_with_the_command_to_run(sts, model, cuts
     command = "wrenchsight identify log.csv --robot r --refresh model.yaml --out refreshed"
     assert lines[1] == f"friction of today: {command}"
     assert watch.sentences("log.csv", "r", None) == []
+
+
+def test_the_drift_for_the_band_is_what_the_stretches_show(sts, model):
+    t, q, v, noise = signals(sts)
+    one, zero = np.ones(6), np.zeros(6)
+    error = TorqueErrorModel(
+        *(0.5 * one, zero, zero, zero, zero, np.eye(6), one, zero, one, one, K_0 * one, zero)
+    )
+    known = replace(model, torque_error=error)
+    free = np.ones(ROWS, bool)
+    watch = watched(known, sts, t, q, v, drifted(v, noise, 2, 6.0), free)
+    assert watch.drift() == pytest.approx(0.6, rel=0.15)  # 6 of 10 N m s/rad
+    *_, last = watch.sentences("log.csv", "r", "model.yaml")
+    assert last.startswith("until then the stated band is too narrow: --drift 0.")
+    assert watched(known, sts, t, q, v, noise, free).drift() is None
 
 
 def test_a_contact_is_left_out_and_the_part_without_it_is_offered(sts, model):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
-from analyses.experiments.real_arms.panda_wrench import (
+from analyses.experiments.other_arms.panda_wrench import (
     EXPERIMENT,
     PoseLog,
     knowledge_of_logs,

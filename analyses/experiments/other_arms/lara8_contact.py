@@ -255,7 +255,7 @@ def _load_shares(logs: list[Lara8Log]) -> dict[str, Any]:
 
 
 def _stiction(reading: Lara8Reading) -> dict[str, Any]:
-    """What standing joints keep: RMS of what is read beside the sensor, and their sliding level."""
+    """Stiction of joints at rest: RMS of the reading less the sensor's, and their sliding level."""
     log = reading.log
     rows = _rows(log, "rest")
     truth = log.joint_torque(log.sensor_wrench())

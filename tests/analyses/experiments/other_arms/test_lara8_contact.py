@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from analyses.experiments.real_arms.lara8_contact import EXPERIMENT, run
+from analyses.experiments.other_arms.lara8_contact import EXPERIMENT, run
 from analyses.methods.contact.lara8_reading import VARIANTS
 from analyses.output.outputs import plain_metrics
 from analyses.study.experiment import ExperimentContext, ExperimentResult

@@ -1,0 +1,1 @@
+"""Experiments in many worlds: what runs them, keeps what they measured and shows the spread."""

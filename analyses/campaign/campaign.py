@@ -1,0 +1,351 @@
+"""Runs experiments in many worlds, keeps what is done and writes the spread of their figures.
+
+A folder holds one campaign: one seed, one set of ranges, one length. What is done in it is never
+run again; whatever ends a campaign, the same command goes on where it stopped.
+"""
+
+import json
+import shutil
+import time
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing, suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from analyses.campaign.campaign_report import write_campaign_report
+from analyses.campaign.campaign_store import (
+    TABLE,
+    CampaignRecord,
+    WorldParts,
+    read_table,
+    write_table,
+)
+from analyses.campaign.distributions import Distribution, distribution_metrics, distributions
+from analyses.campaign.workers import on_cluster, on_this_machine
+from analyses.campaign.world_run import WorldOutcome, WorldTask
+from analyses.output.interruption import ends_are_interrupts, uninterrupted
+from analyses.output.outputs import OutputFolder, json_text, plain
+from analyses.output.progress import Progress
+from analyses.output.result_folder import recover, refuse_strangers, staged
+from analyses.output.result_marker import ResultMarker
+from analyses.output.sole_writer import sole_writer
+from analyses.study.fingerprint import libraries, software_hash
+from analyses.study.registry import REGISTRY
+from analyses.study.study import check_names, software_version
+from models.files.input_error import InputError
+from models.files.whole_file import writing_to
+from models.truth.worlds import WorldRanges, check_ranges, draw_world
+
+COMMAND: Final = "campaign"
+METRICS: Final = "metrics.json"
+TIMINGS: Final = "timings.json"
+FAILURES: Final = "failures"
+_LOG: Final = "workers.log"
+_LAST_LINES: Final = 40  # of what the workers printed, behind the word that one was killed
+_WORDS: Final = {
+    "seed": "of another seed",
+    "quick": "of another length (--quick)",
+    "ranges": "drawn from other ranges",
+    "libraries": "computed with other versions of libraries",
+}
+
+
+@dataclass(frozen=True)
+class CampaignSettings:
+    """What is asked of a campaign."""
+
+    experiments: tuple[str, ...]
+    worlds: int  # how many there are to be; the first is number 0
+    seed: int = 0
+    quick: bool = False
+    data: Path = Path("../shared/data")  # folder of the real recordings
+    ranges: WorldRanges = field(default_factory=WorldRanges)
+    world: int | None = None  # this world alone, anew, with figures and recordings
+
+
+@dataclass(frozen=True)
+class CampaignResult:
+    """What a campaign came to.
+
+    Attributes:
+        out: its folder.
+        worlds: how many have figures, of this run or earlier.
+        found: the figures of the article over these.
+        failures: by world, its outcome: what failed in this run.
+        kept: how many worlds were whole before.
+        seconds: of a processor for each experiment in a world, in the mean of this run.
+    """
+
+    out: Path
+    worlds: int
+    found: tuple[Distribution, ...]
+    failures: dict[int, WorldOutcome]
+    kept: int
+    seconds: dict[str, float]
+
+
+def run_campaign(
+    settings: CampaignSettings,
+    out: Path,
+    *,
+    jobs: int = 1,
+    cluster: str | None = None,
+    fresh: bool = False,
+    watch: Callable[[Progress], None] = lambda progress: None,
+) -> CampaignResult:
+    """Runs experiments in worlds and writes campaign.parquet, metrics.json and campaign.html.
+
+    Everything below `out` changes as one, at the end and also after an interrupt; a world that has
+    come to its end before is kept beside until then, also through a kill.
+
+    Args:
+        settings: what to run.
+        out: folder of the campaign; made if absent.
+        jobs: processes of this machine, side by side.
+        cluster: address of a Dask scheduler, whose workers run the worlds instead.
+        fresh: whether to begin anew where the folder holds a campaign.
+        watch: called when a world has come to its end.
+
+    Raises:
+        InputError: an unknown experiment, a folder that cannot be written or holds another
+            campaign, no scheduler.
+        KeyboardInterrupt: passed on after the results so far were written.
+    """
+    names = check_names(settings.experiments)
+    check_ranges(settings.ranges)
+    _check_numbers(settings, jobs)
+    if settings.world is not None and cluster is not None:
+        problem = "a world that is run alone is run on this machine"
+        raise InputError("--world", "", problem, "leave --cluster out")
+    OutputFolder(out)
+    modules = {name: REGISTRY.entries()[name].module for name in names}
+    software = {name: software_hash(module) for name, module in modules.items()}
+    with sole_writer(out, COMMAND), ends_are_interrupts():
+        recover(out)
+        earlier = ResultMarker.read(out)
+        refuse_strangers(out, earlier, COMMAND)
+        campaign = _Campaign(settings, out, software, earlier, fresh)
+        before = campaign.whole(names)
+        tasks = campaign.tasks(names, modules)
+        outcomes = (
+            on_cluster(tasks, cluster)
+            if cluster is not None and tasks
+            else on_this_machine(tasks, jobs, campaign.parts.folder / _LOG)
+        )
+        try:
+            with closing(outcomes):
+                campaign.take(outcomes, len(tasks), watch)
+        except BaseException:
+            watch(Progress(COMMAND, "interrupted", what="what is done is kept"))
+            # Whatever ended it is what the user is to hear of, not what follows from it.
+            with suppress(InputError, OSError):
+                campaign.write()
+            raise
+        found = campaign.write()
+    return CampaignResult(
+        out,
+        len(campaign.record.worlds),
+        found,
+        campaign.failures,
+        before,
+        campaign.mean_seconds(),
+    )
+
+
+class _Campaign:
+    """One campaign at work in its folder."""
+
+    def __init__(
+        self,
+        settings: CampaignSettings,
+        out: Path,
+        software: dict[str, str],
+        earlier: ResultMarker | None,
+        fresh: bool,
+    ) -> None:
+        self._settings, self._out, self._earlier = settings, out, earlier
+        self.parts = WorldParts(out)
+        depends_on: dict[str, Any] = {
+            "seed": settings.seed,
+            "quick": settings.quick,
+            "ranges": plain(asdict(settings.ranges)),
+            "libraries": libraries(),
+        }
+        self.record = CampaignRecord(depends_on)
+        self.failures: dict[int, WorldOutcome] = {}
+        self._seconds: dict[str, list[float]] = {}
+        if fresh:
+            self.parts.clear()
+        else:
+            self._read(software)
+        for left_over in self.parts.folder.glob("world-*"):  # of a run that was killed
+            shutil.rmtree(left_over)
+        self.record.software |= software
+
+    def _read(self, software: dict[str, str]) -> None:
+        """Takes in what is there, if it goes together with what is asked."""
+        before = read_table(self._out / TABLE)
+        if before is not None:
+            self._check(before.settings, before.software, software)
+            before.settings = self.record.settings
+            self.record = before
+        for settings, own, outcome in self.parts.read():
+            self._check(settings, own, software)
+            self.record.software |= own
+            self.record.add(outcome)
+
+    def _check(
+        self, settings: dict[str, Any], own: dict[str, str], software: dict[str, str]
+    ) -> None:
+        what = next((words for key, words in _WORDS.items() if self._differs(key, settings)), "")
+        changed = [name for name in software if own.get(name, software[name]) != software[name]]
+        if changed:
+            what = f"of {changed[0]} as another version of the software runs it"
+        if what:
+            remedy = "choose another --out, or begin anew with --fresh"
+            raise InputError(self._out, "", f"holds worlds {what}", remedy)
+
+    def _differs(self, key: str, settings: dict[str, Any]) -> bool:
+        return bool(settings.get(key) != self.record.settings[key])
+
+    def whole(self, names: Sequence[str]) -> int:
+        """How many of the worlds that are asked for have all figures."""
+        worlds = range(self._settings.worlds)
+        return sum(not self.record.missing(number, names) for number in worlds)
+
+    def tasks(self, names: Sequence[str], modules: dict[str, str]) -> list[WorldTask]:
+        """What is left to do."""
+        alone = self._settings.world
+        numbers = range(self._settings.worlds) if alone is None else [alone]
+        tasks = []
+        for number in numbers:
+            own = list(names) if alone is not None else self.record.missing(number, names)
+            if own:
+                tasks.append(
+                    WorldTask(
+                        seed=self._settings.seed,
+                        number=number,
+                        ranges=self._settings.ranges,
+                        modules={name: modules[name] for name in own},
+                        software={name: self.record.software[name] for name in own},
+                        data=self._settings.data.resolve(),
+                        quick=self._settings.quick,
+                        out=None if alone is None else self._drawings(number),
+                    )
+                )
+        return tasks
+
+    def _drawings(self, number: int) -> Path:
+        return (self.parts.folder / f"world-{number:05d}").resolve()
+
+    def take(
+        self, outcomes: Generator[WorldOutcome], total: int, watch: Callable[[Progress], None]
+    ) -> None:
+        """Keeps the outcomes as they come, and says how far it is."""
+        started, done = time.monotonic(), 0
+        watch(Progress(COMMAND, "running", 0.0, f"0 of {total} worlds"))
+        for outcome in outcomes:
+            with uninterrupted():
+                if outcome.values:
+                    self.parts.add(outcome, self.record.settings, self.record.software)
+                    self.record.add(outcome)
+                if outcome.failures:
+                    self.failures[outcome.number] = outcome
+                for name, seconds in outcome.seconds.items():
+                    self._seconds.setdefault(name, []).append(seconds)
+            done += 1
+            left = (time.monotonic() - started) / done * (total - done)
+            failed = f", {len(self.failures)} failed" if self.failures else ""
+            what = f"{done} of {total} worlds{failed}, {_spoken(left)} left"
+            watch(Progress(COMMAND, "running", done / total, what))
+        watch(Progress(COMMAND, "done", 1.0, f"{done} worlds", time.monotonic() - started))
+
+    def mean_seconds(self) -> dict[str, float]:
+        """Of a processor, by experiment, in the mean of this run's worlds."""
+        return {name: sum(own) / len(own) for name, own in self._seconds.items()}
+
+    def write(self) -> tuple[Distribution, ...]:
+        """Writes all results as one and removes what was kept beside."""
+        record, known = self.record, list(REGISTRY.entries())
+        order = [name for name in known if name in record.described]
+        order += sorted(set(record.described) - set(order))
+        found = tuple(distributions(record, order))
+        outdated = () if self._earlier is None else tuple(self._earlier.files)
+        drawn = [name for name in outdated if name.startswith("world-")]
+        alone = self._settings.world
+        with uninterrupted():
+            keep = [name for name in drawn if alone is None or not name.startswith(_folder(alone))]
+            removed = [name for name in outdated if name not in keep]
+            with staged(self._out, COMMAND, self._earlier, removed) as folder:
+                if record.worlds:
+                    write_table(record, folder / TABLE, order)
+                    folder.write_text(METRICS, json_text(self._metrics(found)))
+                    timings = self._timings()
+                    folder.write_text(TIMINGS, json_text(timings))
+                    seconds = {name: own["seconds_a_world"] for name, own in timings.items()}
+                    write_campaign_report(
+                        folder, record, found, self.failures, seconds, software_version()
+                    )
+                for number, outcome in sorted(self.failures.items()):
+                    text = self._failure(outcome)
+                    folder.write_text(f"{FAILURES}/{_folder(number)}.txt", text)
+                if alone is not None and self._drawings(alone).exists():
+                    with writing_to(folder.path):
+                        self._drawings(alone).rename(folder.path / _folder(alone))
+            self.parts.clear()
+        return found
+
+    def _metrics(self, found: Sequence[Distribution]) -> dict[str, Any]:
+        record = self.record
+        settings = {key: record.settings[key] for key in ("seed", "quick")}
+        metrics = {
+            COMMAND: settings | {"worlds": len(record.worlds)},
+            **distribution_metrics(found),
+        }
+        return dict(plain(metrics))
+
+    def _timings(self) -> dict[str, Any]:
+        """Of a processor, by experiment, in a world: of all that were ever measured here."""
+        before: dict[str, Any] = {}
+        with suppress(OSError, ValueError):
+            before = json.loads((self._out / TIMINGS).read_text(encoding="utf-8"))
+        for name, own in self._seconds.items():
+            total = before.get(name, {"worlds": 0, "seconds_a_world": 0.0})
+            worlds = total["worlds"] + len(own)
+            seconds = total["worlds"] * total["seconds_a_world"] + sum(own)
+            before[name] = {"worlds": worlds, "seconds_a_world": round(seconds / worlds, 2)}
+        return before
+
+    def _failure(self, outcome: WorldOutcome) -> str:
+        world = draw_world(self._settings.seed, outcome.number, self._settings.ranges)
+        lines = [f"world {outcome.number}, seed {outcome.seed}", "", repr(world), ""]
+        for name, what in outcome.failures.items():
+            lines += [f"== {name}: {what}", ""]
+        log = self.parts.folder / _LOG
+        with suppress(OSError):
+            printed = log.read_text(encoding="utf-8", errors="replace").splitlines()
+            lines += ["== what the workers of this machine printed last", *printed[-_LAST_LINES:]]
+        return "\n".join(lines) + "\n"
+
+
+def _folder(number: int) -> str:
+    return f"world-{number:05d}"
+
+
+def _check_numbers(settings: CampaignSettings, jobs: int) -> None:
+    if settings.worlds < 1:
+        raise InputError("--worlds", "", f"is {settings.worlds}, at least 1 was expected")
+    if jobs < 1:
+        raise InputError("--jobs", "", f"is {jobs}, at least 1 was expected")
+    if settings.seed < 0:
+        raise InputError("--seed", "", f"is {settings.seed}, 0 or more was expected")
+    if settings.world is not None and not 0 <= settings.world < settings.worlds:
+        problem = f"is {settings.world}, one of 0 to {settings.worlds - 1} was expected"
+        raise InputError("--world", "", problem)
+
+
+def _spoken(seconds: float) -> str:
+    if seconds < 90.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"

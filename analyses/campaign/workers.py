@@ -1,0 +1,156 @@
+"""Who runs worlds: processes of this machine, or the workers of a Dask scheduler.
+
+Either gives outcomes as they come, in any order, and loses none when a worker dies: its world goes
+to another. A world that takes every worker down that it is given to is a failure of its own.
+"""
+
+import ctypes
+import os
+import signal
+import sys
+from collections import deque
+from collections.abc import Generator, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, Final
+
+from analyses.campaign.world_run import THREADS, WorldOutcome, WorldTask, run_world
+from models.files.input_error import InputError
+from models.truth.worlds import draw_world
+
+KILLED: Final = "its process was killed, or crashed, each time"
+_CONNECT: Final = 20  # s in which a scheduler answers
+_ENDS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def on_this_machine(tasks: Sequence[WorldTask], jobs: int, log: Path) -> Generator[WorldOutcome]:
+    """Runs worlds in `jobs` processes, of joblib's executor.
+
+    That executor rather than `joblib.Parallel`, which gives up all worlds under way with one
+    process that dies, and computes a single job in this process with its threads.
+
+    Args:
+        tasks: to run.
+        jobs: processes side by side.
+        log: file that takes what the processes print.
+    """
+    waiting, suspects = deque(tasks), deque[WorldTask]()
+    while waiting or suspects:
+        # After a crash, whose world it was is not known: those under way go on one by one.
+        alone = bool(suspects)
+        source = deque([suspects.popleft()]) if alone else waiting
+        under_way = dict[Future[WorldOutcome], WorldTask]()
+        with _executor(1 if alone else jobs, log) as (executor, broken):
+            try:
+                while source or under_way:
+                    while source and len(under_way) < (1 if alone else jobs):
+                        with _for_this_process_alone():
+                            under_way[executor.submit(run_world, source[0])] = source[0]
+                        source.popleft()  # not before: a broken pool takes no more
+                    for future in wait(under_way, return_when=FIRST_COMPLETED).done:
+                        outcome = future.result()
+                        del under_way[future]
+                        yield outcome
+            except broken:
+                left = list(under_way.values()) or [source.popleft()]
+                if alone:
+                    yield killed(left[0])
+                else:
+                    suspects.extend(left)
+
+
+def on_cluster(tasks: Sequence[WorldTask], address: str) -> Generator[WorldOutcome]:
+    """Runs worlds on the workers of an existing Dask scheduler, which gives them out again.
+
+    Args:
+        tasks: to run.
+        address: of the scheduler, such as `tcp://127.0.0.1:8786`.
+
+    Raises:
+        InputError: the library is not installed, no scheduler answers, it has no workers or is
+            gone.
+    """
+    try:
+        from distributed import Client, as_completed
+        from distributed.client import FutureCancelledError
+        from distributed.scheduler import KilledWorker
+    except ImportError:
+        problem, remedy = "needs the package distributed", "pip install 'wrenchsight[cluster]'"
+        raise InputError("--cluster", "", problem, remedy) from None
+    try:
+        client = Client(address, timeout=_CONNECT, set_as_default=False)
+    except (OSError, ValueError, TimeoutError):
+        remedy = "start one with `dask scheduler`, workers with `dask worker ADDRESS`"
+        raise InputError("--cluster", "", f"no scheduler answers at {address}", remedy) from None
+    with client:
+        if not client.scheduler_info()["workers"]:
+            remedy = f"start them with `dask worker {address}`"
+            raise InputError("--cluster", "", f"the scheduler at {address} has no workers", remedy)
+        # Not pure: two campaigns may ask the same of one scheduler, and one may end before.
+        futures = {client.submit(run_world, task, pure=False): task for task in tasks}
+        try:
+            for future in as_completed(list(futures), loop=client.loop):
+                try:
+                    outcome = future.result()
+                except KilledWorker:
+                    outcome = killed(futures[future])
+                except FutureCancelledError:
+                    problem = f"the scheduler at {address} has gone"
+                    remedy = "run the same again: what is done is kept"
+                    raise InputError("--cluster", "", problem, remedy) from None
+                del futures[future]
+                future.release()
+                yield outcome
+        finally:
+            with suppress(Exception):  # the scheduler may be what has gone
+                client.cancel(list(futures), force=True)
+
+
+def killed(task: WorldTask) -> WorldOutcome:
+    """The outcome of a world whose workers die."""
+    world = draw_world(task.seed, task.number, task.ranges)
+    failures = dict.fromkeys(task.modules, KILLED)
+    return WorldOutcome(world.number, world.seed, world.parameters(), failures=failures)
+
+
+@contextmanager
+def _executor(jobs: int, log: Path) -> Iterator[tuple[Any, type[Exception]]]:
+    from joblib.externals.loky.process_executor import BrokenProcessPool, ProcessPoolExecutor
+
+    executor = ProcessPoolExecutor(
+        jobs,
+        initializer=_begin,
+        initargs=(os.getpid(), str(log)),
+        env=dict.fromkeys(THREADS, "1"),
+    )
+    try:
+        yield executor, BrokenProcessPool
+    finally:
+        executor.shutdown(wait=True, kill_workers=True)
+
+
+def _begin(parent: int, log: str) -> None:
+    """Runs first in a process: it ends with its parent, and prints into a file."""
+    # The terminal and `kill` tell the whole group; it is the parent that ends this process.
+    for number in _ENDS:
+        signal.signal(number, signal.SIG_IGN)
+    with suppress(AttributeError, OSError):  # not Linux
+        ctypes.CDLL(None).prctl(1, int(signal.SIGKILL))  # 1: PR_SET_PDEATHSIG
+    if os.getppid() != parent:  # it was faster
+        os._exit(1)
+    with suppress(OSError):
+        descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+        sys.stdout.flush()
+        os.dup2(descriptor, 1)  # what Drake or numba print would tear the progress lines apart
+        os.dup2(descriptor, 2)
+
+
+@contextmanager
+def _for_this_process_alone() -> Iterator[None]:
+    """Holds signals back from processes that start within the block, for all of their lives."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

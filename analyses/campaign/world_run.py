@@ -1,0 +1,184 @@
+"""All experiments of one world, in whatever process: what is sent there, and what comes back.
+
+What the experiments of a world have in common, such as the identification of its arm, is computed
+once (`analyses.study.shared_results`). Nothing is drawn or recorded, unless the world has a folder.
+"""
+
+import os
+import tempfile
+import threading
+import time
+import traceback
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Final
+
+from analyses.output.outputs import json_text, plain_metrics
+from analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
+from analyses.study.fingerprint import software_hash
+from analyses.study.shared_results import sharing_in
+from models.files.input_error import InputError
+from models.truth.worlds import WorldRanges, draw_world
+
+THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Environment of every worker: 1, or the last bits of a figure depend on the machine's cores."""
+
+_one_at_a_time = threading.Lock()  # torch's random numbers are those of the process
+
+
+@dataclass(frozen=True)
+class WorldTask:
+    """What a worker is sent.
+
+    Attributes:
+        seed: of the campaign.
+        number: of the world.
+        ranges: to draw from.
+        modules: of the experiments to run, by their names.
+        software: `software_hash` of each module, by the experiment's name.
+        data: folder of the real recordings.
+        quick: whether experiments run shorter and coarser.
+        out: folder for figures and recordings, one below it an experiment; None: nobody looks.
+    """
+
+    seed: int
+    number: int
+    ranges: WorldRanges
+    modules: Mapping[str, str]
+    software: Mapping[str, str]
+    data: Path
+    quick: bool = False
+    out: Path | None = None
+
+
+@dataclass
+class WorldOutcome:
+    """What came of a world, in plain values.
+
+    Attributes:
+        number, seed: of the world.
+        parameters: that were drawn.
+        values: by experiment and key (`optimised.rmse_x_n`, `rmse_nm.0`); None: not finite.
+        described: title and rows of "article / here" of each experiment.
+        failures: by experiment, first one line, then where it happened.
+        seconds: of a processor, by experiment.
+    """
+
+    number: int
+    seed: int
+    parameters: dict[str, float]
+    values: dict[str, dict[str, float | None]] = field(default_factory=dict)
+    described: dict[str, dict[str, Any]] = field(default_factory=dict)
+    failures: dict[str, str] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+
+
+class UnfitWorkerError(InputError):
+    """A worker whose figures would not be those of this machine."""
+
+    def __init__(self, place: str, problem: str, remedy: str) -> None:
+        super().__init__("a worker", place, problem, remedy)
+        self._arguments = place, problem, remedy
+
+    def __reduce__(self) -> tuple[Any, ...]:  # it comes from another process
+        return type(self), self._arguments
+
+
+def run_world(task: WorldTask) -> WorldOutcome:
+    """Runs the experiments of a task in its world; one that fails does not stop the others.
+
+    Raises:
+        UnfitWorkerError: the worker has other software, or would compute in several threads.
+    """
+    for name, module in task.modules.items():
+        _check_worker(module, task.software[name])
+    world = draw_world(task.seed, task.number, task.ranges)
+    outcome = WorldOutcome(world.number, world.seed, world.parameters())
+    with _one_at_a_time, tempfile.TemporaryDirectory(prefix="wrenchsight-") as folder:
+        shared = Path(folder) / "shared"
+        shared.mkdir()
+        for name, module in task.modules.items():
+            started = time.process_time()
+            try:
+                with sharing_in(shared), _folder_for(name, task.out, Path(folder)) as out:
+                    experiment: Experiment = import_module(module).EXPERIMENT
+                    _check_recordings(experiment, task.data)
+                    context = ExperimentContext(
+                        out=out,
+                        data=task.data,
+                        seed=world.seed,
+                        quick=task.quick,
+                        draws=task.out is not None,
+                        world=world.robot,
+                    )
+                    result = experiment.run(context)
+                    metrics = plain_metrics(result.metrics)
+                    if task.out is not None:
+                        (out / "metrics.json").write_text(json_text(metrics), encoding="utf-8")
+                    outcome.values[name] = numbers_in(metrics)
+                    outcome.described[name] = _description(experiment, result)
+            except Exception as error:  # whatever it is, the others are to run
+                lines = str(error).strip().splitlines() or [""]
+                line = f"{type(error).__name__}: {lines[0]}".rstrip(": ")
+                outcome.failures[name] = f"{line}\n\n{traceback.format_exc()}"
+            outcome.seconds[name] = time.process_time() - started
+    return outcome
+
+
+def numbers_in(metrics: Mapping[str, Any]) -> dict[str, float | None]:
+    """The numbers of plain, nested metrics, by their paths; True is 1, None stays None.
+
+    Raises:
+        ValueError: there are none.
+    """
+    found = dict(_numbers(metrics, ""))
+    if not found:
+        raise ValueError("the experiment has measured no number")
+    return found
+
+
+def _numbers(value: Any, path: str) -> Iterator[tuple[str, float | None]]:
+    if value is None or isinstance(value, bool | int | float):
+        yield path, None if value is None else float(value)
+    elif isinstance(value, Mapping | list):
+        items = value.items() if isinstance(value, Mapping) else enumerate(value)
+        for key, inner in items:
+            yield from _numbers(inner, f"{path}.{key}".lstrip("."))
+
+
+def _description(experiment: Experiment, result: ExperimentResult) -> dict[str, Any]:
+    rows = [asdict(row) for row in result.comparison]
+    return {"title": experiment.title, "section": experiment.section, "comparison": rows}
+
+
+@contextmanager
+def _folder_for(experiment: str, out: Path | None, temporary: Path) -> Iterator[Path]:
+    folder = (temporary if out is None else out) / experiment
+    folder.mkdir(parents=True)
+    yield folder
+
+
+def _check_recordings(experiment: Experiment, data: Path) -> None:
+    missing = [data / name for name in experiment.needs if not (data / name).is_dir()]
+    if missing:
+        raise InputError(missing[0], "", "these recordings are not there", "see --data")
+
+
+def _check_worker(module: str, software: str) -> None:
+    remedy = "install the same version wherever it is to run"
+    if _software_here(module) != software:
+        raise UnfitWorkerError("", f"has another version of {module}", remedy)
+    several = [name for name in THREADS if os.environ.get(name) != "1"]
+    if several:
+        remedy = "start workers with a nanny, as `dask worker` does, or set it"
+        raise UnfitWorkerError(several[0], "is not 1 in its environment", remedy)
+
+
+@cache
+def _software_here(module: str) -> str:
+    """Of what this process has imported or will: it is not asked twice."""
+    return software_hash(module)

@@ -1,0 +1,94 @@
+"""The command `campaign`: experiments in many worlds."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from analyses.commands.options import Out, Quick, Seed
+from analyses.output.console import new_console, new_table, plain_text, say
+
+if TYPE_CHECKING:
+    from analyses.campaign.campaign import CampaignResult
+
+ORDER = 15
+
+
+def command(
+    experiments: Annotated[
+        list[str], typer.Argument(metavar="EXPERIMENT", help="Names; see `study --list`.")
+    ],
+    worlds: Annotated[int, typer.Option(min=1, help="How many worlds there are to be.")] = 200,
+    out: Out = Path("out/campaign"),
+    data: Annotated[Path, typer.Option(help="Folder of the real recordings.")] = Path(
+        "../shared/data"
+    ),
+    seed: Seed = 0,
+    quick: Quick = False,
+    jobs: Annotated[
+        int | None, typer.Option(min=1, help="Worlds side by side; as many as cores.")
+    ] = None,
+    cluster: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Run on the workers of this Dask scheduler."),
+    ] = None,
+    world: Annotated[
+        int | None,
+        typer.Option(min=0, help="Run this world alone, anew, with figures and recordings."),
+    ] = None,
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Begin anew where the folder holds a campaign.")
+    ] = False,
+) -> None:
+    """Run experiments in many worlds, and show the spread of their figures.
+
+    A world is a draw of what the simulated arm truly is. What is finished is kept: after an
+    interruption, or to add worlds or experiments, run the same again.
+    """
+    from analyses.campaign.campaign import COMMAND, CampaignSettings, run_campaign
+    from analyses.output.progress import ProgressDisplay
+    from analyses.study.study import available_cores
+
+    settings = CampaignSettings(
+        tuple(experiments), worlds, seed=seed, quick=quick, data=data, world=world
+    )
+    with ProgressDisplay(new_console(stderr=True), (COMMAND,)) as watch:
+        result = run_campaign(
+            settings,
+            out,
+            jobs=jobs or available_cores(),
+            cluster=cluster,
+            fresh=fresh,
+            watch=watch,
+        )
+    _print(result)
+    if result.failures:
+        raise typer.Exit(1)
+
+
+def _print(result: "CampaignResult") -> None:
+    from analyses.campaign.campaign_report import REPORT_NAME, table_row
+
+    table = new_table("", "article", "median", "5-95 % of worlds", "ours ahead")
+    experiment = ""
+    for one in result.found:
+        if one.experiment != experiment:
+            experiment = one.experiment
+            table.add_row(plain_text(experiment, style="bold"))
+        row = table_row(one)
+        label = f"{row.label} [{row.unit}]" if row.unit else row.label
+        table.add_row(plain_text(label), row.article, row.median, row.range, row.ahead)
+    console = new_console()
+    if table.row_count:
+        console.print(table)
+    for number, outcome in sorted(result.failures.items()):
+        for name, why in outcome.failures.items():
+            line = why.splitlines()[0]
+            say(console, f"world {number} (seed {outcome.seed}) failed in {name}: {line}")
+    kept = f", {result.kept} of them kept" if result.kept else ""
+    seconds = "; ".join(f"{name} {own:.1f} s" for name, own in result.seconds.items())
+    say(console, f"worlds: {result.worlds}{kept}")
+    if seconds:
+        say(console, f"processor time a world: {seconds}")
+    if result.worlds:
+        say(console, f"report: {result.out / REPORT_NAME}")

@@ -1,0 +1,1 @@
+"""Experiments about the simulated truth itself: is it like a real arm?"""

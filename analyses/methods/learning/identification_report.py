@@ -1,0 +1,51 @@
+"""What an identification says of itself in sentences: laws that lost, filter, links, errors."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from analyses.methods.learning.identification_config import IdentificationConfig
+from models.arrays import Array
+
+
+def filter_text(config: IdentificationConfig) -> str:
+    """Through what measured and predicted torque went before they were compared."""
+    both = "measured and predicted" if config.filter_regressor else "measured"
+    return (
+        f"zero-phase Butterworth low-pass, {config.cutoff:g} Hz (amplitude one half there), order "
+        f"{config.filter_order} each way, of the {both} torque: errors are those below that"
+    )
+
+
+def law_lines(held_out: Mapping[str, Array], chosen: str, how: str) -> list[str]:
+    """One line for each law that was tried: its held-out error by joint, the chosen one first.
+
+    Args:
+        held_out: RMSE (n,) N m by law.
+        chosen: the law of the model.
+        how: on what the errors are, "held out" or "fitted".
+    """
+    width = max(map(len, held_out))
+    order = sorted(held_out, key=lambda law: (law != chosen, float(np.mean(np.log(held_out[law])))))
+    lines = [f"friction laws, {how} RMSE by joint [N m]:"]
+    for law in order:
+        errors = " ".join(f"{error:7.3f}" for error in held_out[law])
+        lines.append(f"  {law:{width}} {errors}  {'chosen' if law == chosen else 'lost'}")
+    return lines
+
+
+def inconsistent_links_text(links: Sequence[str], count: int) -> str | None:
+    """That links came out which cannot exist, and what to do; None where there are none."""
+    if not links:
+        return None
+    which = "every link" if len(links) == count else ", ".join(links)
+    return (
+        f"no body has the inertia found for {which}: the torque it predicts is not worse for it, "
+        "but a simulation, or a motion far from the logs', is; --consistent finds one that can "
+        "exist"
+    )
+
+
+def residual_text(mean: Array, sd: Array) -> str:
+    """Mean ± 1 sd by joint."""
+    return ", ".join(f"{m:+.2f} ± {s:.2f}" for m, s in zip(mean, sd, strict=True))

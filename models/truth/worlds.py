@@ -1,0 +1,252 @@
+"""A world: one draw of what a simulated arm truly is, of its seeds and of its calibration's error.
+
+A campaign runs experiments in many worlds, so that a figure is a distribution and not one seed's.
+World `number` of a campaign's seed is the same on every machine and whatever else is drawn:
+
+    Generator(PCG64(SeedSequence([seed, number])))
+
+and only sums and products of its numbers. A factor lies below 1 in half of the worlds and above it
+in the other half, evenly in either: the truth that is drawn about is the median one.
+
+Drawn about: the `hard_truth.yaml` beside the robot's file, else the truth in the file itself; what
+is off there stays off.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+import numpy as np
+
+from models.files.input_error import InputError
+from models.robot.robot import Robot
+from models.robot.truth_config import (
+    MechanismsConfig,
+    SimulatedTruthConfig,
+)
+from models.truth.true_robot import hard_truth, has_hard_truth
+
+MOST_JOINTS: Final = 7
+_SEEDS: Final = 2**24  # experiments add to their seeds and double them
+
+
+@dataclass(frozen=True)
+class WorldRanges:
+    """Between what (low, high) the parameters of a world lie: factors, unless said otherwise.
+
+    The sources say that a quantity varies between arms of one make, with wear, grease and load; how
+    far is the judgement of this program where no catalogue states it.
+    """
+
+    # Coulomb friction and stiction: from specimen to specimen, with wear and preload (Bittencourt,
+    # Gunnarsson 2012)
+    coulomb: tuple[float, float] = (0.7, 1.4)
+    # What stiction has above Coulomb friction: the least certain part of Stribeck's curve
+    stiction_rise: tuple[float, float] = (0.5, 1.5)
+    # Velocity of the rise's fall: moves with grease, temperature and wear (the same)
+    stribeck_velocity: tuple[float, float] = (0.5, 1.5)
+    # Viscous friction: of the grease and its temperature (the same; Simoni et al. 2015)
+    viscous: tuple[float, float] = (0.7, 1.4)
+    # Friction per load carried: a gear's efficiency (Hamon, Gautier, Garrec 2010)
+    load: tuple[float, float] = (0.5, 2.0)
+    # Torque ripple, also what of it grows with the load: of mounting (Tuttle, Seering 1996)
+    ripple: tuple[float, float] = (0.5, 1.5)
+    # Displacement from rest to sliding: the least certain number of presliding friction
+    displacement: tuple[float, float] = (0.5, 2.0)
+    # Time in which an element at rest lets go
+    creep_time: tuple[float, float] = (0.5, 2.0)
+    # Stiffness of the gears: catalogues state it within a third
+    stiffness: tuple[float, float] = (0.7, 1.4)
+    # Cogging, which no current shows
+    cogging: tuple[float, float] = (0.5, 1.5)
+    # True torque per stated, joint by joint, itself no factor: magnets and windings differ by that
+    torque_constant: tuple[float, float] = (0.97, 1.03)
+    # Errors that a calibration has left in the joints' frames: of the calibration's care
+    calibration_error: tuple[float, float] = (0.5, 2.0)
+    # True mass and inertia of the tool per stated: hoses, wear, what was not on the scale
+    payload: tuple[float, float] = (0.9, 1.1)
+    # K above the temperature at which viscous friction is stated, at a log's start: no factor
+    start_rise: tuple[float, float] = (0.0, 6.0)
+    # s by which currents are older than positions, no factor: up to two cycles of a drive's bus
+    latency: tuple[float, float] = (0.0, 0.002)
+
+
+ABSOLUTE: Final = ("torque_constant", "start_rise", "latency")
+"""Ranges of the quantity itself; all others are of factors."""
+PER_JOINT: Final = ("torque_constant",)
+
+
+@dataclass(frozen=True)
+class World:
+    """What a world differs in.
+
+    Attributes:
+        number: of the world in its campaign, from 0.
+        seed: of all noise in it: what experiments are given as their seed.
+        individual: seed of what differs from arm to arm (phases of ripple, frames of joints).
+        day: seed of what differs from day to day.
+        factors: of each range of `WorldRanges`, one number, or MOST_JOINTS of them (PER_JOINT).
+    """
+
+    number: int
+    seed: int
+    individual: int
+    day: int
+    factors: dict[str, tuple[float, ...]] = field(default_factory=dict)
+
+    def parameters(self) -> dict[str, float]:
+        """All that was drawn by name, as a table has it; `torque_constant_1` is of joint 1."""
+        drawn = {"individual": float(self.individual), "day": float(self.day)}
+        for name, values in self.factors.items():
+            if name in PER_JOINT:
+                drawn |= {f"{name}_{j + 1}": value for j, value in enumerate(values)}
+            else:
+                drawn[name] = values[0]
+        return drawn
+
+    def robot(self, robot: Robot) -> Robot:
+        """The robot with the truth that it has in this world; all else is as it was.
+
+        Raises:
+            InputError: the robot has more than MOST_JOINTS joints, or a truth out of range.
+        """
+        if robot.num_joints > MOST_JOINTS:
+            problem = f"{robot.num_joints} joints; a world is drawn for up to {MOST_JOINTS}"
+            raise InputError(robot.source, "", problem)
+        about = hard_truth(robot) if has_hard_truth(robot) else robot
+        return robot.with_truth(self.truth(about.config.simulated_truth, robot.num_joints))
+
+    def truth(self, about: SimulatedTruthConfig, num_joints: int) -> SimulatedTruthConfig:
+        """The truth of this world, drawn about `about`; what is off there stays off."""
+        scaled = _Scaled(self.factors)
+        friction = about.friction
+        coulomb = scaled("coulomb", friction.coulomb)
+        rises = [max(s - c, 0.0) for s, c in zip(friction.stiction, friction.coulomb, strict=False)]
+        stiction = [
+            c + scaled.one("coulomb") * rise
+            for c, rise in zip(coulomb, scaled("stiction_rise", rises), strict=False)
+        ]
+        return SimulatedTruthConfig(
+            friction=replace(
+                friction,
+                coulomb=coulomb,
+                stiction=stiction,
+                stribeck_velocity=scaled("stribeck_velocity", friction.stribeck_velocity),
+                viscous=scaled("viscous", friction.viscous),
+                load_dependence=scaled("load", friction.load_dependence),
+                ripple_amplitude=scaled("ripple", friction.ripple_amplitude),
+            ),
+            mechanisms=None
+            if about.mechanisms is None
+            else self._mechanisms(about.mechanisms, scaled, num_joints),
+        )
+
+    def _mechanisms(
+        self, about: MechanismsConfig, scaled: "_Scaled", num_joints: int
+    ) -> MechanismsConfig:
+        def part(config: Any, **changes: Callable[[Any], Any]) -> Any:
+            """The part with some of its fields changed; None stays None."""
+            if config is None:
+                return None
+            return replace(config, **{name: change(config) for name, change in changes.items()})
+
+        def times(name: str, key: str) -> Callable[[Any], list[float]]:
+            return lambda config: scaled(name, getattr(config, key))
+
+        return replace(
+            about,
+            slip=part(
+                about.slip,
+                displacement=times("displacement", "displacement"),
+                creep_time=times("creep_time", "creep_time"),
+            ),
+            load=part(
+                about.load,
+                motoring=times("load", "motoring"),
+                generating=times("load", "generating"),
+            ),
+            lubrication=part(about.lubrication, start_rise=lambda _: scaled.one("start_rise")),
+            ripple=part(
+                about.ripple,
+                load_share=times("ripple", "load_share"),
+                second_amplitude=times("ripple", "second_amplitude"),
+                second_load_share=times("ripple", "second_load_share"),
+            ),
+            elasticity=part(about.elasticity, stiffness=times("stiffness", "stiffness")),
+            motor=part(
+                about.motor,
+                torque_factor=lambda _: list(self.factors["torque_constant"][:num_joints]),
+                cogging_amplitude=times("cogging", "cogging_amplitude"),
+            ),
+            kinematics=part(
+                about.kinematics,
+                translation_sd=lambda c: scaled.one("calibration_error") * c.translation_sd,
+                rotation_sd=lambda c: scaled.one("calibration_error") * c.rotation_sd,
+            ),
+            payload=part(about.payload, factor=lambda _: scaled.one("payload")),
+            clock=part(about.clock, latency=lambda _: scaled.one("latency")),
+            individual=self.individual,
+            day=self.day,
+        )
+
+
+class _Scaled:
+    """Lists of numbers times a world's factors."""
+
+    def __init__(self, factors: dict[str, tuple[float, ...]]) -> None:
+        self._factors = factors
+
+    def one(self, name: str) -> float:
+        return self._factors[name][0]
+
+    def __call__(self, name: str, values: Sequence[float]) -> list[float]:
+        return [self.one(name) * value for value in values]
+
+
+def draw_world(seed: int, number: int, ranges: WorldRanges | None = None) -> World:
+    """Draws a world.
+
+    Args:
+        seed: of the campaign, 0 or more.
+        number: of the world, 0 or more.
+        ranges: to draw from.
+
+    Raises:
+        InputError: a range is not of two finite numbers in their order, or one of a factor does not
+            hold 1.
+    """
+    ranges = WorldRanges() if ranges is None else ranges
+    check_ranges(ranges)
+    generator = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, number])))
+    own, individual, day = (int(x) for x in generator.integers(_SEEDS, size=3))
+    factors = {}
+    for one in dataclasses.fields(ranges):
+        shares = generator.random(MOST_JOINTS if one.name in PER_JOINT else 1)
+        low, high = getattr(ranges, one.name)
+        middle = 0.5 * (low + high) if one.name in ABSOLUTE else 1.0
+        factors[one.name] = tuple(_between(low, middle, high, float(u)) for u in shares)
+    return World(number, own, individual, day, factors)
+
+
+def check_ranges(ranges: WorldRanges) -> None:
+    """Refuses ranges that are none.
+
+    Raises:
+        InputError: see `draw_world`.
+    """
+    for one in dataclasses.fields(ranges):
+        low, high = getattr(ranges, one.name)
+        place = f"ranges.{one.name}"
+        if not (math.isfinite(low) and math.isfinite(high) and 0.0 <= low <= high):
+            raise InputError("world", place, f"{low}, {high}; expected 0 <= low <= high")
+        if one.name not in ABSOLUTE and not 0.0 < low <= 1.0 <= high:
+            raise InputError("world", place, f"{low}, {high}; a range of factors holds 1")
+
+
+def _between(low: float, middle: float, high: float, u: float) -> float:
+    """A number whose median is `middle`, even on either side, for u even in [0, 1)."""
+    if u < 0.5:
+        return low + 2.0 * u * (middle - low)
+    return middle + (2.0 * u - 1.0) * (high - middle)

@@ -1,0 +1,122 @@
+"""A toy experiment that worlds can run anywhere: each run leaves a mark in a folder."""
+
+from importlib import invalidate_caches
+
+import pytest
+
+from analyses.campaign.campaign import CampaignSettings, run_campaign
+from analyses.study.registry import REGISTRY
+
+_MODULE = '''
+import os, signal, time
+from pathlib import Path
+import numpy as np
+from analyses.study.experiment import (
+    ComparisonRow, Experiment, ExperimentContext, ExperimentResult
+)
+from analyses.study.shared_results import shared
+
+FOLDER = Path({folder!r})
+
+
+def count(what):
+    with (FOLDER / what).open("a") as file:
+        file.write("x")
+
+
+def run(context: ExperimentContext) -> ExperimentResult:
+    drawn = context.world(Fake())
+    arm = shared("arm", (context.seed,), lambda: count("identified") or context.seed)
+{body}
+    count("ran_{name}")
+    random = np.random.default_rng(context.seed)
+    noise = random.normal(size=3) @ random.normal(size=(3, 3))
+    if context.draws:
+        (context.out / "drawn.txt").write_text("a figure")
+    return ExperimentResult(
+        metrics=dict(
+            optimised=dict(rmse_n=1.0 + random.random()),
+            ours=dict(rmse_n=1.0, nothing=float("nan")),
+            rmse_nm=noise,
+            coulomb=drawn.config,
+            words="not a number",
+            arm=arm,
+        ),
+        comparison=[
+            ComparisonRow("RMSE, with", "optimised.rmse_n", "N", 1.5, ours="ours.rmse_n"),
+            ComparisonRow("Torque RMSE", "rmse_nm", "N m", [0.1, 0.2, 0.3]),
+        ],
+    )
+
+
+class Fake:
+    """In the place of a robot: a world makes another of it."""
+
+    num_joints = 1
+    source = Path("nowhere/robot.yaml")
+
+    def __init__(self, config=None):
+        from models.robot.truth_config import JointFrictionConfig, SimulatedTruthConfig
+        self.truth = SimulatedTruthConfig(JointFrictionConfig(stiction=[2.0], coulomb=[1.0]))
+        self._config = config
+
+    @property
+    def config(self):
+        from types import SimpleNamespace
+        return self._config or SimpleNamespace(simulated_truth=self.truth)
+
+    def with_truth(self, truth):
+        return Fake(truth.friction.coulomb[0])
+
+
+EXPERIMENT = Experiment("{name}", "The {name} experiment", "4.3", run)
+'''
+
+
+@pytest.fixture
+def experiment(tmp_path, monkeypatch):
+    """Returns a function that registers an experiment of which each world counts its runs."""
+    folder = tmp_path / "modules"
+    folder.mkdir()
+    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.setenv("PYTHONPATH", str(folder))
+    registered = []
+
+    def add(name, body=""):
+        module = f"campaign_{name.replace('-', '_')}"
+        text = _MODULE.format(name=name, body=body, folder=str(tmp_path))
+        (folder / f"{module}.py").write_text(text)
+        invalidate_caches()
+        REGISTRY.register(module)
+        registered.append(name)
+
+    yield add
+    for name in registered:
+        REGISTRY.unregister(name)
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    def campaign(
+        *names, worlds=3, jobs=2, folder="campaign", cluster=None, fresh=False, **settings
+    ):
+        return run_campaign(
+            CampaignSettings(names, worlds, **settings),
+            tmp_path / folder,
+            jobs=jobs,
+            cluster=cluster,
+            fresh=fresh,
+        )
+
+    return campaign
+
+
+@pytest.fixture
+def counted(tmp_path):
+    """Returns a function that says how often something was done."""
+
+    def counted(what):
+        path = tmp_path / what
+        return len(path.read_text()) if path.exists() else 0
+
+    return counted

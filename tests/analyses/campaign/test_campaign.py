@@ -1,0 +1,211 @@
+"""Campaigns of toy experiments: what they keep, go on with, survive and refuse."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pyarrow.parquet as pq
+import pytest
+
+from models.files.input_error import InputError
+from models.truth.worlds import draw_world
+
+
+def test_one_row_a_world_experiment_and_key(tmp_path, experiment, campaign, counted):
+    experiment("toy")
+    experiment("other")
+    result = campaign("toy", "other")
+    assert result.worlds == 3
+    assert not result.failures
+    # What the experiments of a world have in common is computed once.
+    assert counted("identified") == 3
+    table = pq.read_table(tmp_path / "campaign" / "campaign.parquet")
+    world = draw_world(0, 1)
+    drawn = list(world.parameters())
+    assert table.column_names == ["world", "seed", *drawn, "experiment", "key", "value"]
+    types = {name: str(table.schema.field(name).type) for name in table.column_names}
+    assert [types.pop(name) for name in ("world", "seed")] == ["int32", "int64"]
+    assert [types.pop(name) for name in ("experiment", "key")] == ["string", "string"]
+    assert set(types.values()) == {"double"}
+    rows = [row for row in table.to_pylist() if row["world"] == 1 and row["experiment"] == "toy"]
+    assert {row["seed"] for row in rows} == {world.seed}
+    assert {name: rows[0][name] for name in drawn} == world.parameters()
+    values = {row["key"]: row["value"] for row in rows}
+    assert list(values) == [
+        "optimised.rmse_n",
+        "ours.rmse_n",
+        "ours.nothing",
+        "rmse_nm.0",
+        "rmse_nm.1",
+        "rmse_nm.2",
+        "coulomb",
+        "arm",
+    ]
+    assert values["ours.nothing"] is None  # not finite
+    assert values["coulomb"] == world.factors["coulomb"][0]
+    assert values["arm"] == world.seed
+
+    metrics = json.loads((tmp_path / "campaign" / "metrics.json").read_text())
+    assert metrics["toy"]["optimised.rmse_n"]["article"] == 1.5
+    assert metrics["toy"]["optimised.rmse_n"]["share_of_worlds_ours_ahead"] == 1.0
+    assert metrics["toy"]["rmse_nm.2"]["article"] == 0.3
+    assert "The toy experiment" in (tmp_path / "campaign" / "campaign.html").read_text()
+
+
+def test_what_is_done_is_never_run_again(tmp_path, experiment, campaign, counted):
+    experiment("toy")
+    experiment("other")
+    campaign("toy", worlds=2, jobs=1)
+    before = (tmp_path / "campaign" / "campaign.parquet").read_bytes()
+    assert campaign("toy", worlds=2).kept == 2
+    assert counted("ran_toy") == 2
+    assert (tmp_path / "campaign" / "campaign.parquet").read_bytes() == before
+    assert campaign("toy", worlds=3).worlds == 3
+    assert counted("ran_toy") == 3
+    campaign("other", worlds=3)
+    assert (counted("ran_toy"), counted("ran_other")) == (3, 3)
+    # The same bytes as those of a campaign that ran at once, in another order.
+    campaign("toy", "other", worlds=3, folder="at_once", jobs=1)
+    assert file_of(tmp_path, "campaign") == file_of(tmp_path, "at_once")
+
+
+def file_of(tmp_path, folder):
+    return (tmp_path / folder / "campaign.parquet").read_bytes()
+
+
+def test_a_failing_world_is_listed_and_runs_alone(tmp_path, experiment, campaign, counted):
+    seed = draw_world(0, 1).seed
+    body = f"""
+    if context.seed == {seed} and not (FOLDER / "repaired").exists():
+        raise ValueError("the arm broke\\nin two")
+"""
+    experiment("toy", body)
+    experiment("other")
+    result = campaign("toy", "other", jobs=1)
+    assert list(result.failures) == [1]
+    assert result.failures[1].seed == seed
+    assert result.failures[1].failures["toy"].startswith("ValueError: the arm broke\n")
+    text = (tmp_path / "campaign" / "failures" / "world-00001.txt").read_text()
+    assert f"seed {seed}" in text
+    assert "raise ValueError" in text
+    assert "the arm broke" in (tmp_path / "campaign" / "campaign.html").read_text()
+    assert counted("ran_other") == 3  # the others went on, in that world too
+
+    (tmp_path / "repaired").touch()
+    assert not campaign("toy", "other", jobs=1, world=1).failures
+    assert (tmp_path / "campaign" / "world-00001" / "toy" / "drawn.txt").is_file()
+    assert counted("ran_toy") == 3
+    assert not (tmp_path / "campaign" / "failures").exists()
+    campaign("toy", "other", folder="never_failed")
+    assert file_of(tmp_path, "campaign") == file_of(tmp_path, "never_failed")
+
+
+def test_a_killed_process_loses_nothing(tmp_path, experiment, campaign):
+    seed = draw_world(0, 1).seed
+    once = f"""
+    if context.seed == {seed} and not (FOLDER / "killed").exists():
+        (FOLDER / "killed").touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+"""
+    always = f"""
+    if context.seed == {seed}:
+        os.kill(os.getpid(), signal.SIGKILL)
+"""
+    experiment("once", once)
+    experiment("always", always)
+    result = campaign("once")
+    assert (result.worlds, result.failures) == (3, {})
+    result = campaign("always", folder="always")
+    assert result.worlds == 2
+    assert "killed" in result.failures[1].failures["always"]
+
+
+def test_an_interrupt_keeps_what_is_done(tmp_path, experiment):
+    seed = draw_world(0, 1).seed
+    experiment("toy", f"    time.sleep(600.0 if context.seed == {seed} else 0.0)")
+    out = tmp_path / "campaign"
+    program = (
+        "from pathlib import Path\n"
+        "from analyses.campaign.campaign import CampaignSettings, run_campaign\n"
+        "from analyses.study.registry import REGISTRY\n"
+        "if __name__ == '__main__':\n"
+        "    REGISTRY.register('campaign_toy')\n"
+        f"    run_campaign(CampaignSettings(('toy',), 3), Path({str(out)!r}), jobs=2)\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", program], start_new_session=True, stderr=subprocess.PIPE, text=True
+    )
+    limit = time.monotonic() + 120.0
+    while len(list((out / ".campaign").glob("*.json"))) < 2 and time.monotonic() < limit:
+        assert process.poll() is None, process.stderr.read()
+        time.sleep(0.1)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+    _, printed = process.communicate(timeout=60)
+    assert process.returncode != 0
+    assert printed.count("KeyboardInterrupt") == 1, printed  # of no worker
+    table = pq.read_table(out / "campaign.parquet")
+    assert sorted(set(table["world"].to_pylist())) == [0, 2]
+    assert not list((out / ".campaign").glob("*.json"))
+
+
+def test_a_kill_keeps_what_is_done(tmp_path, experiment, campaign, counted):
+    experiment("toy")
+    experiment("other")
+    campaign("toy", worlds=2)
+    parts = tmp_path / "campaign" / ".campaign"
+    from analyses.campaign.campaign_store import WorldParts, read_table
+
+    # As if killed after its worlds, before the file: what is beside counts.
+    record = read_table(tmp_path / "campaign" / "campaign.parquet")
+    (tmp_path / "again").mkdir()
+    kept = WorldParts(tmp_path / "again")
+    for outcome in record.worlds.values():
+        outcome.described = record.described
+        kept.add(outcome, record.settings, record.software)
+    assert campaign("toy", worlds=2, folder="again").kept == 2
+    assert counted("ran_toy") == 2
+    assert not list(parts.glob("*.json"))
+
+
+def test_another_campaign_s_folder_is_refused(tmp_path, experiment, campaign, counted):
+    experiment("toy")
+    campaign("toy", worlds=1, jobs=1)
+    with pytest.raises(InputError, match=r"holds worlds of another seed.*--fresh"):
+        campaign("toy", seed=1)
+    with pytest.raises(InputError, match="of another length"):
+        campaign("toy", quick=True)
+    module = tmp_path / "modules" / "campaign_toy.py"
+    module.write_text(module.read_text() + "# changed\n")
+    with pytest.raises(InputError, match="of toy as another version of the software runs it"):
+        campaign("toy")
+    assert campaign("toy", worlds=1, jobs=1, fresh=True).kept == 0
+    assert counted("ran_toy") == 2
+    (tmp_path / "campaign" / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match=r"holds notes.txt"):
+        campaign("toy", worlds=1)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["identificatoin"], "did you mean identification?"),
+        (["identification", "--world", "5", "--worlds", "3"], "--world: is 5, one of 0 to 2"),
+        (["identification", "--cluster", "tcp://127.0.0.1:9"], "no scheduler answers at tcp"),
+        (["identification", "--cluster", "x", "--world", "0"], "leave --cluster out"),
+    ],
+)
+def test_what_a_user_gets_wrong_is_one_line(tmp_path, words, said, capfd, monkeypatch):
+    from analyses.__main__ import main
+    from analyses.campaign import workers
+
+    monkeypatch.setattr(workers, "_CONNECT", 1)
+    monkeypatch.setattr(sys, "argv", ["wrenchsight", "campaign", *words, "--out", f"{tmp_path}/c"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    lines = [line for line in capfd.readouterr().err.splitlines() if "--" in line or ":" in line]
+    assert said in lines[-1]
+    assert len(lines) <= 2  # before it, at most that work began

@@ -1,0 +1,65 @@
+"""The same worlds on the workers of a Dask scheduler: equal bytes, and none lost with a worker."""
+
+import pytest
+
+from models.files.input_error import InputError
+from models.truth.worlds import draw_world
+
+distributed = pytest.importorskip("distributed")
+
+
+@pytest.fixture
+def scheduler(experiment):
+    """A scheduler with two workers, processes of their own; after the experiments are there."""
+
+    def start(**options):
+        cluster = distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, **options
+        )
+        clusters.append(cluster)
+        return cluster.scheduler_address
+
+    clusters = []
+    yield start
+    for cluster in clusters:
+        cluster.close()
+
+
+def test_numbers_are_the_same_and_a_killed_worker_loses_nothing(
+    tmp_path, experiment, campaign, counted, scheduler
+):
+    seed = draw_world(0, 1).seed
+    experiment(
+        "toy",
+        f"""
+    if context.seed == {seed} and not (FOLDER / "killed").exists():
+        (FOLDER / "killed").touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+""",
+    )
+    address = scheduler()
+    result = campaign("toy", worlds=4, cluster=address)
+    assert (result.worlds, result.failures) == (4, {})
+    assert (tmp_path / "killed").exists()
+    campaign("toy", worlds=4, folder="here", jobs=2)
+    assert counted("ran_toy") == 8
+    tables = [(tmp_path / name / "campaign.parquet").read_bytes() for name in ("campaign", "here")]
+    assert tables[0] == tables[1]
+
+
+def test_a_scheduler_without_workers_is_refused(experiment, campaign):
+    experiment("toy")
+    with (
+        distributed.LocalCluster(n_workers=0, dashboard_address=None) as cluster,
+        pytest.raises(InputError, match="has no workers"),
+    ):
+        campaign("toy", cluster=cluster.scheduler_address)
+
+
+def test_workers_of_other_software_are_refused(experiment, campaign, monkeypatch):
+    from analyses.campaign import campaign as module
+
+    experiment("toy")
+    monkeypatch.setattr(module, "software_hash", lambda name: "another")
+    with pytest.raises(InputError, match="has another version of campaign_toy"):
+        campaign("toy", worlds=1, jobs=1)

@@ -1,0 +1,127 @@
+"""The figures of the article over worlds, and the page that shows them."""
+
+import numpy as np
+import pytest
+
+from analyses.campaign.campaign_report import table_row, violin_figure, write_campaign_report
+from analyses.campaign.campaign_store import CampaignRecord, read_table, write_table
+from analyses.campaign.distributions import distribution_metrics, distributions
+from analyses.campaign.world_run import WorldOutcome
+from analyses.output.outputs import OutputFolder
+from models.files.input_error import InputError
+
+
+def row(label, key, article, unit="N", ours="", more_is_better=False):
+    names = ("label", "key", "article", "unit", "ours", "more_is_better", "remark", "source")
+    values = (label, key, article, unit, ours, more_is_better, "", "article")
+    return dict(zip(names, values, strict=True))
+
+
+def record_of(worlds):
+    """A campaign whose figures are known: 0 to worlds - 1, and what is made of them."""
+    record = CampaignRecord({"seed": 0, "quick": False, "ranges": {"load": [0.5, 2.0]}})
+    rows = [
+        row("RMSE in X", "optimised.rmse_x_n", 10.0, ours="ours.rmse_x_n"),
+        row("correlation", "correlation", 0.9, "", "ours.correlation", more_is_better=True),
+        row("torque RMSE", "rmse_nm", [1.0, 2.0], "N m"),
+        row("gain", "ours_against_article.reduction_rmse_x_pct", None, "%"),
+        row("never finite", "never", 1.0),
+    ]
+    for number in range(worlds):
+        values = {
+            "optimised.rmse_x_n": float(number),
+            "ours.rmse_x_n": 24.5,  # ahead where the article's is 25 or more
+            "correlation": 0.5,
+            "ours.correlation": None if number == 0 else 0.6,
+            "rmse_nm.0": 1.0,
+            "rmse_nm.1": 2.0 * number,
+            "ours_against_article.reduction_rmse_x_pct": number - 9.5,
+            "never": None,
+        }
+        described = {"toy": {"title": "A toy", "section": "4", "comparison": rows}}
+        record.add(WorldOutcome(number, 7 * number, {"load": 1.0}, {"toy": values}, described))
+    return record
+
+
+def test_median_range_and_share_of_a_known_figure():
+    found = {one.key: one for one in distributions(record_of(101), ["toy"])}
+    assert list(found) == [
+        "optimised.rmse_x_n",
+        "correlation",
+        "rmse_nm.0",
+        "rmse_nm.1",
+        "ours_against_article.reduction_rmse_x_pct",
+    ]
+    rmse = found["optimised.rmse_x_n"]
+    assert (rmse.median, *rmse.range) == (50.0, 5.0, 95.0)
+    assert rmse.holds_article
+    assert rmse.ahead == pytest.approx(76 / 101)
+    assert found["correlation"].ahead == 1.0  # of the worlds in which both are known
+    assert not found["correlation"].holds_article
+    assert found["rmse_nm.1"].article == 2.0
+    assert found["rmse_nm.1"].label == "Torque RMSE (2)"
+    assert found["rmse_nm.1"].ahead is None
+    gain = found["ours_against_article.reduction_rmse_x_pct"]
+    assert gain.ahead == pytest.approx(91 / 101)
+    assert gain.holds_article is None
+    metrics = distribution_metrics(list(found.values()))["toy"]["optimised.rmse_x_n"]
+    assert metrics == {
+        "article": 10.0,
+        "median": 50.0,
+        "p05": 5.0,
+        "p95": 95.0,
+        "share_of_worlds_ours_ahead": pytest.approx(76 / 101),
+        "worlds": 101,
+    }
+
+
+def test_a_row_says_yes_or_no():
+    rows = [table_row(one) for one in distributions(record_of(101), ["toy"])]
+    assert (rows[0].article, rows[0].median, rows[0].range) == ("10", "50.0", "5.0 to 95.0")
+    assert [one.holds for one in rows] == ["yes", "no", "yes", "no", "–"]
+    assert [one.ahead for one in rows] == ["75 %", "100 %", "", "", "90 %"]
+
+
+@pytest.mark.parametrize("worlds", [1, 3, 60])
+def test_the_page_is_written_however_few_the_worlds(tmp_path, worlds):
+    record = record_of(worlds)
+    found = distributions(record, ["toy"])
+    write_campaign_report(OutputFolder(tmp_path), record, found, {}, {"toy": 1.5}, "0")
+    page = (tmp_path / "campaign.html").read_text()
+    assert "toy 1.5 s" in page
+    assert "RMSE in X" in page
+    assert (tmp_path / "figures" / "toy.png").stat().st_size > 5000
+    axes = violin_figure(found).axes[0]
+    # One line a figure with a printed number, at its place; what has none is left out.
+    assert [text.get_text() for text in axes.get_yticklabels()] == [
+        "Torque RMSE (2) [N m]",
+        "Torque RMSE (1) [N m]",
+        "Correlation",
+        "RMSE in X [N]",
+    ]
+    bodies = [one for one in axes.collections if hasattr(one, "get_paths")]
+    assert bool(bodies) == (worlds == 60)
+    medians = [line.get_xdata()[0] for line in axes.lines if line.get_marker() == "o"]
+    assert medians[-1] == pytest.approx(np.clip(np.median(range(worlds)) / 10.0, -12, 12))
+
+
+def test_the_table_comes_back_as_it_was_written(tmp_path):
+    record = record_of(4)
+    path = tmp_path / "campaign.parquet"
+    write_table(record, path, ["toy"])
+    again = read_table(path)
+    assert again.settings == record.settings
+    assert again.described == record.described
+    for number, world in record.worlds.items():
+        assert again.worlds[number].values == world.values
+        assert again.worlds[number].seed == world.seed
+        assert again.worlds[number].parameters == world.parameters
+    assert read_table(tmp_path / "absent.parquet") is None
+
+
+@pytest.mark.parametrize("content", [b"", b"PAR1 but no table"])
+def test_a_damaged_table_is_refused(tmp_path, content):
+    path = tmp_path / "campaign.parquet"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="is no whole file of a campaign"):
+        read_table(path)

@@ -1,0 +1,65 @@
+"""Tasks in one compiled loop against the closed loop that Drake simulates."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from analyses.methods.runs.fast_runs import is_free, run_free, sensed
+from analyses.methods.runs.task_runs import task_scenario
+from diagrams.closed_loop import make_closed_loop
+from diagrams.scenario import load_scenario
+from models.identification.identified_model import IdentifiedModel
+from models.robot.robot import Robot
+from models.truth.worlds import draw_world
+from systems.force_torque_sensor import ForceTorqueSensorConfig
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return draw_world(0, 0).robot(Robot.load("sts_sre4_600"))
+
+
+def test_it_is_the_closed_loop_tick_by_tick(robot):
+    """A pushed arm, every mechanism on, for 1.2 s, pushed from .5 s on."""
+    scenario = task_scenario("FrictionAtReversal", 3, 8.0)
+    push = replace(scenario.wrench[0], start=0.5)
+    scenario = replace(scenario, duration=1.2, wrench=[push])
+    assert is_free(scenario, robot)
+    model = IdentifiedModel.nominal(robot)
+    loop = make_closed_loop(scenario, robot, model, also_log=("tau_f_true",), with_estimator=False)
+    simulator = Simulator(loop.diagram)
+    simulator.AdvanceTo(scenario.duration)
+    t, signals = loop.logged(simulator.get_context())
+    found_t, found = run_free(scenario, robot, model)
+    np.testing.assert_allclose(found_t, t, atol=1e-12)
+    assert np.abs(signals["wrench_true"][:, 3:]).max() > 5.0
+    # Encoders and currents are rounded: a step of theirs may fall the other way now and then.
+    for name, size in (
+        ("q", 2e-6),
+        ("v", 1e-6),
+        ("current", 3e-3),
+        ("tau_f_true", 1e-3),
+        ("wrench_true", 1e-9),
+        # The sensor's, which Drake finds from the reaction at the tool's mount.
+        ("ft_wrench", 1e-3),
+    ):
+        np.testing.assert_allclose(found[name], signals[name], atol=size, err_msg=name)
+
+
+def test_a_sensor_that_is_ideal_is_a_tick_late():
+    wrench = np.random.default_rng(0).normal(size=(50, 6))
+    read = sensed(wrench, ForceTorqueSensorConfig(), 1e-3, 0)
+    np.testing.assert_array_equal(read[1:], wrench[:-1])
+    noisy = sensed(wrench, ForceTorqueSensorConfig(force_noise_sd=0.1), 1e-3, 0)
+    np.testing.assert_array_equal(noisy[:, :3], read[:, :3])
+    assert 0.05 < (noisy - read)[1:, 3:].std() < 0.15  # 147 draws of sd 0.1
+
+
+def test_what_it_does_not_know_is_drake_s(robot, sts):
+    plain = task_scenario("FrictionAtReversal", 0, 8.0)
+    assert not is_free(plain, sts.with_truth(replace(sts.config.simulated_truth, mechanisms=None)))
+    assert not is_free(replace(plain, floor=True), robot)
+    assert not is_free(replace(plain, friction="none"), robot)
+    assert not is_free(load_scenario("Polishing"), robot)

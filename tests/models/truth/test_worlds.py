@@ -1,0 +1,105 @@
+"""Worlds are draws: repeatable, inside their ranges, and of the truth alone."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from models.files.input_error import InputError
+from models.robot.robot import Robot
+from models.robot.truth_config import JointFrictionConfig, SimulatedTruthConfig
+from models.truth.true_robot import hard_truth
+from models.truth.worlds import (
+    ABSOLUTE,
+    MOST_JOINTS,
+    PER_JOINT,
+    WorldRanges,
+    draw_world,
+)
+
+
+def test_a_world_is_what_numpy_s_generator_gives():
+    """The stream and the arithmetic, written down a second time."""
+    world = draw_world(5, 3)
+    generator = np.random.Generator(np.random.PCG64(np.random.SeedSequence([5, 3])))
+    assert [world.seed, world.individual, world.day] == list(generator.integers(2**24, size=3))
+    u = generator.random(1)[0]
+    low, high = WorldRanges().coulomb
+    expected = low + 2 * u * (1 - low) if u < 0.5 else 1 + (2 * u - 1) * (high - 1)
+    assert world.factors["coulomb"] == (expected,)
+    assert world.number == 3
+
+
+def test_worlds_of_a_campaign_are_the_same_again_and_differ():
+    again = [draw_world(1, number) for number in (2, 0, 1)]
+    assert [draw_world(1, number) for number in (2, 0, 1)] == again
+    assert len({world.seed for world in again}) == 3
+    assert draw_world(2, 0).factors != draw_world(1, 0).factors
+
+
+def test_every_draw_lies_in_its_range_with_the_truth_s_own_as_the_median():
+    ranges, worlds = WorldRanges(), [draw_world(0, number) for number in range(400)]
+    for field in dataclasses.fields(ranges):
+        low, high = getattr(ranges, field.name)
+        values = np.array([world.factors[field.name] for world in worlds])
+        assert values.shape == (400, MOST_JOINTS if field.name in PER_JOINT else 1)
+        assert values.min() >= low
+        assert values.max() <= high
+        # Both ends are come near to: of 400 even draws the outermost 3 % hold none with 5e-6.
+        assert values.min() < low + 0.03 * (high - low)
+        assert values.max() > high - 0.03 * (high - low)
+        middle = 0.5 * (low + high) if field.name in ABSOLUTE else 1.0
+        assert abs((values < middle).mean() - 0.5) < 0.1  # four standard deviations
+
+
+def test_a_world_changes_the_truth_and_nothing_else(sts: Robot):
+    world = draw_world(0, 4)
+    robot = world.robot(sts)
+    about, truth = hard_truth(sts).config.simulated_truth, robot.config.simulated_truth
+    factor = {name: values[0] for name, values in world.factors.items()}
+    close = {"rtol": 1e-12}
+    for mine, other, by in (
+        (truth.friction.coulomb, about.friction.coulomb, "coulomb"),
+        (truth.friction.viscous, about.friction.viscous, "viscous"),
+        (truth.friction.stribeck_velocity, about.friction.stribeck_velocity, "stribeck_velocity"),
+        (truth.mechanisms.load.motoring, about.mechanisms.load.motoring, "load"),
+        (truth.mechanisms.ripple.load_share, about.mechanisms.ripple.load_share, "ripple"),
+        (truth.mechanisms.slip.displacement, about.mechanisms.slip.displacement, "displacement"),
+        (truth.mechanisms.elasticity.stiffness, about.mechanisms.elasticity.stiffness, "stiffness"),
+    ):
+        np.testing.assert_allclose(mine, factor[by] * np.array(other), **close)
+    rise = np.subtract(truth.friction.stiction, truth.friction.coulomb)
+    before = np.subtract(about.friction.stiction, about.friction.coulomb)
+    np.testing.assert_allclose(rise, factor["coulomb"] * factor["stiction_rise"] * before)
+    assert truth.mechanisms.motor.torque_factor == list(
+        world.factors["torque_constant"][: sts.num_joints]
+    )
+    assert truth.mechanisms.payload.factor == factor["payload"]
+    assert truth.mechanisms.clock.latency == factor["latency"]
+    assert (truth.mechanisms.individual, truth.mechanisms.day) == (world.individual, world.day)
+    assert truth.mechanisms.encoder == about.mechanisms.encoder
+    config = dataclasses.replace(robot.config, simulated_truth=sts.config.simulated_truth)
+    assert config == sts.config
+    np.testing.assert_array_equal(robot.torque_per_ampere, sts.torque_per_ampere)
+
+
+def test_what_is_off_stays_off():
+    about = SimulatedTruthConfig(JointFrictionConfig(coulomb=[1.0, 2.0], stiction=[1.5, 2.0]))
+    truth = draw_world(0, 0).truth(about, 2)
+    assert truth.mechanisms is None
+    assert truth.friction.viscous == []
+    assert len(truth.friction.coulomb) == 2
+    assert truth.friction.stiction[1] == pytest.approx(truth.friction.coulomb[1])
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"coulomb": (1.4, 0.7)}, "expected 0 <= low <= high"),
+        ({"coulomb": (1.1, 1.4)}, "a range of factors holds 1"),
+        ({"latency": (0.0, float("inf"))}, "ranges.latency"),
+    ],
+)
+def test_ranges_that_are_none_are_refused(changes, said):
+    with pytest.raises(InputError, match=said):
+        draw_world(0, 0, dataclasses.replace(WorldRanges(), **changes))
