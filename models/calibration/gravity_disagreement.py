@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.arrays import Array
+from models.arrays import Array, Flags
 from models.rigid_body.serial_chain import SerialChain
 
 LEAST_TILT = math.radians(1.5)
@@ -71,7 +71,7 @@ class GravityWatch:
         self._rows: list[tuple[Array, Array]] = []
         self._count = 0
 
-    def add(self, q: Array, tau_ext: Array, known: Array) -> None:
+    def add(self, q: Array, tau_ext: Array, known: Flags) -> None:
         """Takes the next samples.
 
         Args:

@@ -333,7 +333,7 @@ def _with_free(
     method: str = "bayesian",
     progress: Callable[[float, str], None] = lambda fraction, what: None,
 ) -> PlacementResult:
-    """The result with its smallest distance and, where its arm overlaps, the best free placement."""
+    """The result with its smallest distance; where its arm overlaps, the best free placement."""
     robot, config = result.robot, ClearanceConfig()
     cell = PlacementCell(robot, config)
     best = _profile(result.task, robot, result.measure, cell, result.best.placement)
@@ -342,10 +342,8 @@ def _with_free(
     result = replace(result, best=best)
     if best.smallest_distance >= 0.0:
         return result
-    notices = [
-        f"the arm overlaps itself by {-1e3 * best.smallest_distance:.0f} mm: the task asks for no "
-        "clearance"
-    ]
+    overlap = -1e3 * best.smallest_distance
+    notices = [f"the arm overlaps itself by {overlap:.0f} mm: the task asks for no clearance"]
     task = replace(result.task, clearance=config)
     try:
         found = place(
