@@ -21,8 +21,8 @@ from analyses.output.axes import log_scale
 from analyses.output.figures import COLOUR, SERIES, new_figure
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
+from diagrams.distances.placement_cell import PlacementCell, obstacle_corners, workpiece_corners
 from diagrams.pages.path_page import PathMotion, TriangleMesh, write_path_page
-from diagrams.placement_cell import PlacementCell, obstacle_corners, workpiece_corners
 from models.arrays import Array
 from models.estimation.wrench import WrenchReconstructionConfig, live_prior
 from models.files.configuration import nearest
