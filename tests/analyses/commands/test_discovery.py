@@ -17,7 +17,7 @@ _MODULE = '''
 
 import sys
 
-ORDER = 15
+ORDER = 11
 
 
 def command(loud: bool = False) -> None:
