@@ -263,7 +263,8 @@ def estimate(
                 bag.write(chunk.t, batch.wrench, batch.covariance, p_WE)
             episodes.add(chunk.t, found, batch.wrench[:, 3:], valid)
             settled = int(np.searchsorted(chunk.t, first.t[0] + observer.settling_time))
-            there = ~chunk.dropout & (np.arange(chunk.num_samples) >= settled)
+            there = ~chunk.dropout & (fault == 0) & (np.arange(chunk.num_samples) >= settled)
+            there &= np.isfinite(chunk.q + chunk.v + tau_ext).all(axis=1)
             if watch is not None:
                 watch.add(chunk.t, chunk.q, chunk.v, tau_ext, there, ~found.contact)
             upright.add(chunk.q, tau_ext, there)

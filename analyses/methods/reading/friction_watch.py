@@ -68,6 +68,7 @@ class FrictionWatch:
         dry, viscous = dry_and_viscous(law, q, v, carried)
         sliding = sliding_columns(law, q, v, carried)
         seen = np.stack([dry, viscous, *np.moveaxis(sliding, 2, 0)])
+        seen = np.where(np.isfinite(seen), seen, 0.0)  # the filter would never forget it
         if self._keep is not None:
             for j, keep in enumerate(self._keep):
                 part, memory = lfilter(
