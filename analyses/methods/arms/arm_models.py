@@ -76,6 +76,7 @@ class ArmModels:
     held_out: tuple[Recording, ...]
     # By law and K_0: variants of one estimator differ in what comes after
     _errors: dict[tuple[str, float], tuple[Array, Array]] = field(default_factory=dict, repr=False)
+    _fits: dict[tuple[str, float], TorqueErrorModel] = field(default_factory=dict, repr=False)
 
     def estimator(
         self,
@@ -109,6 +110,11 @@ class ArmModels:
             law: one of LAWS.
             K_0: 1/s.
         """
+        if (law, K_0) not in self._fits:
+            self._fits[law, K_0] = self._fit_torque_error(law, K_0)
+        return self._fits[law, K_0]
+
+    def _fit_torque_error(self, law: str, K_0: float) -> TorqueErrorModel:
         config = WrenchEstimatorConfig(MomentumObserverConfig([K_0]))
         plain = replace(self.models[law], torque_error=None)
         estimator = WrenchEstimator(self.robot, plain, config)
