@@ -84,7 +84,7 @@ def _print(result: "PlacementResult", out: Path) -> None:
     if key != "jcn":
         names |= {f"mean_{key}": "mean sd [N]", f"max_{key}": "largest sd [N]"}
     table = new_table("", *names.values())
-    for way in ("initial", "optimised"):
+    for way in ("initial", "optimised", "free"):
         if way in metrics:
             table.add_row(way, *(f"{metrics[way][name]:.4f}" for name in names))
     console = new_console()

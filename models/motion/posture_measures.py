@@ -24,6 +24,7 @@ from models.files.input_error import InputError
 from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
 from models.rigid_body.serial_chain import SerialChain
 from models.rigid_body.small_matrices import orthogonalise_rows
+from models.rigid_body.structural_rank import parallel_columns, structural_rank
 
 # Starting threads costs more than a path's postures.
 _PARALLEL_FROM = 128
@@ -178,13 +179,28 @@ class PathMeasure:
 
 
 def check_joints(chain: SerialChain, name: str = "robot") -> None:
-    """Raises InputError for an arm of fewer than six joints, which it calls `name`."""
+    """Raises InputError for an arm that it calls `name`: fewer than six joints, or joints that
+    leave the tool fewer than six directions in every posture, as two parallel columns do.
+    """
     if chain.num_joints < 6:
         raise InputError(
             name,
             "",
             f"{chain.num_joints} joints cannot hold position and orientation of the tool",
             "an arm of six joints or more is needed",
+        )
+    rank = structural_rank(chain)
+    if rank < 6:
+        same = parallel_columns(chain)
+        why = f": {' and '.join(same)} push along one line" if same else ""
+        raise InputError(
+            name,
+            "",
+            f"its {chain.num_joints} joints move the tool in {rank} of six directions in every "
+            f"posture{why}; the condition number is infinite everywhere",
+            f"name {same[0]} under locked_joints, or take another tool frame"
+            if same
+            else "check the axes of its joints",
         )
 
 

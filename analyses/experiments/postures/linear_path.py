@@ -37,7 +37,7 @@ from analyses.study.experiment import (
     FigureFile,
 )
 from analyses.study.wording import compared
-from diagrams.placement_cell import PlacementCell
+from diagrams.distances.placement_cell import PlacementCell
 from models.arrays import Array
 from models.motion.inverse_kinematics import follow_path
 from models.motion.paths import StraightPath

@@ -165,4 +165,5 @@ EXPERIMENT = Experiment(
     needs=(FOLDER, MORE),
     order=158,
     seconds=120,
+    readme=("residual_all_nm.ratio", "within_25_pct.share_pct"),
 )

@@ -24,7 +24,7 @@ model, the same is found from two periods of an excitation: torque of the one mi
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -74,6 +74,8 @@ class ArmModels:
     robot: Robot
     models: Mapping[str, IdentifiedModel]
     held_out: tuple[Recording, ...]
+    # By law and K_0: variants of one estimator differ in what comes after
+    _errors: dict[tuple[str, float], tuple[Array, Array]] = field(default_factory=dict, repr=False)
 
     def estimator(
         self,
@@ -130,6 +132,11 @@ class ArmModels:
             law: one of LAWS.
             K_0: 1/s.
         """
+        if (law, K_0) not in self._errors:
+            self._errors[law, K_0] = self._read_held_out(law, K_0)
+        return self._errors[law, K_0]
+
+    def _read_held_out(self, law: str, K_0: float) -> tuple[Array, Array]:
         config = WrenchEstimatorConfig(
             MomentumObserverConfig([K_0]), WrenchReconstructionConfig("inverse")
         )

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from diagrams.clearance import Clearance
+from diagrams.distances.clearance import Clearance
 from models.arrays import Array
 from models.files.input_error import InputError
 from models.files.whole_file import whole_file, writing_to

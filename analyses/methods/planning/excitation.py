@@ -2,9 +2,9 @@
 
 Several random motions within all limits are drawn; the best of them starts the program of
 `models.excitation.excitation_program`. What comes out is checked between the samples: torque at the
-controller's rate, clearance by a bound on the arm's speed (`diagrams.clearance`). Where a check
-fails, the program is solved again with more in reserve; where that fails, too, motions on the way
-back to the random one are tried until all checks pass.
+controller's rate, clearance by a bound on the arm's speed (`diagrams.distances.clearance`). Where a
+check fails, the program is solved again with more in reserve; where that fails, too, motions on the
+way back to the random one are tried until all checks pass.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,7 +18,7 @@ from analyses.methods.planning.excitation_config import ExcitationConfig, Excite
 from analyses.output.figures import SERIES, new_figure
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
-from diagrams.clearance import Clearance, ClosestPair
+from diagrams.distances.clearance import Clearance, ClosestPair
 from diagrams.pages.motion_page import write_motion_page
 from models.arrays import Array
 from models.excitation.excitation_information import MEASURES, ExcitationInformation

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analyses.methods.planning.redundancy_task import RedundancyClearance, RedundancyTask
-from diagrams.clearance import Clearance, ClosestPair
+from diagrams.distances.clearance import Clearance, ClosestPair
 from diagrams.scenario import BladeConfig, PlateConfig
 from models.arrays import Array
 from models.files.input_error import InputError

@@ -27,7 +27,7 @@ from scipy.optimize import minimize
 from scipy.stats import qmc
 
 from analyses.methods.arms.arm_models import SLOW_SPEEDS, ArmModels, identify_arm
-from diagrams.clearance import Clearance, workpiece_clearance
+from diagrams.distances.clearance import Clearance, workpiece_clearance
 from diagrams.scenario import BladeConfig, PlateConfig, Scenario, load_scenario
 from diagrams.workpiece import pose_of_workpiece, surface_of
 from models.arrays import Array

@@ -8,7 +8,7 @@ task's own guess would have given.
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +21,8 @@ from analyses.output.axes import log_scale
 from analyses.output.figures import COLOUR, SERIES, new_figure
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
+from diagrams.distances.placement_cell import PlacementCell, obstacle_corners, workpiece_corners
 from diagrams.pages.path_page import PathMotion, TriangleMesh, write_path_page
-from diagrams.placement_cell import PlacementCell, obstacle_corners, workpiece_corners
 from models.arrays import Array
 from models.estimation.wrench import WrenchReconstructionConfig, live_prior
 from models.files.configuration import nearest
@@ -40,7 +40,7 @@ from models.placement.placement_search import (
     SearchEffort,
     SearchResult,
 )
-from models.placement.placement_task import PlacementTask, check_task, load_task
+from models.placement.placement_task import ClearanceConfig, PlacementTask, check_task, load_task
 from models.rigid_body.ties import beyond_rounding, first_of_least
 from models.robot.robot import Robot
 
@@ -122,6 +122,8 @@ class PlacementResult:
         seconds: of the search, without imports and compilation of kernels.
         largest_violation: of any constraint at the points, rad and m.
         notices: sentences for the user.
+        free: the best placement whose arm hits nothing, where the task asks for no clearance and
+            the best one overlaps itself; None elsewhere.
     """
 
     task: PlacementTask
@@ -136,6 +138,7 @@ class PlacementResult:
     seconds: float
     largest_violation: float
     notices: tuple[str, ...] = field(default_factory=tuple)
+    free: Profile | None = None
 
     def metrics(self) -> dict[str, Any]:
         """Nested figures and the search's counts; no times among them."""
@@ -165,6 +168,8 @@ class PlacementResult:
         }
         if self.initial is not None:
             figures["initial"] = self.initial.metrics(key)
+        if self.free is not None:
+            figures["free"] = self.free.metrics(key)
         return figures
 
 
@@ -304,6 +309,8 @@ def place_task(
             effort=EFFORT_QUICK if quick and task.clearance is None else None,
             progress=progress,
         )
+        if task.clearance is None and not quick:
+            result = _with_free(result, source, model, method, progress)
         settings = PlaceSettings(
             task=str(task_name),
             robot=str(robot_name),
@@ -317,6 +324,43 @@ def place_task(
         )
         write_placement(folder, result, settings)
     return result
+
+
+def _with_free(
+    result: PlacementResult,
+    source: Path | str,
+    model: IdentifiedModel | None = None,
+    method: str = "bayesian",
+    progress: Callable[[float, str], None] = lambda fraction, what: None,
+) -> PlacementResult:
+    """The result with its smallest distance; where its arm overlaps, the best free placement."""
+    robot, config = result.robot, ClearanceConfig()
+    cell = PlacementCell(robot, config)
+    best = _profile(result.task, robot, result.measure, cell, result.best.placement)
+    if best is None or best.smallest_distance is None:
+        return result
+    result = replace(result, best=best)
+    if best.smallest_distance >= 0.0:
+        return result
+    overlap = -1e3 * best.smallest_distance
+    notices = [f"the arm overlaps itself by {overlap:.0f} mm: the task asks for no clearance"]
+    task = replace(result.task, clearance=config)
+    try:
+        found = place(
+            task,
+            source,
+            robot,
+            objective=result.objective,
+            solver=result.solver,
+            seed=result.seed,
+            model=model,
+            method=method,
+            progress=lambda fraction, what: progress(fraction, f"free of collision: {what}"),
+        )
+    except InputError as error:
+        notices.append(f"no placement is free: {error}")
+        return replace(result, notices=(*result.notices, *notices))
+    return replace(result, free=found.best, notices=(*result.notices, *notices))
 
 
 def write_placement(folder: OutputFolder, result: PlacementResult, settings: PlaceSettings) -> None:

@@ -16,7 +16,7 @@ from pydrake.math import RollPitchYaw
 
 from analyses.methods.planning.free_redundancy import best_free, clear_of_all, surroundings
 from analyses.methods.planning.redundancy_task import PatchPathConfig, RedundancyTask
-from diagrams.clearance import ClosestPair
+from diagrams.distances.clearance import ClosestPair
 from diagrams.pages.path_page import TriangleMesh
 from models.arrays import Array
 from models.estimation.wrench import WrenchReconstructionConfig, live_prior

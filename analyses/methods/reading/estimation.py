@@ -6,6 +6,7 @@ spread, of external torque and Jacobian; the prior is what explains those best
 (`models.estimation.evidence_prior.evidence_prior`). The second one writes the wrenches.
 """
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -35,6 +36,7 @@ from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from analyses.output.stream_summary import EvenSample
 from models.arrays import Array, Flags
+from models.calibration.gravity_disagreement import GravityWatch
 from models.detection.contact_detector import ContactDetectionConfig, ContactDetector, Detection
 from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.evidence_prior import evidence_prior
@@ -238,6 +240,8 @@ def estimate(
     episodes = ContactEpisodes(robot.num_joints)
     path = out / f"wrench.{settings.estimate.table}"
     with_covariance = settings.estimate.covariance
+    sd_joints = np.sqrt(np.diag(model.residual_covariance))
+    upright = GravityWatch(model.chain(robot), sd_joints, config.observer.time_step)
     watch: FrictionWatch | None = None
     if not robot.is_coupled:  # else a joint's friction is that of several motors
         watch = FrictionWatch(model, model.chain(robot), observer.pole, config.observer.time_step)
@@ -263,6 +267,7 @@ def estimate(
             there &= np.isfinite(chunk.q + chunk.v + tau_ext).all(axis=1)
             if watch is not None:
                 watch.add(chunk.t, chunk.q, chunk.v, tau_ext, there, ~found.contact)
+            upright.add(chunk.q, tau_ext, there)
             summary.add(chunk, batch, sd, valid, _torque(chunk, robot), found.contact)
             summary.add_faults(fault)
             if beside is not None:
@@ -280,6 +285,10 @@ def estimate(
         notices += comparison.notices
         out.write_figure("reference", comparison.figure())
     warnings += summary.warnings()
+    tilt = upright.disagreement()
+    if tilt is not None:
+        metrics["gravity"] = {"tilt_deg": math.degrees(tilt.tilt), "m_per_s2": list(tilt.gravity)}
+        warnings += [tilt.sentence()]
     # An observer of the wrench leaves no friction in tau_ext.
     if watch is not None and (kind is None or kind.kernels.wrench is None):
         warnings += watch.sentences(settings.log, settings.robot, settings.model)

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from analyses.methods.arms.robot_draft import FILL_IN, draft_robot
-from diagrams.clearance import Clearance
+from diagrams.distances.clearance import Clearance
 from models.files.configuration import load_configuration
 from models.files.input_error import InputError
 from models.robot.robot import Robot

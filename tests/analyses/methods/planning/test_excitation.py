@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from analyses.__main__ import app
 from analyses.methods.planning.excitation import RESERVES, excite, excite_robot
 from analyses.methods.planning.excitation_config import ExcitationConfig
-from diagrams.clearance import Clearance
+from diagrams.distances.clearance import Clearance
 from models.excitation.excitation_limits import ExcitationLimits
 from models.excitation.excitation_program import ExcitationProgram, ExcitationSolution
 from models.excitation.fourier_trajectory import FourierTrajectory

@@ -16,7 +16,7 @@ from analyses.methods.planning.machining_placement import (
     bundled_place,
     search,
 )
-from diagrams.clearance import workpiece_clearance
+from diagrams.distances.clearance import workpiece_clearance
 from diagrams.machining import make_machining_path
 from diagrams.scenario import load_scenario
 from diagrams.workpiece import pose_of_workpiece, surface_of

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from analyses.__main__ import app
 from analyses.methods.planning.redundancy import find_redundancy
 from analyses.methods.planning.redundancy_task import RedundancyClearance, RedundancyTask
-from diagrams.clearance import workpiece_clearance
+from diagrams.distances.clearance import workpiece_clearance
 from diagrams.scenario import BladeConfig
 from models.arrays import Array
 from models.files.configuration import load_configuration, save_configuration

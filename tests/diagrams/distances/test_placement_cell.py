@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from diagrams.placement_cell import (
+from diagrams.distances.placement_cell import (
     PlacementCell,
     obstacle_corners,
     workpiece_corners,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydrake.multibody.plant import MultibodyPlant
 
-from diagrams.clearance import INFLUENCE, Clearance, workpiece_clearance
+from diagrams.distances.clearance import INFLUENCE, Clearance, workpiece_clearance
 from diagrams.scenario import BladeConfig, PlateConfig
 from models.robot.robot_config import PoseConfig
 

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio
 import pytest
 
-from diagrams.clearance import Clearance
+from diagrams.distances.clearance import Clearance
 from models.robot.robot import Robot
 
 

@@ -1,0 +1,1 @@
+"""How near links, tool, floor and workpiece come to each other."""
