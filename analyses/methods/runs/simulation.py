@@ -25,6 +25,7 @@ from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from diagrams.closed_loop import ClosedLoop, make_closed_loop
 from diagrams.graph import write_graph
+from diagrams.kept_signals import KeptSignals
 from diagrams.machining import longest_duration, make_machining_path, view_of
 from diagrams.pages.run_page import make_meshcat, start_animation, write_page
 from diagrams.robot_cell import true_friction
@@ -427,11 +428,12 @@ def simulate(
     simulator.Initialize()
     if meshcat is not None:
         start_animation(meshcat, scenario.recording.fps)
-    elapsed = _advance(simulator, scenario, robot, loop, progress)
+    kept = KeptSignals(loop)
+    elapsed = _advance(simulator, scenario, robot, loop, kept, progress)
     if meshcat is not None and page is not None:
         write_page(meshcat, page, title)
         files.append(page)
-    t, signals = loop.logged(simulator.get_context())
+    t, signals = kept.logged()
     for name in ("progress", "feed_time"):
         signals.pop(name, None)
     phase, fault = signals.pop("phase", None), Fault.NONE
@@ -495,6 +497,7 @@ def _advance(
     scenario: Scenario,
     robot: Robot,
     loop: ClosedLoop,
+    kept: KeptSignals,
     progress: ProgressCallback,
 ) -> float:
     """Runs to the end, and returns the seconds that it took."""
@@ -510,6 +513,7 @@ def _advance(
         # Not `>`: what is not a number is too fast as well.
         if not np.all(np.abs(velocity) < fastest):
             raise RuntimeError("faster than any arm")
+        kept.take(simulator.get_mutable_context())
         until = ends[len(passed)]
         passed.append(until)
         progress(until / duration, f"{until:.1f} s of {duration:g} s")
