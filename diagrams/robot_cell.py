@@ -30,10 +30,10 @@ from pydrake.systems.primitives import (
     Demultiplexer,
     Gain,
     MatrixGain,
-    PassThrough,
     Saturation,
 )
 
+from diagrams.current_sensor import export_measured_current
 from diagrams.scenario import BladeConfig, PlateConfig, Scenario
 from diagrams.truth.hard_joints import add_hard_joints, connect_hard_joints, hard_joints
 from diagrams.workpiece import add_blade, add_plate, contact_material, soft_tip
@@ -52,7 +52,6 @@ from systems.free_joint_friction import FreeJointFriction
 from systems.gaussian_noise_source import GaussianNoiseSource
 from systems.joint_friction import JointFriction, add_holding_actuators
 from systems.machining.machining_process import MachiningProcessSystem
-from systems.motor_current_sensor import MotorCurrentSensor, add_motor_current_sensor
 from systems.rigid_body_terms import RigidBodyTermsSystem
 
 FLOOR_STIFFNESS = 1e6  # N/m
@@ -388,22 +387,7 @@ def _add_drives(builder: DiagramBuilder, scenario: Scenario, robot: Robot) -> Ou
     motors = MatrixGain(robot.motor_rates.T * gain) if robot.is_coupled else Gain(gain)
     torque = builder.AddNamedSystem("motors", motors)
     builder.Connect(drives.get_output_port(), torque.get_input_port())
-    if scenario.current_noise:
-        sensor = MotorCurrentSensor(
-            robot.num_joints,
-            scenario.time_step,
-            robot.current_bandwidth,
-            robot.current_noise_sd,
-            robot.current_resolution,
-        )
-        sensor.set_name("current_sensor")
-        add_motor_current_sensor(builder, sensor, seed=scenario.seed)
-        builder.Connect(drives.get_output_port(), sensor.GetInputPort("current_true"))
-        builder.ExportOutput(sensor.GetOutputPort("current"), "current")
-    else:
-        ideal = builder.AddNamedSystem("current_sensor", PassThrough(robot.num_joints))
-        builder.Connect(drives.get_output_port(), ideal.get_input_port())
-        builder.ExportOutput(ideal.get_output_port(), "current")
+    export_measured_current(builder, scenario, robot, drives.get_output_port())
     return torque.get_output_port()
 
 

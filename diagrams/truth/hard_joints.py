@@ -2,13 +2,13 @@
 
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, OutputPort
-from pydrake.systems.primitives import Demultiplexer, PassThrough, Saturation
+from pydrake.systems.primitives import Demultiplexer, Saturation
 
+from diagrams.current_sensor import export_measured_current
 from diagrams.scenario import Scenario
 from models.robot.robot import Robot, RobotInPlant
 from models.truth.joint_kernels import SIGNALS
 from models.truth.true_joints import TrueJoints
-from systems.motor_current_sensor import MotorCurrentSensor, add_motor_current_sensor
 from systems.truth.true_joints import TrueJointsSystem
 
 
@@ -66,19 +66,4 @@ def connect_hard_joints(
     builder.Connect(torque, plant.get_applied_generalized_force_input_port())
     builder.ExportOutput(tau_J, "tau_J_true")
     builder.ExportOutput(tau_f, "tau_f_true")
-    if scenario.current_noise:
-        sensor = MotorCurrentSensor(
-            n,
-            scenario.time_step,
-            robot.current_bandwidth,
-            robot.current_noise_sd,
-            robot.current_resolution,
-        )
-        sensor.set_name("current_sensor")
-        add_motor_current_sensor(builder, sensor, seed=scenario.seed)
-        builder.Connect(current_true, sensor.GetInputPort("current_true"))
-        builder.ExportOutput(sensor.GetOutputPort("current"), "current")
-    else:
-        ideal = builder.AddNamedSystem("current_sensor", PassThrough(n))
-        builder.Connect(current_true, ideal.get_input_port())
-        builder.ExportOutput(ideal.get_output_port(), "current")
+    export_measured_current(builder, scenario, robot, current_true)

@@ -1,0 +1,35 @@
+"""What the drives of a scenario report of their current."""
+
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.primitives import PassThrough
+
+from diagrams.scenario import Scenario
+from models.robot.robot import Robot
+from systems.motor_current_sensor import MotorCurrentSensor, add_motor_current_sensor
+
+
+def export_measured_current(
+    builder: DiagramBuilder, scenario: Scenario, robot: Robot, current: OutputPort
+) -> None:
+    """Exports `current` (n,) A as the drives report it: behind the robot's sensors, or unchanged.
+
+    Args:
+        scenario: says whether there is noise, and its seed.
+        current: of the motors, (n,) A.
+    """
+    if scenario.current_noise:
+        sensor = MotorCurrentSensor(
+            robot.num_joints,
+            scenario.time_step,
+            robot.current_bandwidth,
+            robot.current_noise_sd,
+            robot.current_resolution,
+        )
+        sensor.set_name("current_sensor")
+        add_motor_current_sensor(builder, sensor, seed=scenario.seed)
+        builder.Connect(current, sensor.GetInputPort("current_true"))
+        builder.ExportOutput(sensor.GetOutputPort("current"), "current")
+    else:
+        ideal = builder.AddNamedSystem("current_sensor", PassThrough(robot.num_joints))
+        builder.Connect(current, ideal.get_input_port())
+        builder.ExportOutput(ideal.get_output_port(), "current")
