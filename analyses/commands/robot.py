@@ -58,7 +58,7 @@ def _show(name: str, out: Path) -> None:
     robot = Robot.load(name)
     _print(robot)
     # Drake prints Meshcat's address, which is gone before anyone could open it.
-    logging.getLogger("drake").setLevel(logging.WARNING)
+    logging.getLogger("drake").setLevel(logging.ERROR)
     meshcat = Meshcat()
     ArmPicture(robot, meshcat).show(robot.home)
     with whole_file(out) as partial, writing_to(out):

@@ -18,7 +18,7 @@ from models.recordings.layouts.external_torque import external_torque_layout
 from models.recordings.layouts.header_layouts import known_layout, time_columns
 from models.recordings.log_container import LogTable
 from models.recordings.log_containers import TEXT, container_of, usual_suffixes
-from models.recordings.plausibility.drive_evidence import SignEvidence
+from models.recordings.plausibility.drive_evidence import DOUBTFUL, SignEvidence, odds_text
 from models.recordings.recording import Recording, concatenated, place_of
 from models.recordings.recording_checks import RecordingChecks
 from models.recordings.recording_format import (
@@ -152,13 +152,21 @@ class RecordingReader:
                 f"{self._num_missing} samples lack a number (first: {self._first_missing}) and are "
                 "left out: short gaps are bridged",
             )
-        signs = self._accepted_signs()
+        signs = self._sign_notes()
         return (*self._notices, *self._table.notices, *missing, *signs)
 
-    def _accepted_signs(self) -> tuple[str, ...]:
+    def _sign_notes(self) -> tuple[str, ...]:
         found, robot = self.sign_evidence, self._robot
-        if found is None or robot is None or not len(found.contradicted()):
+        if found is None or robot is None:
             return ()
+        if not len(found.contradicted()):
+            if found.total > -np.log(DOUBTFUL):
+                return ()
+            return (
+                "the signs of the currents are doubtful: gravity, inertia and friction speak "
+                f"against them at odds of {odds_text(-found.total)}, too little to refuse the log; "
+                "a longer log of larger motion tells",
+            )
         return (
             f"signs accepted as asked, although {found.sentence('current', robot.joint_names)}",
         )

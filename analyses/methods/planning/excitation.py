@@ -135,6 +135,7 @@ def excite(
     information = ExcitationInformation.of_chain(robot.chain, 1.0 / robot.effort_limit)
     progress(0.02, "shapes of the arm")
     clearance = Clearance(robot, config.limits.clearance, config.limits.floor)
+    _check_floor(clearance, config)
     rng = np.random.default_rng(config.seed)
 
     def program(reserve: tuple[float, float]) -> ExcitationProgram:
@@ -385,6 +386,18 @@ def _check(config: ExcitationConfig) -> None:
     if rows > LONGEST_TABLE:
         problem = f"{config.num_periods} periods make {rows:.3g} rows, at most {LONGEST_TABLE:g}"
         raise InputError("excite", "num_periods", problem, "take fewer, or a coarser time step")
+
+
+def _check_floor(clearance: Clearance, config: ExcitationConfig) -> None:
+    below = [pair for pair in clearance.overlapping if pair.endswith(" and floor")]
+    if below:
+        part = below[-1].removesuffix(" and floor")
+        raise InputError(
+            "excite",
+            "floor",
+            f"{config.limits.floor:g} m lies above {part} in the robot's home posture",
+            "state the floor's height in the robot's base frame, or --no-floor",
+        )
 
 
 def _warnings(robot: Robot, undetermined: tuple[str, ...], clearance: Clearance) -> list[str]:

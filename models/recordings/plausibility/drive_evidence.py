@@ -38,6 +38,7 @@ _SLOPE = 0.03  # s either side, over which an acceleration is the slope of v
 _TURN = 0.02  # of the velocity limit, below which friction's sign fades
 _SAMPLES = 500  # of a chunk
 SURE = 100.0  # odds at which a sign is called wrong; real logs of the right signs: 6 for, or more
+DOUBTFUL = 2.0  # odds against the signs at which a note says so
 _CHUNK = 1 << 14
 _LARGEST_FACTOR = 5.0  # of a and b: a load, a torque constant that is off
 _COLUMNS = 5  # a to e

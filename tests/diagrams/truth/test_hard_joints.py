@@ -109,4 +109,5 @@ def test_pressed_on_a_plate_it_neither_rings_nor_runs_away(robot):
     assert np.isfinite(signals["state"]).all()
     assert late.min() > 50.0
     assert np.median(np.abs(np.diff(late))) < 1.0  # N a tick; single slips of the tip do more
-    assert np.abs(signals["v"][-500:]).max() < 0.2
+    # Slips of the tip, no motion: ringing or running away would be rad/s.
+    assert np.abs(signals["v"][-500:]).max() < 0.4

@@ -83,7 +83,7 @@ def test_a_motion_too_slow_to_tell_inertias_says_so(sts):
         (ExcitationConfig(measure="cond"), "measure"),
         (ExcitationConfig(num_harmonics=1), "num_harmonics"),
         (ExcitationConfig(base_frequency=0.0), "base_frequency"),
-        (ExcitationConfig(limits=ExcitationLimits(floor=0.6)), "clearance: no trajectory found"),
+        (ExcitationConfig(limits=ExcitationLimits(floor=0.6)), "floor: 0.6 m lies above"),
     ],
 )
 def test_bad_settings_are_one_line(sts, config, message):
