@@ -55,10 +55,11 @@ def _show(name: str, out: Path) -> None:
     from models.files.whole_file import whole_file, writing_to
     from models.robot.robot import Robot
 
+    # Drake prints Meshcat's address, which is gone before anyone could open it; what it says of a
+    # mesh that it cannot read, the robot's own notice says.
+    logging.getLogger("drake").setLevel(logging.ERROR)
     robot = Robot.load(name)
     _print(robot)
-    # Drake prints Meshcat's address, which is gone before anyone could open it.
-    logging.getLogger("drake").setLevel(logging.ERROR)
     meshcat = Meshcat()
     ArmPicture(robot, meshcat).show(robot.home)
     with whole_file(out) as partial, writing_to(out):
