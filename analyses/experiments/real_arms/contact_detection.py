@@ -334,6 +334,7 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow(
             "their delay, median",
             "push_30n_500ms_at_e.delay_median_s",
+        "push_30n_500ms_at_e.within_50ms_pct",
             "s",
             0.05,
             "with up to one sample of 10 ms before the first that shows the push",
@@ -428,6 +429,7 @@ EXPERIMENT = Experiment(
     readme=(
         "push_30n_500ms_at_e.missed_pct",
         "push_30n_500ms_at_e.delay_median_s",
+        "push_30n_500ms_at_e.within_50ms_pct",
         "collision_wrist.missed",
         "contact_free.false_alarms",
     ),

@@ -58,6 +58,7 @@ def test_the_stored_excitations_are_good_and_independent(sts):
     assert np.abs(alike).mean() < 0.6
 
 
+@pytest.mark.slow
 def test_known_friction_is_taken_off_the_drives_torque(tilted_arm):
     """Two of the three drives count their current backwards."""
     t = np.arange(0.0, 20.0, 0.01)

@@ -27,6 +27,7 @@ def test_the_figures_to_reach(sts):
     assert result.closest is None or result.closest.slack > 0.0
 
 
+@pytest.mark.slow
 def test_files_and_their_content(sts, tmp_path):
     config = ExcitationConfig(num_starts=2, iterations=20)
     first, second = excite_robot("sts_sre4_600", tmp_path, config)
