@@ -334,7 +334,6 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow(
             "their delay, median",
             "push_30n_500ms_at_e.delay_median_s",
-        "push_30n_500ms_at_e.within_50ms_pct",
             "s",
             0.05,
             "with up to one sample of 10 ms before the first that shows the push",
