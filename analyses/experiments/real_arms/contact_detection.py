@@ -378,7 +378,7 @@ def _notes(metrics: dict[str, Any]) -> list[str]:
 
 
 def _figure(metrics: dict[str, Any], out: Path) -> FigureFile:
-    figure, axes = new_figure(1, 3, height=3.2)
+    figure, axes = new_figure(1, 3, height=3.4)
     panel: Any = axes[0, 0]
     for k, duration in enumerate(DURATIONS):
         for place, style in zip(PLACES, ("-", "--"), strict=True):
@@ -395,10 +395,10 @@ def _figure(metrics: dict[str, Any], out: Path) -> FigureFile:
     found = np.array([own["false_alarms_per_hour"] for own in counted])
     upper = np.array([own["false_alarms_per_hour_upper"] for own in counted])
     panel.loglog(rates, np.where(found > 0.0, found, np.nan), "o", color=SERIES[0], label="counted")
-    panel.loglog(rates, upper, "v", color=SERIES[1], label="largest that agrees (95 %)")
+    panel.loglog(rates, upper, "v", color=SERIES[1], label="most that agrees (95 %)")
     panel.set_xlabel("stated false alarms per hour")
     panel.set_ylabel(f"in {60 * metrics['contact_free']['hours']:.1f} free minutes, per h")
-    panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+    panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=1)
     panel = axes[0, 2]
     for k, (key, label) in enumerate((("delay_median_s", "median"), ("delay_p95_s", "95 %"))):
         late = [1e3 * own[f"{key}_30n"] for own in counted]
@@ -406,8 +406,8 @@ def _figure(metrics: dict[str, Any], out: Path) -> FigureFile:
     missed = [own["missed_pct_10n"] for own in counted]
     panel.semilogx(rates, missed, "o--", ms=3, color=SERIES[2], label="10 N, missed [%]")
     panel.set_xlabel("stated false alarms per hour")
-    panel.set_ylabel("delay [ms]")
-    panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+    panel.set_ylabel("delay [ms]; missed [%]")
+    panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=1)
     path = Path("figures") / "contact-detection.png"
     save_figure(figure, out / path)
     caption = (

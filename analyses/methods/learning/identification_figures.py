@@ -28,8 +28,7 @@ def torque_figure(fit: TorqueFit, joint_names: Sequence[str], kind: str) -> "Fig
             label="its mean ± 1 sd",
         )
         axis.set_title(
-            f"{joint_names[j]}: RMSE {fit.rmse[j]:.2f} N m, {100 * fit.relative[j]:.0f} % of the "
-            "torque's RMS"
+            f"{joint_names[j]}: {fit.rmse[j]:.2f} N m, {100 * fit.relative[j]:.0f} % of the RMS"
         )
     legend_below(figure, panels[0], 4)
     figure.suptitle(f"{fit.name} ({kind})")
