@@ -152,6 +152,7 @@ class WrenchEstimatorSystem(LeafSystem):
         self._known = np.zeros((3 if taught else 0, n))
         self._unread = np.zeros(n)
         self._checked = np.zeros((3, n))
+        self._given = np.zeros((3, n))
         self._scratch = np.empty(scratch_size(n))
 
     @property
@@ -262,7 +263,8 @@ class WrenchEstimatorSystem(LeafSystem):
         state, current = discrete_state.get_mutable_value(), self._current.Eval(context)
         reading = self._reading.Eval(context)
         if self._check is not None:
-            given = np.stack([self._q.Eval(context), self._v.Eval(context), current])
+            given = self._given
+            given[0], given[1], given[2] = self._q.Eval(context), self._v.Eval(context), current
             period = self._estimator.observer.time_step
             check_sample(self._check.table, self._memory(state), period, given, self._checked)
             current = self._checked[2]
