@@ -106,8 +106,7 @@ def make_closed_loop(
         with_estimator: without it the tracking controller has the model's terms from a block of
             their own, and there is no tau_ext, wrench, covariance, condition_number and valid: for
             the motion alone, in two thirds of the time.
-        fused: whether the estimator is one block instead of its stages: the same numbers, a tick
-            of a loop in contact a tenth faster.
+        fused: whether the estimator is one block instead of its stages: the same numbers, sooner.
 
     Raises:
         ValueError: no estimator for impedance control or a drawing, which need its wrench; taught

@@ -11,6 +11,7 @@ from analyses.campaign.distributions import Distribution
 from analyses.campaign.world_run import WorldOutcome
 from analyses.output.figures import COLOUR, new_figure
 from analyses.output.outputs import OutputFolder
+from analyses.output.templates import page_templates
 from analyses.study.report import number
 
 if TYPE_CHECKING:
@@ -63,15 +64,7 @@ def write_campaign_report(
     Raises:
         InputError: they cannot be written.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("analyses", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = page_templates()
     sections = []
     for name in dict.fromkeys(one.experiment for one in found):
         own = [one for one in found if one.experiment == name]

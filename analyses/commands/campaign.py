@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analyses.commands.options import Out, Quick, Seed
+from analyses.commands.options import Data, Out, Quick, Seed
 from analyses.output.console import new_console, new_table, plain_text, say
 
 if TYPE_CHECKING:
@@ -20,9 +20,7 @@ def command(
     ],
     worlds: Annotated[int, typer.Option(min=1, help="How many worlds there are to be.")] = 200,
     out: Out = Path("out/campaign"),
-    data: Annotated[Path, typer.Option(help="Folder of the real recordings.")] = Path(
-        "../shared/data"
-    ),
+    data: Data = Path("../shared/data"),
     seed: Seed = 0,
     quick: Quick = False,
     jobs: Annotated[

@@ -18,6 +18,7 @@ from models.files.input_error import InputError
 Settings = TypeVar("Settings")
 
 Out = Annotated[Path, typer.Option(help="Folder for the results.", show_default=True)]
+Data = Annotated[Path, typer.Option(help="Folder of the real recordings.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of every random number.")]
 Quick = Annotated[bool, typer.Option("--quick", help="Shorter and coarser: to try things out.")]
 RobotName = Annotated[

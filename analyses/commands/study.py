@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analyses.commands.options import Out, Quick, Seed
+from analyses.commands.options import Data, Out, Quick, Seed
 from analyses.output.console import new_console, new_table, plain_text, say
 
 if TYPE_CHECKING:
@@ -21,9 +21,7 @@ def command(
         typer.Argument(metavar="EXPERIMENT", help="Names; all if none is given."),
     ] = None,
     out: Out = Path("out/study"),
-    data: Annotated[Path, typer.Option(help="Folder of the real recordings.")] = Path(
-        "../shared/data"
-    ),
+    data: Data = Path("../shared/data"),
     seed: Seed = 0,
     quick: Quick = False,
     jobs: Annotated[

@@ -55,6 +55,7 @@ def limit_y(axes: Any, low: float, high: float, unit: str = "") -> None:
     Called when all is drawn.
     """
     axes.set_ylim(low, high)
+    digits = max(0, 1 - math.floor(math.log10(high - low)))
     beyond = []
     for artist in (*axes.lines, *axes.collections):
         label = str(artist.get_label())
@@ -65,7 +66,8 @@ def limit_y(axes: Any, low: float, high: float, unit: str = "") -> None:
             x for x in (np.min(y, initial=0.0), np.max(y, initial=0.0)) if not low <= x <= high
         ]
         if reach:
-            beyond.append(f"{label} to {' and '.join(f'{x:.0f}' for x in reach)} {unit}".rstrip())
+            far = " and ".join(f"{x:.{digits}f}" for x in reach)
+            beyond.append(f"{label} to {far} {unit}".rstrip())
     if beyond:
         text = "beyond the panel: " + "; ".join(beyond)
         axes.text(

@@ -10,6 +10,7 @@ from urllib.parse import quote
 
 from analyses.output.figures import DOTS_PER_INCH
 from analyses.output.outputs import NOT_FINITE, OutputFolder
+from analyses.output.templates import page_templates
 from analyses.study.outcome import Outcome, StudySettings, look_up
 
 if TYPE_CHECKING:
@@ -71,15 +72,7 @@ def write_report(
     Raises:
         OSError: it cannot be written.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("analyses", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = page_templates()
     environment.filters["prose"] = _prose
     environment.filters["common_source"] = common_source
     sections = _sections(study or folder.path, outcomes)

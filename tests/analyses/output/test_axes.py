@@ -94,3 +94,10 @@ def test_no_legend_lies_over_the_data():
             if not outside:
                 inside.append(f"{file.relative_to(ANALYSES)}:{node.lineno}")
     assert not inside
+
+
+def test_what_lies_beyond_a_narrow_panel_has_its_decimals():
+    _, axes = new_figure()
+    axes[0, 0].plot([0.0, 1.0], [-0.214, 0.187], label="joint 3")
+    limit_y(axes[0, 0], -0.13, 0.13, "rad/s")
+    assert axes[0, 0].texts[0].get_text() == "beyond the panel: joint 3 to -0.21 and 0.19 rad/s"
