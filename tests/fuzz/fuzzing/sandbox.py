@@ -95,11 +95,14 @@ class Sandbox:
         seconds: float = SECONDS,
         bytes_more: int = BYTES,
         bytes_of_file: int | None = None,
+        draws: bool = True,
     ) -> Ending:
         """Runs `wrenchsight` with these arguments in `folder`.
 
         Args:
             bytes_of_file: no file can grow beyond; stands for a full disk.
+            draws: whether figures are drawn, which takes most of a short command's time; else
+                their files stay empty.
         """
         answer = self._ask(
             {
@@ -108,6 +111,7 @@ class Sandbox:
                 "seconds": seconds,
                 "bytes": bytes_more,
                 "file": bytes_of_file,
+                "draws": draws,
             }
         )
         return Ending(**answer)
