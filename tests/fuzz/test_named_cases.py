@@ -209,6 +209,19 @@ def test_a_map_of_countless_samples(run, file):
     run("jcn-map", "--config", file("config.yaml", "num_samples: 1e308\n"), "--out", "out")
 
 
+@pytest.mark.parametrize(
+    ("command", "settings"),
+    [
+        ("jcn-map", "seed: -1\n"),
+        ("place", "task: linear_path\nseed: -1\n"),
+        ("excite", "robot: ur10e\nexcitation: {seed: -1.0}\n"),
+        ("simulate", "seed: -0x1f\n"),
+    ],
+)
+def test_a_seed_below_zero(run, file, command, settings):
+    assert "0 or more" in run(command, "--config", file("config.yaml", settings), "--out", "out")
+
+
 @pytest.mark.parametrize("time", ["1e6", "1e300"])
 def test_a_leap_of_the_clock(estimate, file, clean, time):
     rows = clean.log.read_text().splitlines()

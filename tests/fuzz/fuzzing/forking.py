@@ -12,10 +12,13 @@ import select
 import signal
 import sys
 import tempfile
+import time
 import traceback
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
+_TIDYING = 20  # s of the same, until what a command had started is gone
 _PATIENCE = 10  # of the clock on the wall: a machine may have much else to do
 
 
@@ -84,10 +87,15 @@ def _run(question: dict[str, Any]) -> dict[str, Any]:
                 os.write(2, traceback.format_exc().encode())
             finally:
                 os._exit(code)
+        with suppress(OSError):
+            os.setpgid(child, child)  # whichever of the two is first
+        if question["end"] is not None:
+            _end(child, *question["end"])
         timed_out = not _ends_within(child, _PATIENCE * question["seconds"])
         if timed_out:
             os.killpg(child, signal.SIGKILL)
         _, status, usage = os.wait4(child, 0)
+        left_running = question["end"] is not None and not _group_ends(child)
         seconds = usage.ru_utime + usage.ru_stime
         out.seek(0)
         err.seek(0)
@@ -98,7 +106,27 @@ def _run(question: dict[str, Any]) -> dict[str, Any]:
             "seconds": seconds,
             "peak_bytes": max(0, 1024 * usage.ru_maxrss - _memory("VmRSS")),
             "timed_out": timed_out or seconds >= question["seconds"],
+            "left_running": left_running,
         }
+
+
+def _end(child: int, after: float, number: int, group: bool) -> None:
+    if not _ends_within(child, after):
+        with suppress(ProcessLookupError):
+            (os.killpg if group else os.kill)(child, number)
+
+
+def _group_ends(group: int) -> bool:
+    """Whether its last process is gone soon; those that are not are ended."""
+    until = time.monotonic() + _TIDYING
+    while time.monotonic() < until:
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.02)
+    os.killpg(group, signal.SIGKILL)
+    return False
 
 
 def _ends_within(child: int, seconds: float) -> bool:
@@ -129,7 +157,11 @@ def _warm_up(question: dict[str, Any]) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Answers questions until there are no more."""
+    """Answers questions until there are no more; its arguments are modules with experiments."""
+    for module in sys.argv[1:]:
+        from analyses.study.registry import REGISTRY
+
+        REGISTRY.register(module)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     answers = os.fdopen(os.dup(1), "w")
     for line in sys.stdin:
