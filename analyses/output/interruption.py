@@ -28,7 +28,9 @@ def ends_are_interrupts() -> Iterator[list[int]]:
 
     def end(signum: int, frame: object) -> None:
         came.append(signum)
-        raise KeyboardInterrupt if signum == signal.SIGINT else TerminatedError(signum)
+        if signum == signal.SIGINT:
+            signal.default_int_handler(signum, frame)
+        raise TerminatedError(signum)
 
     if threading.current_thread() is not threading.main_thread():  # which alone gets signals
         yield came
