@@ -4,6 +4,7 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import FrameType
 
 _ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -26,7 +27,7 @@ def ends_are_interrupts() -> Iterator[list[int]]:
     """
     came: list[int] = []
 
-    def end(signum: int, frame: object) -> None:
+    def end(signum: int, frame: FrameType | None) -> None:
         came.append(signum)
         if signum == signal.SIGINT:
             signal.default_int_handler(signum, frame)

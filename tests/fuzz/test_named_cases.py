@@ -510,3 +510,18 @@ def test_an_absurd_tick_does_not_stay_in_the_watch_over_friction(estimate, file,
     cells = rows[300].split(",")
     cells[8] = "5.0"  # rad/s, in one tick: missing, and so not a number where the log is resampled
     estimate(log=file("log.csv", "\n".join([*rows[:300], ",".join(cells), *rows[301:]])), expect=0)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        (b"'shape': (500,", b"'shape': {500,"),
+        (b"{'descr'", b"('descr'"),
+        (b"False", b"Fals\\"),
+        (b"NUMPY\x01", b"NUMPY\x7f"),
+        (b"PK\x01\x02-\x03-", b"PK\x01\x02-\x03\xff"),
+    ],
+)
+def test_a_damaged_array(estimate, file, clean, old, new):
+    data = (clean.folder / "log.npz").read_bytes()
+    assert "npz" in estimate(log=file("log.npz", data.replace(old, new)))
