@@ -455,6 +455,24 @@ def test_a_lone_carriage_return(estimate, file, clean, where):
     assert "carriage return" in estimate(log=file("log.csv", text))
 
 
+@pytest.mark.parametrize(
+    ("letter", "factor", "word"),
+    [
+        ("i", 9.549, "times the gravity torque"),
+        ("i", 3.14159 / 180.0, "times the gravity torque"),
+        ("q", 0.0, "stands still"),
+    ],
+)
+def test_a_signal_of_all_joints_in_another_unit(estimate, file, clean, letter, factor, word):
+    head, *rows = [line.split(",") for line in clean.log.read_text().splitlines()]
+    for row in rows:
+        for k, name in enumerate(head):
+            if name.startswith(letter):
+                row[k] = repr(float(row[k]) * factor)
+    text = "\n".join(",".join(row) for row in (head, *rows))
+    assert word in estimate(log=file("log.csv", text))
+
+
 def test_lines_that_end_with_both(estimate, file, clean):
     text = clean.log.read_text().replace("\n", "\r\n")
     estimate(log=file("log.csv", text), expect=0)
