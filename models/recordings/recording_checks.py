@@ -28,7 +28,8 @@ _TORQUE_MARGIN = 3.0  # times the effort limit, for the median
 _WINDOW_S = 0.1  # over which v is integrated and compared with the change of q
 _LEAST_MOTION = 2e-3  # rad or m in a window: noise of an encoder at rest stays below
 _LEAST_WINDOWS = 10
-_LEAST_WINDOWS_STANDING = 3  # one of the two does not move at all
+_LEAST_WINDOWS_FAR_OFF = 3  # where q or v of one joint stands still, or of all is far off
+_FAR_OFF = 5.0  # times
 _LEAST_CORRELATION = 0.7  # measured on real logs: 0.99; a delay of 30 ms at 3 Hz gives 0.84
 _VELOCITY_RATIO = (0.8, 1.25)
 _SLOW = 0.25  # of the velocity limit, all joints: gravity prevails over dynamics
@@ -228,10 +229,14 @@ class RecordingChecks:
     def _judge_motion(self, chunk: Recording) -> None:
         cosine, ratio = self._motion.cosine(), self._motion.ratio()
         low, high = _VELOCITY_RATIO
-        stands = np.minimum(self._motion.xx, self._motion.yy) < 1e-8 * np.maximum(
-            self._motion.xx, self._motion.yy
-        )
-        least = np.where(stands, _LEAST_WINDOWS_STANDING, _LEAST_WINDOWS)
+        seen = self._motion.count >= _LEAST_WINDOWS_FAR_OFF
+        xx, yy = self._motion.xx, self._motion.yy
+        low_high = np.minimum(xx, yy), np.maximum(xx, yy)
+        stands = low_high[0] < 1e-8 * low_high[1]
+        far_off = seen & (low_high[0] * _FAR_OFF**2 < low_high[1])
+        if not (far_off.sum() > 1 and (far_off == seen).all()):
+            far_off = seen & stands
+        least = np.where(far_off, _LEAST_WINDOWS_FAR_OFF, _LEAST_WINDOWS)
         for j in np.flatnonzero(self._motion.count >= least):
             if cosine[j] >= _LEAST_CORRELATION and low <= ratio[j] <= high:
                 continue
