@@ -144,9 +144,17 @@ def repeated_logs(recordings: Sequence[Recording], validation: Sequence[Recordin
 
 
 def contradictions(
-    problem: FrictionFit, solution: Solution, runs: Sequence[LowPassedLog], robot: Robot
+    problem: FrictionFit,
+    solution: Solution,
+    runs: Sequence[LowPassedLog],
+    robot: Robot,
+    of_torque: bool = False,
 ) -> list[str]:
-    """Warnings for logs that contradict each other, and for drives that do."""
+    """Warnings for logs that contradict each other, and for drives that do.
+
+    Args:
+        of_torque: whether the logs carry torque, so that no current is spoken of.
+    """
     factors = problem.factors(solution)
     sd = solution.estimate.residual_sd
     if len(runs) > 1:
@@ -168,19 +176,30 @@ def contradictions(
     if not wrong.size:
         return []
     read = ", ".join(f"{robot.joint_names[j]} {ratios[j]:.2f} times" for j in wrong)
+    check = "the unit of the torques" if of_torque else "torque_per_ampere and the gear ratios"
     return [
         f"gravity is inconsistent: {read} the torque of the masses that the other joints show is "
-        "measured; check torque_per_ampere and the gear ratios of these joints and the next"
+        f"measured; check {check} of these joints and the next"
     ]
 
 
-def doubts(fit: Sequence[TorqueFit], base: BaseParameters, model: IdentifiedModel) -> list[str]:
-    """Warnings for a poor fit, a poorly excited motion and negative friction."""
+def doubts(
+    fit: Sequence[TorqueFit],
+    base: BaseParameters,
+    model: IdentifiedModel,
+    of_torque: bool = False,
+) -> list[str]:
+    """Warnings for a poor fit, a poorly excited motion and negative friction.
+
+    Args:
+        of_torque: whether the logs carry torque, so that no current is spoken of.
+    """
+    asked = "unit and signs of the torques" if of_torque else "its current gains and signs"
     names = model.joint_names
     unexplained = pooled_rmse(fit) / rms(np.vstack([f.measured for f in fit]))
     found = [
         f"{names[i]}: {100 * unexplained[i]:.0f} % of its torque stay unexplained; is it a log of "
-        f"'{model.robot}', are its current gains and signs right?"
+        f"'{model.robot}', are {asked} right?"
         for i in np.flatnonzero(unexplained > POOR_FIT)
     ]
     if base.condition_number > HIGH_CONDITION_NUMBER:
