@@ -123,6 +123,7 @@ POOR_FIT = 0.5  # share of a joint's torque that stays unexplained
 PAYLOAD_DIFFERENCE = 0.3  # kg between logs; on the UR10e's unloaded runs 0.01
 GAIN_DIFFERENCE = 0.2  # of 1; on the UR10e with plain friction up to 0.1 with right constants
 SURE = 6.0  # standard deviations; many, as these do not cover errors of the model's structure
+NO_FRICTION = 0.005  # of a joint's torque: friction below that is none, of whichever sign
 HIGH_CONDITION_NUMBER = 100.0  # above it, small torque errors move the parameters a lot
 
 
@@ -196,7 +197,8 @@ def doubts(
     """
     asked = "unit and signs of the torques" if of_torque else "its current gains and signs"
     names = model.joint_names
-    unexplained = pooled_rmse(fit) / rms(np.vstack([f.measured for f in fit]))
+    torque = rms(np.vstack([f.measured for f in fit]))
+    unexplained = pooled_rmse(fit) / torque
     found = [
         f"{names[i]}: {100 * unexplained[i]:.0f} % of its torque stay unexplained; is it a log of "
         f"'{model.robot}', are {asked} right?"
@@ -210,7 +212,10 @@ def doubts(
     law = model.friction.coulomb_viscous
     found += [
         f"{names[i]}: {kind} friction comes out negative, {value[i]:.3g}; do not trust it"
-        for kind, value in (("Coulomb", law.coulomb), ("viscous", law.viscous))
-        for i in np.flatnonzero(value < 0.0)
+        for kind, value, speed in (
+            ("Coulomb", law.coulomb, np.ones(len(names))),
+            ("viscous", law.viscous, np.array(model.validity.v_max)),
+        )
+        for i in np.flatnonzero(value * speed < -NO_FRICTION * torque)
     ]
     return found

@@ -339,6 +339,19 @@ def test_torque_that_belongs_to_another_motion_warns(sts, noisy):
     assert "unit and signs of the torques" in warning and "current" not in warning
 
 
+def test_friction_that_is_negative_is_told_and_none_is_not(sts, truth):
+    log = recording(sts, truth, 1)
+    sign = sts.torque_per_ampere * sts.current_sign
+
+    def negative(share):
+        friction = share * (COULOMB * np.sign(log.v) + VISCOUS * log.v)
+        changed = replace(log, current=log.current - friction / sign)
+        return [w for w in identify([changed], sts).warnings if "negative" in w]
+
+    assert negative(1.0) == []  # none is left, and comes out as a few mN m of either sign
+    assert len(negative(2.0)) == 2 * sts.num_joints
+
+
 def loaded(robot, truth, mass):
     """The same arm with a point mass 10 cm beyond its last link's frame."""
     carrying = truth.copy()
