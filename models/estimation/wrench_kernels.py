@@ -395,17 +395,20 @@ def reconstruct_log(
     covariance: Array,
     quality: Array,
 ) -> None:
-    """`reconstruct_with` for N samples, in parallel."""
+    """`reconstruct_with` for N samples, in parallel; conditions are NaN where J_now has no rows."""
     N = J.shape[0]
     for block in prange((N + _BLOCK - 1) // _BLOCK):
         start, stop = block * _BLOCK, min(N, (block + 1) * _BLOCK)
         work = np.zeros((WORK_ROWS, max(J.shape[2], 6)))
-        conditions = np.empty(stop - start)
-        condition_numbers_of(J_now[start:stop], conditions)
+        conditions = np.zeros(stop - start)
+        if J_now.shape[0] > 0:
+            condition_numbers_of(J_now[start:stop], conditions)
         for k in range(start, stop):
             valid = _reading(
                 table, J[k], tau_ext[k], sd[k], stiction[k], wrench[k], covariance[k], work
             )
             condition = conditions[k - start]
             quality[k, 0] = np.inf if np.isnan(condition) else condition
+            if J_now.shape[0] == 0:
+                quality[k, 0] = np.nan
             quality[k, 1] = 1.0 if valid else 0.0

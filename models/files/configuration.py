@@ -58,8 +58,8 @@ def load_configuration(path: str | Path, schema: type[T], child_name: str | None
     """
     path = Path(path)
     # PyYAML takes a tenth of a second for what experiments ask for again and again.
-    loaded = _loaded(path, _read_text(path), schema, child_name)
-    return typing.cast("T", copy.deepcopy(loaded))
+    kind: Any = schema
+    return typing.cast("T", copy.deepcopy(_loaded(path, _read_text(path), kind, child_name)))
 
 
 @functools.lru_cache(maxsize=16)

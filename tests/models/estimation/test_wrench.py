@@ -568,6 +568,16 @@ def test_what_stiction_feigns_goes_through_the_correlated_gain() -> None:
         assert bool(reading.valid) is expected
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_without_condition_numbers_all_else_is_the_same(method: str) -> None:
+    J, tau = jacobians(300), np.random.default_rng(2).normal(size=(300, 6))
+    reading = WrenchReconstruction(config(method), noise_covariance())
+    whole, part = reading.reconstruct(J, tau), reading.reconstruct(J, tau, J_now=J[:0])
+    assert np.isnan(part.condition_number).all()
+    for name in ("wrench", "covariance", "valid"):
+        np.testing.assert_array_equal(getattr(part, name), getattr(whole, name))
+
+
 def test_the_condition_number_is_that_of_the_present() -> None:
     rng = np.random.default_rng(14)
     J, now = rng.normal(size=(2, 6, 6))
