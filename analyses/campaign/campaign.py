@@ -5,7 +5,6 @@ run again; whatever ends a campaign, the same command goes on where it stopped.
 """
 
 import json
-import shutil
 import time
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing, suppress
@@ -127,7 +126,8 @@ def run_campaign(
         refuse_strangers(out, earlier, COMMAND)
         campaign = _Campaign(settings, out, software, earlier, fresh)
         before = campaign.whole(names)
-        tasks = campaign.tasks(names, modules)
+        work = campaign.parts.folder.resolve() if cluster is None else None
+        tasks = campaign.tasks(names, modules, work)
         outcomes = (
             on_cluster(tasks, cluster)
             if cluster is not None and tasks
@@ -179,8 +179,7 @@ class _Campaign:
             self.parts.clear()
         else:
             self._read(software)
-        for left_over in self.parts.folder.glob("world-*"):  # of a run that was killed
-            shutil.rmtree(left_over)
+        self.parts.tidy()
         self.record.software |= software
 
     def _read(self, software: dict[str, str]) -> None:
@@ -214,8 +213,10 @@ class _Campaign:
         worlds = range(self._settings.worlds)
         return sum(not self.record.missing(number, names) for number in worlds)
 
-    def tasks(self, names: Sequence[str], modules: dict[str, str]) -> list[WorldTask]:
-        """What is left to do."""
+    def tasks(
+        self, names: Sequence[str], modules: dict[str, str], work: Path | None
+    ) -> list[WorldTask]:
+        """What is left to do; `work` is the workers' folder for what is left behind meanwhile."""
         alone = self._settings.world
         numbers = range(self._settings.worlds) if alone is None else [alone]
         tasks = []
@@ -232,6 +233,7 @@ class _Campaign:
                         data=self._settings.data.resolve(),
                         quick=self._settings.quick,
                         out=None if alone is None else self._drawings(number),
+                        work=work,
                     )
                 )
         return tasks

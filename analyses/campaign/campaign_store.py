@@ -14,6 +14,7 @@ end is written below `.campaign`, so that also a kill loses none.
 """
 
 import json
+import shutil
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -22,7 +23,7 @@ from typing import Any, Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from analyses.campaign.world_run import WorldOutcome
+from analyses.campaign.world_run import EVERYWHERE, WORK, WorldOutcome
 from models.files.input_error import InputError
 from models.files.whole_file import whole_file, writing_to
 
@@ -179,7 +180,16 @@ class WorldParts:
             except (ValueError, KeyError, TypeError):  # of a program that is no more
                 path.unlink()
 
+    def tidy(self) -> None:
+        """Removes what workers leave behind: nobody goes on with a part of a world.
+
+        Nor with what worlds share, which other software may have computed.
+        """
+        for left_over in (self.folder / EVERYWHERE, *self.folder.glob(f"{WORK}*")):
+            shutil.rmtree(left_over, ignore_errors=True)
+
     def clear(self) -> None:
         """Removes them: the Parquet file has them."""
         for path in self.folder.glob("*.json"):
             path.unlink(missing_ok=True)
+        self.tidy()

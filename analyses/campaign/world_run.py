@@ -1,10 +1,13 @@
 """All experiments of one world, in whatever process: what is sent there, and what comes back.
 
 What the experiments of a world have in common, such as the identification of its arm, is computed
-once (`analyses.study.shared_results`). Nothing is drawn or recorded, unless the world has a folder.
+once (`analyses.study.shared_results`); what all worlds have in common once in the campaign, or once
+on each worker of a scheduler. Nothing is drawn or recorded, unless the world has a folder.
 """
 
+import atexit
 import os
+import shutil
 import tempfile
 import threading
 import time
@@ -27,6 +30,9 @@ from models.truth.worlds import WorldRanges, draw_world
 THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Environment of every worker: 1, or the last bits of a figure depend on the machine's cores."""
 
+WORK: Final = "world-"  # begins the names of folders that a world has while it runs
+EVERYWHERE: Final = "everywhere"  # folder for what is the same in all worlds
+
 _one_at_a_time = threading.Lock()  # torch's random numbers are those of the process
 
 
@@ -43,6 +49,7 @@ class WorldTask:
         data: folder of the real recordings.
         quick: whether experiments run shorter and coarser.
         out: folder for figures and recordings, one below it an experiment; None: nobody looks.
+        work: folder for what is left behind meanwhile; None: one of the worker's own.
     """
 
     seed: int
@@ -53,6 +60,7 @@ class WorldTask:
     data: Path
     quick: bool = False
     out: Path | None = None
+    work: Path | None = None
 
 
 @dataclass
@@ -98,13 +106,18 @@ def run_world(task: WorldTask) -> WorldOutcome:
         _check_worker(module, task.software[name])
     world = draw_world(task.seed, task.number, task.ranges)
     outcome = WorldOutcome(world.number, world.seed, world.parameters())
-    with _one_at_a_time, tempfile.TemporaryDirectory(prefix="wrenchsight-") as folder:
+    with _one_at_a_time, tempfile.TemporaryDirectory(prefix=WORK, dir=task.work) as folder:
         shared = Path(folder) / "shared"
         shared.mkdir()
+        everywhere = _own_folder() if task.work is None else task.work / EVERYWHERE
+        everywhere.mkdir(exist_ok=True)
         for name, module in task.modules.items():
             started = time.process_time()
             try:
-                with sharing_in(shared), _folder_for(name, task.out, Path(folder)) as out:
+                with (
+                    sharing_in(shared, everywhere),
+                    _folder_for(name, task.out, Path(folder)) as out,
+                ):
                     experiment: Experiment = import_module(module).EXPERIMENT
                     _check_recordings(experiment, task.data)
                     context = ExperimentContext(
@@ -127,6 +140,14 @@ def run_world(task: WorldTask) -> WorldOutcome:
                 outcome.failures[name] = f"{line}\n\n{traceback.format_exc()}"
             outcome.seconds[name] = time.process_time() - started
     return outcome
+
+
+@cache
+def _own_folder() -> Path:
+    """A folder that lasts as long as this process."""
+    folder = tempfile.mkdtemp(prefix="wrenchsight-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)
 
 
 def numbers_in(metrics: Mapping[str, Any]) -> dict[str, float | None]:
