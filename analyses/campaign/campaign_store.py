@@ -23,7 +23,7 @@ from typing import Any, Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from analyses.campaign.world_run import EVERYWHERE, WORK, WorldOutcome
+from analyses.campaign.world_run import WorldOutcome
 from models.files.input_error import InputError
 from models.files.whole_file import whole_file, writing_to
 
@@ -180,16 +180,17 @@ class WorldParts:
             except (ValueError, KeyError, TypeError):  # of a program that is no more
                 path.unlink()
 
-    def tidy(self) -> None:
-        """Removes what workers leave behind: nobody goes on with a part of a world.
+    @property
+    def everywhere(self) -> Path:
+        """Folder for what all worlds share."""
+        return self.folder / "everywhere"
 
-        Nor with what worlds share, which other software may have computed.
-        """
-        for left_over in (self.folder / EVERYWHERE, *self.folder.glob(f"{WORK}*")):
-            shutil.rmtree(left_over, ignore_errors=True)
+    def forget_shared(self) -> None:
+        """Removes what worlds share: other software may have computed it."""
+        shutil.rmtree(self.everywhere, ignore_errors=True)
 
     def clear(self) -> None:
         """Removes them: the Parquet file has them."""
-        for path in self.folder.glob("*.json"):
+        for path in (*self.folder.glob("*.json"), *self.folder.glob(".*.json.*.partial")):
             path.unlink(missing_ok=True)
-        self.tidy()
+        self.forget_shared()

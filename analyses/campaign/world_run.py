@@ -7,13 +7,11 @@ on each worker of a scheduler. Nothing is drawn or recorded, unless the world ha
 
 import atexit
 import os
-import shutil
-import tempfile
 import threading
 import time
 import traceback
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from importlib import import_module
@@ -21,6 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from analyses.output.outputs import json_text, plain_metrics
+from analyses.output.scratch_folder import scratch_folder
 from analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
 from analyses.study.fingerprint import software_hash
 from analyses.study.shared_results import sharing_in
@@ -29,9 +28,6 @@ from models.truth.worlds import WorldRanges, draw_world
 
 THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Environment of every worker: 1, or the last bits of a figure depend on the machine's cores."""
-
-WORK: Final = "world-"  # begins the names of folders that a world has while it runs
-EVERYWHERE: Final = "everywhere"  # folder for what is the same in all worlds
 
 _one_at_a_time = threading.Lock()  # torch's random numbers are those of the process
 
@@ -49,7 +45,7 @@ class WorldTask:
         data: folder of the real recordings.
         quick: whether experiments run shorter and coarser.
         out: folder for figures and recordings, one below it an experiment; None: nobody looks.
-        work: folder for what is left behind meanwhile; None: one of the worker's own.
+        everywhere: folder for what all worlds share; None: one of the worker's own.
     """
 
     seed: int
@@ -60,7 +56,7 @@ class WorldTask:
     data: Path
     quick: bool = False
     out: Path | None = None
-    work: Path | None = None
+    everywhere: Path | None = None
 
 
 @dataclass
@@ -106,17 +102,17 @@ def run_world(task: WorldTask) -> WorldOutcome:
         _check_worker(module, task.software[name])
     world = draw_world(task.seed, task.number, task.ranges)
     outcome = WorldOutcome(world.number, world.seed, world.parameters())
-    with _one_at_a_time, tempfile.TemporaryDirectory(prefix=WORK, dir=task.work) as folder:
-        shared = Path(folder) / "shared"
+    with _one_at_a_time, scratch_folder() as folder:
+        shared = folder / "shared"
         shared.mkdir()
-        everywhere = _own_folder() if task.work is None else task.work / EVERYWHERE
+        everywhere = _own_folder() if task.everywhere is None else task.everywhere
         everywhere.mkdir(exist_ok=True)
         for name, module in task.modules.items():
             started = time.process_time()
             try:
                 with (
                     sharing_in(shared, everywhere),
-                    _folder_for(name, task.out, Path(folder)) as out,
+                    _folder_for(name, task.out, folder) as out,
                 ):
                     experiment: Experiment = import_module(module).EXPERIMENT
                     _check_recordings(experiment, task.data)
@@ -145,9 +141,9 @@ def run_world(task: WorldTask) -> WorldOutcome:
 @cache
 def _own_folder() -> Path:
     """A folder that lasts as long as this process."""
-    folder = tempfile.mkdtemp(prefix="wrenchsight-")
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return Path(folder)
+    stack = ExitStack()
+    atexit.register(stack.close)
+    return stack.enter_context(scratch_folder())
 
 
 def numbers_in(metrics: Mapping[str, Any]) -> dict[str, float | None]:

@@ -8,10 +8,10 @@ campaign (by default in `campaign` beside the study), where there is one, into d
 then the table of those that count most (`readme` of the experiments) between the README's two
 markers; all else stays as it is. With `--campaign` the study's figures stay as they are.
 
-Where the campaign has a figure, the README states its median over worlds and the range of 5 to
-95 %; elsewhere that of the one run. The documentation shows all figures, and both. All three files
-are committed: a test compares them, so that a table edited by hand, or figures without their
-table, do not pass.
+Where a campaign of FEWEST_WORLDS or more has a figure, the README states its median over worlds and
+the range of 5 to 95 %; elsewhere that of the one run. The documentation shows all figures, and
+both. All three files are committed: a test compares them, so that a table edited by hand, or
+figures without their table, do not pass.
 """
 
 import json
@@ -32,6 +32,8 @@ BEGIN: Final = "<!-- results: begin -->"
 END: Final = "<!-- results: end -->"
 RESULTS: Final = Path("docs/results.json")  # beside the README
 WORLDS: Final = Path("docs/campaign.json")  # beside the README
+FEWEST_WORLDS: Final = 20
+"""With fewer, 5 and 95 % of them are no numbers: the README then keeps to the one run's figures."""
 _CAMPAIGN: Final = "campaign"  # key of a campaign's metrics under which its settings are
 
 
@@ -116,11 +118,11 @@ def results_table(
             label = f"{text.label} [{text.unit}]" if text.unit else text.label
             title = experiment["title"] if index == 0 else ""
             median, ahead = _over_worlds(spread, row["key"], row["here"])
-            here, remark = (" ".join(text.here),), text.remark
-            if whole:
-                here += (", ".join(part for part in (median, ahead) if part),) if beside else ()
-            elif median:
-                ranges, here = True, (median,)
+            here, remark = [" ".join(text.here)], text.remark
+            if beside:
+                here.append(", ".join(part for part in (median, ahead) if part))
+            elif median and not whole and count >= FEWEST_WORLDS:
+                ranges, here = True, [median]
                 remark = "; ".join(part for part in (ahead, remark) if part)
             cells = (title, label, stated, *here, remark)
             lines.append("| " + " | ".join(_cell(c) for c in cells) + " |")

@@ -12,6 +12,7 @@ from analyses.study import readme_table
 from analyses.study.readme_table import (
     BEGIN,
     END,
+    FEWEST_WORLDS,
     RESULTS,
     WORLDS,
     collect,
@@ -184,6 +185,9 @@ def test_the_readme_says_the_median_and_the_range_of_worlds(study, readme, campa
     assert "| Median of 200 worlds (5 to 95 %) |" in table
     assert "| 20.5 | 7.50 (6.50 to 8.50), ours ahead in 99 % |" in table
     assert "| 2.00 (1.00 to 3.00), 3.00 (2.00 to 4.00) |" in table
+    few = worlds | {"campaign": worlds["campaign"] | {"worlds": FEWEST_WORLDS - 1}}
+    assert results_table(results, few) == results_table(results)  # no range of so few
+    assert "| Median of 19 worlds" in results_table(results, few, whole=True)
     other = worlds | {"campaign": worlds["campaign"] | {"quick": True}}
     assert results_table(results, other) == results_table(results)
     assert results_table(results, other, whole=True) == results_table(results, whole=True)
