@@ -323,12 +323,12 @@ class RecordingChecks:
         self._judge_unit(chunk, loaded & (np.abs(cosine) > _FOLLOWS))
         # Whatever friction does to the shape, gravity must be held up, and with no multiple of it.
         size = np.sqrt(sums.yy / np.where(sums.xx > 0.0, sums.xx, np.inf))
-        least, most = 1.0 / _ONE_MULTIPLE, _ONE_MULTIPLE
+        smallest, largest = 1.0 / _ONE_MULTIPLE, _ONE_MULTIPLE
         if loaded.sum() > 1 and (size[loaded] < 1.0 / _COMMON_MULTIPLE).all():
-            least = 1.0 / _COMMON_MULTIPLE
+            smallest = 1.0 / _COMMON_MULTIPLE
         if loaded.sum() > 1 and (size[loaded] > _COMMON_MULTIPLE).all():
-            most = _COMMON_MULTIPLE
-        odd = np.flatnonzero(loaded & ((size < least) | (size > most)))
+            largest = _COMMON_MULTIPLE
+        odd = np.flatnonzero(loaded & ((size < smallest) | (size > largest)))
         if len(odd):
             j = int(odd[0])
             unit = "the currents are amperes, not mA" if size[j] < 1 else "they are mA"
