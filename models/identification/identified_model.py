@@ -509,7 +509,7 @@ def _read_covariance(path: Path, values: list[list[float]], n: int) -> Array:
             "expected a symmetric, positive definite matrix",
             "identify the model again",
         )
-    return covariance
+    return 0.5 * (covariance + covariance.T)  # what remains of rounding would be refused later
 
 
 def _read_base_parameters(path: Path, table: BaseParameterTable) -> BaseParameterTable:
