@@ -24,6 +24,7 @@ from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from diagrams.closed_loop import ClosedLoop, make_closed_loop
+from diagrams.distances.machining_way import overlaps
 from diagrams.graph import write_graph
 from diagrams.kept_signals import KeptSignals
 from diagrams.machining import longest_duration, make_machining_path, view_of
@@ -395,7 +396,11 @@ def simulate(
     if scenario.machining is not None:
         check_scenario(scenario)
         plan = make_machining_path(scenario, robot)
-        longest = longest_duration(plan, scenario.machining.phases)
+        phases = scenario.machining.phases
+        if scenario.workpiece is not None:
+            hit = overlaps(robot, plan, phases, scenario.workpiece)
+            notices += [overlap.sentence() for overlap in hit]
+        longest = longest_duration(plan, phases)
         scenario = replace(scenario, duration=min(scenario.duration, longest))
     trajectory = make_trajectory(scenario, robot) if plan is None else plan.trajectory
     if model is None:
