@@ -9,15 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from diagrams.distances.clearance import Clearance, ClosestPair
+from diagrams.distances.coming_and_going import moved_along
 from diagrams.scenario import BladeConfig, PlateConfig
 from models.arrays import Array
 from models.files.input_error import InputError
 from models.machining.machining_path import MachiningPath
 from models.machining.machining_phases import PhasesConfig
-from models.motion.inverse_kinematics import follow_path
 from models.robot.robot import Robot
 
-_STEPS = 5  # postures of an approach and of a lift
 _POSTURES = 60  # of the pass
 
 
@@ -49,10 +48,12 @@ def postures_of_pass(robot: Robot, plan: MachiningPath, phases: PhasesConfig) ->
         InputError: the arm cannot lift that far.
     """
     q = plan.trajectory.q
-    approach = _along(robot, plan.q_start, plan.path.n_W[0], -(phases.standoff + phases.search))
+    approach = moved_along(
+        robot, plan.q_start, plan.path.n_W[0], -(phases.standoff + phases.search)
+    )
     last = 0 if plan.s[-1] < 0.5 else -1
     try:
-        lift = _along(robot, q[-1], plan.path.n_W[last], phases.lift)
+        lift = moved_along(robot, q[-1], plan.path.n_W[last], phases.lift)
     except InputError as error:
         raise InputError(
             "machining",
@@ -83,10 +84,3 @@ def overlaps(
         if pairs:
             found.append(Overlap(part, min(pairs, key=lambda pair: pair.distance)))
     return tuple(found)
-
-
-def _along(robot: Robot, q: Array, n_W: Array, distance: float) -> Array:
-    """Postures (_STEPS, n) with E moved along n_W from q (n,), its orientation kept."""
-    R_WE, p_WE = robot.chain.pose(q)
-    way = np.outer(np.linspace(0.0, distance, _STEPS), n_W)
-    return follow_path(robot, R_WE, p_WE + way, q)

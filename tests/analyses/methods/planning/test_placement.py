@@ -2,6 +2,7 @@ import csv
 import dataclasses
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from analyses.methods.planning.placement import (
     place_task,
 )
 from analyses.output.result_marker import MARKER
+from diagrams.distances.clearance import Clearance
 from models.estimation.wrench import WrenchReconstructionConfig, live_prior
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
@@ -211,3 +213,43 @@ def test_the_command_prints_the_placement(tmp_path: Path) -> None:
     assert "10.97" in result.stdout
     assert "59.5668" in result.stdout
     assert "local optima: 10.97" in result.stdout
+
+
+@pytest.mark.slow
+def test_the_best_that_is_free_stands_beside_one_whose_arm_overlaps(
+    sts: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The article's path, over a floor that its best placement dips into."""
+    asked: list[tuple[int, bool]] = []
+
+    def quickly(*args: Any, **options: Any) -> PlacementResult:
+        asked.append((options["seed"], args[0].clearance is not None))
+        return place(*args, **{**options, "effort": SMALL})
+
+    monkeypatch.setattr("analyses.methods.planning.placement.place", quickly)
+    plain = place_task("linear_path", tmp_path / "plain")
+    # As it is, nothing is hit: no other placement is looked for.
+    assert asked == [(0, False)] and plain.free is None
+    assert plain.best.smallest_distance is not None and plain.best.smallest_distance > 0.0
+    lowest = float(sts.chain.pose(plain.best.fine.q)[1][:, 2].min())
+    floor = round(lowest - 0.09, 3)  # E is above it, the housing behind E is not
+    text = sts.source.read_text().replace("urdf: ", f"urdf: {sts.source.parent}/")
+    (tmp_path / "robot.yaml").write_text(f"{text}floor: {floor}\n")
+    asked.clear()
+    result = place_task("linear_path", tmp_path / "out", tmp_path / "robot.yaml")
+    assert asked[:2] == [(0, False), (0, True)] and len(asked) <= 4
+    assert result.best.smallest_distance is not None and result.best.smallest_distance < 0.0
+    overlap = f"itself or the floor by {-1e3 * result.best.smallest_distance:.0f} mm"
+    assert overlap in " ".join(result.notices)
+    beside = Clearance(result.robot, 0.0, floor)
+    assert any(beside.reaches_floor(q) for q in result.best.fine.q)
+    free = result.free
+    assert free is not None and free.smallest_distance is not None
+    metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
+    assert metrics["free"]["smallest_distance_m"] == free.smallest_distance >= 0.01 - 1e-6
+    # Kept by every link, from the arm and from the floor, between the points as well.
+    assert not any(beside.reaches_floor(q) for q in free.fine.q)
+    assert all(beside.is_free(q) for q in free.fine.q)
+    assert float(sts.chain.pose(free.fine.q)[1][:, 2].min()) > floor
+    mean = [float(np.mean(profile.jcn)) for profile in (result.best, free)]
+    assert mean[0] < mean[1] < 1.5 * mean[0]
