@@ -1,13 +1,14 @@
 """A robot.yaml drafted from a URDF: what the URDF says, and marks where it says nothing."""
 
 import math
-import tempfile
+import os
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from analyses.output.scratch_folder import scratch_folder
 from diagrams.distances.clearance import Clearance
 from models.arrays import Array
 from models.files.input_error import InputError
@@ -92,11 +93,11 @@ def draft_robot(
     locked = [joint for joint in locked if joint.leader not in leaders]
     home = np.array([joint.middle for joint in arm])
     fields = (urdf, name, base, flange, arm, locked)
-    if out.exists():
+    if os.path.lexists(out):
         raise InputError(out, "", "is there already", "name another file with --out")
     # Loaded twice: to find a posture to start from, and as it is written.
-    with tempfile.TemporaryDirectory() as folder:
-        first = Path(folder) / "robot.yaml"
+    with scratch_folder() as folder:
+        first = folder / "robot.yaml"
         first.write_text(_text(first, *fields, home, 0.0), encoding="utf-8")
         home, floor = _good_posture(Robot.load(first), home)
     text = _text(out, *fields, home, floor)

@@ -10,6 +10,7 @@ import time
 import pyarrow.parquet as pq
 import pytest
 
+from analyses.campaign.campaign import CampaignSettings, run_campaign
 from models.files.input_error import InputError
 from models.truth.worlds import draw_world
 
@@ -22,6 +23,7 @@ def test_one_row_a_world_experiment_and_key(tmp_path, experiment, campaign, coun
     assert not result.failures
     # What the experiments of a world have in common is computed once.
     assert counted("identified") == 3
+    assert counted("found") == 1  # once for all worlds
     table = pq.read_table(tmp_path / "campaign" / "campaign.parquet")
     world = draw_world(0, 1)
     drawn = list(world.parameters())
@@ -43,6 +45,7 @@ def test_one_row_a_world_experiment_and_key(tmp_path, experiment, campaign, coun
         "rmse_nm.2",
         "coulomb",
         "arm",
+        "path",
     ]
     assert values["ours.nothing"] is None  # not finite
     assert values["coulomb"] == world.factors["coulomb"][0]
@@ -118,6 +121,7 @@ def test_a_killed_process_loses_nothing(tmp_path, experiment, campaign):
     experiment("always", always)
     result = campaign("once")
     assert (result.worlds, result.failures) == (3, {})
+    assert not (tmp_path / "campaign" / ".campaign" / "everywhere").exists()
     result = campaign("always", folder="always")
     assert result.worlds == 2
     assert "killed" in result.failures[1].failures["always"]
@@ -149,6 +153,25 @@ def test_an_interrupt_keeps_what_is_done(tmp_path, experiment):
     table = pq.read_table(out / "campaign.parquet")
     assert sorted(set(table["world"].to_pylist())) == [0, 2]
     assert not list((out / ".campaign").glob("*.json"))
+
+
+def test_a_fresh_campaign_ended_before_its_first_world_keeps_the_earlier_one(
+    tmp_path, experiment, campaign
+):
+    experiment("toy")
+    campaign("toy", worlds=1, jobs=1)
+    before = file_of(tmp_path, "campaign")
+
+    def end(progress):
+        if progress.state == "running":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_campaign(
+            CampaignSettings(("toy",), 1, seed=5), tmp_path / "campaign", fresh=True, watch=end
+        )
+    assert file_of(tmp_path, "campaign") == before
+    assert (tmp_path / "campaign" / "campaign.html").exists()
 
 
 def test_a_kill_keeps_what_is_done(tmp_path, experiment, campaign, counted):
