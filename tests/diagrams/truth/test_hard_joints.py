@@ -20,7 +20,8 @@ from models.truth.true_robot import hard_truth
 
 @pytest.fixture(scope="module")
 def plain():
-    return Robot.load("sts_sre4_600")
+    arm = Robot.load("sts_sre4_600")
+    return arm.with_truth(dataclasses.replace(arm.config.simulated_truth, mechanisms=None))
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,8 @@ from models.truth.true_robot import hard_truth, has_hard_truth
 
 @pytest.fixture(scope="module")
 def robot():
-    return Robot.load("sts_sre4_600")
+    arm = Robot.load("sts_sre4_600")
+    return arm.with_truth(dataclasses.replace(arm.config.simulated_truth, mechanisms=None))
 
 
 def with_mechanisms(robot, **mechanisms):
@@ -96,3 +97,9 @@ def test_the_hard_preset_has_every_mechanism(name):
         absent = field.name == "payload" and Robot.load(name).config.tool is None
         assert absent or getattr(mechanisms, field.name) is not None
     assert np.isfinite(TrueJoints.of(hard, 1e-3).table).all()
+
+
+@pytest.mark.parametrize("name", [n for n in bundled_robots() if has_hard_truth(Robot.load(n))])
+def test_the_bundled_arms_are_hard(name):
+    arm = Robot.load(name)
+    assert arm.config.simulated_truth == hard_truth(arm).config.simulated_truth
