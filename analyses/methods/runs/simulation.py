@@ -48,6 +48,7 @@ from models.recordings.recording import Recording
 from models.recordings.recording_writer import write_recording
 from models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
 from models.robot.robot import Robot
+from models.truth.true_robot import with_truth_named
 from systems.impedance_controller import ImpedanceConfig
 
 if TYPE_CHECKING:
@@ -235,6 +236,7 @@ def simulate_scenario(
     model_path: Path | None = None,
     *,
     motion_path: Path | None = None,
+    truth: str = "own",
     seed: int | None = None,
     duration: float | None = None,
     quick: bool = False,
@@ -253,13 +255,14 @@ def simulate_scenario(
         model_path: a model.yaml; without it see `known_model`.
         motion_path: a trajectory.yaml of `excite`, in the place of the scenario's motion and for
             its duration; in the default scenario nothing then touches the arm.
+        truth: of the arm, one of `models.robot.truth_config.TRUTHS`.
         seed, duration: in the place of the scenario's.
         quick: at most a second.
         record: whether to write recording.html.
 
     Raises:
-        InputError: as `load_scenario`, `Robot.load`, `IdentifiedModel.load`, `result_folder`; what
-            does not fit together.
+        InputError: as `load_scenario`, `Robot.load`, `with_truth_named`, `IdentifiedModel.load`,
+            `result_folder`; what does not fit together.
     """
     with result_folder(out, "simulate") as folder:
         result = _simulate_into(
@@ -268,6 +271,7 @@ def simulate_scenario(
             robot_name,
             model_path,
             motion_path,
+            truth,
             seed,
             duration,
             quick,
@@ -285,6 +289,7 @@ def _simulate_into(
     robot_name: str | Path | None,
     model_path: Path | None,
     motion_path: Path | None,
+    truth: str,
     seed: int | None,
     duration: float | None,
     quick: bool,
@@ -311,7 +316,7 @@ def _simulate_into(
         scenario = replace(scenario, machining=machining)
     elif quick:
         scenario = replace(scenario, duration=min(scenario.duration, _QUICK_DURATION))
-    robot = Robot.load(scenario.robot)
+    robot = with_truth_named(Robot.load(scenario.robot), truth)
     model = None if model_path is None else IdentifiedModel.load(Path(model_path), robot)
     notices: tuple[str, ...] = ()
     if robot_name is not None and robot.config.tool is None and scenario.force_torque_sensor:
@@ -344,6 +349,7 @@ def _simulate_into(
         robot=scenario.robot,
         motion=None if motion_path is None else str(motion_path),
         model=None if model_path is None else str(model_path),
+        truth=truth,
         seed=scenario.seed,
         duration_s=scenario.duration,
         quick=quick,

@@ -13,12 +13,11 @@ from models.identification.identified_model import IdentifiedModel
 from models.motion.paths import JointTrajectory
 from models.robot.robot import Robot
 from models.truth.free_arm import simulate_free_arm
-from models.truth.true_robot import hard_truth
 
 
 @pytest.fixture(scope="module")
 def robot():
-    return hard_truth(Robot.load("sts_sre4_600"))
+    return Robot.load("sts_sre4_600")
 
 
 def swing(robot, duration=0.6, amplitude=0.3):
@@ -78,7 +77,7 @@ def test_the_encoders_start_where_the_motion_does(robot):
 @pytest.mark.parametrize("name", ["sts_sre4_600", "ur10e"])
 def test_a_long_rest_stays_at_rest(name):
     """Numerically stable at 1 ms: nothing rings or drifts where nothing is asked to move."""
-    arm = hard_truth(Robot.load(name))
+    arm = Robot.load(name)
     t, n = np.array([0.0, 10.0]), arm.num_joints
     home, zero = np.tile(arm.home, (2, 1)), np.zeros((2, n))
     servo = drive_servo(arm, IdentifiedModel.nominal(arm))

@@ -18,13 +18,12 @@ from models.robot.truth_config import (
 )
 from models.truth.joint_kernels import COULOMB, GAIN, POLE, RIPPLES, STICTION, VISCOUS
 from models.truth.true_joints import TrueJoints
-from models.truth.true_robot import hard_truth, has_hard_truth
+from models.truth.true_robot import PLAIN, plain_truth
 
 
 @pytest.fixture(scope="module")
 def robot():
-    arm = Robot.load("sts_sre4_600")
-    return arm.with_truth(dataclasses.replace(arm.config.simulated_truth, mechanisms=None))
+    return plain_truth(Robot.load("sts_sre4_600"))
 
 
 def with_mechanisms(robot, **mechanisms):
@@ -89,17 +88,13 @@ def test_what_is_out_of_range_is_named(robot, mechanism, place):
         TrueJoints.of(with_mechanisms(robot, **mechanism), 1e-3)
 
 
-@pytest.mark.parametrize("name", [n for n in bundled_robots() if has_hard_truth(Robot.load(n))])
-def test_the_hard_preset_has_every_mechanism(name):
-    hard = hard_truth(Robot.load(name))
+@pytest.mark.parametrize(
+    "name", [n for n in bundled_robots() if (Robot.load(n).source.parent / PLAIN).is_file()]
+)
+def test_a_truth_beside_a_plain_one_has_every_mechanism(name):
+    hard = Robot.load(name)
     mechanisms = hard.config.simulated_truth.mechanisms
     for field in dataclasses.fields(MechanismsConfig):
         absent = field.name == "payload" and Robot.load(name).config.tool is None
         assert absent or getattr(mechanisms, field.name) is not None
     assert np.isfinite(TrueJoints.of(hard, 1e-3).table).all()
-
-
-@pytest.mark.parametrize("name", [n for n in bundled_robots() if has_hard_truth(Robot.load(n))])
-def test_the_bundled_arms_are_hard(name):
-    arm = Robot.load(name)
-    assert arm.config.simulated_truth == hard_truth(arm).config.simulated_truth
