@@ -36,6 +36,7 @@ from diagrams.scenario import (
     load_scenario,
     make_trajectory,
 )
+from diagrams.truth.hard_joints import hard_joints
 from models.arrays import Array, Flags
 from models.excitation.fourier_trajectory import FourierTrajectory
 from models.files.input_error import InputError
@@ -473,8 +474,8 @@ def known_model(
     """What a Coulomb-viscous model can know at best: true inertias, and the true friction fitted.
 
     The fit is over the velocities and loads of the scenario's own motion (over 0.02 to 0.5 rad/s
-    for a joint that stays at rest), as an identification along it would find. Stiction, ripple and
-    what bends the friction curve are left over.
+    for a joint that stays at rest), as an identification along it would find, on the same day.
+    Stiction, ripple and what bends the friction curve are left over.
     """
     model = IdentifiedModel.nominal(robot)
     friction = true_friction(scenario, robot)
@@ -487,7 +488,9 @@ def known_model(
     spread = np.linspace(*_FIT_RANGE, _FIT_SAMPLES)
     v[:, at_rest] = spread[:, np.newaxis]
     moving[:, at_rest] = True
-    torque = friction.sliding_torque(v, robot.chain.inverse_dynamics(q, v, vdot))
+    joints = hard_joints(scenario, robot)
+    load = robot.chain.inverse_dynamics(q, v, vdot)
+    torque = (friction if joints is None else joints).sliding_torque(v, load)
     law = np.zeros((robot.num_joints, 2))
     for i in range(robot.num_joints):
         part = moving[:, i]

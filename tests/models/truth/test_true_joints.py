@@ -42,6 +42,12 @@ def test_without_mechanisms_the_table_is_the_plain_truth(robot):
     np.testing.assert_array_equal(joints.compliance, 0.0)
 
 
+def test_mechanisms_of_coupled_motors_are_refused(coupled_wrist):
+    assert len(TrueJoints.of(coupled_wrist, 1e-3).table) == 6
+    with pytest.raises(InputError, match="coupled"):
+        TrueJoints.of(with_mechanisms(coupled_wrist, day=1), 1e-3)
+
+
 def test_days_differ_by_the_stated_share_and_a_day_is_always_the_same(robot):
     levels = []
     for day in range(200):

@@ -51,7 +51,8 @@ def test_every_draw_lies_in_its_range_with_the_truth_s_own_as_the_median():
         assert abs((values < middle).mean() - 0.5) < 0.1  # four standard deviations
 
 
-def test_a_world_changes_the_truth_and_nothing_else(sts: Robot):
+def test_a_world_changes_the_truth_and_nothing_else():
+    sts = Robot.load("sts_sre4_600")
     world = draw_world(0, 4)
     robot = world.robot(sts)
     about, truth = sts.config.simulated_truth, robot.config.simulated_truth
