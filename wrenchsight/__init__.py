@@ -3,14 +3,18 @@
     from wrenchsight import IdentifiedModel, Robot, WrenchEstimator
 
 This module offers what users need under one name. Nothing heavy is imported before it is asked for:
-`import wrenchsight` itself brings in neither Drake nor numba.
+`import wrenchsight` itself brings in neither Drake nor numba. It imports next to nothing, so that a
+command is soon where an interrupt ends it in one line.
 """
 
+from __future__ import annotations
+
 import sys
-from importlib import import_module
-from importlib.util import find_spec
-from pathlib import Path
-from typing import Any
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from pathlib import Path
+    from typing import Any
 
 # Public name -> the module that defines it. `__init__.pyi` says the same to a type checker.
 _HOME = {
@@ -68,7 +72,6 @@ _HOME = {
 }
 
 _PACKAGES = ("models", "systems", "diagrams", "analyses")
-_ROOT = Path(__file__).resolve().parent.parent  # holds the four packages and this one
 
 __all__ = ["__version__", *_HOME]  # noqa: PLE0604  (the table holds strings)
 
@@ -88,6 +91,8 @@ def __getattr__(name: str) -> Any:
         except PackageNotFoundError:  # a checkout that is not installed
             value = "0+unknown"
     elif name in _HOME:
+        from importlib import import_module
+
         refuse_shadows()
         value = getattr(import_module(_HOME[name]), name)
     else:
@@ -102,8 +107,11 @@ def __dir__() -> list[str]:
 
 def refuse_shadows() -> None:
     """Raises ImportError where another module has the name of one of our four packages."""
+    from pathlib import Path
+
+    root = Path(__file__).resolve().parent.parent  # holds the four packages and this one
     for package in _PACKAGES:
-        ours = _ROOT / package
+        ours = root / package
         found = _place_of(package)
         if found != ours:
             where = f"Python finds {found} first" if found else "it is not there"
@@ -116,6 +124,9 @@ def refuse_shadows() -> None:
 
 def _place_of(package: str) -> Path | None:
     """The folder or file that `import package` gives, or would give."""
+    from importlib.util import find_spec
+    from pathlib import Path
+
     module = sys.modules.get(package)
     spec = getattr(module, "__spec__", None) if module else find_spec(package)
     if spec is None:

@@ -8,11 +8,11 @@ import wrenchsight
 def main() -> None:
     """Entry point of the console script; ends in one line if our packages cannot be reached."""
     try:
-        wrenchsight.refuse_shadows()
-    except ImportError as error:
-        sys.stderr.write(f"{error}\n")
-        raise SystemExit(2) from None
-    try:
+        try:
+            wrenchsight.refuse_shadows()
+        except ImportError as error:
+            sys.stderr.write(f"{error}\n")
+            raise SystemExit(2) from None
         from analyses.__main__ import main as command_line
 
         command_line()

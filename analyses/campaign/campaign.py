@@ -140,7 +140,8 @@ def run_campaign(
             watch(Progress(COMMAND, "interrupted", what="what is done is kept"))
             # Whatever ended it is what the user is to hear of, not what follows from it.
             with suppress(InputError, OSError):
-                campaign.write()
+                if campaign.record.worlds or earlier is None:  # else the earlier ones stay
+                    campaign.write()
             raise
         found = campaign.write()
     return CampaignResult(

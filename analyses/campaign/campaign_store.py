@@ -181,5 +181,5 @@ class WorldParts:
 
     def clear(self) -> None:
         """Removes them: the Parquet file has them."""
-        for path in self.folder.glob("*.json"):
+        for path in (*self.folder.glob("*.json"), *self.folder.glob(".*.json.*.partial")):
             path.unlink(missing_ok=True)

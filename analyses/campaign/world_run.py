@@ -5,7 +5,6 @@ once (`analyses.study.shared_results`). Nothing is drawn or recorded, unless the
 """
 
 import os
-import tempfile
 import threading
 import time
 import traceback
@@ -18,6 +17,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from analyses.output.outputs import json_text, plain_metrics
+from analyses.output.scratch_folder import scratch_folder
 from analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
 from analyses.study.fingerprint import software_hash
 from analyses.study.shared_results import sharing_in
@@ -98,13 +98,13 @@ def run_world(task: WorldTask) -> WorldOutcome:
         _check_worker(module, task.software[name])
     world = draw_world(task.seed, task.number, task.ranges)
     outcome = WorldOutcome(world.number, world.seed, world.parameters())
-    with _one_at_a_time, tempfile.TemporaryDirectory(prefix="wrenchsight-") as folder:
-        shared = Path(folder) / "shared"
+    with _one_at_a_time, scratch_folder() as folder:
+        shared = folder / "shared"
         shared.mkdir()
         for name, module in task.modules.items():
             started = time.process_time()
             try:
-                with sharing_in(shared), _folder_for(name, task.out, Path(folder)) as out:
+                with sharing_in(shared), _folder_for(name, task.out, folder) as out:
                     experiment: Experiment = import_module(module).EXPERIMENT
                     _check_recordings(experiment, task.data)
                     context = ExperimentContext(

@@ -28,6 +28,7 @@ PLACES = {
     "torque_share": "excitation.limits.torque_share",
     "clearance": "excitation.limits.clearance",
     "floor": "excitation.limits.floor",
+    "no_floor": "excitation.limits.no_floor",
     "validation": "validation",
     "record": "record",
 }
@@ -70,11 +71,11 @@ def command(
         float, typer.Option(help="Distance kept between links, tool and floor, m.")
     ] = LIMITS.clearance,
     floor: Annotated[
-        float | None, typer.Option(help="Height of the floor in W, m.")
+        float | None, typer.Option(help="Height of the floor in W, m; else robot.yaml's.")
     ] = LIMITS.floor,
     no_floor: Annotated[
         bool, typer.Option("--no-floor", help="There is no floor to keep clear of.")
-    ] = False,
+    ] = LIMITS.no_floor,
     validation: Annotated[
         bool, typer.Option(help="Find a second trajectory, for cross-validation.")
     ] = DEFAULTS.validation,
@@ -88,8 +89,6 @@ def command(
     from analyses.methods.planning.excitation import excite_robot
 
     settings = settled(ctx, ExciteSettings, PLACES)
-    if no_floor:
-        settings.excitation.limits.floor = None
     with showing_progress("excite") as progress:
         results = excite_robot(
             settings.robot,

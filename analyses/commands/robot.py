@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from analyses.output.console import new_console, new_table, say
+from analyses.output.marked_page import refuse_unmarked, write_marked
 from models.files.input_error import InputError
 
 if TYPE_CHECKING:
@@ -52,9 +53,9 @@ def _show(name: str, out: Path) -> None:
     from pydrake.geometry import Meshcat
 
     from diagrams.pages.arm_picture import ArmPicture
-    from models.files.whole_file import whole_file, writing_to
     from models.robot.robot import Robot
 
+    refuse_unmarked(out)
     # Drake prints Meshcat's address, which is gone before anyone could open it; what it says of a
     # mesh that it cannot read, the robot's own notice says.
     logging.getLogger("drake").setLevel(logging.ERROR)
@@ -62,8 +63,7 @@ def _show(name: str, out: Path) -> None:
     _print(robot)
     meshcat = Meshcat()
     ArmPicture(robot, meshcat).show(robot.home)
-    with whole_file(out) as partial, writing_to(out):
-        partial.write_text(meshcat.StaticHtml(), encoding="utf-8")
+    write_marked(out, meshcat.StaticHtml())
     say(new_console(), f"picture at home: {out}")
 
 

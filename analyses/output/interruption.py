@@ -4,6 +4,7 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import FrameType
 
 _ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -21,27 +22,31 @@ def ends_are_interrupts() -> Iterator[list[int]]:
     """Raises `TerminatedError` in the block where SIGTERM or SIGHUP would end the process.
 
     Yields:
-        The numbers of the signals that came: a library whose work was cut off may turn the
-        exception into one of its own.
+        The numbers of the signals that came, of SIGINT too: a library whose work was cut off, or
+        whose import, may turn the exception into one of its own.
     """
     came: list[int] = []
 
-    def end(signum: int, frame: object) -> None:
+    def end(signum: int, frame: FrameType | None) -> None:
         came.append(signum)
+        if signum == signal.SIGINT:
+            signal.default_int_handler(signum, frame)
         raise TerminatedError(signum)
 
     if threading.current_thread() is not threading.main_thread():  # which alone gets signals
         yield came
         return
-    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
+    before = {number: signal.getsignal(number) for number in _ENDS}
     for number, handler in before.items():
-        if handler == signal.SIG_DFL:  # nohup has SIGHUP ignored
+        # Not what is ignored: SIGHUP below nohup, SIGINT in the background of a shell.
+        if handler in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(number, end)
     try:
         yield came
     finally:
         for number, handler in before.items():
-            signal.signal(number, handler)
+            if handler is not None:
+                signal.signal(number, handler)
 
 
 @contextmanager

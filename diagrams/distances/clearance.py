@@ -27,7 +27,7 @@ class ClosestPair:
     """The two shapes that come closest in a motion.
 
     Attributes:
-        first, second: names of the shapes.
+        first, second: names of their links; floor or workpiece where it is one of these.
         distance: m, negative where they overlap.
         slack: m, distance less what this pair must keep.
         time: s.
@@ -124,12 +124,13 @@ class Clearance:
                 if abs(first - second) <= 2:
                     wrist[key] = pair.distance
         self._drop_always_clear(robot, wrist)
-        self.overlapping = tuple(overlapping)
-        self.near_at_home = tuple(
-            (" and ".join(self._name(shape) for shape in key), required)
-            for key, required in self._required.items()
-            if np.isfinite(required) and required < margin
-        )
+        self.overlapping = tuple(dict.fromkeys(overlapping))
+        near: dict[str, float] = {}
+        for key, required in self._required.items():
+            if np.isfinite(required) and required < margin:
+                names = " and ".join(self._name(shape) for shape in key)
+                near[names] = min(required, near.get(names, np.inf))
+        self.near_at_home = tuple(near.items())
         self.has_shapes = len(self._body) > (0 if floor is None else 1)
         self._speed_radius = _speed_radius(robot)
 
@@ -151,6 +152,14 @@ class Clearance:
         for key, distance in nearest.items():
             if distance > 0.95 * pairs[key]:
                 self._required[key] = -np.inf
+
+    def reaches_floor(self, q: ArrayLike) -> bool:
+        """Whether a moving shape touches the floor at q (n,), at home or not."""
+        return any(
+            pair.distance <= 0.0 and "floor" in (self._name(pair.id_A), self._name(pair.id_B))
+            for pair in self._pairs(q, 1e-3)
+            if any(self._level[self._body[shape].index()] for shape in (pair.id_A, pair.id_B))
+        )
 
     def slacks(self, q: ArrayLike, influence: float = INFLUENCE) -> list[tuple[float, ClosestPair]]:
         """Slack (m) of each pair of shapes within `influence` at q (n,), with its names."""
@@ -255,7 +264,11 @@ class Clearance:
         return clear, worst[0] if worst else None
 
     def _name(self, geometry: Any) -> str:
-        return str(self._inspector.GetName(geometry)).split("::")[-1]
+        """Of the link; of what belongs to none, the shape's own."""
+        body = self._body[geometry]
+        if body.index() == self._plant.world_body().index():
+            return str(self._inspector.GetName(geometry)).split("::")[-1]
+        return str(body.name())
 
     def _pairs(self, q: ArrayLike, influence: float) -> list[Any]:
         positions = np.zeros(self._plant.num_positions())

@@ -12,4 +12,5 @@ class ExcitationLimits:
     acceleration: list[float] = field(default_factory=lambda: [8.0])  # rad/s^2 (m/s^2)
     torque_share: float = 0.7  # of the effort limits, for the rigid body; the rest is friction's
     clearance: float = 0.02  # m, between links, tool and floor
-    floor: float | None = 0.0  # m, height of the floor in W; None for none
+    floor: float | None = None  # m, height of the floor in W; None: what robot.yaml says
+    no_floor: bool = False  # whether there is none, whatever robot.yaml says

@@ -218,6 +218,9 @@ class _Check:
     def _scalar(self, node: Any, schema: Any, name: str) -> None:
         if not isinstance(node, yaml.ScalarNode) or not self._fits(node, schema):
             raise self._error(node, name, f"expected {_KINDS[schema]}, found {self._found(node)}")
+        is_seed = schema is int and name.rpartition(".")[2] == "seed"
+        if is_seed and float(self._loader.construct_object(node)) < 0.0:
+            raise self._error(node, name, f"{node.value}, expected 0 or more")
         if schema is str and _CONTROL.search(node.value):
             raise self._error(node, name, "holds a control character, expected plain text")
 

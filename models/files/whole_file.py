@@ -1,6 +1,8 @@
 """A file that is written whole or not at all."""
 
+import fcntl
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -12,7 +14,8 @@ from models.files.input_error import InputError
 def whole_file(path: str | Path) -> Iterator[Path]:
     """Gives a path beside `path` to write to; renames it to `path` if the block ends without error.
 
-    Until then `path` is as it was. After an error or an interrupt nothing of the attempt is left.
+    Until then `path` is as it was. After an error or an interrupt nothing of the attempt is left;
+    what a kill leaves, the next attempt removes.
 
     Raises:
         InputError: the file cannot be made there: no folder, no permission; or not be written to
@@ -20,9 +23,13 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     """
     path = Path(path)
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    descriptor = -1
     try:
-        with writing_to(path), partial.open("wb"):
-            pass  # a place that cannot be written to is found before the work, not after it
+        with writing_to(path):  # a place that cannot be is found before the work, not after it
+            _remove_left_overs(path)
+            flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC
+            descriptor = os.open(partial, flags, 0o666)
+        _locked(descriptor)
         try:
             yield partial
         except OSError as error:
@@ -37,6 +44,30 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):  # it is not there, or neither is its folder
             partial.unlink()
+        if descriptor >= 0:
+            os.close(descriptor)
+
+
+def _remove_left_overs(path: Path) -> None:
+    """Removes what killed processes had begun: a process that lives holds the lock on its own."""
+    ours = re.compile(rf"\.{re.escape(path.name)}\.[0-9]+\.partial")
+    entries: list[os.DirEntry[str]] = []
+    with suppress(OSError):  # one may write to a folder that one may not list
+        entries = list(os.scandir(path.parent))
+    for entry in entries:
+        if ours.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
+            with suppress(OSError), Path(entry.path).open("rb") as file:  # another was faster
+                if _locked(file.fileno()):
+                    Path(entry.path).unlink()
+
+
+def _locked(descriptor: int) -> bool:
+    """Whether this process now holds the file's lock; the system releases it when it dies."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:  # another process has it, or the file system knows no locks
+        return False
+    return True
 
 
 @contextmanager

@@ -1,6 +1,8 @@
 """Tables of numbers in NumPy's npz files: arrays by name, read block by block, and written."""
 
+import tokenize
 import zipfile
+import zlib
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -18,6 +20,9 @@ from models.recordings.table_checks import first_missing, rows_within
 
 Rows = NDArray[np.int64]
 
+# What zipfile and numpy raise over damaged bytes: unknown methods and flags, headers of no sense.
+_DAMAGE = (zipfile.BadZipFile, zlib.error, tokenize.TokenError, SyntaxError, RuntimeError,
+           ArithmeticError, LookupError, TypeError, ValueError, EOFError, OSError)  # fmt: skip
 _BLOCK_ROWS = 1 << 16
 _JOINT_ARRAYS = {"current": "i", "tau_J": "tau", "q": "q", "v": "v", "i": "i", "tau": "tau"}
 _SUFFIX = ".npy"
@@ -127,7 +132,7 @@ class NpzTable:
                     start = max(first - begin, 0)
                     self._check(values[start:], begin + start, columns, optional)
                     yield values[start:], np.arange(begin + start, end + 1)
-        except (zipfile.BadZipFile, ValueError, EOFError, OSError) as error:
+        except _DAMAGE as error:
             raise self._damaged(error) from error
 
     def _check(
@@ -165,7 +170,7 @@ class NpzTable:
                         stored[member.removesuffix(_SUFFIX)] = array
         except FileNotFoundError as error:
             raise InputError(self.path, "", "no such file", "check the path") from error
-        except (zipfile.BadZipFile, ValueError, EOFError, OSError) as error:
+        except _DAMAGE as error:
             raise self._damaged(error) from error
         if not stored:
             remedy = "write it with numpy.savez(path, t=t, q=q, v=v, i=current)"

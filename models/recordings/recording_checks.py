@@ -197,7 +197,9 @@ class RecordingChecks:
         remedy = "check the column, its unit and the robot's torque_per_ampere"
         if torque[j] / 1000 < limit[j]:
             remedy = "if these are milliamperes, set current: {unit: mA} in a description"
-        if (np.median(np.abs(chunk.current), axis=0) < limit).all():
+        if self._has_torque_only(chunk):
+            remedy = "check the column and its unit: motor_torque: {unit: mN m} in a description"
+        elif (np.median(np.abs(chunk.current), axis=0) < limit).all():
             remedy += "; if torques in N m, name the columns tau1.."
         raise self._error(
             chunk,
@@ -270,14 +272,16 @@ class RecordingChecks:
         wrong = found.contradicted()
         if self._accept_signs or not len(wrong):
             return
+        is_torque = self._has_torque_only(chunk)  # which current_sign does not touch
+        turn = "" if is_torque else "turn current_sign in the robot's file, or "
         raise self._error(
             chunk,
             None,
             "current",
             int(wrong[0]),
             found.sentence(self._word(chunk), self._robot.joint_names),
-            "its sign is wrong: turn current_sign in the robot's file, or set gain: -1 in a "
-            "description; or the robot is not mounted upright; or take it as it is: --accept-signs",
+            f"its sign is wrong: {turn}set gain: -1 in a description; or the robot is not mounted "
+            "upright; or take it as it is: --accept-signs",
         )
 
     def _word(self, chunk: Recording) -> str:
@@ -311,13 +315,16 @@ class RecordingChecks:
         if len(odd):
             j = int(odd[0])
             unit = "the currents are amperes, not mA" if size[j] < 1 else "they are mA"
+            remedy = f"if {unit}, set current: {{unit: ...}}; else check torque_per_ampere"
+            if self._has_torque_only(chunk):
+                remedy = "check the column and its unit: motor_torque: {unit: ...}"
             raise self._error(
                 chunk,
                 None,
                 "current",
                 j,
                 f"the motor torque is {size[j]:.3g} times the gravity torque, expected about 1",
-                f"if {unit}, set current: {{unit: ...}}; else check torque_per_ampere",
+                remedy,
             )
 
     def _judge_unit(self, chunk: Recording, telling: NDArray[np.bool_]) -> None:

@@ -83,6 +83,7 @@ class Robot:
         self.notices: tuple[str, ...] = urdf.notices
         self.payload = config.payload
         self.gravity = _frozen(config.gravity)
+        self.floor = config.floor  # m, its height in W; None: none is near
         drives = _ordered_drives(config, source, self.joint_names)
         self._drives = drives
         self.torque_per_ampere = _frozen([_torque_per_ampere(d, source) for d in drives])
@@ -345,6 +346,9 @@ def _check_lists(config: RobotConfig, source: Path) -> None:
     expect(config.tool_frame.xyz, 3, "tool_frame.xyz")
     expect(config.tool_frame.rpy, 3, "tool_frame.rpy")
     expect(config.gravity, 3, "gravity")
+    expect(
+        [] if config.floor is None else [config.floor], 0 if config.floor is None else 1, "floor"
+    )
     expect(list(config.locked_joints.values()), len(config.locked_joints), "locked_joints")
     expect(config.home, len(config.home), "home", _HEAVY)
     if not _LIGHT <= config.payload <= _HEAVY:

@@ -73,6 +73,7 @@ class RobotConfig:
     tool_frame: PoseConfig = field(default_factory=PoseConfig)  # E in the flange
     tool: ToolConfig | None = None
     gravity: list[float] = field(default_factory=lambda: [0.0, 0.0, -9.81])  # in W, m/s^2
+    floor: float | None = 0.0  # m, its height in W; null where no floor is near the arm
     locked_joints: dict[str, float] = field(default_factory=dict)  # rad or m
     home: list[float] = field(default_factory=list, metadata=REQUIRED)  # rad or m
     payload: float = field(default=0.0, metadata=REQUIRED)  # kg, rated

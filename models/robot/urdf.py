@@ -19,6 +19,7 @@ from models.files.configuration import nearest
 from models.files.input_error import InputError
 from models.robot.collision_meshes import CollisionMeshes
 from models.robot.effective_urdf import EffectiveUrdf, JointLimits
+from models.robot.mimic_joints import followed_positions, leader_of
 from models.robot.robot_config import RobotConfig, ShapeConfig, ToolConfig
 from models.robot.rotational_inertia import inertia_matrix, unphysical
 from models.robot.rounded_angles import exact_angle
@@ -151,12 +152,18 @@ class _Reader:
     # Reshaping --------------------------------------------------------------------------------
 
     def _lock_joints(self) -> None:
-        for name, position in self.config.locked_joints.items():
-            joint = self.joints.get(name)
-            if joint is None:
+        locked = self.config.locked_joints
+        for name in locked:
+            if name not in self.joints:
                 remedy = nearest(name, self.joints)
                 problem = f'"{name}" is no joint of {self.path.name}'
                 raise InputError(self.config_source, "locked_joints", problem, remedy)
+        try:
+            following = followed_positions(self.joints, locked)
+        except ValueError as error:
+            raise InputError(self.path, "", str(error)) from None
+        for name, position in {**following, **locked}.items():
+            joint = self.joints[name]
             kind = joint.get("type", "")
             if kind == "fixed":
                 continue
@@ -230,9 +237,17 @@ class _Reader:
             kind, name = joint.get("type"), joint.get("name")
             if kind not in _MOVING:
                 self._fail(joint, f'joint "{name}": type "{kind}" is not supported in an arm')
-            if joint.find("mimic") is not None:
-                self._fail(joint, f'joint "{name}" mimics another one', "lock it in robot.yaml")
-        branches = [j for j in self.joints.values() if j.get("type") != "fixed" and j not in chain]
+            if leader_of(joint):
+                self._fail(
+                    joint,
+                    f'joint "{name}" moves with "{leader_of(joint)}" (mimic): an arm needs a motor '
+                    "for every joint from base to flange",
+                    "choose a base or a flange that leaves it out, or lock both in robot.yaml",
+                )
+        off = [j for j in self.joints.values() if j.get("type") != "fixed" and j not in chain]
+        # What follows one of these stands still as soon as that is locked.
+        leaders = {joint.get("name", "") for joint in off}
+        branches = [joint for joint in off if leader_of(joint) not in leaders] or off
         if branches:
             names = ", ".join(f'"{joint.get("name")}"' for joint in branches)
             self._fail(
@@ -321,9 +336,10 @@ class _Reader:
         carried = {name for joint in moving for name in self._rigidly_below(self._child(joint))}
         for name, link in self.links.items():
             try:
-                self._check_inertia(name, link, name in carried)
+                self._check_inertia(name, link)
             except InputError as fault:
-                self.inertia_faults.append(fault)
+                if name in carried:  # what stands still needs none
+                    self.inertia_faults.append(fault)
                 for inertial in link.findall("inertial"):
                     link.remove(inertial)  # Drake would refuse the whole file
         for joint in moving:
@@ -337,13 +353,13 @@ class _Reader:
                 f"{self.inertia_faults[0]}"
             )
 
-    def _check_inertia(self, name: str, link: ET.Element, moves: bool) -> None:
+    def _check_inertia(self, name: str, link: ET.Element) -> None:
         mass, _, about_com = self._inertia(link)
         if mass < 0:
             self._fail(link, f'link "{name}" has a mass of {mass:g} kg')
         if mass == 0 and np.any(about_com != 0):
             self._fail(link, f'link "{name}" has a rotational inertia but no mass')
-        if mass > 0 and moves and np.any(about_com != 0):
+        if mass > 0 and np.any(about_com != 0):
             self._check_physical(link, f'link "{name}"', about_com)
 
     def _check_composite(self, body: str) -> None:

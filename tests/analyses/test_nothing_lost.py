@@ -198,3 +198,15 @@ def test_a_command_does_not_overwrite_the_configuration_that_it_runs_again(X, tm
     again = _run("estimate", "--config", X / "config.yaml", "--out", tmp_path / "Y")
     assert again.exit_code == 0, again.output
     assert _files(tmp_path / "Y")["wrench.csv"] == before["wrench.csv"]
+
+
+def test_a_picture_does_not_overwrite_what_is_not_one(tmp_path, log):
+    own = tmp_path / "log.csv"
+    shutil.copy(log, own)
+    before = own.read_bytes()
+    _refused("robot", "show", "sts_sre4_600", "--out", own)
+    assert own.read_bytes() == before
+    page = tmp_path / "arm.html"
+    for _ in range(2):  # an earlier picture is replaced
+        assert _run("robot", "show", "sts_sre4_600", "--out", page).exit_code == 0
+    assert "written by wrenchsight" in page.read_text()

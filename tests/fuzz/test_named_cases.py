@@ -209,6 +209,19 @@ def test_a_map_of_countless_samples(run, file):
     run("jcn-map", "--config", file("config.yaml", "num_samples: 1e308\n"), "--out", "out")
 
 
+@pytest.mark.parametrize(
+    ("command", "settings"),
+    [
+        ("jcn-map", "seed: -1\n"),
+        ("place", "task: linear_path\nseed: -1\n"),
+        ("excite", "robot: ur10e\nexcitation: {seed: -1.0}\n"),
+        ("simulate", "seed: -0x1f\n"),
+    ],
+)
+def test_a_seed_below_zero(run, file, command, settings):
+    assert "0 or more" in run(command, "--config", file("config.yaml", settings), "--out", "out")
+
+
 @pytest.mark.parametrize("time", ["1e6", "1e300"])
 def test_a_leap_of_the_clock(estimate, file, clean, time):
     rows = clean.log.read_text().splitlines()
@@ -497,3 +510,18 @@ def test_an_absurd_tick_does_not_stay_in_the_watch_over_friction(estimate, file,
     cells = rows[300].split(",")
     cells[8] = "5.0"  # rad/s, in one tick: missing, and so not a number where the log is resampled
     estimate(log=file("log.csv", "\n".join([*rows[:300], ",".join(cells), *rows[301:]])), expect=0)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        (b"'shape': (500,", b"'shape': {500,"),
+        (b"{'descr'", b"('descr'"),
+        (b"False", b"Fals\\"),
+        (b"NUMPY\x01", b"NUMPY\x7f"),
+        (b"PK\x01\x02-\x03-", b"PK\x01\x02-\x03\xff"),
+    ],
+)
+def test_a_damaged_array(estimate, file, clean, old, new):
+    data = (clean.folder / "log.npz").read_bytes()
+    assert "npz" in estimate(log=file("log.npz", data.replace(old, new)))

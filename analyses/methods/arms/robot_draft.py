@@ -1,17 +1,19 @@
 """A robot.yaml drafted from a URDF: what the URDF says, and marks where it says nothing."""
 
 import math
-import tempfile
+import os
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from analyses.output.scratch_folder import scratch_folder
 from diagrams.distances.clearance import Clearance
 from models.arrays import Array
 from models.files.input_error import InputError
 from models.files.whole_file import whole_file, writing_to
+from models.robot.mimic_joints import leader_of
 from models.robot.robot import Robot
 from models.robot.urdf_document import read_document
 
@@ -32,7 +34,7 @@ class _Joint:
     kind: str
     parent: str
     child: str
-    mimics: bool
+    leader: str  # the joint that it follows; '' where it follows none
     lower: float
     upper: float
     velocity: float
@@ -86,16 +88,19 @@ def draft_robot(
     if not arm:
         raise InputError(urdf, flange, f'no moving joint between it and "{base}"', "name --flange")
     locked = [joint for joint in joints if joint.moves and joint not in arm]
+    # What follows one of these stands still with it.
+    leaders = {joint.name for joint in joints if joint not in arm}
+    locked = [joint for joint in locked if joint.leader not in leaders]
     home = np.array([joint.middle for joint in arm])
     fields = (urdf, name, base, flange, arm, locked)
-    if out.exists():
+    if os.path.lexists(out):
         raise InputError(out, "", "is there already", "name another file with --out")
     # Loaded twice: to find a posture to start from, and as it is written.
-    with tempfile.TemporaryDirectory() as folder:
-        first = Path(folder) / "robot.yaml"
-        first.write_text(_text(first, *fields, home), encoding="utf-8")
-        home = _good_posture(Robot.load(first), home)
-    text = _text(out, *fields, home)
+    with scratch_folder() as folder:
+        first = folder / "robot.yaml"
+        first.write_text(_text(first, *fields, home, 0.0), encoding="utf-8")
+        home, floor = _good_posture(Robot.load(first), home)
+    text = _text(out, *fields, home, floor)
     with writing_to(out):
         out.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(out) as partial, writing_to(out):
@@ -139,7 +144,7 @@ def _joint(element: ET.Element) -> _Joint:
         kind=kind,
         parent=end("parent"),
         child=end("child"),
-        mimics=element.find("mimic") is not None,
+        leader=leader_of(element),
         lower=-math.inf if free else float(np.nan_to_num(number("lower"))),
         upper=math.inf if free else float(np.nan_to_num(number("upper"))),
         velocity=number("velocity"),
@@ -166,7 +171,7 @@ def _end_of_arm(joints: list[_Joint], base: str, urdf: Path) -> str:
 
     def is_hand(joint: _Joint) -> bool:
         words = f"{joint.name} {joint.child}".lower()
-        return joint.moves and (joint.mimics or any(word in words for word in _HANDS))
+        return joint.moves and (joint.leader != "" or any(word in words for word in _HANDS))
 
     def depth(link: str) -> int:
         ways = [joint for joint in below.get(link, []) if not is_hand(joint)]
@@ -201,8 +206,11 @@ def _end_of_arm(joints: list[_Joint], base: str, urdf: Path) -> str:
     return link
 
 
-def _good_posture(robot: Robot, middle: Array) -> Array:
-    """(n,) well conditioned, within the limits' middle, and where nothing overlaps."""
+def _good_posture(robot: Robot, middle: Array) -> tuple[Array, float | None]:
+    """(n,) well conditioned, within the limits' middle, and where nothing overlaps; the floor.
+
+    The floor is at W's origin where an arm can stay above it; None where it hangs below.
+    """
     low = np.clip(robot.position_lower, -_FULL_TURN, _FULL_TURN)
     high = np.clip(robot.position_upper, -_FULL_TURN, _FULL_TURN)
     rng = np.random.default_rng(0)
@@ -210,18 +218,20 @@ def _good_posture(robot: Robot, middle: Array) -> Array:
     centre = 0.5 * (low + high)
     candidates = centre + span * rng.uniform(-1.0, 1.0, (_CANDIDATES, robot.num_joints))
     conditions = np.array([float(robot.chain.condition_number(q)) for q in candidates])
-    best, least = middle, -np.inf
+    best, least, found = middle, -np.inf, None
     for floor in (0.0, None):  # an arm whose base hangs or stands on a column has none at W
         clearance = Clearance(robot, floor=floor)
         for k in np.argsort(conditions)[:60]:
+            if floor is not None and clearance.reaches_floor(candidates[k]):
+                continue
             slack = clearance.slack(candidates[k])
             if slack > least + 1e-3:
-                best, least = candidates[k], slack
+                best, least, found = candidates[k], slack, floor
             if slack > 0.05:
                 break
         if least > 0.0:
             break
-    return np.asarray(np.round(np.clip(best, low, high), 2), np.float64)
+    return np.asarray(np.round(np.clip(best, low, high), 2), np.float64), found
 
 
 def _text(
@@ -233,6 +243,7 @@ def _text(
     arm: list[_Joint],
     locked: list[_Joint],
     home: Array,
+    floor: float | None,
 ) -> str:
     path = urdf.resolve()
     if path.is_relative_to(out.resolve().parent):
@@ -248,6 +259,9 @@ def _text(
         "# tool: {mass: kg, com: [x, y, z], inertia: [ixx, iyy, izz, ixy, ixz, iyz]}  "
         "# what is mounted there, in axes of the flange",
         "gravity: [0, 0, -9.81]  # in W; another vector where the base hangs or is tilted",
+        "floor: 0  # m, its height in W; null where there is none"
+        if floor is not None
+        else "floor: null  # the arm hangs below W; else the floor's height in W, m",
         f"payload: 1.0  # {FILL_IN}: kg, rated (data sheet)",
         f"home: [{', '.join(f'{value:g}' for value in home)}]"
         "  # rad or m: free of contact, far from singular",

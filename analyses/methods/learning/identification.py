@@ -306,6 +306,7 @@ def _identify(
         )
         model = replace(model, torque_error=learn_torque_error(readings))
         model = replace(model, contact_noise=fit_contact_noise(readings, model, chain))
+    of_torque = all(recording.tau_J is not None for recording in recordings)
     result = IdentificationResult(
         model=model,
         base=base,
@@ -316,9 +317,13 @@ def _identify(
             *repeated_logs(recordings, validation),
             *repeated_motion_notes([run.name for run in fitted], motion_groups(fitted)),
             *contradictions(
-                replace(problem, weights=choice.weights, groups=None), solution, fitted, robot
+                replace(problem, weights=choice.weights, groups=None),
+                solution,
+                fitted,
+                robot,
+                of_torque,
             ),
-            *doubts(fit, base, model),
+            *doubts(fit, base, model, of_torque),
         ),
         config=config,
         law=choice.law,

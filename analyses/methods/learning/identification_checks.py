@@ -123,6 +123,7 @@ POOR_FIT = 0.5  # share of a joint's torque that stays unexplained
 PAYLOAD_DIFFERENCE = 0.3  # kg between logs; on the UR10e's unloaded runs 0.01
 GAIN_DIFFERENCE = 0.2  # of 1; on the UR10e with plain friction up to 0.1 with right constants
 SURE = 6.0  # standard deviations; many, as these do not cover errors of the model's structure
+NO_FRICTION = 0.005  # of a joint's torque: friction below that is none, of whichever sign
 HIGH_CONDITION_NUMBER = 100.0  # above it, small torque errors move the parameters a lot
 
 
@@ -144,9 +145,17 @@ def repeated_logs(recordings: Sequence[Recording], validation: Sequence[Recordin
 
 
 def contradictions(
-    problem: FrictionFit, solution: Solution, runs: Sequence[LowPassedLog], robot: Robot
+    problem: FrictionFit,
+    solution: Solution,
+    runs: Sequence[LowPassedLog],
+    robot: Robot,
+    of_torque: bool = False,
 ) -> list[str]:
-    """Warnings for logs that contradict each other, and for drives that do."""
+    """Warnings for logs that contradict each other, and for drives that do.
+
+    Args:
+        of_torque: whether the logs carry torque, so that no current is spoken of.
+    """
     factors = problem.factors(solution)
     sd = solution.estimate.residual_sd
     if len(runs) > 1:
@@ -168,19 +177,31 @@ def contradictions(
     if not wrong.size:
         return []
     read = ", ".join(f"{robot.joint_names[j]} {ratios[j]:.2f} times" for j in wrong)
+    check = "the unit of the torques" if of_torque else "torque_per_ampere and the gear ratios"
     return [
         f"gravity is inconsistent: {read} the torque of the masses that the other joints show is "
-        "measured; check torque_per_ampere and the gear ratios of these joints and the next"
+        f"measured; check {check} of these joints and the next"
     ]
 
 
-def doubts(fit: Sequence[TorqueFit], base: BaseParameters, model: IdentifiedModel) -> list[str]:
-    """Warnings for a poor fit, a poorly excited motion and negative friction."""
+def doubts(
+    fit: Sequence[TorqueFit],
+    base: BaseParameters,
+    model: IdentifiedModel,
+    of_torque: bool = False,
+) -> list[str]:
+    """Warnings for a poor fit, a poorly excited motion and negative friction.
+
+    Args:
+        of_torque: whether the logs carry torque, so that no current is spoken of.
+    """
+    asked = "unit and signs of the torques" if of_torque else "its current gains and signs"
     names = model.joint_names
-    unexplained = pooled_rmse(fit) / rms(np.vstack([f.measured for f in fit]))
+    torque = rms(np.vstack([f.measured for f in fit]))
+    unexplained = pooled_rmse(fit) / torque
     found = [
         f"{names[i]}: {100 * unexplained[i]:.0f} % of its torque stay unexplained; is it a log of "
-        f"'{model.robot}', are its current gains and signs right?"
+        f"'{model.robot}', are {asked} right?"
         for i in np.flatnonzero(unexplained > POOR_FIT)
     ]
     if base.condition_number > HIGH_CONDITION_NUMBER:
@@ -191,7 +212,10 @@ def doubts(fit: Sequence[TorqueFit], base: BaseParameters, model: IdentifiedMode
     law = model.friction.coulomb_viscous
     found += [
         f"{names[i]}: {kind} friction comes out negative, {value[i]:.3g}; do not trust it"
-        for kind, value in (("Coulomb", law.coulomb), ("viscous", law.viscous))
-        for i in np.flatnonzero(value < 0.0)
+        for kind, value, speed in (
+            ("Coulomb", law.coulomb, np.ones(len(names))),
+            ("viscous", law.viscous, np.array(model.validity.v_max)),
+        )
+        for i in np.flatnonzero(value * speed < -NO_FRICTION * torque)
     ]
     return found

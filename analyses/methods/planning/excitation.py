@@ -134,8 +134,9 @@ def excite(
     bounds = MotionBounds.of_robot(robot, config.limits)
     information = ExcitationInformation.of_chain(robot.chain, 1.0 / robot.effort_limit)
     progress(0.02, "shapes of the arm")
-    clearance = Clearance(robot, config.limits.clearance, config.limits.floor)
-    _check_floor(clearance, config)
+    floor = _floor(robot, config)
+    clearance = Clearance(robot, config.limits.clearance, floor)
+    _check_floor(clearance, floor)
     rng = np.random.default_rng(config.seed)
 
     def program(reserve: tuple[float, float]) -> ExcitationProgram:
@@ -388,15 +389,22 @@ def _check(config: ExcitationConfig) -> None:
         raise InputError("excite", "num_periods", problem, "take fewer, or a coarser time step")
 
 
-def _check_floor(clearance: Clearance, config: ExcitationConfig) -> None:
+def _floor(robot: Robot, config: ExcitationConfig) -> float | None:
+    if config.limits.no_floor:
+        return None
+    return robot.floor if config.limits.floor is None else config.limits.floor
+
+
+def _check_floor(clearance: Clearance, floor: float | None) -> None:
     below = [pair for pair in clearance.overlapping if pair.endswith(" and floor")]
     if below:
         part = below[-1].removesuffix(" and floor")
         raise InputError(
             "excite",
             "floor",
-            f"{config.limits.floor:g} m lies above {part} in the robot's home posture",
-            "state the floor's height in the robot's base frame, or --no-floor",
+            f"{floor:g} m lies above {part} in the robot's home posture",
+            "state the floor's height in the robot's base frame (floor in robot.yaml, or --floor), "
+            "or --no-floor",
         )
 
 

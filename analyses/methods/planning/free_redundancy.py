@@ -111,7 +111,8 @@ def surroundings(robot: Robot, task: RedundancyTask, config: RedundancyClearance
         piece = PlateConfig(task.workpiece, [plate.length, plate.width, _PLATE_THICKNESS])
     elif task.surface is not None and task.surface.blade is not None:
         piece = BladeConfig(pose=task.workpiece, **vars(task.surface.blade))
-    clearance = Clearance(robot, config.distance, config.floor, piece)
+    floor = robot.floor if config.floor is None else config.floor
+    clearance = Clearance(robot, config.distance, floor, piece)
     return Surroundings(robot, clearance, config.approach)
 
 

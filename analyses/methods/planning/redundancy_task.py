@@ -32,7 +32,7 @@ class RedundancyClearance:
     """What the whole arm keeps from itself, from the floor and, but for the tool, the workpiece."""
 
     distance: float = 0.005  # m
-    floor: float | None = 0.0  # m, height of the floor in W; None for none
+    floor: float | None = None  # m, height of the floor in W; None: what robot.yaml says
     approach: float = 0.05  # m, that E comes and goes along the normal at both ends
 
 

@@ -27,9 +27,9 @@ _BAND = 1.96  # standard deviations: 95 %
 _SINGULAR = 1e12  # condition number: beyond, rounding alone decides its digits
 _OUTSIDE_WARNING = 0.01  # share of samples outside the model's ranges
 _FAULTS = {
-    BEYOND: "a position, speed or current is beyond what its joint can do",
+    BEYOND: "a position, speed, current or torque is beyond what its joint can do",
     DISAGREES: "position and velocity of a joint disagree, as where an encoder sticks",
-    FROZEN: "a joint moves while its current stays the same to the last digit",
+    FROZEN: "a joint moves while its current or torque stays the same to the last digit",
 }
 _UNSURE_WARNING = 0.5  # share of invalid samples
 

@@ -10,6 +10,7 @@ import time
 import pyarrow.parquet as pq
 import pytest
 
+from analyses.campaign.campaign import CampaignSettings, run_campaign
 from models.files.input_error import InputError
 from models.truth.worlds import draw_world
 
@@ -149,6 +150,25 @@ def test_an_interrupt_keeps_what_is_done(tmp_path, experiment):
     table = pq.read_table(out / "campaign.parquet")
     assert sorted(set(table["world"].to_pylist())) == [0, 2]
     assert not list((out / ".campaign").glob("*.json"))
+
+
+def test_a_fresh_campaign_ended_before_its_first_world_keeps_the_earlier_one(
+    tmp_path, experiment, campaign
+):
+    experiment("toy")
+    campaign("toy", worlds=1, jobs=1)
+    before = file_of(tmp_path, "campaign")
+
+    def end(progress):
+        if progress.state == "running":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_campaign(
+            CampaignSettings(("toy",), 1, seed=5), tmp_path / "campaign", fresh=True, watch=end
+        )
+    assert file_of(tmp_path, "campaign") == before
+    assert (tmp_path / "campaign" / "campaign.html").exists()
 
 
 def test_a_kill_keeps_what_is_done(tmp_path, experiment, campaign, counted):

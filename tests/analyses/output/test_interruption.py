@@ -16,6 +16,18 @@ def test_an_end_is_an_exception_that_names_its_signal(number):
     assert signal.getsignal(number) == signal.SIG_DFL
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_end_that_a_library_makes_its_own_error_is_still_known(number):
+    before = signal.getsignal(number)
+    with pytest.raises(ImportError), ends_are_interrupts() as came:
+        try:
+            os.kill(os.getpid(), number)
+        except KeyboardInterrupt as error:
+            raise ImportError("initialization failed") from error
+    assert came == [number]
+    assert signal.getsignal(number) == before
+
+
 def test_an_ignored_end_stays_ignored():
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
     try:

@@ -6,56 +6,13 @@ and never more.
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-import coal
 import numpy as np
-import pinocchio
 import pytest
+from package_meshes import PackageMeshes
 
 from diagrams.distances.clearance import Clearance
 from models.robot.robot import Robot
-
-
-class _Meshes:
-    """The robot's collision shapes in pinocchio and coal."""
-
-    def __init__(self, robot: Robot, urdf: Path, package: Path) -> None:
-        self.model = pinocchio.buildModelFromUrdf(str(urdf))
-        kind = pinocchio.GeometryType.COLLISION
-        self.shapes = pinocchio.buildGeomFromUrdf(self.model, str(urdf), kind, None, [str(package)])
-        self.data = self.model.createData()
-        self.placed = pinocchio.GeometryData(self.shapes)
-        ids = [self.model.getJointId(name) for name in robot.joint_names]
-        self.moving = set(ids)
-        self.index = [self.model.joints[i].idx_q for i in ids]
-
-    def _joint(self, joint: int) -> int:
-        while joint and joint not in self.moving:
-            joint = self.model.parents[joint]
-        return int(joint)
-
-    def smallest(self, q: np.ndarray) -> float:
-        """Of all pairs but those of one body or of neighbours, m."""
-        full = pinocchio.neutral(self.model)
-        full[self.index] = q
-        pinocchio.updateGeometryPlacements(self.model, self.data, self.shapes, self.placed, full)
-        found = [np.inf]
-        parts = list(self.shapes.geometryObjects)
-        for i, first in enumerate(parts):
-            for k, second in enumerate(parts[:i]):
-                a, b = self._joint(first.parentJoint), self._joint(second.parentJoint)
-                if a == b or self._joint(self.model.parents[max(a, b)]) == min(a, b):
-                    continue
-                found.append(self._distance(first, self.placed.oMg[i], second, self.placed.oMg[k]))
-        return min(found)
-
-    @staticmethod
-    def _distance(first: Any, X_1: Any, second: Any, X_2: Any) -> float:
-        places = [coal.Transform3s(X.rotation, X.translation) for X in (X_1, X_2)]
-        request, result = coal.DistanceRequest(), coal.DistanceResult()
-        a, b = first.geometry, second.geometry
-        return float(coal.distance(a, places[0], b, places[1], request, result))
 
 
 @pytest.fixture(scope="module")
@@ -63,9 +20,9 @@ def ur5(wheel_robot: Callable[[str], Robot]) -> Robot:
     return wheel_robot("ur5")
 
 
-def test_hulls_are_never_farther_apart_than_their_meshes(ur5: Robot, wheel_robots: Path) -> None:
-    urdf = wheel_robots / "ur_description/urdf/ur5_robot.urdf"
-    meshes = _Meshes(ur5, urdf, wheel_robots.parents[1])
+def test_hulls_are_never_farther_apart_than_their_meshes(ur5: Robot) -> None:
+    meshes = PackageMeshes(ur5)
+    assert meshes.by_construction == set()
     clearance = Clearance(ur5, floor=None)
     assert ur5.unusable_collisions == ()
     assert clearance.has_shapes

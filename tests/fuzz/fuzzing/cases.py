@@ -143,7 +143,8 @@ def _odd_options(seed: int, rng: random.Random) -> Case:
         else:
             words.insert(rng.randrange(1, len(words) + 1), pick())
     if command == "study":
-        words.append("nothing")  # no experiment, whatever the others say: they take minutes
+        # No experiment, whatever an option before takes as its value: they take minutes.
+        words += ["--", "nothing"]
     # What an operating system hands over has neither of these.
     clean = [word.replace("\0", "") for word in words]
     return Case(seed, "command line", "", " ".join(clean)[:200], tuple(clean))

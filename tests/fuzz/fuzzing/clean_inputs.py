@@ -45,8 +45,8 @@ max_joint_step_deg: 60.0
 num_angles: 12
 """,
     "place.yaml": """\
-path_length: 5.0
-num_segments: 4
+path_length: 0.1
+num_segments: 2
 midpoint_lower: [-0.6, -0.6, 0.0]
 midpoint_upper: [0.6, 0.6, 0.9]
 limit_margin_deg: 2.0

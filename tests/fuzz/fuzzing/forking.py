@@ -3,6 +3,7 @@
 A line of JSON in, a line of JSON out.
 """
 
+import gc
 import json
 import math
 import os
@@ -11,10 +12,13 @@ import select
 import signal
 import sys
 import tempfile
+import time
 import traceback
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
+_TIDYING = 20  # s of the same, until what a command had started is gone
 _PATIENCE = 10  # of the clock on the wall: a machine may have much else to do
 
 
@@ -47,8 +51,19 @@ def _in_the_child(question: dict[str, Any], out: IO[bytes], err: IO[bytes]) -> i
     if question["file"] is not None:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (question["file"], question["file"]))
+    if not question["draws"]:
+        _leave_figures_empty()
     arguments = [os.fsdecode(a.encode("latin-1")) for a in question["run"]]
     return _command_line(arguments)
+
+
+def _leave_figures_empty() -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    def print_png(canvas: object, path: str | Path, **more: object) -> None:
+        Path(path).touch()
+
+    FigureCanvasAgg.print_png = print_png
 
 
 def _memory(name: str) -> int:
@@ -72,10 +87,15 @@ def _run(question: dict[str, Any]) -> dict[str, Any]:
                 os.write(2, traceback.format_exc().encode())
             finally:
                 os._exit(code)
+        with suppress(OSError):
+            os.setpgid(child, child)  # whichever of the two is first
+        if question["end"] is not None:
+            _end(child, *question["end"])
         timed_out = not _ends_within(child, _PATIENCE * question["seconds"])
         if timed_out:
             os.killpg(child, signal.SIGKILL)
         _, status, usage = os.wait4(child, 0)
+        left_running = question["end"] is not None and not _group_ends(child)
         seconds = usage.ru_utime + usage.ru_stime
         out.seek(0)
         err.seek(0)
@@ -86,7 +106,27 @@ def _run(question: dict[str, Any]) -> dict[str, Any]:
             "seconds": seconds,
             "peak_bytes": max(0, 1024 * usage.ru_maxrss - _memory("VmRSS")),
             "timed_out": timed_out or seconds >= question["seconds"],
+            "left_running": left_running,
         }
+
+
+def _end(child: int, after: float, number: int, group: bool) -> None:
+    if not _ends_within(child, after):
+        with suppress(ProcessLookupError):
+            (os.killpg if group else os.kill)(child, number)
+
+
+def _group_ends(group: int) -> bool:
+    """Whether its last process is gone soon; those that are not are ended."""
+    until = time.monotonic() + _TIDYING
+    while time.monotonic() < until:
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.02)
+    os.killpg(group, signal.SIGKILL)
+    return False
 
 
 def _ends_within(child: int, seconds: float) -> bool:
@@ -106,6 +146,8 @@ def _warm_up(question: dict[str, Any]) -> dict[str, Any]:
     try:
         return {"code": _command_line(question["warm_up"])}
     finally:
+        gc.collect()
+        gc.freeze()  # or each child's first collection copies all pages of this process
         sys.stdout.flush()
         sys.stderr.flush()
         os.dup2(kept[0], 1)
@@ -115,7 +157,11 @@ def _warm_up(question: dict[str, Any]) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Answers questions until there are no more."""
+    """Answers questions until there are no more; its arguments are modules with experiments."""
+    for module in sys.argv[1:]:
+        from analyses.study.registry import REGISTRY
+
+        REGISTRY.register(module)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     answers = os.fdopen(os.dup(1), "w")
     for line in sys.stdin:

@@ -1,35 +1,74 @@
 """`python -m fuzzing.kills --count 1000`: commands that are ended at random moments.
 
-Each runs as a process of its own over older results of its own, and gets SIGKILL, SIGTERM, SIGINT
-or SIGHUP. The older results must then be there, whole, or the new ones; and after the next run of
-the command nothing may be left that is not a result.
+Each works over older results of its own and gets SIGKILL, SIGTERM, SIGINT or SIGHUP. The older
+results must then be there, whole, or the new ones; no process may be left; and after the next run
+of the command nothing that is not a result. Most run in a process that was forked, ready to begin;
+every tenth is a program that starts.
 """
 
 import argparse
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
-from analyses.output.result_folder import STAGING, recover
-from analyses.output.result_marker import MARKER, ResultMarker, strangers, visible_files
 from fuzzing.clean_inputs import make_clean_inputs, motion
+from fuzzing.killed_results import CampaignFolder, Draft, Folder, Page, Results, StudyResults
+from fuzzing.sandbox import Ending, Sandbox
 from models.recordings.recording_writer import write_recording
 
 _ROOT = Path(__file__).parents[3]
 _ENDS = (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+_EXPERIMENT = "quick-experiment"
+_LOG = ("long.csv", "--robot", "robot")
+EXPERIMENTS = ("fuzzing.quick_experiment",)
+SECONDS = 120.0  # of a processor, until a run is given up
+STARTS = "from its start"
+
+# SEED, PRIOR and so on change with each run, so that older results can be told from new ones.
 COMMANDS = {
     "jcn-map": ("jcn-map", "--samples", "2000", "--seed", "SEED"),
     "simulate": ("simulate", "--duration", "0.02", "--no-recording", "--seed", "SEED"),
     "estimate": ("estimate", "log.csv", "--robot", "robot", "--prior", "PRIOR,2", "--mcap"),
     "redundancy": ("redundancy", "--task", "redundancy.yaml"),
-    "identify": ("identify", "long.csv", "--robot", "robot", "--consistent"),
+    "identify": ("identify", *_LOG, "--consistent", "--cutoff-hz", "CUTOFF"),
+    "refresh": ("identify", *_LOG, "--refresh", "identified/model.yaml", "--part", "0,PART"),
+    "payload": ("payload", *_LOG, "--model", "identified/model.yaml", "--gain-sd", "0.PART"),
+    "place": ("place", "--task", "place.yaml", "--quick", "--seed", "SEED"),
+    "excite": (
+        *("excite", "--robot", "robot", "--seed", "SEED", "--harmonics", "2"),
+        *("--config", "excite.yaml", "--no-validation", "--no-record"),
+    ),
+    "study": ("study", _EXPERIMENT, "--seed", "SEED", "--jobs", "1"),
+    "campaign": (
+        *("campaign", _EXPERIMENT, "--worlds", "2", "--seed", "SEED", "--jobs", "1"),
+        "--fresh",
+    ),
+    "robot show": ("robot", "show", "ARM"),
+    "robot": ("robot", "robot/robot.urdf"),
+    STARTS: ("jcn-map", "--samples", "50", "--seed", "SEED"),
 }
+WEIGHTS = {"study": 0.5, "campaign": 0.3, "identify": 0.5}  # of the others: 1
+
+
+def make_kill_inputs(sandbox: Sandbox, folder: Path) -> None:
+    """Writes what the commands read, and warms the process up that forks."""
+    make_clean_inputs(folder)
+    write_recording(motion(5200), folder / "long.csv")
+    (folder / "excite.yaml").write_text("excitation: {num_starts: 2, iterations: 3}\n")
+    warm = folder / "warm"
+    sandbox.warm_up([(*_words(COMMANDS["identify"], 0), "--out", "identified")], folder)
+    names = [name for name in COMMANDS if name not in ("identify", "study", "campaign", STARTS)]
+    runs = [(*_words(COMMANDS[name], 0), "--out", str(warm / name)) for name in names]
+    sandbox.warm_up(runs, folder)
+    shutil.rmtree(warm)
 
 
 class Kills:
@@ -37,74 +76,91 @@ class Kills:
 
     Args:
         name: of COMMANDS.
-        folder: with the clean inputs.
+        folder: with what `make_kill_inputs` writes.
     """
 
-    def __init__(self, name: str, folder: Path) -> None:
-        self._arguments, self._folder = COMMANDS[name], folder
-        self.out = folder / f"out {name}"
-        began = time.monotonic()
-        code, errors = self._run(0)
-        if code != 0:
-            raise RuntimeError(f"{name} ended with {code}: {errors}")
-        began, code = time.monotonic(), self._run(0)[0]
-        self._seconds = time.monotonic() - began
+    def __init__(self, name: str, sandbox: Sandbox, folder: Path) -> None:
+        self._name, self._sandbox, self._folder = name, sandbox, folder
+        self.results = _results(name, folder)
+        self._seconds = 0.0
+        for seed in (0, 1):
+            began, ending = time.monotonic(), self._run(seed)
+            if ending.code != 0:
+                raise RuntimeError(f"{name} ended with {ending.code}: {ending.stderr}")
+            self._seconds = time.monotonic() - began
 
     def fault(self, seed: int) -> tuple[str, str | None]:
         """Which signal ended the next run, and what went wrong; None if nothing did."""
         rng = random.Random(seed)
-        before, had_part = self._content(), (self.out / STAGING).exists()
         number = rng.choice(_ENDS)
-        process = self._started(seed + 1)
-        time.sleep(rng.uniform(0.0, 1.1) * self._seconds)
-        process.send_signal(number)
-        _, errors = process.communicate()
-        if "Traceback" in errors and "__main__" in errors:  # else the interpreter's own beginning
-            return number.name, errors[-300:]
-        recover(self.out)  # what the next run does first
-        after = self._content()
-        marker = ResultMarker.read(self.out)
-        if marker is None:
-            return number.name, "no marker"
-        found = next(strangers(self.out, marker), None)
-        if found is not None:
-            return number.name, f"{found.name} is not as it was written"
-        if set(marker.files) != set(after):
-            return number.name, "files that the marker does not know, or that are gone"
-        changed = {name for name in after if before.get(name) != after[name]}
-        if changed and before.get("config.yaml") == after.get("config.yaml"):
-            return number.name, f"{sorted(changed)} beside the older config.yaml"
-        if number != signal.SIGKILL and not had_part and (self.out / STAGING).exists():
-            return number.name, "the part that was written is left behind"
-        return number.name, None
+        share = 0.3 if self._name == STARTS else 1.1
+        after = rng.uniform(0.0, share) * self._seconds
+        # A terminal tells all processes, `kill` one.
+        group = number in (signal.SIGINT, signal.SIGHUP) and rng.random() < 0.5
+        self.results.before(tidy_end=number != signal.SIGKILL)
+        ending = self._run(seed + 2, (after, number, group))
+        what = f"{number.name}{' of all' if group else ''}"
+        if "Traceback" in ending.stderr and "frozen" not in ending.stderr:
+            return what, ending.stderr[-600:]
+        if ending.left_running:
+            return what, "a process is left running"
+        if ending.code not in (0, -number, 128 + number) and "frozen" not in ending.stderr:
+            return what, f"exit code {ending.code}: {ending.stderr[-300:]}"
+        return what, self.results.fault()
 
     def left_behind(self) -> list[str]:
         """What there is after one more run that is no result."""
-        code, errors = self._run(0)
-        if code != 0:
-            return [errors]
-        hidden = {entry.name for entry in os.scandir(self.out) if entry.name.startswith(".")}
-        return sorted(hidden - {MARKER})
+        ending = self._run(0)
+        if ending.code != 0:
+            return [ending.stderr]
+        return self.results.hidden()
 
-    def _run(self, seed: int) -> tuple[int, str]:
-        process = self._started(seed)
-        _, errors = process.communicate()
-        return process.returncode, errors
+    def _run(self, seed: int, end: tuple[float, int, bool] | None = None) -> Ending:
+        self.results.make_room()
+        arguments = (*_words(COMMANDS[self._name], seed), "--out", str(self.results.path))
+        if self._name == STARTS:
+            return self._started(arguments, end)
+        return self._sandbox.run(arguments, self._folder, SECONDS, end=end)
 
-    def _started(self, seed: int) -> "subprocess.Popen[str]":
-        words = {"SEED": str(seed), "PRIOR,2": f"{30 + seed % 7},2"}
-        arguments = [words.get(word, word) for word in self._arguments]
-        return subprocess.Popen(
-            [sys.executable, "-m", "wrenchsight", *arguments, "--out", str(self.out)],
+    def _started(self, arguments: Sequence[str], end: tuple[float, int, bool] | None) -> Ending:
+        process = subprocess.Popen(
+            [sys.executable, "-c", "from wrenchsight.__main__ import main; main()", *arguments],
             cwd=self._folder,
             env=os.environ | {"PYTHONPATH": str(_ROOT)},
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
         )
+        if end is not None:
+            time.sleep(end[0])
+            process.send_signal(end[1])
+        _, errors = process.communicate()
+        return Ending(process.returncode, "", errors, 0.0, 0, False)
 
-    def _content(self) -> dict[str, bytes]:
-        return {name: path.read_bytes() for name, path in visible_files(self.out)}
+
+def _results(name: str, folder: Path) -> Results:
+    out = folder / f"out {name}"
+    if name == "study":
+        return StudyResults(out, _EXPERIMENT)
+    if name == "campaign":
+        return CampaignFolder(out)
+    if name == "robot show":
+        return Page(out / "arm.html")
+    if name == "robot":
+        return Draft(out / "robot.yaml")
+    return Folder(out)
+
+
+def _words(words: Sequence[str], seed: int) -> list[str]:
+    values = {
+        "SEED": str(seed),
+        "PRIOR,2": f"{30 + seed % 7},2",
+        "CUTOFF": f"{5 + 0.1 * (seed % 3)}",
+        "0,PART": f"0,4.{seed % 7}",
+        "0.PART": f"0.03{seed % 7}",
+        "ARM": ("robot", "ur10e")[seed % 2],
+    }
+    return [values.get(word, word) for word in words]
 
 
 def main() -> int:
@@ -112,25 +168,33 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="fuzzing.kills", description=__doc__)
     parser.add_argument("--count", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", nargs="+", choices=COMMANDS, default=list(COMMANDS))
     options = parser.parse_args()
     totals: Counter[str] = Counter()
     bad = 0
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name) / "inputs"
-        make_clean_inputs(folder)
-        write_recording(motion(6000), folder / "long.csv")
-        runs = {command: Kills(command, folder) for command in COMMANDS}
-        for seed in range(options.seed, options.seed + options.count):
-            command = list(COMMANDS)[seed % len(COMMANDS)]
-            number, fault = runs[command].fault(seed)
-            totals[f"{command}: {number}"] += 1
-            if fault is not None:
-                bad += 1
-                print(f"{seed} {command} {number}: {fault}", flush=True)
-        for command, run in runs.items():
-            if left := run.left_behind():
-                bad += 1
-                print(f"{command} leaves {left}", flush=True)
+        folder, temporary = Path(name) / "inputs", Path(name) / "temporary"
+        temporary.mkdir()
+        with Sandbox(EXPERIMENTS, {"TMPDIR": str(temporary)}) as sandbox:
+            make_kill_inputs(sandbox, folder)
+            runs = {command: Kills(command, sandbox, folder) for command in options.only}
+            weights = [WEIGHTS.get(command, 1.0) for command in options.only]
+            for seed in range(options.seed, options.seed + options.count):
+                (command,) = random.Random(seed).choices(options.only, weights)
+                number, fault = runs[command].fault(seed)
+                totals[f"{command}: {number}"] += 1
+                if fault is not None:
+                    bad += 1
+                    print(f"{seed} {command} {number}: {fault}", flush=True)
+                if (seed - options.seed) % 50 == 49:
+                    print(f"{seed - options.seed + 1} done", file=sys.stderr, flush=True)
+            for command, run in runs.items():
+                if left := run.left_behind():
+                    bad += 1
+                    print(f"{command} leaves {left}", flush=True)
+        if left := sorted(path.name for path in temporary.iterdir()):
+            bad += 1
+            print(f"left among the temporary files: {left}", flush=True)
     for key, count in sorted(totals.items()):
         print(f"{count:6d}  {key}")
     print(f"{bad} faults in {options.count}")

@@ -8,7 +8,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -29,6 +29,7 @@ class Ending:
         seconds: of the processor.
         peak_bytes: most memory that it held, beyond what it was forked with.
         timed_out: whether it was ended for its time, or for waiting for what never came.
+        left_running: whether a process that it had started was there some seconds later.
     """
 
     code: int
@@ -37,6 +38,7 @@ class Ending:
     seconds: float
     peak_bytes: int
     timed_out: bool
+    left_running: bool = False
 
     def fault(self) -> str | None:
         """What makes this ending a defect, whatever the input was; None if it is as it should."""
@@ -62,18 +64,29 @@ class Ending:
 
 
 class Sandbox:
-    """Runs commands; a context manager, as it holds a process."""
+    """Runs commands; a context manager, as it holds a process.
 
-    def __init__(self) -> None:
-        environment = os.environ | {
-            "PYTHONPATH": os.pathsep.join([str(_PACKAGE), str(_ROOT)]),
-            "OMP_NUM_THREADS": "1",
-            "OPENBLAS_NUM_THREADS": "1",
-            "NUMBA_THREADING_LAYER": "workqueue",  # which alone may be forked
-            "NUMBA_NUM_THREADS": "1",
-        }
+    Args:
+        experiments: modules with experiments that studies and campaigns are to know.
+        variables: of the processes' environment, beside what this process has.
+    """
+
+    def __init__(
+        self, experiments: Sequence[str] = (), variables: Mapping[str, str] | None = None
+    ) -> None:
+        environment = (
+            os.environ
+            | (variables or {})
+            | {
+                "PYTHONPATH": os.pathsep.join([str(_PACKAGE), str(_ROOT)]),
+                "OMP_NUM_THREADS": "1",
+                "OPENBLAS_NUM_THREADS": "1",
+                "NUMBA_THREADING_LAYER": "workqueue",  # which alone may be forked
+                "NUMBA_NUM_THREADS": "1",
+            }
+        )
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "fuzzing.forking"],
+            [sys.executable, "-m", "fuzzing.forking", *experiments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env=environment,
@@ -95,11 +108,17 @@ class Sandbox:
         seconds: float = SECONDS,
         bytes_more: int = BYTES,
         bytes_of_file: int | None = None,
+        draws: bool = True,
+        end: tuple[float, int, bool] | None = None,
     ) -> Ending:
         """Runs `wrenchsight` with these arguments in `folder`.
 
         Args:
             bytes_of_file: no file can grow beyond; stands for a full disk.
+            draws: whether figures are drawn, which takes most of a short command's time; else
+                their files stay empty.
+            end: after so many seconds it gets a signal of this number, alone or (True) with all
+                processes that it has started.
         """
         answer = self._ask(
             {
@@ -108,6 +127,8 @@ class Sandbox:
                 "seconds": seconds,
                 "bytes": bytes_more,
                 "file": bytes_of_file,
+                "draws": draws,
+                "end": end,
             }
         )
         return Ending(**answer)

@@ -75,3 +75,30 @@ def test_an_arm_at_rest_tells_too_little(sts):
     g = tilted(sts.chain, 10.0)
     tau_ext = sts.chain.gravity_torque(q) - replace(sts.chain, gravity=g).gravity_torque(q)
     assert read(sts, q, tau_ext) is None
+
+
+def noisy_tilt(robot, N, share):
+    """Torques of a base tilted by 10 deg, which explains a share of their mean square."""
+    q = motion(robot, N)
+    g = tilted(robot.chain, 10.0)
+    tau_ext = robot.chain.gravity_torque(q) - replace(robot.chain, gravity=g).gravity_torque(q)
+    clean = tau_ext - tau_ext.mean(axis=0)
+    noise = np.random.default_rng(2).normal(size=q.shape)
+    return q, tau_ext + noise * np.sqrt(np.mean(clean**2) * (1.0 - share) / share)
+
+
+def test_what_explains_little_is_no_tilt(sts):
+    """Ten minutes: sure to many standard errors, and still a small part of what is read."""
+    assert read(sts, *noisy_tilt(sts, 60_000, 0.6)) is not None
+    assert read(sts, *noisy_tilt(sts, 60_000, 0.15)) is None
+
+
+def test_what_is_not_sure_is_no_tilt(sts):
+    """Four seconds, 4 * 6 independent numbers, of which half of the square is explained."""
+    assert read(sts, *noisy_tilt(sts, 400, 0.5)) is None
+    assert read(sts, *noisy_tilt(sts, 400, 0.9)) is not None
+
+
+def test_less_than_three_seconds_say_nothing(sts):
+    assert read(sts, *noisy_tilt(sts, 270, 0.99)) is None
+    assert read(sts, *noisy_tilt(sts, 330, 0.99)) is not None

@@ -1,5 +1,7 @@
 """A file appears whole, or the old one stays."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -45,3 +47,40 @@ def test_a_file_in_the_place_of_a_folder_is_one_line(tmp_path: Path) -> None:
 def test_a_full_disk_is_one_line() -> None:
     with pytest.raises(InputError, match="No space left on device"), writing_to("a.csv"):
         raise OSError(28, "No space left on device")
+
+
+def test_what_a_kill_left_is_removed(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    code = (
+        "import os, sys\nfrom models.files.whole_file import whole_file\n"
+        "with whole_file(sys.argv[1]) as partial:\n    os.kill(os.getpid(), 9)\n"
+    )
+    subprocess.run([sys.executable, "-c", code, str(path)], check=False)
+    (left,) = tmp_path.iterdir()
+    assert left.name.startswith(".a.txt.")
+    others = (tmp_path / ".b.txt.1.partial", tmp_path / ".a.txt.old.partial")
+    for other in others:
+        other.write_text("not of this file")
+    with whole_file(path) as partial:
+        partial.write_text("new")
+        assert not left.exists()
+    assert set(tmp_path.iterdir()) == {path, *others}
+
+
+def test_what_another_process_is_writing_stays(tmp_path: Path) -> None:
+    code = (
+        "import sys\nfrom models.files.whole_file import whole_file\n"
+        "with whole_file(sys.argv[1]) as partial:\n"
+        "    print('ready', flush=True)\n    sys.stdin.readline()\n    partial.write_text('its')\n"
+    )
+    path = tmp_path / "a.txt"
+    with subprocess.Popen(
+        [sys.executable, "-c", code, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as other:
+        assert other.stdout is not None
+        other.stdout.readline()
+        with whole_file(path) as partial:
+            partial.write_text("ours")
+        assert path.read_text() == "ours"
+        other.communicate(b"\n")
+    assert path.read_text() == "its"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from models.friction.coupled_friction import CoupledFriction
+from models.friction.coupled_friction import CoupledFriction, joint_side
 from models.friction.friction_network import FrictionNetworks
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import (
@@ -78,6 +78,22 @@ def test_a_joint_that_moves_alone_meets_all_its_motors():
         along = law.torque_along(v, v, v)[0, j]
         # Motors that stand still are at sgn(0) = 0; what they are offset by stays.
         assert law.feedforward.torque(v[0])[j] == pytest.approx(along)
+
+
+def test_a_motor_s_encoder_step_is_that_of_all_joints_it_moves_with():
+    """Where the law below is sampled on a step of its own, motor by motor."""
+    step = np.array([1e-4, 2e-4, 3e-4])
+    found = CoupledFriction(presliding(), D).sampled(0.002, step)
+    expected = presliding().sampled(0.002, np.array([1e-4, 2.5e-4, 5e-4]))
+    np.testing.assert_array_equal(found.law.slip_table, expected.slip_table)
+    assert not np.array_equal(found.law.slip_table, presliding().sampled(0.002, step).slip_table)
+
+
+def test_sizes_of_motors_are_summed_up_where_they_turn_a_joint():
+    sizes = np.array([[1.0], [10.0], [100.0]])
+    law = CoupledFriction(SemiParametricFriction(SLIDING), D)
+    np.testing.assert_array_equal(joint_side(law, sizes), [[6.0], [110.0], [100.0]])
+    np.testing.assert_array_equal(joint_side(law.law, sizes), sizes)
 
 
 def test_networks_and_singular_couplings_are_refused():

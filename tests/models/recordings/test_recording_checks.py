@@ -249,9 +249,18 @@ def test_a_heavy_load_is_no_torque_in_place_of_current() -> None:
 
 def test_a_log_of_torques_is_refused_in_words_of_torques() -> None:
     log = _log()
-    turned = replace(log, current=-log.current, tau_J=-log.current * _GAIN * _SIGN)
-    with pytest.raises(InputError, match="the torque pulls with gravity"):
-        RecordingChecks(_robot()).feed(turned)
+    found = []
+    # Turned, in another unit either way, and so for a joint that friction moves more than gravity.
+    friction = np.array([40.0, 8.0]) * np.sign(log.v) / (_GAIN * _SIGN)
+    for signal in (-log.current, 1000 * log.current, 0.001 * (log.current + friction)):
+        wrong = replace(log, current=signal, tau_J=signal * _GAIN * _SIGN)
+        with pytest.raises(InputError) as error:
+            RecordingChecks(_robot()).feed(wrong)
+        found.append(str(error.value))
+        assert "current" not in found[-1] and "torque_per_ampere" not in found[-1]
+    assert "the torque pulls with gravity" in found[0] and "set gain: -1" in found[0]
+    assert "motor_torque: {unit: mN m}" in found[1]
+    assert "motor_torque: {unit: ...}" in found[2]
 
 
 def test_a_load_does_not_turn_the_sign() -> None:

@@ -22,6 +22,14 @@ def test_rates_of_a_wrist_are_whole_numbers():
     np.testing.assert_array_equal(D, [[1, 0, 0], [0, 1, 0], [0, 1, 1]])
 
 
+def test_ones_and_zeros_are_inverted_without_rounding():
+    """Four motors whose matrix LAPACK may invert with some 1e-16 in places."""
+    C = np.array([[1.0, -1, 0, 0], [-1, -1, 1, -1], [-1, 0, -1, -1], [-1, 0, 1, 0]])
+    D = motor_rates(C)
+    np.testing.assert_array_equal(D, np.round(D))
+    np.testing.assert_array_equal(C @ D, np.eye(4))
+
+
 def test_any_ratio_has_its_inverse():
     C = np.array([[1.0, 0.0], [0.3, 0.7]])
     np.testing.assert_allclose(motor_rates(C) @ C, np.eye(2), atol=1e-15)

@@ -63,6 +63,7 @@ def test_a_world_changes_the_truth_and_nothing_else():
         (truth.friction.viscous, about.friction.viscous, "viscous"),
         (truth.friction.stribeck_velocity, about.friction.stribeck_velocity, "stribeck_velocity"),
         (truth.mechanisms.load.motoring, about.mechanisms.load.motoring, "load"),
+        (truth.mechanisms.load.generating, about.mechanisms.load.generating, "load"),
         (truth.mechanisms.ripple.load_share, about.mechanisms.ripple.load_share, "ripple"),
         (truth.mechanisms.slip.displacement, about.mechanisms.slip.displacement, "displacement"),
         (truth.mechanisms.elasticity.stiffness, about.mechanisms.elasticity.stiffness, "stiffness"),

@@ -48,7 +48,7 @@ def test_the_arm_is_found_and_loads(
     assert float(again.chain.condition_number(again.home)) < 30.0
     floor = None if "talos" in urdf else 0.0  # its arm alone hangs below its base link
     # The hulls of Talos' concave wrist always overlap; excite says that it does not check them.
-    wrist = {"arm_left_5_link_hull_4 and arm_left_7_link_hull_6"}
+    wrist = {"arm_left_5_link and arm_left_7_link"}
     assert set(Clearance(again, floor=floor).overlapping) <= (wrist if "talos" in urdf else set())
 
 

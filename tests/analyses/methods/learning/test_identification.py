@@ -330,7 +330,26 @@ def test_torque_that_belongs_to_another_motion_warns(sts, noisy):
     """A wrong robot of the same number of joints looks like this: nothing explains the torque."""
     wrong = replace(noisy[0], current=noisy[1].current)
     result = identify([wrong], sts)
-    assert any("unexplained" in w and "sts_sre4_600" in w for w in result.warnings)
+    (warning,) = [w for w in result.warnings if "joint_1" in w and "unexplained" in w]
+    assert "sts_sre4_600" in warning and "current gains" in warning
+    # A log of torques has no current that could be asked for.
+    torque = wrong.current * sts.torque_per_ampere * sts.current_sign
+    result = identify([replace(wrong, tau_J=torque)], sts)
+    (warning,) = [w for w in result.warnings if "joint_1" in w and "unexplained" in w]
+    assert "unit and signs of the torques" in warning and "current" not in warning
+
+
+def test_friction_that_is_negative_is_told_and_none_is_not(sts, truth):
+    log = recording(sts, truth, 1)
+    sign = sts.torque_per_ampere * sts.current_sign
+
+    def negative(share):
+        friction = share * (COULOMB * np.sign(log.v) + VISCOUS * log.v)
+        changed = replace(log, current=log.current - friction / sign)
+        return [w for w in identify([changed], sts).warnings if "negative" in w]
+
+    assert negative(1.0) == []  # none is left, and comes out as a few mN m of either sign
+    assert len(negative(2.0)) == 2 * sts.num_joints
 
 
 def loaded(robot, truth, mass):
@@ -359,6 +378,12 @@ def test_a_wrong_torque_constant_is_reported(sts, noisy, joint):
     (warning,) = [w for w in identify(wrong, sts).warnings if "gravity" in w]
     assert f"joint_{joint + 1}" in warning
     assert "torque_per_ampere" in warning
+    torques = [
+        replace(log, tau_J=log.current * sts.torque_per_ampere * sts.current_sign) for log in wrong
+    ]
+    (warning,) = [w for w in identify(torques, sts).warnings if "gravity" in w]
+    assert f"joint_{joint + 1}" in warning
+    assert "unit of the torques" in warning and "torque_per_ampere" not in warning
 
 
 def test_right_torque_constants_are_not(result):

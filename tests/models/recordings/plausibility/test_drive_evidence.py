@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 
 from models.files.input_error import InputError
 from models.recordings.plausibility.drive_evidence import (
@@ -45,6 +46,44 @@ def test_the_right_signs_are_sure_and_the_wrong_ones_as_sure(ur10e: Robot) -> No
     np.testing.assert_allclose(wrong.log_odds, -right.log_odds, rtol=1e-6, atol=1e-6)
     np.testing.assert_array_equal(wrong.contradicted(), np.arange(6))
     assert (right.samples <= log.duration / CORRELATION + 1).all()
+
+
+def test_the_odds_are_those_of_the_definition(ur10e: Robot) -> None:
+    """Both fits of a joint anew, from the samples themselves."""
+    log = motion(ur10e, 0.5, 5.0)
+    found = recordings_sign_evidence([log], ur10e)
+    inner = slice(3, -3)
+    vdot = (log.v[6:] - log.v[:-6]) / (log.t[6:] - log.t[:-6])[:, None]
+    q, v = log.q[inner], log.v[inner]
+    gravity = ur10e.chain.gravity_torque(q)
+    moving = ur10e.chain.inverse_dynamics(q, v, vdot) - gravity
+    torque = ur10e.joint_torque(log.current[inner])
+    turn = 0.02 * ur10e.velocity_limit
+    for j in range(6):
+        x = np.stack([gravity, moving, vdot, np.tanh(v / turn), v], axis=-1)[:, j]
+        weight = np.where(np.abs(v[:, j]) > turn[j], 1.0 / 0.25, 1.0 / 2.5)
+        weight = weight * (log.t[-1] - log.t[0]) / len(q)
+        upper = [5.0, 5.0, np.inf, ur10e.effort_limit[j], np.inf]
+        root = np.sqrt(weight)
+        squares = [
+            2.0 * lsq_linear(x * root[:, None], sign * torque[:, j] * root, (0.0, upper)).cost
+            for sign in (1.0, -1.0)
+        ]
+        r = np.array(squares) / weight.sum() + (0.05 * ur10e.effort_limit[j]) ** 2
+        odds = 0.5 * weight.sum() * np.log(r[1] / r[0])
+        # 1e-3: two ways of bounded least squares; without their tolerance it is 1e-6.
+        assert found.log_odds[j] == pytest.approx(odds, rel=1e-3, abs=1e-3)
+
+
+def test_a_gap_s_slope_says_nothing(ur10e: Robot) -> None:
+    """An arm that went elsewhere meanwhile: across the gap v over t is no acceleration."""
+    log = motion(ur10e, 0.5, 40.0)
+    kept = (np.arange(len(log.t)) % 100) < 10
+    cut = Recording(log.t[kept], log.q[kept], log.v[kept], log.current[kept], "log.csv")
+    whole = recordings_sign_evidence([log], ur10e)
+    found = recordings_sign_evidence([cut], ur10e)
+    # What is explained stays what it was: .99 and more; a slope over 2 s is not of the motion.
+    np.testing.assert_allclose(found.right, whole.right, atol=2e-3)
 
 
 def test_one_drive_alone_is_found(ur10e: Robot) -> None:

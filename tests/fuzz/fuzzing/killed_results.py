@@ -1,0 +1,173 @@
+"""What there must be of a command's results after it was ended, whatever they are kept in."""
+
+import json
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from pathlib import Path
+
+from analyses.campaign.campaign_store import PARTS, read_table
+from analyses.output.marked_page import refuse_unmarked
+from analyses.output.result_folder import STAGING, recover
+from analyses.output.result_marker import MARKER, ResultMarker, strangers, visible_files
+from analyses.study.stored_result import DamagedResultError, read_result
+from analyses.study.study_folder import SUMMARY, StudyFolder
+from models.files.input_error import InputError
+
+
+class Results(ABC):
+    """The results of one command, which is run again and again.
+
+    Args:
+        path: that the command is told as `--out`.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._older: dict[str, bytes] = {}
+        self._tidy_end = self._had_part = False
+
+    def make_room(self) -> None:
+        """Makes the place ready for the next run."""
+        self.path.parent.mkdir(exist_ok=True)
+
+    def before(self, tidy_end: bool) -> None:
+        """Remembers the older results; `tidy_end`: the next run is told to end."""
+        self._older, self._had_part = self._content(), (self.path / STAGING).exists()
+        self._tidy_end = tidy_end
+
+    @abstractmethod
+    def fault(self) -> str | None:
+        """What is wrong with them after the next run of the command was ended."""
+
+    def hidden(self) -> list[str]:
+        """What there is after a whole run that is no result."""
+        return _hidden(self.path, {MARKER})
+
+    def _content(self) -> dict[str, bytes]:
+        if not self.path.is_dir():
+            return {}
+        return {name: path.read_bytes() for name, path in visible_files(self.path)}
+
+
+class Folder(Results):
+    """A folder with a marker that changes as one; `telling` changes with every run."""
+
+    telling = "config.yaml"
+
+    def fault(self) -> str | None:
+        was_there = (self.path / STAGING).exists()
+        recover(self.path)  # what the next run does first
+        after, marker = self._content(), ResultMarker.read(self.path)
+        if marker is None:
+            return "no marker"
+        found = next(strangers(self.path, marker), None)
+        if found is not None:
+            return f"{found.name} is not as it was written"
+        if set(marker.files) != set(after):
+            return "files that the marker does not know, or that are gone"
+        if self.telling not in after:
+            return f"no {self.telling}"
+        changed = {name for name in after if self._older.get(name) != after[name]}
+        if changed and self._older.get(self.telling) == after[self.telling]:
+            return f"{sorted(changed)} beside the older {self.telling}"
+        if self._tidy_end and not self._had_part and was_there:
+            return "the part that was written is left behind"
+        return None
+
+
+class CampaignFolder(Folder):
+    """A campaign's: what worlds measured, and what is said of it, are of the same seed."""
+
+    telling = "campaign.parquet"
+
+    def fault(self) -> str | None:
+        wrong = super().fault()
+        if wrong is not None:
+            return wrong
+        record = read_table(self.path / "campaign.parquet")
+        said = json.loads((self.path / "metrics.json").read_bytes())["campaign"]
+        if record is None or said["seed"] != record.settings["seed"]:
+            return "figures of one seed beside the table of another"
+        return None if record.worlds else "no world is left"
+
+    def hidden(self) -> list[str]:
+        return _hidden(self.path, {MARKER, PARTS}) + _hidden(self.path / PARTS, set())
+
+
+class StudyResults(Results):
+    """A study's folder with the results of one experiment."""
+
+    def __init__(self, path: Path, experiment: str) -> None:
+        super().__init__(path)
+        self._experiment = experiment
+
+    def fault(self) -> str | None:
+        try:
+            StudyFolder(self.path, [self._experiment]).recover(self._experiment)
+            read_result(self.path / self._experiment)
+        except (InputError, DamagedResultError, OSError) as error:
+            return str(error)
+        if StudyFolder(self.path, [self._experiment]).not_ours(self._experiment):
+            return "its experiment's folder holds what is not its own"
+        after = self._content()
+        for names in (SUMMARY, [name for name in after if name.startswith(self._experiment)]):
+            changed = [name for name in names if self._older.get(name) != after.get(name)]
+            same = {name for name in names if name.endswith("metrics.json")} - set(changed)
+            if same and [name for name in changed if not name.endswith("timings.json")]:
+                return f"{changed} beside the older {same}"
+        if self._tidy_end and not self._had_part and self.hidden():
+            return f"left behind: {self.hidden()}"
+        return None
+
+    def hidden(self) -> list[str]:
+        return _hidden(self.path, {MARKER}) + _hidden(self.path / self._experiment, {MARKER})
+
+
+class Page(Results):
+    """A page in a folder of the user's."""
+
+    def before(self, tidy_end: bool) -> None:
+        self._tidy_end, self._had_part = tidy_end, bool(self.hidden())
+
+    def fault(self) -> str | None:
+        try:
+            refuse_unmarked(self.path)
+        except InputError as error:
+            return str(error)
+        if not self.path.exists():
+            return "the page is gone"
+        if self._tidy_end and not self._had_part and self.hidden():
+            return "the part that was written is left behind"
+        return None
+
+    def hidden(self) -> list[str]:
+        return _hidden(self.path.parent, set())
+
+
+class Draft(Page):
+    """A robot.yaml that is never replaced."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._whole = b""
+
+    def make_room(self) -> None:
+        super().make_room()
+        if self.path.exists():
+            self._whole = self._whole or self.path.read_bytes()
+            self.path.unlink()
+
+    def fault(self) -> str | None:
+        if self.path.exists() and self.path.read_bytes() != self._whole:
+            return "half a draft"
+        if self._tidy_end and not self._had_part and self.hidden():
+            return "the part that was written is left behind"
+        return None
+
+
+def _hidden(folder: Path, known: Iterable[str]) -> list[str]:
+    if not folder.is_dir():
+        return []
+    names = {entry.name for entry in os.scandir(folder) if entry.name.startswith(".")}
+    return sorted(names - set(known))
