@@ -36,7 +36,8 @@ class ContactDetection(LeafSystem):
              tau_ext        (n,) N m, positive along the motion it causes
              tau_ext_valid  (1,) 0 where tau_ext is held or unknown
              tau_J, tau_f   (n,) N m; what the gear transmits counts for the sample after
-    Output:  detection      (6,) in the order of DETECTION; no direct feedthrough from tau_J, tau_f
+    Output:  detection      (6,) in the order of DETECTION; direct feedthrough from tau_J and tau_f
+                            only where the observer's is ("trapezoidal")
     State:   that of the detector, flat
 
     The numbers are those of `ContactDetector.run`.
@@ -61,7 +62,9 @@ class ContactDetection(LeafSystem):
         self._tau_f = self.DeclareVectorInputPort("tau_f", n)
         state: DiscreteStateIndex = self.DeclareDiscreteState(initial.ravel())
         self.DeclarePeriodicDiscreteUpdateEvent(detector.time_step, 0.0, self._update)
-        ports = (self._q, self._v, self._terms, self._tau_ext, self._tau_ext_valid)
+        ports = [self._q, self._v, self._terms, self._tau_ext, self._tau_ext_valid]
+        if detector.reads_present_torque:
+            ports += [self._tau_J, self._tau_f]
         tickets = {port.ticket() for port in ports} | {self.discrete_state_ticket(state)}
         self.DeclareVectorOutputPort("detection", len(DETECTION), self._calc, tickets)
 
@@ -78,15 +81,20 @@ class ContactDetection(LeafSystem):
             self._tau_ext_valid.Eval(context) == 1.0,
         )
 
+    def _transmitted(self, context: Context) -> Array:
+        torque: Array = self._tau_J.Eval(context) - self._tau_f.Eval(context)
+        return torque[np.newaxis]
+
     def _state(self, context: Context) -> Array:
         return np.array(context.get_discrete_state_vector().value()).reshape(self._shape)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        found = self._run(context, self._state(context), self._nothing)
+        present = self._detector.reads_present_torque
+        transmitted = self._transmitted(context) if present else self._nothing
+        found = self._run(context, self._state(context), transmitted)
         output.SetFromVector(found[0, : len(DETECTION)])
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         state = self._state(context)
-        transmitted = self._tau_J.Eval(context) - self._tau_f.Eval(context)
-        self._run(context, state, transmitted[np.newaxis])
+        self._run(context, state, self._transmitted(context))
         discrete_state.set_value(0, state.ravel())

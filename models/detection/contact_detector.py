@@ -29,6 +29,7 @@ from models.detection.contact_statistic import (
     PERIOD,
     POLE,
     POWER_LEVEL,
+    PRESENT,
     RELEASE,
     REST,
     SAMPLE_LEVEL,
@@ -123,6 +124,7 @@ class ContactDetector:
         time_step: s.
         resolution: (n,) rad of the encoders; None: that of the logs that were fitted.
         config: the stated rate.
+        reads_present_torque: whether the observer's reading rests on the same sample's torque.
 
     Raises:
         ValueError: a rate beyond LEAST_RATE to LARGEST_RATE.
@@ -138,6 +140,7 @@ class ContactDetector:
         time_step: float,
         resolution: ArrayLike | None = None,
         config: ContactDetectionConfig | None = None,
+        reads_present_torque: bool = False,
     ) -> None:
         config = config if config is not None else ContactDetectionConfig()
         rate = config.false_alarms_per_hour
@@ -148,6 +151,7 @@ class ContactDetector:
         self.config = config
         self.chain = chain
         self.time_step = time_step
+        self.reads_present_torque = reads_present_torque
         self.knows_error = model.torque_error is not None
         error = model.torque_error if model.torque_error is not None else _assumed_error(model)
         self.num_joints = n = error.num_joints
@@ -181,6 +185,7 @@ class ContactDetector:
         settings[PERIOD] = time_step
         settings[MOMENT_SD] = _moment_sd(reconstruction)
         settings[SCALE] = error.scale
+        settings[PRESENT] = float(reads_present_torque)
         levels = SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL
         tails = _tails(noise, n, float(correlation_time.min()))
         change = noise.change if noise is not None and noise.change_sd else None
@@ -210,6 +215,7 @@ class ContactDetector:
             estimator.observer.time_step,
             estimator.config.position_resolution,
             config,
+            estimator.observer.reads_present_torque,
         )
 
     @property

@@ -48,7 +48,7 @@ def fit_contact_noise(
     time_step = readings[0].time_step
     momenta = [chain.momentum_terms(own.q, own.v)[0] for own in readings]
     seen = [
-        jolts(momentum, np.exp(-own.K_0 * time_step), time_step)[rows]
+        jolts(momentum, own.transmitted, np.exp(-own.K_0 * time_step), time_step)[rows]
         for own, momentum, rows in zip(readings, momenta, used, strict=True)
     ]
     n = chain.num_joints

@@ -11,7 +11,9 @@ beyond. Two things that the torque error does not hold:
     jolt    where inertial torque jumps within a sample, as in an abrupt stop, speed and current
             that are not of the same instant read as K_0 times the jump of momentum. Root of the
             sum of squares of (1 - pole) |p - 2 p' + p''| / T, fading with the observer's pole; what
-            it exceeds `usual_jolt` by
+            it exceeds `usual_jolt` by. So does motor torque that jumps, as where a drive brakes: a
+            mean over a period is anywhere between its ends, D apart, which is D / sqrt(3) from
+            the end that an observer holds and D / sqrt(12) from the middle of both
     local   g >= 1: root mean square of z over LOCAL_TIME without contact, as in a radar's constant
             false-alarm rate. Friction that has drifted widens the threshold in place of a false
             alarm; outliers count as OUTLIER times g, where there is contact g stays, and in the
@@ -88,8 +90,8 @@ REST_SPEED = 0.01  # rad/s (m/s)
 REST_TIME = 0.3  # s
 
 # Rows of the state after those of the torque error and of J as the observer saw it.
-_LAST, _BEFORE, _BASE, _JOLT2, _LOCAL2, _SLOW, _SQUARE, _MEAN, _POWER, _CHANGE2 = range(
-    TORQUE_ERROR_ROWS + JACOBIAN_ROWS, TORQUE_ERROR_ROWS + JACOBIAN_ROWS + 10
+_LAST, _BEFORE, _TORQUE, _BASE, _JOLT2, _LOCAL2, _SLOW, _SQUARE, _MEAN, _POWER, _CHANGE2 = range(
+    TORQUE_ERROR_ROWS + JACOBIAN_ROWS, TORQUE_ERROR_ROWS + JACOBIAN_ROWS + 11
 )
 NUM_UNKNOWN = _JOLT2  # rows before it are not known before the first sample
 _SINGLE = _CHANGE2 + 1  # first of the rows that hold single numbers
@@ -100,7 +102,7 @@ POLE, JOLT_POLE, USUAL_JOLT, MEAN_SCALE, FITTED_SPEED, FITTED_LOAD, CHANGE = ran
 NUM_JOINT_ROWS = CHANGE + NUM_FEATURES + 1  # the last: shares of a change's variance, and jolt's
 # Entries of `settings`.
 PERIOD, SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL, MOMENT_SD, SCALE = range(6)
-SAMPLE_RELEASE, MEAN_RELEASE, CHANGE_LEVEL, NUM_SETTINGS = range(6, 10)
+SAMPLE_RELEASE, MEAN_RELEASE, CHANGE_LEVEL, PRESENT, NUM_SETTINGS = range(6, 11)
 # Entries of what is written.
 STATISTIC, CONTACT, MISFIT, LINK, REST, OUT_OF_RANGE = range(6)
 SAMPLE_LENGTH, MEAN_LENGTH, POWER_LENGTH, CHANGE_LENGTH, NUM_OUT = range(6, 11)
@@ -221,8 +223,16 @@ def detect_tick(
             jump = 0.0
             if np.isfinite(state[_BEFORE, j]):
                 jump = (momentum[j] - 2.0 * state[_LAST, j] + state[_BEFORE, j]) / T
-            gain = (1.0 - pole) * jump
-            state[_JOLT2, j] = pole * pole * state[_JOLT2, j] + gain * gain
+            square = jump * jump
+            first, last, share = state[_TORQUE, j], y[j], 1.0 / 3.0
+            if settings[PRESENT] != 0.0:
+                first, last, share = y[j], transmitted[j], 1.0 / 12.0
+            if np.isfinite(state[_TORQUE, j]) and np.isfinite(last):
+                square += share * (last - first) ** 2
+            gain = 1.0 - pole
+            state[_JOLT2, j] = pole * pole * state[_JOLT2, j] + gain * gain * square
+            if np.isfinite(state[_LAST, j]):
+                state[_TORQUE, j] = y[j]
             state[_BEFORE, j], state[_LAST, j] = state[_LAST, j], momentum[j]
     out[REST] = 1.0 if own[_RESTING] >= REST_TIME else 0.0
     keep = np.exp(-T / WINDOW)
@@ -427,9 +437,13 @@ def white_log(
         change[k] = work[18, :n]
 
 
-def jolts(momentum: Array, pole: Array, time_step: float) -> Array:
-    """(N, n) N m, the root of the jolt's sum of squares along a log of momentum (N, n)."""
-    jump = np.zeros_like(momentum)
-    jump[2:] = (1.0 - pole) * np.diff(momentum, 2, axis=0) / time_step
-    filtered = [lfilter([1.0], [1.0, -p * p], own) for p, own in zip(pole, jump.T**2, strict=True)]
+def jolts(momentum: Array, transmitted: Array, pole: Array, time_step: float) -> Array:
+    """(N, n) N m, the root of the jolt's sum of squares along a log of momentum and of torque that
+    is held from one sample to the next, (N, n) each.
+    """
+    square = np.zeros_like(momentum)
+    square[2:] = (np.diff(momentum, 2, axis=0) / time_step) ** 2
+    square[2:] += np.diff(transmitted[:-1], axis=0) ** 2 / 3.0
+    square *= (1.0 - pole) ** 2
+    filtered = [lfilter([1.0], [1.0, -p * p], own) for p, own in zip(pole, square.T, strict=True)]
     return np.asarray(np.sqrt(np.stack(filtered, axis=1)))

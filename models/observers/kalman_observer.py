@@ -28,6 +28,12 @@ it) but counts in gain and covariance (Schmidt, 1966):
     P   covariance of the error without it,     C   what beta = 1 adds to the error
     gain = (P + C C^T) H^T (H (P + C C^T) H^T + R)^-1,   Sigma_F = (P + C C^T) of F
 
+An innovation of a square (over its covariance) that one sample in a million has by chance, as
+where a large push begins or a fault of the drives ends, is not the model's: P grows until it is
+just possible, by at most _MOST_DOUBT. What was read before then counts for less, and the sd says
+so.
+After as many lost samples in a row as it takes to settle the filter begins anew.
+
 How fast a force may change does not depend on what a log is thought to hold: its variance grows by
 4 pi f sd^2 a second, with the live prior's sd and f = `bandwidth_hz`, the corner of a force of that
 size. How large it may be is the reading's own prior: a = exp(-2 pi f T) where both are the same,
@@ -44,6 +50,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 from numba import njit
+from scipy.stats import chi2
 
 from models.arrays import Array
 from models.identification.torque_error_model import TORQUE_ERROR_ROWS, torque_sd_tick
@@ -66,13 +73,15 @@ WHITE_SHARE = 0.6  # of a moving joint's error variance behind K_0: the UR10e's 
 SETTLING = 3.0  # 1 / K_0 of the error model
 _ROUNDING = 1e-3  # of the momentum that the torque's sd brings in a period
 _START_SHARE = 30.0  # of the live prior's sd: an sd that stands for knowing nothing
+_GROSS_ODDS = 1e-6  # of a sample whose innovation is still the model's
+_MOST_DOUBT = 1e4  # times that a gross innovation widens the variance
 _PLAIN_K_0, _PLAIN_TIME = 20.0, 0.3  # 1/s, s: of a model without a torque error
 
 # Table: numbers, 6-vectors, n-vectors, an (n, n), and the torque error's own table, all flat.
-PERIOD, _BEFORE, _SETTLED, _HAS_ERROR, _NUMBERS = range(5)
+PERIOD, _BEFORE, _SETTLED, _HAS_ERROR, _GROSS, _NUMBERS = range(6)
 KEPT_F, NOISE_F, START_F, _SIXES = range(4)
 _RATE_X, _SMOOTH, _WHITE, _SLOW_VISCOUS, _LASTING, ROUND, _JOINTS = range(7)
-# Status.
+# Status: this or less, one less for each sample lost in a row; this.
 _LOST, _RUNNING = 0.0, 1.0
 
 
@@ -245,8 +254,11 @@ def kalman_update(table: Array, state: Array, signals: Array, J: Array) -> None:
         for a in range(6):
             known = known and np.isfinite(J[a, i])
     if _is_measured(table, status, signals):
+        square = innovation_square(x, P, C, joints[ROUND], arrived)
         measure(x, gain, P, C, joints[ROUND], arrived)
         status[1] += 1.0
+        if square > numbers[_GROSS]:
+            P *= min(square / numbers[_GROSS], _MOST_DOUBT)
     if status[0] != _RUNNING:
         for i in range(n):
             x[i] = arrived[i]
@@ -267,7 +279,50 @@ def kalman_update(table: Array, state: Array, signals: Array, J: Array) -> None:
     else:
         for a in range(6):  # without a motion only time goes by
             P[n + a, n + a] += sixes[NOISE_F, a]
-        status[0] = _LOST
+        status[0] = min(status[0], _LOST) - 1.0
+        if status[0] <= -numbers[_SETTLED]:
+            begin(mixing, sixes, x, P, C)
+            status[1] = 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def begin(mixing: Array, sixes: Array, x: Array, P: Array, C: Array) -> None:
+    """Writes x, P and C of a filter that has read nothing yet."""
+    n = mixing.shape[0]
+    x[:], P[:], C[:] = 0.0, 0.0, 0.0
+    for a in range(6):
+        P[n + a, n + a] = sixes[START_F, a]
+    P[n + 6 :, n + 6 :] = mixing
+
+
+@njit(cache=True, error_model="numpy")
+def innovation_square(x: Array, P: Array, C: Array, rounding: Array, arrived: Array) -> float:
+    """|y - p|^2 over its covariance, of mean n."""
+    n = arrived.shape[0]
+    L, left = np.empty((n, n)), np.empty(n)
+    innovation_factor(P, C, rounding, L)
+    total = 0.0
+    for i in range(n):
+        left[i] = arrived[i] - x[i]
+        for k in range(i):
+            left[i] -= L[i, k] * left[k]
+        left[i] /= L[i, i]
+        total += left[i] * left[i]
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def innovation_factor(P: Array, C: Array, rounding: Array, L: Array) -> None:
+    """Writes the lower triangle L (n, n) of the coming innovation's covariance L L^T."""
+    n = L.shape[0]
+    for i in range(n):
+        for j in range(i + 1):
+            total = P[i, j] + (rounding[i] if i == j else 0.0)
+            for m in range(n):
+                total += C[i, m] * C[j, m]
+            for k in range(j):
+                total -= L[i, k] * L[j, k]
+            L[i, j] = np.sqrt(max(total, rounding[i])) if i == j else total / L[j, j]
 
 
 @njit(cache=True, error_model="numpy")
@@ -437,14 +492,7 @@ def find_gain(
     """Writes the gain (N, n) of the coming sample."""
     N, n = gain.shape
     L = np.empty((n, n))
-    for i in range(n):
-        for j in range(i + 1):
-            total = P[i, j] + (rounding[i] if i == j else 0.0)
-            for m in range(n):
-                total += C[i, m] * C[j, m]
-            for k in range(j):
-                total -= L[i, k] * L[j, k]
-            L[i, j] = np.sqrt(max(total, rounding[i])) if i == j else total / L[j, j]
+    innovation_factor(P, C, rounding, L)
     for a in range(N):
         row = gain[a]
         for i in range(n):
@@ -533,6 +581,7 @@ class KalmanObserver:
         times: Any = np.full(n, _PLAIN_TIME) if error is None else error.correlation_time
         numbers[PERIOD] = T
         numbers[_BEFORE] = motor_share(T, self.config.torque_samples)
+        numbers[_GROSS] = chi2.isf(_GROSS_ODDS, n)
         numbers[_SETTLED] = np.ceil(SETTLING / float(np.min(K_0)) / T)
         prior = WrenchPrior(1.0, 1.0, 1.0, 1.0) if knowledge is None else knowledge.prior
         if prior is None:

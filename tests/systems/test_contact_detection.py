@@ -63,15 +63,18 @@ def log(sts, model):
     return q, v, current
 
 
-def config(method):
+def config(method, torque_samples="held"):
     return WrenchEstimatorConfig(
-        MomentumObserverConfig([20.0], T), WrenchReconstructionConfig(method)
+        MomentumObserverConfig([20.0], T, torque_samples), WrenchReconstructionConfig(method)
     )
 
 
-@pytest.mark.parametrize("method", ["bayesian", "force_only"])
-def test_replay_and_log_find_the_same(sts, model, log, method):
-    estimator = WrenchEstimator(sts, model, config(method))
+@pytest.mark.parametrize(
+    ("method", "torque_samples"),
+    [("bayesian", "held"), ("force_only", "held"), ("force_only", "trapezoidal")],
+)
+def test_replay_and_log_find_the_same(sts, model, log, method, torque_samples):
+    estimator = WrenchEstimator(sts, model, config(method, torque_samples))
     detector = ContactDetector.of(estimator)
     batch = estimator.run(estimator.initial_state(), *log)
     found = detector.run(detector.initial_state(), log[0], log[1], batch)
@@ -79,7 +82,7 @@ def test_replay_and_log_find_the_same(sts, model, log, method):
     assert found.misfit.any()
     assert found.rest.any()
     assert found.out_of_range.any()
-    replay = make_replay(sts, model, config(method), ContactDetectionConfig())
+    replay = make_replay(sts, model, config(method, torque_samples), ContactDetectionConfig())
     simulator = Simulator(replay.diagram)
     context = simulator.get_mutable_context()
     parts = []

@@ -16,11 +16,12 @@ from models.detection.contact_noise_fit import fit_contact_noise
 from models.detection.contact_statistic import QUIET, SAMPLE_LENGTH
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.wrench import WrenchReconstructionConfig
+from models.identification.contact_noise import ContactNoise
 from models.identification.identified_model import IdentifiedModel, Validity
 from models.identification.torque_error_fit import HeldOutReading
 from models.identification.torque_error_model import TorqueErrorModel
 from models.observers.momentum_observer import MomentumObserverConfig
-from models.signals.exceedance_tail import peaks_above
+from models.signals.exceedance_tail import ExceedanceTail, peaks_above
 
 N, T = 6, 0.01
 SD = np.array([1.0, 1.0, 0.6, 0.2, 0.2, 0.1])
@@ -225,6 +226,32 @@ def test_a_change_is_learnt_from_what_it_is_made_of(sts, model):
     # 1 - 2 * .2 / .5 + .2 / .5 of its variance.
     np.testing.assert_allclose(shares[:, 0], SD * np.sqrt(0.6), rtol=0.1)
     assert (shares[:, 1:] == 0.0).all()  # nothing moves
+
+
+@pytest.mark.parametrize("torque_samples", ["held", "trapezoidal"])
+def test_what_a_jump_of_motor_torque_reads_as_is_no_contact(sts, model, torque_samples):
+    """A drive brakes, one sample of 200 N m: nobody knows for how much of the period."""
+    tail = ExceedanceTail(level=4.0, rate_per_hour=900.0, scale=0.6, shape=0.02)
+    told = ContactNoise([1.0] * N, [0.6] * N, T, 0.1, tail, tail, tail)
+    config = WrenchEstimatorConfig(
+        MomentumObserverConfig([20.0], T, torque_samples), WrenchReconstructionConfig("force_only")
+    )
+    estimator = WrenchEstimator(sts, replace(model, contact_noise=told), config)
+    detector = ContactDetector.of(estimator)
+    q, v, transmitted, momentum, J = still(model, sts, 300)
+    transmitted += [30.0, -60.0, 20.0, 1.0, 0.0, 0.0]  # gravity's: the start is no jump
+    first = 200 if torque_samples == "trapezoidal" else 201
+    read = np.zeros((300, N))
+    read[first:, 1] = -20.0 * np.exp(-20.0 * T * np.arange(300 - first))
+    fresh = np.ones(300, bool)
+    rest = transmitted.copy()
+    transmitted[200, 1] += 200.0
+    out = [
+        detector.judge(detector.initial_state(), q, v, torque, momentum, J, read, fresh)
+        for torque in (rest, transmitted)
+    ]
+    assert Detection.of(out[0]).contact[first]
+    assert not Detection.of(out[1]).contact.any()
 
 
 def test_held_readings_leave_everything_as_it_was(sts, model):

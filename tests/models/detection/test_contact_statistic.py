@@ -69,10 +69,23 @@ def test_a_jolt_is_the_second_difference_of_momentum_and_fades_with_the_pole():
     momentum = np.zeros((50, 2))
     momentum[20:, 0] = 0.4  # a stop from one sample to the next
     momentum[:, 1] = 0.3 * np.arange(50)  # steady torque: no jolt
-    found = jolts(momentum, np.array([0.8, 0.8]), 0.01)
+    found = jolts(momentum, np.full((50, 2), 7.0), np.array([0.8, 0.8]), 0.01)
     np.testing.assert_allclose(found[:, 1], 0.0, atol=1e-12)
     raw = 0.2 * 0.4 / 0.01
     assert found[19, 0] == 0.0
     assert found[20, 0] == pytest.approx(raw)
     assert found[21, 0] == pytest.approx(raw * np.sqrt(1.0 + 0.64))
     assert found[30, 0] == pytest.approx(found[21, 0] * 0.8**9)
+
+
+def test_a_jump_of_torque_that_is_held_is_a_jolt():
+    """The mean of a period is anywhere between its ends: D^2 / 3 about the first of them."""
+    torque = np.zeros((50, 2))
+    torque[20:, 0] = 30.0
+    found = jolts(np.zeros((50, 2)), torque, np.array([0.8, 0.8]), 0.01)
+    np.testing.assert_array_equal(found[:, 1], 0.0)
+    assert found[20, 0] == 0.0  # known with the next sample
+    anywhere = np.linspace(0.0, 30.0, 100_001)
+    raw = 0.2 * np.sqrt(np.mean(anywhere**2))
+    assert found[21, 0] == pytest.approx(raw, rel=1e-4)
+    assert found[31, 0] == pytest.approx(found[21, 0] * 0.8**10)
