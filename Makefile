@@ -21,7 +21,7 @@ OTHER_PROCESSOR = NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=$(C
   GLIBC_TUNABLES=glibc.cpu.hwcaps=-AVX,-AVX2,-FMA,-FMA4,-AVX512F \
   ATEN_CPU_CAPABILITY=default MKL_CBWR=COMPATIBLE ONEDNN_MAX_CPU_ISA=SSE41
 
-.PHONY: study study-generic test test-all test-generic lint fuzz kills bench docs readme clean
+.PHONY: study study-generic test test-all test-generic lint fuzz kills bench docs readme readme-worlds clean
 .DELETE_ON_ERROR:
 
 study: .venv/.ready
@@ -67,6 +67,10 @@ docs: .venv/.ready-docs
 
 readme: .venv/.ready
 	$(BIN)/python -m analyses.study.readme_table $(OUT) README.md $(CAMPAIGN)
+
+# The same with the figures of a campaign alone.
+readme-worlds: .venv/.ready
+	$(BIN)/python -m analyses.study.readme_table --campaign $(CAMPAIGN) README.md
 
 clean:
 	rm -rf .venv out .mypy_cache .ruff_cache .hypothesis

@@ -9,14 +9,13 @@ Three directives, each alone on a line of a page:
 
 import ast
 import dataclasses
-import json
 import re
 import typing
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from analyses.study.readme_table import results_table
+from analyses.study.readme_table import RESULTS, WORLDS, committed, results_table
 
 ROOT = Path(__file__).resolve().parent.parent
 _DIRECTIVE = re.compile(r"^<!-- (schema|api|results)(?:: ([\w.]+))? -->$", re.MULTILINE)
@@ -44,9 +43,9 @@ def api_of(room: str) -> str:
 
 
 def results() -> str:
-    """The table of `docs/results.json`, whole."""
-    text = (ROOT / "docs" / "results.json").read_text(encoding="utf-8")
-    return results_table(json.loads(text), whole=True)
+    """The table of `docs/results.json` and `docs/campaign.json`, whole."""
+    results, worlds = (committed(ROOT / "README.md", name) for name in (RESULTS, WORLDS))
+    return results_table(results, worlds, whole=True)
 
 
 def schema_tables(schema: type) -> str:

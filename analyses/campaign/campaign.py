@@ -127,7 +127,9 @@ def run_campaign(
         refuse_strangers(out, earlier, COMMAND)
         campaign = _Campaign(settings, out, software, earlier, fresh)
         before = campaign.whole(names)
-        tasks = campaign.tasks(names, modules)
+        # Another machine need not see this folder.
+        everywhere = campaign.parts.everywhere.resolve() if cluster is None else None
+        tasks = campaign.tasks(names, modules, everywhere)
         outcomes = (
             on_cluster(tasks, cluster)
             if cluster is not None and tasks
@@ -182,6 +184,7 @@ class _Campaign:
             self._read(software)
         for left_over in self.parts.folder.glob("world-*"):  # of a run that was killed
             shutil.rmtree(left_over)
+        self.parts.forget_shared()
         self.record.software |= software
 
     def _read(self, software: dict[str, str]) -> None:
@@ -215,8 +218,10 @@ class _Campaign:
         worlds = range(self._settings.worlds)
         return sum(not self.record.missing(number, names) for number in worlds)
 
-    def tasks(self, names: Sequence[str], modules: dict[str, str]) -> list[WorldTask]:
-        """What is left to do."""
+    def tasks(
+        self, names: Sequence[str], modules: dict[str, str], everywhere: Path | None
+    ) -> list[WorldTask]:
+        """What is left to do; see `WorldTask.everywhere`."""
         alone = self._settings.world
         numbers = range(self._settings.worlds) if alone is None else [alone]
         tasks = []
@@ -233,6 +238,7 @@ class _Campaign:
                         data=self._settings.data.resolve(),
                         quick=self._settings.quick,
                         out=None if alone is None else self._drawings(number),
+                        everywhere=everywhere,
                     )
                 )
         return tasks

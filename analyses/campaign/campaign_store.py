@@ -14,6 +14,7 @@ end is written below `.campaign`, so that also a kill loses none.
 """
 
 import json
+import shutil
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -179,7 +180,17 @@ class WorldParts:
             except (ValueError, KeyError, TypeError):  # of a program that is no more
                 path.unlink()
 
+    @property
+    def everywhere(self) -> Path:
+        """Folder for what all worlds share."""
+        return self.folder / "everywhere"
+
+    def forget_shared(self) -> None:
+        """Removes what worlds share: other software may have computed it."""
+        shutil.rmtree(self.everywhere, ignore_errors=True)
+
     def clear(self) -> None:
         """Removes them: the Parquet file has them."""
         for path in (*self.folder.glob("*.json"), *self.folder.glob(".*.json.*.partial")):
             path.unlink(missing_ok=True)
+        self.forget_shared()

@@ -1,15 +1,17 @@
 """All experiments of one world, in whatever process: what is sent there, and what comes back.
 
 What the experiments of a world have in common, such as the identification of its arm, is computed
-once (`analyses.study.shared_results`). Nothing is drawn or recorded, unless the world has a folder.
+once (`analyses.study.shared_results`); what all worlds have in common once in the campaign, or once
+on each worker of a scheduler. Nothing is drawn or recorded, unless the world has a folder.
 """
 
+import atexit
 import os
 import threading
 import time
 import traceback
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from importlib import import_module
@@ -43,6 +45,7 @@ class WorldTask:
         data: folder of the real recordings.
         quick: whether experiments run shorter and coarser.
         out: folder for figures and recordings, one below it an experiment; None: nobody looks.
+        everywhere: folder for what all worlds share; None: one of the worker's own.
     """
 
     seed: int
@@ -53,6 +56,7 @@ class WorldTask:
     data: Path
     quick: bool = False
     out: Path | None = None
+    everywhere: Path | None = None
 
 
 @dataclass
@@ -101,10 +105,15 @@ def run_world(task: WorldTask) -> WorldOutcome:
     with _one_at_a_time, scratch_folder() as folder:
         shared = folder / "shared"
         shared.mkdir()
+        everywhere = _own_folder() if task.everywhere is None else task.everywhere
+        everywhere.mkdir(exist_ok=True)
         for name, module in task.modules.items():
             started = time.process_time()
             try:
-                with sharing_in(shared), _folder_for(name, task.out, folder) as out:
+                with (
+                    sharing_in(shared, everywhere),
+                    _folder_for(name, task.out, folder) as out,
+                ):
                     experiment: Experiment = import_module(module).EXPERIMENT
                     _check_recordings(experiment, task.data)
                     context = ExperimentContext(
@@ -127,6 +136,14 @@ def run_world(task: WorldTask) -> WorldOutcome:
                 outcome.failures[name] = f"{line}\n\n{traceback.format_exc()}"
             outcome.seconds[name] = time.process_time() - started
     return outcome
+
+
+@cache
+def _own_folder() -> Path:
+    """A folder that lasts as long as this process."""
+    stack = ExitStack()
+    atexit.register(stack.close)
+    return stack.enter_context(scratch_folder())
 
 
 def numbers_in(metrics: Mapping[str, Any]) -> dict[str, float | None]:

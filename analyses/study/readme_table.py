@@ -1,15 +1,21 @@
-"""Fills the README's table "article / here" from a study's results.
+"""Fills the README's table "article / here" from a study's and a campaign's results.
 
     python -m analyses.study.readme_table [STUDY_FOLDER] [README] [CAMPAIGN_FOLDER]
+    python -m analyses.study.readme_table --campaign CAMPAIGN_FOLDER [README]
 
-writes the report's figures, with their spread over worlds where a campaign (by default in
-`campaign` beside the study) has it, into docs/results.json beside the README, and then the table of
-those that count most (`readme` of the experiments) between the README's two markers; all else stays
-as it is. The documentation shows them all. Both files are committed: a test compares them, so that
-a table edited by hand, or figures without their table, do not pass.
+writes the figures of a study's report into docs/results.json beside the README and those of a
+campaign (by default in `campaign` beside the study), where there is one, into docs/campaign.json;
+then the table of those that count most (`readme` of the experiments) between the README's two
+markers; all else stays as it is. With `--campaign` the study's figures stay as they are.
+
+Where a campaign of FEWEST_WORLDS or more has a figure, the README states its median over worlds and
+the range of 5 to 95 %; elsewhere that of the one run. The documentation shows all figures, and
+both. All three files are committed: a test compares them, so that a table edited by hand, or
+figures without their table, do not pass.
 """
 
 import json
+import math
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -25,6 +31,9 @@ from models.files.whole_file import whole_file
 BEGIN: Final = "<!-- results: begin -->"
 END: Final = "<!-- results: end -->"
 RESULTS: Final = Path("docs/results.json")  # beside the README
+WORLDS: Final = Path("docs/campaign.json")  # beside the README
+FEWEST_WORLDS: Final = 20
+"""With fewer, 5 and 95 % of them are no numbers: the README then keeps to the one run's figures."""
 _CAMPAIGN: Final = "campaign"  # key of a campaign's metrics under which its settings are
 
 
@@ -33,33 +42,27 @@ def shown_rows() -> dict[str, tuple[str, ...]]:
     return {name: entry.readme for name, entry in REGISTRY.entries().items() if entry.readme}
 
 
-def collect(study: Path, campaign: Path | None = None) -> dict[str, Any]:
+def collect(study: Path) -> dict[str, Any]:
     """Returns the figures of a study that its report shows beside others'.
 
     Args:
         study: folder that `wrenchsight study` wrote.
-        campaign: folder that `wrenchsight campaign` wrote; counts if it is there, and of the same
-            length as the study.
 
     Returns:
         `quick` and `seed` of the study, and its `experiments` in the report's order: `name`,
-        `title` and `rows`, which are `ComparisonRow`s with the figure `here`, whether the
-        README shows it, `readme`, and `worlds`: what the campaign has of each of its numbers.
-        `num_worlds` is the campaign's; absent without one.
+        `title` and `rows`, which are `ComparisonRow`s with the figure `here` and whether the
+        README shows it, `readme`.
 
     Raises:
         InputError: the folder has no whole results.
     """
     metrics, shown = _read(study / "metrics.json"), shown_rows()
-    spread = _spread(campaign)
     experiments, quick, seeds = [], False, set[int]()
     # metrics.json itself is sorted by name.
     for name in sorted(metrics, key=_place):
         stored = _read(study / name / "result.json")
         rows = [
-            row
-            | {"here": here, "readme": row["key"] in shown.get(name, ())}
-            | _over_worlds(spread.get(name, {}), row["key"], here)
+            row | {"here": here, "readme": row["key"] in shown.get(name, ())}
             for row in stored["comparison"]
             if (here := look_up(metrics[name], row["key"])) is not None
         ]
@@ -70,30 +73,43 @@ def collect(study: Path, campaign: Path | None = None) -> dict[str, Any]:
     if not experiments:
         problem = "no experiment in it has a figure to show"
         raise InputError(study / "metrics.json", "", problem, "run `wrenchsight study` first")
-    found = {"quick": quick, "seed": seeds.pop(), "experiments": experiments}
-    settings = spread.get(_CAMPAIGN, {})
-    if settings.get("quick") == quick:
-        return found | {"num_worlds": settings["worlds"]}
-    for row in (row for experiment in experiments for row in experiment["rows"]):
-        row.pop("worlds", None)
+    return {"quick": quick, "seed": seeds.pop(), "experiments": experiments}
+
+
+def committed(readme: Path, name: Path) -> dict[str, Any]:
+    """What RESULTS or WORLDS beside a README holds; of WORLDS, nothing where it is not there.
+
+    Raises:
+        InputError: it is no JSON, or RESULTS is not there.
+    """
+    path = readme.parent / name
+    found: dict[str, Any] = {} if name == WORLDS and not path.is_file() else _read(path)
     return found
 
 
-def results_table(results: Mapping[str, Any], whole: bool = False) -> str:
+def results_table(
+    results: Mapping[str, Any], worlds: Mapping[str, Any] | None = None, whole: bool = False
+) -> str:
     """Returns what `collect` found as Markdown; shortened runs are called that.
 
     Args:
         results: of `collect`.
-        whole: whether with the rows that the README leaves out.
+        worlds: metrics of a campaign; count if they are of the same length as the study.
+        whole: whether with the rows that the README leaves out, and with the one run's figure
+            beside that of worlds.
     """
-    num_worlds = results.get("num_worlds", 0)
-    worlds = f" Median of {num_worlds} worlds (5 to 95 %) |" if num_worlds else ""
+    worlds = worlds or {}
+    settings = worlds.get(_CAMPAIGN, {})
+    count = settings["worlds"] if settings.get("quick") == results["quick"] else 0
+    beside = f" Median of {count} worlds (5 to 95 %) |" if count and whole else ""
     lines = [
-        f"| Experiment | Measure | Article | Here |{worlds} Why, where they differ |",
-        f"|---|---|---:|---:|{'---:|' if num_worlds else ''}---|",
+        f"| Experiment | Measure | Article | Here |{beside} Why, where they differ |",
+        f"|---|---|---:|---:|{'---:|' if beside else ''}---|",
     ]
+    ranges = False
     for experiment in results["experiments"]:
         shown = [row for row in experiment["rows"] if whole or row["readme"]]
+        spread = worlds.get(experiment["name"], {}) if count else {}
         for index, row in enumerate(shown):
             (text,) = comparisons({row["key"]: row["here"]}, [row])
             stated = " ".join(text.stated)
@@ -101,36 +117,44 @@ def results_table(results: Mapping[str, Any], whole: bool = False) -> str:
                 stated = f"{stated} ({text.source})"
             label = f"{text.label} [{text.unit}]" if text.unit else text.label
             title = experiment["title"] if index == 0 else ""
-            spread = (_spread_text(row.get("worlds", [])),) if num_worlds else ()
-            cells = (title, label, stated, " ".join(text.here), *spread, text.remark)
+            median, ahead = _over_worlds(spread, row["key"], row["here"])
+            here, remark = [" ".join(text.here)], text.remark
+            if beside:
+                here.append(", ".join(part for part in (median, ahead) if part))
+            elif median and not whole and count >= FEWEST_WORLDS:
+                ranges, here = True, [median]
+                remark = "; ".join(part for part in (ahead, remark) if part)
+            cells = (title, label, stated, *here, remark)
             lines.append("| " + " | ".join(_cell(c) for c in cells) + " |")
     quick = "**Of shortened runs (`--quick`)**: they show that all parts work, not how well.\n\n"
-    return (quick if results["quick"] else "") + "\n".join(lines) + "\n"
+    note = (
+        f"\nWith a range: median of {count} worlds and, in brackets, 5 to 95 % of them. A world is "
+        "a draw of what the simulated arm truly is (docs/worlds.md). Without: one run.\n"
+    )
+    table = "\n".join(lines) + "\n"
+    return (quick if results["quick"] else "") + table + (note if ranges else "")
 
 
-def _spread(campaign: Path | None) -> dict[str, Any]:
-    """The metrics of a campaign; empty where there is none."""
-    if campaign is None or not (campaign / "metrics.json").is_file():
-        return {}
-    metrics: dict[str, Any] = _read(campaign / "metrics.json")
-    return metrics
-
-
-def _over_worlds(spread: Mapping[str, Any], key: str, here: Any) -> dict[str, Any]:
-    """What a campaign has of a row: a list, an entry for each number of it."""
+def _over_worlds(spread: Mapping[str, Any], key: str, here: Any) -> tuple[str, str]:
+    """Median and range of a row's numbers as text, and how often ours is ahead; both may be ""."""
     keys = [f"{key}.{k}" for k in range(len(here))] if isinstance(here, list) else [key]
-    return {"worlds": [spread[k] for k in keys]} if all(k in spread for k in keys) else {}
+    own = [spread[k] for k in keys if k in spread]
+    if len(own) < len(keys):
+        return "", ""
+    texts = [_range(*(one[key] for key in ("median", "p05", "p95"))) for one in own]
+    shares = [one["share_of_worlds_ours_ahead"] for one in own]
+    if None in shares:
+        return ", ".join(texts), ""
+    percent = " ".join(f"{100.0 * share:.0f}" for share in shares)
+    return ", ".join(texts), f"ours ahead in {percent} %"
 
 
-def _spread_text(worlds: list[Mapping[str, Any]]) -> str:
-    texts = [
-        f"{number(one['median'])} ({number(one['p05'])} to {number(one['p95'])})" for one in worlds
-    ]
-    shares = [one["share_of_worlds_ours_ahead"] for one in worlds]
-    if shares and None not in shares:
-        percent = " ".join(f"{100.0 * share:.0f}" for share in shares)
-        texts.append(f"ours ahead in {percent} %")
-    return ", ".join(texts)
+def _range(median: float, low: float, high: float) -> str:
+    """Three digits of the largest."""
+    largest = max(abs(low), abs(median), abs(high))
+    decimals = max(0, 2 - math.floor(math.log10(largest))) if largest > 0.0 else 0
+    median_text, low_text, high_text = (number(x, decimals) for x in (median, low, high))
+    return f"{median_text} ({low_text} to {high_text})"
 
 
 def fill(readme: Path, table: str) -> bool:
@@ -166,30 +190,43 @@ def _cell(text: str) -> str:
     return " ".join(text.replace("|", r"\|").split())
 
 
-def _read(path: Path) -> Any:
+def _read(path: Path, command: str = "study") -> Any:
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise InputError(path, "", "is not there", "run `wrenchsight study` first") from None
+        raise InputError(path, "", "is not there", f"run `wrenchsight {command}` first") from None
     except ValueError:
-        raise InputError(path, "", "is not JSON", "run `wrenchsight study` again") from None
+        raise InputError(path, "", "is not JSON", f"run `wrenchsight {command}` again") from None
 
 
 def main(arguments: list[str]) -> int:
     """Runs the command; returns its exit code."""
-    if len(arguments) > 3:
-        sys.stderr.write("expected at most three arguments: STUDY_FOLDER README CAMPAIGN_FOLDER\n")
+    alone = arguments[:1] == ["--campaign"]
+    if len(arguments) > 3 or (alone and len(arguments) < 2):
+        sys.stderr.write(
+            "expected STUDY_FOLDER README CAMPAIGN_FOLDER, or --campaign CAMPAIGN_FOLDER README\n"
+        )
         return 2
-    study, readme, *more = (
-        *map(Path, arguments),
-        *(Path("out/study"), Path("README.md"))[len(arguments) :],
-    )
-    campaign = more[0] if more else study.parent / "campaign"
+    if alone:
+        study, campaign = None, Path(arguments[1])
+        readme = Path(arguments[2]) if len(arguments) > 2 else Path("README.md")
+    else:
+        defaults = ("out/study", "README.md", "")
+        given = (*arguments, *defaults[len(arguments) :])
+        study, readme = Path(given[0]), Path(given[1])
+        campaign = Path(given[2]) if given[2] else study.parent / _CAMPAIGN
     try:
-        results = collect(study, campaign)
-        # The README first: if it has no place for the table, both files stay as they are.
-        changed = fill(readme, results_table(results))
-        OutputFolder(readme.parent / RESULTS.parent).write_text(RESULTS.name, json_text(results))
+        results = committed(readme, RESULTS) if study is None else collect(study)
+        spread = campaign / "metrics.json"
+        fresh = alone or spread.is_file()
+        worlds = _read(spread, "campaign") if fresh else committed(readme, WORLDS)
+        # The README first: if it has no place for the table, all files stay as they are.
+        changed = fill(readme, results_table(results, worlds))
+        docs = OutputFolder(readme.parent / RESULTS.parent)
+        if study is not None:
+            docs.write_text(RESULTS.name, json_text(results))
+        if fresh:
+            docs.write_text(WORLDS.name, json_text(worlds))
     except InputError as error:
         sys.stderr.write(f"{error}\n")
         return 2

@@ -24,20 +24,27 @@ from models.files.whole_file import whole_file
 
 Result = TypeVar("Result")
 
-_folder: ContextVar[Path | None] = ContextVar("folder of shared results", default=None)
+_folders: ContextVar[tuple[Path, Path] | None] = ContextVar("shared results", default=None)
 
 
 @contextmanager
-def sharing_in(folder: Path) -> Iterator[None]:
-    """Shares results through `folder`, which exists, inside the block."""
-    token = _folder.set(folder)
+def sharing_in(folder: Path, everywhere: Path | None = None) -> Iterator[None]:
+    """Shares results through folders, which exist, inside the block.
+
+    Args:
+        folder: of a study, or of one world of a campaign.
+        everywhere: for what is the same in all worlds; None: `folder`.
+    """
+    token = _folders.set((folder, folder if everywhere is None else everywhere))
     try:
         yield
     finally:
-        _folder.reset(token)
+        _folders.reset(token)
 
 
-def shared(name: str, arguments: tuple[Any, ...], compute: Callable[[], Result]) -> Result:
+def shared(
+    name: str, arguments: tuple[Any, ...], compute: Callable[[], Result], everywhere: bool = False
+) -> Result:
     """Returns what `compute` returns, computed once for all that share the folder.
 
     A process that asks while another computes the same waits for it. The result is read back from
@@ -47,13 +54,15 @@ def shared(name: str, arguments: tuple[Any, ...], compute: Callable[[], Result])
         name: of what is computed.
         arguments: all that it depends on.
         compute: returns something that can be pickled, and has no other effect.
+        everywhere: whether what the simulated arm truly is has no part in it: all worlds share it.
 
     Raises:
         InputError: the result cannot be written, for lack of space for instance.
     """
-    folder = _folder.get()
-    if folder is None:
+    folders = _folders.get()
+    if folders is None:
         return compute()
+    folder = folders[1] if everywhere else folders[0]
     key = f"{name}-{digest(arguments)[:24]}"
     path = folder / f"{key}.pickle"
     with (folder / f"{key}.lock").open("w") as lock:

@@ -345,6 +345,7 @@ class WrenchEstimator:
         taught: Taught | None = None,
         tau_f: ArrayLike | None = None,
         seen: Array | None = None,
+        conditions: bool = True,
     ) -> EstimateBatch:
         """Takes a log, or the next part of one: chunk by chunk gives what one pass gives.
 
@@ -358,6 +359,7 @@ class WrenchEstimator:
                 off the motor torque, sample by sample.
             seen: (N, NUM_SIGNALS, n), written: the signals of the samples, rows as in
                 `models.observers.observer`.
+            conditions: whether condition numbers are wanted; NaN where not.
 
         Raises:
             ValueError: shapes that disagree; taught and tau_f together.
@@ -433,11 +435,13 @@ class WrenchEstimator:
                     tau_ext[rows],
                     counts[rows],
                     own,
+                    conditions,
                 )
                 continue
             ones = np.ones_like(tau_ext[rows])
             reconstruct_log(
-                *(wrench, J[rows], J[rows], tau_ext[rows], ones, np.zeros_like(ones)),
+                *(wrench, J[rows] if conditions else J[:0], J[rows]),
+                *(tau_ext[rows], ones, np.zeros_like(ones)),
                 *(F[rows], covariance[rows], quality[rows]),
             )
             if self.observed_size:

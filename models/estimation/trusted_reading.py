@@ -145,6 +145,7 @@ class TrustedReading:
         tau_ext: Array,
         fresh: Flags,
         observed: Array | None = None,
+        conditions: bool = True,
     ) -> tuple[Array, Array, Array, Flags, Array]:
         """Reads N samples.
 
@@ -156,6 +157,7 @@ class TrustedReading:
             fresh: (N,) which of them count.
             observed: (N, 42) wrench and covariance that the observer reads itself, which then take
                 the place of the reading's; (N, 0) or None: it does not.
+            conditions: whether condition numbers are wanted; NaN where not.
 
         Returns:
             Wrench (N, 6), covariance (N, 6, 6), condition number (N,), valid (N,), and the torque
@@ -172,7 +174,8 @@ class TrustedReading:
         wrench, covariance, quality = np.empty((N, 6)), np.empty((N, 6, 6)), np.empty((N, 2))
         reconstruct_log(
             self.reconstruction.table,
-            *(J, seen, tau_ext, sd, stiction, wrench, covariance, quality),
+            *(J if conditions else J[:0], seen, tau_ext, sd, stiction),
+            *(wrench, covariance, quality),
         )
         if observed is not None and observed.shape[1] > 0:
             wrench, covariance = observed[:, :6].copy(), observed[:, 6:].reshape(N, 6, 6).copy()

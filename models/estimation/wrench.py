@@ -199,7 +199,8 @@ class WrenchReconstruction:
             tau_ext: external joint torque.
             sd: as tau_ext; N m, of its errors; None: 1, so that the torque covariance is theirs.
             stiction: as tau_ext; the part of sd that is stiction; None: 0.
-            J_now: as J, of the very sample, whose condition number is stated; None: J.
+            J_now: as J, of the very sample, whose condition number is stated (NaN for no rows of
+                it: that costs a quarter of the time); None: J.
 
         Raises:
             ValueError: shapes that disagree.
@@ -219,11 +220,11 @@ class WrenchReconstruction:
         now = J if J_now is None else np.asarray(J_now, float)
         sd = np.ones_like(tau_ext) if sd is None else np.asarray(sd, float)
         held = np.zeros_like(tau_ext) if stiction is None else np.asarray(stiction, float)
-        if not (now.shape == J.shape and sd.shape == held.shape == tau_ext.shape):
+        if not (now.shape in (J.shape, (0, 6, n)) and sd.shape == held.shape == tau_ext.shape):
             raise ValueError("J_now must be as J, sd and stiction as tau_ext")
         reconstruct_log(
             self.table,
-            np.require(now.reshape(rows, 6, n), float, ("C", "W")),
+            np.require(now.reshape(-1, 6, n), float, ("C", "W")),
             own,
             np.require(tau_ext.reshape(rows, n), float, ("C", "W")),
             np.require(sd.reshape(rows, n), float, ("C", "W")),

@@ -8,8 +8,10 @@ makes one and sets what the file names. A field without which the file makes no 
 `metadata=REQUIRED`.
 """
 
+import copy
 import dataclasses
 import difflib
+import functools
 import math
 import re
 import types
@@ -55,7 +57,14 @@ def load_configuration(path: str | Path, schema: type[T], child_name: str | None
             has the wrong type. The line names the file and the line in it.
     """
     path = Path(path)
-    text = _read_text(path)
+    # PyYAML takes a tenth of a second for what experiments ask for again and again.
+    kind: Any = schema
+    return typing.cast("T", copy.deepcopy(_loaded(path, _read_text(path), kind, child_name)))
+
+
+@functools.lru_cache(maxsize=16)
+def _loaded(path: Path, text: str, schema: Any, child_name: str | None) -> Any:
+    """What a file's text says; see `load_configuration`."""
     try:
         loader = yaml.SafeLoader(text)
         node = loader.get_single_node()
@@ -81,15 +90,13 @@ def load_configuration(path: str | Path, schema: type[T], child_name: str | None
         if child_name is None and typing.get_origin(schema) is dict:
             # yaml_load_typed takes a table of configurations only as a field.
             item_schema = typing.get_args(schema)[1]
-            loaded: Any = {
+            return {
                 name: yaml_load_typed(schema=item_schema, data=text, child_name=name)
                 for name in check.names(node)
             }
-        else:
-            loaded = yaml_load_typed(schema=schema, data=text, child_name=child_name)
+        return yaml_load_typed(schema=schema, data=text, child_name=child_name)
     except (RuntimeError, ValueError, TypeError, KeyError, AttributeError) as error:
         raise InputError(path, "", f"cannot be read as {_name(schema)}: {error}") from error
-    return typing.cast("T", loaded)
 
 
 def save_configuration(configuration: Any, path: str | Path) -> None:

@@ -9,10 +9,12 @@ with the features f of `models.identification.torque_error_model`. Samples are n
 costs efficiency, not consistency. What is stated as an assumption plays no part here.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
@@ -31,6 +33,7 @@ WINDOWS = (0.1, 0.3, 1.0, 3.0, 10.0)  # s, over which means are taken to find wh
 CORRELATION_TIMES = (0.01, 5.0)  # s, least and largest
 _OUTLIER = 4.0  # sds, beyond which a sample says nothing of correlations
 _LEAST_SHARE = 1e-4  # of a joint's rms error: the smallest constant
+_BLOCK = 256  # samples
 _SPAN = 18.0  # natural logarithm of the range that a coefficient is looked for in
 
 
@@ -160,17 +163,16 @@ def _features(unit: TorqueErrorModel, own: HeldOutReading) -> Array:
 
 def most_likely(F: Array, e: Array) -> Array:
     """c (M,) of one joint; F (N, M + 1) with the fixed part of the variance last, e (N,)."""
-    A, fixed = F[:, :-1], F[:, -1]
+    A, fixed, squares = np.ascontiguousarray(F[:, :-1]), F[:, -1].copy(), e**2
     power = max(float(np.mean(e**2)), 1e-300)
     sizes = np.maximum(A.mean(axis=0), 1e-300)
-    tiny = 1e-12 * power
+    fixed += 1e-12 * power
     scale = power / sizes / A.shape[1]
 
     def cost(x: Array) -> tuple[float, Array]:
-        c = scale * np.exp(x)
-        s = A @ c + fixed + tiny
-        slope = 0.5 * (1.0 / s - e**2 / s**2)
-        return 0.5 * float(np.mean(np.log(s) + e**2 / s)), (slope @ A) / len(e) * c
+        c, slope = scale * np.exp(x), np.empty(len(x))
+        value = _minus_log_likelihood(A, fixed, squares, c, slope)
+        return value / len(e), slope / len(e) * c
 
     bounds = [(-_SPAN, np.log(10.0 * A.shape[1]))] * A.shape[1]
     # From an even split, and from the constant alone: the surface is not convex.
@@ -184,6 +186,43 @@ def most_likely(F: Array, e: Array) -> Array:
     # A term that the likelihood pushed to its bound, or that no sample showed, is zero.
     there = (found > -_SPAN + 1e-6) & (A.max(axis=0) > 0.0)
     return np.where(there, scale * np.exp(found), 0.0)
+
+
+@njit(cache=True, error_model="numpy")
+def _minus_log_likelihood(A: Array, fixed: Array, squares: Array, c: Array, slope: Array) -> float:
+    """The sum at the top of this file, its sign turned; writes its slope (M,) in c.
+
+    Args:
+        A: (N, M), features.
+        fixed: (N,) of the variance.
+        squares: (N,) of the errors.
+        c: (M,).
+    """
+    N, M = A.shape
+    value, part = 0.0, np.empty(M)
+    slope[:] = 0.0
+    for start in range(0, N, _BLOCK):  # sums of sums: rounding does not grow with N
+        part[:] = 0.0
+        logarithms, ratios, factor = 0.0, 0.0, 1.0
+        for k in range(start, min(N, start + _BLOCK)):
+            s = fixed[k]
+            for m in range(M):
+                s += A[k, m] * c[m]
+            inverse = 1.0 / s
+            ratio = squares[k] * inverse
+            ratios += ratio
+            share = inverse - ratio * inverse
+            for m in range(M):
+                part[m] += share * A[k, m]
+            if 1e-200 < factor * s < 1e200:
+                factor *= s  # one logarithm for many: they are what takes the time
+            else:
+                logarithms += math.log(factor)
+                factor = s
+        value += logarithms + math.log(factor) + ratios
+        for m in range(M):
+            slope[m] += 0.5 * part[m]
+    return 0.5 * value
 
 
 def _correlation(scaled: Array) -> Array:

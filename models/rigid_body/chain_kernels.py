@@ -540,6 +540,35 @@ def all_terms(
 
 
 @njit(cache=True, error_model="numpy")
+def dynamics_terms(
+    table: Array, q: Array, v: Array, Cv: Array, G: Array, M: Array, scratch: Array
+) -> None:
+    """M, C v and G of one sample to the bit as `all_terms` gives them, where the rest is not asked.
+
+    Leaves in `scratch` what `tool_pose` and `tool_jacobian` need.
+    """
+    place_links(table, q, scratch)
+    place_inertia(table, scratch)
+    link_velocities(v, scratch)
+    n = v.shape[0]
+    gx, gy, gz = table[n, 12], table[n, 13], table[n, 14]
+    m, hx, hy, hz = 0.0, 0.0, 0.0, 0.0
+    for j in range(n - 1, -1, -1):
+        m += scratch[j, 24]
+        hx += scratch[j, 25]
+        hy += scratch[j, 26]
+        hz += scratch[j, 27]
+        G[j] = -(
+            scratch[j, 12] * (hy * gz - hz * gy)
+            + scratch[j, 13] * (hz * gx - hx * gz)
+            + scratch[j, 14] * (hx * gy - hy * gx)
+            + m * (scratch[j, 15] * gx + scratch[j, 16] * gy + scratch[j, 17] * gz)
+        )
+    composite_mass_matrix(table, M, scratch)
+    coriolis_torque(table, v, Cv, scratch)
+
+
+@njit(cache=True, error_model="numpy")
 def pose_and_jacobian(
     table: Array, q: Array, R_WE: Array, p_WE: Array, J: Array, scratch: Array
 ) -> None:

@@ -87,6 +87,51 @@ def solve_factorised(L: Array, n: int, x: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
+def invert_transposed(A: Array, L: Array, X: Array) -> bool:
+    """Inverse of the transpose of a 6x6 matrix, by elimination with pivots from each column.
+
+    Args:
+        A: (6, 6).
+        L: (6, 6+), overwritten.
+        X: (6, 6+), written.
+
+    Returns:
+        Whether no pivot was zero; if not, X is left half done.
+    """
+    for i in range(6):
+        for j in range(6):
+            L[i, j] = A[j, i]
+            X[i, j] = 1.0 if i == j else 0.0
+    for k in range(6):
+        pivot = k
+        for i in range(k + 1, 6):
+            if abs(L[i, k]) > abs(L[pivot, k]):
+                pivot = i
+        if not abs(L[pivot, k]) > 0.0:
+            return False
+        if pivot != k:
+            for j in range(6):
+                L[k, j], L[pivot, j] = L[pivot, j], L[k, j]
+                X[k, j], X[pivot, j] = X[pivot, j], X[k, j]
+        inverse = 1.0 / L[k, k]
+        for i in range(k + 1, 6):
+            share = L[i, k] * inverse
+            for j in range(k + 1, 6):
+                L[i, j] -= share * L[k, j]
+            for j in range(6):
+                X[i, j] -= share * X[k, j]
+    for k in range(5, -1, -1):
+        inverse = 1.0 / L[k, k]
+        for j in range(6):
+            X[k, j] *= inverse
+        for i in range(k):
+            share = L[i, k]
+            for j in range(6):
+                X[i, j] -= share * X[k, j]
+    return True
+
+
+@njit(cache=True, error_model="numpy")
 def turn_rows(B: Array, p: int, q: int, length: int) -> tuple[float, float]:
     """Turns two rows of B orthogonal to each other: the smaller of the two turns that do it.
 

@@ -57,11 +57,8 @@ class LowPass:
     def filter(self, u: Array) -> Array:
         """Filters u (T, channels) from rest; the same shape, one tick later, as in the block."""
         u = np.ascontiguousarray(u, dtype=np.float64)
-        x = np.zeros((u.shape[1], self.order))
         y = np.empty_like(u)
-        for k in range(u.shape[0]):
-            y[k] = x @ self.C
-            low_pass_step(self.A, self.B, u[k], x)
+        _low_pass_log(self.A, self.B, self.C, u, np.zeros((u.shape[1], self.order)), y)
         return y
 
 
@@ -78,6 +75,16 @@ def low_pass_step(A: Array, B: Array, u: Array, x: Array) -> None:
             for j in range(order):
                 value += A[i, j] * old[j]
             x[channel, i] = value
+
+
+@njit(cache=True, error_model="numpy")
+def _low_pass_log(A: Array, B: Array, C: Array, u: Array, x: Array, y: Array) -> None:
+    for k in range(u.shape[0]):
+        for channel in range(u.shape[1]):
+            y[k, channel] = 0.0
+            for i in range(B.shape[0]):
+                y[k, channel] += C[i] * x[channel, i]
+        low_pass_step(A, B, u[k], x)
 
 
 @njit(cache=True, error_model="numpy")

@@ -20,7 +20,12 @@ from models.control.joint_tracking import advance_integral, tracking_torque
 from models.control.wrench_script import WrenchScript, sample_script
 from models.friction.velocity_friction import SemiParametricFriction
 from models.motion.paths import JointTrajectory
-from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, all_terms
+from models.rigid_body.chain_kernels import (
+    SCRATCH_COLUMNS,
+    dynamics_terms,
+    tool_jacobian,
+    tool_pose,
+)
 from models.rigid_body.serial_chain import SerialChain
 from models.rigid_body.small_matrices import factorise_in_place, solve_factorised
 from models.robot.motors import motor_gain
@@ -40,6 +45,7 @@ from models.truth.joint_kernels import (
 from models.truth.true_joints import TrueJoints
 from models.truth.true_robot import true_robot
 
+_CHUNK = 50_000  # ticks for which the trajectory is sampled at a time: it is much memory
 VELOCITY_STREAM = 3 * 2**32
 """Added to the seed for the noise of the velocity: another stream than the currents'."""
 WANDER_STREAM = 4 * 2**32
@@ -68,6 +74,8 @@ class Servo:
 @dataclass(frozen=True, eq=False)
 class FreeLog:
     """A log, one row a logged tick, and what only the simulation knows.
+
+    Of q_true, v_true, tau_J_true and rise there are no rows where they were not asked for.
 
     Attributes:
         t: (T,) s.
@@ -103,6 +111,7 @@ def simulate_free_arm(
     start_rise: ArrayLike | None = None,
     wrench: WrenchScript | None = None,
     duration: float | None = None,
+    whole: bool = True,
 ) -> FreeLog:
     """Lets the true robot follow a trajectory where nothing touches it but what a script says.
 
@@ -119,6 +128,7 @@ def simulate_free_arm(
             goes on where another ended.
         wrench: of the environment on the robot at E, over time.
         duration: s; the trajectory's where it is not given.
+        whole: whether also what neither log nor estimator has is kept, see `FreeLog`.
 
     Raises:
         InputError: the robot's truth is out of range.
@@ -133,38 +143,42 @@ def simulate_free_arm(
     state = joints.initial_state()
     if start_rise is not None:
         state[RISE] = start_rise
-    q, v = joints.links_at(trajectory.q[0], chain).copy(), np.zeros(n)
+    q, v = joints.links_at(trajectory.q[0], chain), np.zeros(n)
     times = trajectory.t[0] + time_step * np.arange(ticks)
-    reference = np.concatenate(trajectory.sample(times), axis=1)
     sensor = np.stack([robot.current_bandwidth, robot.current_noise_sd, robot.current_resolution])
     gain = motor_gain(robot.torque_per_ampere, robot.current_sign)
-    log, wrenches = np.empty((8, rows, n)), np.zeros((rows, 6))
-    _run(
-        joints.table,
-        joints.on_motor,
-        chain.table,
-        servo.chain.table,
-        servo.computed,
-        np.ascontiguousarray(servo.gains, dtype=np.float64),
-        servo.friction.table,
-        servo.friction_velocity,
-        np.asarray(robot.effort_limit, dtype=np.float64),
-        gain,
-        sensor,
-        time_step,
-        seed,
-        every,
-        reference,
-        script.table,
-        script.tones,
-        float(trajectory.t[0]),
-        state,
-        q,
-        v,
-        log,
-        wrenches,
-    )
-    q_read, v_read, current, q_true, v_true, tau_J, tau_f, rise = log
+    seen, wrenches = np.empty((4, rows, n)), np.zeros((rows, 6))
+    inner = np.empty((4, rows if whole else 0, n))
+    memory = np.stack([q, v, np.zeros(n), np.full(n, np.nan)])
+    for first in range(0, ticks, _CHUNK):
+        _run(
+            joints.table,
+            joints.on_motor,
+            chain.table,
+            servo.chain.table,
+            servo.computed,
+            np.ascontiguousarray(servo.gains, dtype=np.float64),
+            servo.friction.table,
+            servo.friction_velocity,
+            np.asarray(robot.effort_limit, dtype=np.float64),
+            gain,
+            sensor,
+            time_step,
+            seed,
+            every,
+            first,
+            np.concatenate(trajectory.sample(times[first : first + _CHUNK]), axis=1),
+            script.table,
+            script.tones,
+            float(trajectory.t[0]),
+            state,
+            memory,
+            seen,
+            inner,
+            wrenches,
+        )
+    q_read, v_read, current, tau_f = seen
+    q_true, v_true, tau_J, rise = inner
     return FreeLog(
         times[::every].copy(),
         q_read,
@@ -195,32 +209,44 @@ def _run(
     time_step: float,
     seed: int,
     every: int,
+    first: int,
     reference: Array,
     script: Array,
     tones: Array,
     start: float,
     state: Array,
-    q: Array,
-    v: Array,
-    log: Array,
+    memory: Array,
+    seen: Array,
+    inner: Array,
     wrenches: Array,
 ) -> None:
-    n = q.shape[0]
-    p, CTv, Cv, G = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    """Ticks `first`, `first` + 1, ... as `reference` (ticks, 3n) has rows.
+
+    Goes on from `state`, and from q, v, the controller's integral and the sensor's lagged current
+    in the rows of `memory`; both are changed. `inner` may have no rows.
+    """
+    n = memory.shape[1]
+    q, v, integral, lagged = memory[0], memory[1], memory[2], memory[3]
+    Cv, G = np.empty(n), np.empty(n)
     Cv_m, G_m = np.empty(n), np.empty(n)
     M, M_m, J = np.empty((n, n)), np.empty((n, n)), np.empty((6, n))
-    R_WE, p_WE, V_WE = np.empty((3, 3)), np.empty(3), np.empty(6)
+    R_WE, p_WE = np.empty((3, 3)), np.empty(3)
     scratch = np.empty((n, SCRATCH_COLUMNS))
     q_read, v_read, tau = np.empty(n), np.empty(n), np.empty(n)
     draws = np.empty(2 * n)
     command, noise, current = np.empty(n), np.empty(n), np.empty(n)
-    integral, tau_ext, lagged = np.zeros(n), np.zeros(n), np.full(n, np.nan)
+    tau_ext, vdot = np.zeros(n), np.empty(n)
     wrench = np.zeros(6)
     signals, after = np.empty((SIGNALS, n)), np.empty_like(state)
-    for tick in range(reference.shape[0]):
-        all_terms(chain, q, v, p, CTv, Cv, G, M, J, R_WE, p_WE, V_WE, scratch)
+    motor_current = signals[MOTOR_CURRENT]
+    bandwidth, noise_sd, resolution = sensor[0], sensor[1], sensor[2]
+    for k in range(reference.shape[0]):
+        tick, wanted = first + k, reference[k]
+        dynamics_terms(chain, q, v, Cv, G, M, scratch)
         if script.shape[0] > 0:
             sample_script(script, tones, start + tick * time_step, wrench)
+            tool_pose(chain, scratch, R_WE, p_WE)
+            tool_jacobian(scratch, p_WE, J)
             for i in range(n):
                 tau_ext[i] = 0.0
                 for axis in range(6):
@@ -228,7 +254,7 @@ def _run(
         encoder_reading(
             table, state, G, q, v, on_motor, seed + VELOCITY_STREAM, tick, q_read, v_read
         )
-        all_terms(model, q_read, v_read, p, CTv, Cv_m, G_m, M_m, J, R_WE, p_WE, V_WE, scratch)
+        dynamics_terms(model, q_read, v_read, Cv_m, G_m, M_m, scratch)
         tracking_torque(
             computed,
             gains,
@@ -240,7 +266,7 @@ def _run(
             G_m,
             q_read,
             v_read,
-            reference[tick],
+            wanted,
             integral,
             tau,
         )
@@ -248,31 +274,40 @@ def _run(
             command[i] = tau[i] / gain[i]
         gaussian_noise(seed + WANDER_STREAM, tick, draws)
         joint_tick(table, time_step, M, Cv, G, q, v, command, tau_ext, draws, state, after, signals)
-        update_lag(sensor[0], time_step, signals[MOTOR_CURRENT], lagged)
+        update_lag(bandwidth, time_step, motor_current, lagged)
         if tick % every == 0:
-            current[:] = lagged
-            gaussian_noise(seed, tick, noise)
-            report_current(sensor[1], sensor[2], signals[MOTOR_CURRENT], noise, current)
             row = tick // every
-            log[0, row], log[1, row], log[2, row] = q_read, v_read, current
-            log[3, row], log[4, row] = q, v
-            log[5, row], log[6, row] = signals[TAU_J], signals[TAU_F]
-            log[7, row] = state[RISE]
-            wrenches[row] = wrench
-        advance_integral(time_step, gains, effort_limit, q_read, reference[tick, :n], tau, integral)
-        _step(M, time_step, signals[TAU_J] + tau_ext, signals[TORQUE], Cv, G, q, v)
-        state[:] = after
+            gaussian_noise(seed, tick, noise)
+            for i in range(n):
+                current[i] = lagged[i]
+            report_current(noise_sd, resolution, motor_current, noise, current)
+            for i in range(n):
+                seen[0, row, i], seen[1, row, i] = q_read[i], v_read[i]
+                seen[2, row, i], seen[3, row, i] = current[i], signals[TAU_F, i]
+            if inner.shape[1] > 0:
+                for i in range(n):
+                    inner[0, row, i], inner[1, row, i] = q[i], v[i]
+                    inner[2, row, i], inner[3, row, i] = signals[TAU_J, i], state[RISE, i]
+            for axis in range(6):
+                wrenches[row, axis] = wrench[axis]
+        advance_integral(time_step, gains, effort_limit, q_read, wanted, tau, integral)
+        for i in range(n):
+            vdot[i] = signals[TAU_J, i] + tau_ext[i] + signals[TORQUE, i] - Cv[i] - G[i]
+        _step(M, time_step, vdot, q, v)
+        for i in range(state.shape[0]):
+            for j in range(n):
+                state[i, j] = after[i, j]
 
 
 @njit(cache=True, error_model="numpy")
-def _step(
-    M: Array, time_step: float, tau_J: Array, torque: Array, Cv: Array, G: Array, q: Array, v: Array
-) -> None:
-    """Takes q and v of the links to the tick's end, in place: M (v+ - v) / h = the torques' sum."""
+def _step(M: Array, time_step: float, vdot: Array, q: Array, v: Array) -> None:
+    """Takes q and v of the links to the tick's end, in place: M (v+ - v) / h = `vdot`, the torques.
+
+    M and `vdot` are overwritten.
+    """
     n = q.shape[0]
-    L, vdot = M.copy(), tau_J + torque - Cv - G
-    factorise_in_place(L, n, 0.0)
-    solve_factorised(L, n, vdot)
+    factorise_in_place(M, n, 0.0)
+    solve_factorised(M, n, vdot)
     for i in range(n):
         v[i] += time_step * vdot[i]
         q[i] += time_step * v[i]

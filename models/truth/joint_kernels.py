@@ -112,13 +112,9 @@ def joint_tick(
     """
     n = q.shape[0]
     K = (state.shape[0] - SLIPS) // 3
-    force, viscous = np.empty(n), np.empty(n)
-    stiff, before, low, high = (
-        np.empty((K, n)),
-        np.empty((K, n)),
-        np.empty((K, n)),
-        np.empty((K, n)),
-    )
+    joint, slips = np.empty((2, n)), np.empty((4, K, n))  # few allocations: they take time
+    force, viscous = joint[0], joint[1]
+    stiff, before, low, high = slips[0], slips[1], slips[2], slips[3]
     for i in range(n):
         row = table[i]
         pole = row[POLE]
@@ -156,9 +152,9 @@ def joint_tick(
         viscous[i] /= 1.0 + abs(v[i]) * row[INVERSE_SATURATION]
 
         position = 0.0
-        for k in range(3):
-            a, share, periods, phase = row[RIPPLES + 4 * k : RIPPLES + 4 * k + 4]
-            position += (a + share * abs(load)) * math.sin(periods * q[i] + phase)
+        for k in range(RIPPLES, RIPPLES + 12, 4):
+            amplitude = row[k] + row[k + 1] * abs(load)
+            position += amplitude * math.sin(row[k + 2] * q[i] + row[k + 3])
         signals[TAU_F, i] = position
         force[i] = tau_J + tau_ext[i] - Cv[i] - G[i] - position
 
@@ -272,7 +268,9 @@ def velocity_after(
         before, low, high: (K, n) N m, torque of the elements at rest, and their limits.
     """
     n = v.shape[0]
-    A, b = np.empty((n, n)), np.empty(n)
+    square, line = np.empty((2, n, n)), np.empty((5, n))
+    A, L = square[0], square[1]
+    b, step, trial, gradient, curvature = line[0], line[1], line[2], line[3], line[4]
     for i in range(n):
         b[i] = force[i]
         for j in range(n):
@@ -280,7 +278,6 @@ def velocity_after(
             b[i] += A[i, j] * v[j]
         A[i, i] += viscous[i]
     at = v.copy()
-    L, step, gradient, curvature = np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n)
     value = _potential(A, b, at, stiff, before, low, high, gradient, curvature)
     for _ in range(60):
         size = 0.0
@@ -298,13 +295,18 @@ def velocity_after(
         slope = 0.0
         for i in range(n):
             slope += gradient[i] * step[i]
-        share, trial = 1.0, at + step
+        share = 1.0
+        for i in range(n):
+            trial[i] = at[i] + step[i]
         lower = _potential(A, b, trial, stiff, before, low, high, gradient, curvature)
         while lower > value + 1e-4 * share * slope + 1e-15 * abs(value) and share > 1e-6:
             share *= 0.5
-            trial = at + share * step
+            for i in range(n):
+                trial[i] = at[i] + share * step[i]
             lower = _potential(A, b, trial, stiff, before, low, high, gradient, curvature)
-        at, value = trial, lower
+        for i in range(n):
+            at[i] = trial[i]
+        value = lower
     return at
 
 

@@ -25,6 +25,7 @@ model, the same is found from two periods of an excitation: torque of the one mi
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -36,7 +37,7 @@ from analyses.methods.learning.friction_training import TrainingConfig
 from analyses.methods.learning.identification import identify
 from analyses.methods.reading.repetition import repetition_torque
 from analyses.study.shared_results import shared
-from models.arrays import Array
+from models.arrays import Array, Flags
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.identification.identified_model import IdentifiedModel
@@ -48,6 +49,7 @@ from models.recordings.recording import Recording
 from models.robot.robot import Robot
 
 ProgressCallback = Callable[[float, str], None]
+Result = TypeVar("Result")
 
 LAWS = ("coulomb-viscous", "semi-parametric", "presliding")
 # Passes as slow as a task's joints, with travel enough that the drives' own compliance does not
@@ -75,7 +77,7 @@ class ArmModels:
     models: Mapping[str, IdentifiedModel]
     held_out: tuple[Recording, ...]
     # By law and K_0: variants of one estimator differ in what comes after
-    _errors: dict[tuple[str, float], tuple[Array, Array]] = field(default_factory=dict, repr=False)
+    _errors: dict[tuple[str, float], Array] = field(default_factory=dict, repr=False)
     _fits: dict[tuple[str, float], TorqueErrorModel] = field(default_factory=dict, repr=False)
 
     def estimator(
@@ -111,25 +113,10 @@ class ArmModels:
             K_0: 1/s.
         """
         if (law, K_0) not in self._fits:
-            self._fits[law, K_0] = self._fit_torque_error(law, K_0)
-        return self._fits[law, K_0]
-
-    def _fit_torque_error(self, law: str, K_0: float) -> TorqueErrorModel:
-        config = WrenchEstimatorConfig(MomentumObserverConfig([K_0]))
-        plain = replace(self.models[law], torque_error=None)
-        estimator = WrenchEstimator(self.robot, plain, config)
-        readings = []
-        for log in self.held_out:
-            seen = estimator.observe(log.q, log.v, log.current)
-            settled = log.t - log.t[0] >= 3.0 / K_0
-            readings.append(
-                HeldOutReading(
-                    *(seen.tau_ext, log.q, log.v, seen.tau_J - seen.tau_f),
-                    *(seen.fresh & settled, estimator.friction, log.time_step),
-                    *(np.full(self.robot.num_joints, K_0), position_resolution(log.q)),
-                )
+            self._fits[law, K_0] = self._shared(
+                "torque_error", law, K_0, lambda: fit_torque_error(self._readings(law, K_0))
             )
-        return fit_torque_error(readings)
+        return self._fits[law, K_0]
 
     def held_out_errors(self, law: str, K_0: float) -> tuple[Array, Array]:
         """tau_ext (N, n) N m that an observer reads of the held-out logs, and v (N, n) rad/s.
@@ -139,22 +126,40 @@ class ArmModels:
             K_0: 1/s.
         """
         if (law, K_0) not in self._errors:
-            self._errors[law, K_0] = self._read_held_out(law, K_0)
-        return self._errors[law, K_0]
+            self._errors[law, K_0] = self._shared(
+                "held_out_errors", law, K_0, lambda: self._read_held_out(law, K_0)
+            )
+        v = [log.v[_settled(log, K_0)] for log in self.held_out]
+        return self._errors[law, K_0], np.vstack(v)
 
-    def _read_held_out(self, law: str, K_0: float) -> tuple[Array, Array]:
-        config = WrenchEstimatorConfig(
-            MomentumObserverConfig([K_0]), WrenchReconstructionConfig("inverse")
-        )
-        plain = WrenchEstimator(self.robot, self.models[law], config)
-        outputs, speeds = [], []
-        for recording in self.held_out:
-            state = plain.initial_state()
-            tau_ext = plain.run(state, recording.q, recording.v, recording.current).tau_ext
-            settled = recording.t - recording.t[0] >= 3.0 / K_0
-            outputs.append(tau_ext[settled])
-            speeds.append(recording.v[settled])
-        return np.vstack(outputs), np.vstack(speeds)
+    def _shared(self, name: str, law: str, K_0: float, compute: Callable[[], Result]) -> Result:
+        """For all experiments that have this arm, a result of a law's observer."""
+        return shared(name, (self.robot, self.models[law], self.held_out, K_0), compute)
+
+    def _read_held_out(self, law: str, K_0: float) -> Array:
+        readings = zip(self._readings(law, K_0), self.held_out, strict=True)
+        return np.vstack([own.tau_ext[_settled(log, K_0)] for own, log in readings])
+
+    def _readings(self, law: str, K_0: float) -> list[HeldOutReading]:
+        config = WrenchEstimatorConfig(MomentumObserverConfig([K_0]))
+        plain = replace(self.models[law], torque_error=None)
+        estimator = WrenchEstimator(self.robot, plain, config)
+        readings = []
+        for log in self.held_out:
+            seen = estimator.observe(log.q, log.v, log.current)
+            readings.append(
+                HeldOutReading(
+                    *(seen.tau_ext, log.q, log.v, seen.tau_J - seen.tau_f),
+                    *(seen.fresh & _settled(log, K_0), estimator.friction, log.time_step),
+                    *(np.full(self.robot.num_joints, K_0), position_resolution(log.q)),
+                )
+            )
+        return readings
+
+
+def _settled(log: Recording, K_0: float) -> Flags:
+    """(N,) samples at which the observer has forgotten its start."""
+    return np.asarray(log.t - log.t[0] >= 3.0 / K_0)
 
 
 def identify_arm(

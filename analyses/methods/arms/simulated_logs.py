@@ -108,7 +108,8 @@ def _simulate_motion(
     mechanisms = robot.config.simulated_truth.mechanisms
     if mechanisms is not None:
         # The same as the cell's tick by tick, much faster (tests/models/truth/test_free_arm.py).
-        log = simulate_free_arm(robot, trajectory, drive_servo(robot, known), seed=seed)
+        servo = drive_servo(robot, known)
+        log = simulate_free_arm(robot, trajectory, servo, seed=seed, whole=False)
         progress(1.0, f"simulating {name}")
         exact = Recording(t=log.t, q=log.q, v=log.v, current=log.current, source=name)
         return SimulatedLog(clocked(exact, mechanisms.clock, seed), log.tau_f_true)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from analyses.methods.planning.placement import place
-from analyses.study.shared_results import digest, shared
+from analyses.study.shared_results import shared
 from models.arrays import Array
 from models.identification.identified_model import IdentifiedModel
 from models.motion.inverse_kinematics import follow_path
@@ -26,7 +26,6 @@ OPTIMISED_PATH = StraightPath(
 # condition number is met to all digits, the optimised mean to its printed rounding.
 INITIAL_POSTURE = np.array([0.0, -0.26, -0.567, 0.0, 0.827, 0.0])
 OPTIMISED_POSTURE = np.array([0.166, 0.395, -0.943, 0.0, -1.022, 0.166])
-_found: dict[str, tuple[StraightPath, Array]] = {}  # of this process: the same in all worlds
 OTHER_ELBOW_POSTURE = np.array([0.166, -2.349, 3.663, 0.0, -2.885, 0.166])
 
 
@@ -46,13 +45,9 @@ def found_path(
     # What the arm truly is has no part in it: in all worlds the same.
     known = robot.with_truth(SimulatedTruthConfig())
     arguments = known, seed, model
-    if model is not None:
-        return shared("found_path", arguments, lambda: _found_path(*arguments))
-    key = digest((known.config, str(known.source), seed))
-    if key not in _found:
-        _found[key] = shared("found_path", arguments, lambda: _found_path(*arguments))
-    path, posture = _found[key]
-    return path, posture.copy()
+    return shared(
+        "found_path", arguments, lambda: _found_path(*arguments), everywhere=model is None
+    )
 
 
 def _found_path(

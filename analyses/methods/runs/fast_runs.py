@@ -55,6 +55,7 @@ def run_free(
         scenario.seed,
         wrench=WrenchScript(scenario.wrench, scenario.seed, "scenario"),
         duration=scenario.duration,
+        whole=False,
     )
     signals = {
         "q": log.q,

@@ -273,6 +273,7 @@ def read_run(
             recording.v[rows],
             recording.current[rows],
             tau_f=None if tau_f is None else tau_f[rows],
+            conditions=False,  # the run has them
         )
         force[rows] = part.wrench[:, 3:]
         sd[rows] = part.standard_deviation[:, 3:]
@@ -312,7 +313,8 @@ def read_repetition(
     force, sd = np.empty((2, len(q), 3))
     for start in range(0, len(q), _BLOCK):
         rows = slice(start, start + _BLOCK)
-        part = reconstruction.reconstruct(robot.chain.jacobian(q[rows]), tau_ext[rows])
+        J = np.asarray(robot.chain.jacobian(q[rows]))
+        part = reconstruction.reconstruct(J, tau_ext[rows], J_now=J[:0])  # the run has conditions
         covariance = part.covariance.copy()
         lag_log(lag.settings, slow, part.wrench, part.valid, covariance)
         force[rows] = part.wrench[:, 3:]

@@ -27,6 +27,7 @@ def count(what):
 def run(context: ExperimentContext) -> ExperimentResult:
     drawn = context.world(Fake())
     arm = shared("arm", (context.seed,), lambda: count("identified") or context.seed)
+    path = shared("path", (), lambda: count("found") or 7.0, everywhere=True)
 {body}
     count("ran_{name}")
     random = np.random.default_rng(context.seed)
@@ -41,6 +42,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
             coulomb=drawn.config,
             words="not a number",
             arm=arm,
+            path=path,
         ),
         comparison=[
             ComparisonRow("RMSE, with", "optimised.rmse_n", "N", 1.5, ours="ours.rmse_n"),

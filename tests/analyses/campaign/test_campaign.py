@@ -23,6 +23,7 @@ def test_one_row_a_world_experiment_and_key(tmp_path, experiment, campaign, coun
     assert not result.failures
     # What the experiments of a world have in common is computed once.
     assert counted("identified") == 3
+    assert counted("found") == 1  # once for all worlds
     table = pq.read_table(tmp_path / "campaign" / "campaign.parquet")
     world = draw_world(0, 1)
     drawn = list(world.parameters())
@@ -44,6 +45,7 @@ def test_one_row_a_world_experiment_and_key(tmp_path, experiment, campaign, coun
         "rmse_nm.2",
         "coulomb",
         "arm",
+        "path",
     ]
     assert values["ours.nothing"] is None  # not finite
     assert values["coulomb"] == world.factors["coulomb"][0]
@@ -119,6 +121,7 @@ def test_a_killed_process_loses_nothing(tmp_path, experiment, campaign):
     experiment("always", always)
     result = campaign("once")
     assert (result.worlds, result.failures) == (3, {})
+    assert not (tmp_path / "campaign" / ".campaign" / "everywhere").exists()
     result = campaign("always", folder="always")
     assert result.worlds == 2
     assert "killed" in result.failures[1].failures["always"]

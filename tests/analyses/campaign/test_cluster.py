@@ -6,6 +6,7 @@ from models.files.input_error import InputError
 from models.truth.worlds import draw_world
 
 distributed = pytest.importorskip("distributed")
+dask = pytest.importorskip("dask")
 
 
 @pytest.fixture
@@ -45,6 +46,16 @@ def test_numbers_are_the_same_and_a_killed_worker_loses_nothing(
     assert counted("ran_toy") == 8
     tables = [(tmp_path / name / "campaign.parquet").read_bytes() for name in ("campaign", "here")]
     assert tables[0] == tables[1]
+
+
+def test_a_world_that_takes_every_worker_down_is_listed(experiment, campaign, scheduler):
+    seed = draw_world(0, 1).seed
+    experiment("toy", f"    if context.seed == {seed}: os.kill(os.getpid(), signal.SIGKILL)")
+    with dask.config.set({"distributed.scheduler.allowed-failures": 0}):
+        result = campaign("toy", worlds=3, cluster=scheduler())
+    assert result.worlds == 2
+    assert list(result.failures) == [1]
+    assert "killed" in result.failures[1].failures["toy"]
 
 
 def test_a_scheduler_without_workers_is_refused(experiment, campaign):

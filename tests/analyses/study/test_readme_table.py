@@ -12,8 +12,11 @@ from analyses.study import readme_table
 from analyses.study.readme_table import (
     BEGIN,
     END,
+    FEWEST_WORLDS,
     RESULTS,
+    WORLDS,
     collect,
+    committed,
     fill,
     main,
     results_table,
@@ -93,7 +96,8 @@ def test_the_committed_readme_shows_the_committed_figures():
     assert {n: k for n, k in keys.items() if k} == {n: set(k) for n, k in shown_rows().items()}
     assert not results["quick"]
     shown = (root / "README.md").read_text(encoding="utf-8").split(BEGIN)[1].split(END)[0]
-    assert shown == "\n" + results_table(results), "run `make readme` after `make study`"
+    worlds = committed(root / "README.md", WORLDS)
+    assert shown == "\n" + results_table(results, worlds), "run `make readme` after `make study`"
 
 
 def test_the_figures_are_written_beside_the_readme(study, readme):
@@ -153,34 +157,64 @@ def test_it_runs_as_a_module(study, readme):
     assert "24.86" in readme.read_text(encoding="utf-8")
 
 
-def test_a_campaign_s_spread_stands_beside_the_figures(study, readme):
+@pytest.fixture
+def campaign(tmp_path):
     def spread(median, ahead=None):
         figures = {"median": median, "p05": median - 1.0, "p95": median + 1.0}
         return figures | {"share_of_worlds_ours_ahead": ahead}
 
     metrics = {
         "campaign": {"quick": False, "worlds": 200, "seed": 0},
-        "constant-wrench": {
-            "optimised.max_error_y_n": spread(7.5, 0.99),
-            "rmse.0": spread(2.0),
-            "rmse.1": spread(3.0),
-        },
+        "repeat-cycle": {"reduction_rmse_y_pct": spread(7.5, 0.99)},
+        "constant-wrench": {"rmse.0": spread(2.0), "rmse.1": spread(3.0)},
     }
-    OutputFolder(study.parent / "campaign").write_json("metrics.json", metrics)
-    results = collect(study, study.parent / "campaign")
-    table = results_table(results, whole=True)
-    assert "| Median of 200 worlds (5 to 95 %) |" in table
-    assert "(6.500 to 8.500), ours ahead in 99 % |" in table
-    assert "| 2 (1 to 3), 3 (2 to 4) |" in table
-    assert main([str(study), str(readme)]) == 0
-    written = json.loads((readme.parent / RESULTS).read_text(encoding="utf-8"))
-    assert written == results
+    folder = OutputFolder(tmp_path / "campaign")
+    folder.write_json("metrics.json", metrics)
+    return folder.path, metrics
 
-    metrics["campaign"]["quick"] = True  # of another length than the study: not beside it
-    OutputFolder(study.parent / "campaign").write_json("metrics.json", metrics)
-    results = collect(study, study.parent / "campaign")
-    assert results == collect(study)
-    assert "worlds" not in results_table(results, whole=True)
+
+def test_the_readme_says_the_median_and_the_range_of_worlds(study, readme, campaign):
+    results, (_, worlds) = collect(study), campaign
+    for experiment in results["experiments"]:
+        for row in experiment["rows"]:
+            row["readme"] = True
+    text = results_table(results, worlds)
+    assert "| Pole [1/s] | 20.0 (eq. 30) | 7.50 (6.50 to 8.50) | ours ahead in 99 %; a" in text
+    assert "median of 200 worlds" in text.splitlines()[-1]
+    table = results_table(results, worlds, whole=True)  # the documentation's has the one run's too
+    assert "| Median of 200 worlds (5 to 95 %) |" in table
+    assert "| 20.5 | 7.50 (6.50 to 8.50), ours ahead in 99 % |" in table
+    assert "| 2.00 (1.00 to 3.00), 3.00 (2.00 to 4.00) |" in table
+    few = worlds | {"campaign": worlds["campaign"] | {"worlds": FEWEST_WORLDS - 1}}
+    assert results_table(results, few) == results_table(results)  # no range of so few
+    assert "| Median of 19 worlds" in results_table(results, few, whole=True)
+    other = worlds | {"campaign": worlds["campaign"] | {"quick": True}}
+    assert results_table(results, other) == results_table(results)
+    assert results_table(results, other, whole=True) == results_table(results, whole=True)
+
+
+def test_a_campaign_is_kept_until_another_one_is_there(study, readme, campaign):
+    folder, worlds = campaign
+    assert main([str(study), str(readme)]) == 0  # it lies beside the study
+    assert json.loads((readme.parent / WORLDS).read_text(encoding="utf-8")) == worlds
+    text = readme.read_text(encoding="utf-8")
+    (folder / "metrics.json").unlink()
+    assert main([str(study), str(readme)]) == 0
+    assert readme.read_text(encoding="utf-8") == text
+    assert results_table(collect(study), worlds) in text
+
+
+def test_a_campaign_alone_changes_no_figure_of_the_study(study, readme, campaign, capsys):
+    folder, worlds = campaign
+    assert main([str(study), str(readme), "nowhere"]) == 0
+    before = (readme.parent / RESULTS).read_bytes()
+    (study / "metrics.json").unlink()
+    assert main(["--campaign", str(folder), str(readme)]) == 0
+    assert (readme.parent / RESULTS).read_bytes() == before
+    assert json.loads((readme.parent / WORLDS).read_text(encoding="utf-8")) == worlds
+    assert "7.50 (6.50 to 8.50)" in readme.read_text(encoding="utf-8")
+    assert main(["--campaign", "nowhere", str(readme)]) == 2
+    assert "run `wrenchsight campaign` first" in capsys.readouterr().err
 
 
 def test_too_many_arguments_are_refused(capsys):

@@ -246,6 +246,33 @@ def test_the_stated_sd_grows_towards_the_singular_configuration(method: str) -> 
     assert np.sum(np.diff(estimate.valid.astype(int)) != 0) == 1
 
 
+def test_elimination_and_singular_values_read_alike() -> None:
+    """Whichever a Jacobian is given to, the inverse's reading is the same but for rounding.
+
+    A threshold of truncation that takes nothing away is the inverse by singular values.
+    """
+    blind = np.array([0.0, 0.0, 0.0, 0.0, 0.6, 0.8])
+    J = singular_jacobian() + np.geomspace(1.0, 1e-7, 60)[:, None, None] * np.outer(
+        blind, [1.0, -0.5, 0.3, 0.8, 0.1, -0.7]
+    )
+    tau = 5.0 * np.random.default_rng(6).normal(size=(60, 6))
+    sd, stiction = np.full((60, 6), 1.5), np.full((60, 6), 0.2)
+    read = [
+        WrenchReconstruction(own, noise_covariance()).reconstruct(J, tau, sd, stiction)
+        for own in (
+            config("inverse"),
+            WrenchReconstructionConfig("truncated", 30.0, 2.0, truncation=0.0),
+        )
+    ]
+    error = 1e-14 * read[0].condition_number  # a few rounding errors times what magnifies them
+    for name in ("wrench", "covariance"):
+        plain, singular = (getattr(own, name).reshape(60, -1) for own in read)
+        size = np.abs(singular).max(axis=1)
+        assert np.all(np.abs(plain - singular).max(axis=1) <= error * size)
+    np.testing.assert_array_equal(read[0].valid, read[1].valid)
+    assert 0 < read[0].valid.sum() < 60
+
+
 def test_a_jacobian_of_zeros() -> None:
     for method in METHODS:
         estimate = reconstruct_wrench(np.zeros((6, 6)), np.ones(6), np.eye(6), config(method))
@@ -539,6 +566,16 @@ def test_what_stiction_feigns_goes_through_the_correlated_gain() -> None:
         )
         reading = WrenchReconstruction(config, R).reconstruct(J, np.ones(7), sd, held)
         assert bool(reading.valid) is expected
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_without_condition_numbers_all_else_is_the_same(method: str) -> None:
+    J, tau = jacobians(300), np.random.default_rng(2).normal(size=(300, 6))
+    reading = WrenchReconstruction(config(method), noise_covariance())
+    whole, part = reading.reconstruct(J, tau), reading.reconstruct(J, tau, J_now=J[:0])
+    assert np.isnan(part.condition_number).all()
+    for name in ("wrench", "covariance", "valid"):
+        np.testing.assert_array_equal(getattr(part, name), getattr(whole, name))
 
 
 def test_the_condition_number_is_that_of_the_present() -> None:

@@ -92,6 +92,15 @@ def test_a_table_of_configurations_and_yaml_templates(tmp_path: Path) -> None:
     }
 
 
+def test_what_is_read_again_is_the_file_s_whatever_became_of_the_first(tmp_path: Path) -> None:
+    path = write(tmp_path, "name: a\nballs: [{radius: 2}]\n")
+    first = load_configuration(path, Thing)
+    first.balls[0].radius = 5.0
+    assert load_configuration(path, Thing).balls == [Ball(2.0)]
+    write(tmp_path, "name: a\nballs: [{radius: 3}]\n")
+    assert load_configuration(path, Thing).balls == [Ball(3.0)]
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [

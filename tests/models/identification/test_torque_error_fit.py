@@ -8,7 +8,11 @@ import pytest
 
 from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.torque_error_fit import HeldOutReading, fit_torque_error
+from models.identification.torque_error_fit import (
+    HeldOutReading,
+    _minus_log_likelihood,
+    fit_torque_error,
+)
 from models.identification.torque_error_model import TorqueErrorModel
 
 N = 2
@@ -91,6 +95,20 @@ def test_known_sds_are_recovered() -> None:
         chosen = (speed >= low) & (speed < high)
         share = (chosen & (np.abs(new.tau_ext) < 1.96 * sd)).sum() / chosen.sum()
         assert share == pytest.approx(0.95, abs=0.02)
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-80, 1e80])
+def test_what_is_minimised_is_the_likelihood_whatever_the_unit(size: float) -> None:
+    """Of variances so small or large that a product of few of them is no number any more."""
+    rng = np.random.default_rng(3)
+    A, c = rng.uniform(0.1, 2.0, (3000, 5)), rng.uniform(0.1, 2.0, 5)
+    fixed, squares = size * rng.uniform(0.0, 1.0, 3000), size * rng.normal(size=3000) ** 2
+    slope = np.empty(5)
+    value = _minus_log_likelihood(size * A, fixed, squares, c, slope)
+    s = size * A @ c + fixed
+    assert value == pytest.approx(0.5 * float(np.sum(np.log(s) + squares / s)), rel=1e-12)
+    expected = 0.5 * (1.0 / s - squares / s**2) @ (size * A)
+    np.testing.assert_allclose(slope, expected, rtol=1e-9)
 
 
 def test_the_ranges_are_those_of_the_samples_that_count() -> None:

@@ -34,7 +34,12 @@ from pydrake.multibody.tree import (
 
 from models.arrays import Array
 from models.files.input_error import InputError
-from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, all_terms, observer_terms
+from models.rigid_body.chain_kernels import (
+    SCRATCH_COLUMNS,
+    all_terms,
+    dynamics_terms,
+    observer_terms,
+)
 from models.rigid_body.serial_chain import SerialChain, kernels_are_compiled
 from models.robot.robot import Robot
 
@@ -303,6 +308,11 @@ def test_terms_agree_with_the_separate_methods_bit_for_bit(case: Case) -> None:
         assert np.array_equal(terms.v, v[k])
         # Gravity alone takes a shorter way.
         assert_close(chain.gravity_torque(q[k]), G[k], "G")
+        n = len(q[k])
+        Cv, weight, M = np.empty(n), np.empty(n), np.empty((n, n))
+        dynamics_terms(chain.table, q[k], v[k], Cv, weight, M, np.empty((n, SCRATCH_COLUMNS)))
+        for own, of_all in ((Cv, terms.Cv), (weight, terms.G), (M, terms.M)):
+            assert np.array_equal(own, of_all)
 
 
 @njit

@@ -6,6 +6,7 @@ import pytest
 from models.rigid_body.small_matrices import (
     factorise,
     factorise_in_place,
+    invert_transposed,
     largest_eigenvalue_3x3,
     orthogonalise_rows,
     solve_factorised,
@@ -32,6 +33,15 @@ def test_a_pivot_that_is_too_small_is_told() -> None:
     assert not factorise_in_place(np.diag([1.0, 1e-3]), 2, 1e-2)
     assert not factorise_in_place(np.ones((2, 2)), 2, 1e-12)
     assert not factorise_in_place(np.full((2, 2), np.nan), 2, 0.0)
+
+
+def test_the_inverse_of_the_transpose() -> None:
+    A, L, X = np.random.default_rng(4).normal(size=(6, 6)), np.empty((6, 6)), np.empty((6, 6))
+    A[0, 0] = 0.0  # the first pivot is another row's
+    assert invert_transposed(A, L, X)
+    np.testing.assert_allclose(X, np.linalg.inv(A.T), rtol=1e-11, atol=1e-12)
+    A[:, 2] = 0.0
+    assert not invert_transposed(A, L, X)
 
 
 def test_the_factor_and_its_inverse() -> None:

@@ -12,6 +12,7 @@ from diagrams.scenario import Scenario
 from models.identification.identified_model import IdentifiedModel
 from models.motion.paths import JointTrajectory
 from models.robot.robot import Robot
+from models.truth import free_arm
 from models.truth.free_arm import simulate_free_arm
 from models.truth.true_robot import hard_truth
 
@@ -67,6 +68,20 @@ def test_the_same_seed_gives_the_same_log_and_another_another(robot):
     assert np.any(first.current != other.current)
     thinned = simulate_free_arm(robot, swing(robot), servo, seed=1, every=10)
     np.testing.assert_array_equal(thinned.current, first.current[::10])
+
+
+def test_a_log_is_the_same_in_parts_and_without_what_nobody_asked_for(robot, monkeypatch):
+    servo = drive_servo(robot, IdentifiedModel.nominal(robot))
+    log = simulate_free_arm(robot, swing(robot), servo, seed=1, every=3)
+    monkeypatch.setattr(free_arm, "_CHUNK", 97)
+    parts = simulate_free_arm(robot, swing(robot), servo, seed=1, every=3, whole=False)
+    for field in dataclasses.fields(log):
+        found, expected = getattr(parts, field.name), getattr(log, field.name)
+        if field.name in ("q_true", "v_true", "tau_J_true", "rise"):
+            assert found.shape == (0, robot.num_joints)
+            assert expected.shape == (len(log.t), robot.num_joints)
+        else:
+            np.testing.assert_array_equal(found, expected)
 
 
 def test_the_encoders_start_where_the_motion_does(robot):

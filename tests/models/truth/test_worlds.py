@@ -57,6 +57,7 @@ def test_a_world_changes_the_truth_and_nothing_else(sts: Robot):
     robot = world.robot(sts)
     about, truth = hard_truth(sts).config.simulated_truth, robot.config.simulated_truth
     factor = {name: values[0] for name, values in world.factors.items()}
+    lubrication = about.mechanisms.lubrication
     close = {"rtol": 1e-12}
     for mine, other, by in (
         (truth.friction.coulomb, about.friction.coulomb, "coulomb"),
@@ -67,7 +68,25 @@ def test_a_world_changes_the_truth_and_nothing_else(sts: Robot):
         (truth.mechanisms.ripple.load_share, about.mechanisms.ripple.load_share, "ripple"),
         (truth.mechanisms.slip.displacement, about.mechanisms.slip.displacement, "displacement"),
         (truth.mechanisms.elasticity.stiffness, about.mechanisms.elasticity.stiffness, "stiffness"),
+        (truth.mechanisms.wander.sd, about.mechanisms.wander.sd, "wander"),
+        (truth.mechanisms.wander.time, about.mechanisms.wander.time, "wander_time"),
+        (
+            truth.mechanisms.motor.moving_noise_sd,
+            about.mechanisms.motor.moving_noise_sd,
+            "moving_noise",
+        ),
+        (truth.mechanisms.load.asymmetry, about.mechanisms.load.asymmetry, "asymmetry"),
+        *(
+            (getattr(truth.mechanisms.lubrication, name), getattr(lubrication, name), by)
+            for name, by in (
+                ("saturation", "saturation"),
+                ("heating", "heating"),
+                ("day_sd", "day_sd"),
+                ("coulomb_day_sd", "day_sd"),
+            )
+        ),
     ):
+        assert len(other) == sts.num_joints, by
         np.testing.assert_allclose(mine, factor[by] * np.array(other), **close)
     rise = np.subtract(truth.friction.stiction, truth.friction.coulomb)
     before = np.subtract(about.friction.stiction, about.friction.coulomb)

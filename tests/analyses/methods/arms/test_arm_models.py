@@ -2,7 +2,9 @@
 
 import numpy as np
 
+from analyses.methods.arms import arm_models
 from analyses.methods.arms.arm_models import ArmModels, covariance_at_speed
+from analyses.study.shared_results import sharing_in
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
@@ -38,10 +40,9 @@ def test_it_is_positive_definite_and_falls_back_where_nothing_is_slow():
     assert np.linalg.eigvalsh(covariance).min() > 0.0
 
 
-def test_the_torque_error_is_what_the_held_out_logs_show(sts):
-    """An arm that holds still under noise of its currents, read by a model without friction."""
+def still(sts, samples, period=1e-3):
+    """An arm that holds still under noise (n,) N m of its currents, and a model of it."""
     model = IdentifiedModel.nominal(sts)
-    samples, period, K_0 = 20_000, 1e-3, 20.0
     q = np.tile(sts.home, (samples, 1))
     noise = np.array([1.0, 0.8, 0.6, 0.3, 0.2, 0.1])
     gravity = model.chain(sts).terms(sts.home, np.zeros(6)).G
@@ -50,6 +51,13 @@ def test_the_torque_error_is_what_the_held_out_logs_show(sts):
     log = Recording(
         t=period * np.arange(samples), q=q, v=np.zeros_like(q), current=current, source="still"
     )
+    return model, log, noise
+
+
+def test_the_torque_error_is_what_the_held_out_logs_show(sts):
+    """Read by a model without friction."""
+    period, K_0 = 1e-3, 20.0
+    model, log, noise = still(sts, 20_000, period)
     models = ArmModels(sts, {"plain": model}, (log,))
     error = models.torque_error("plain", K_0)
     pole = np.exp(-K_0 * period)
@@ -61,3 +69,18 @@ def test_the_torque_error_is_what_the_held_out_logs_show(sts):
     assert estimator.trusted is not None  # the band follows the joints' state
     constant = models.estimator("plain", 0.1, K_0, WrenchReconstructionConfig("inverse"), False)
     assert constant.trusted is None
+
+
+def test_all_experiments_of_an_arm_share_what_its_held_out_logs_say(sts, tmp_path, monkeypatch):
+    model, log, _ = still(sts, 3000)
+    fits = []
+    monkeypatch.setattr(arm_models, "fit_torque_error", lambda own: fits.append(own) or len(fits))
+    with sharing_in(tmp_path):
+        found = []
+        for K_0 in (20.0, 20.0, 60.0):  # three experiments
+            models = ArmModels(sts, {"plain": model}, (log,))
+            found.append((models.torque_error("plain", K_0), models.held_out_errors("plain", K_0)))
+    assert [error for error, _ in found] == [1, 1, 2]
+    np.testing.assert_array_equal(found[0][1], found[1][1])
+    tau_ext, v = found[2][1]
+    assert tau_ext.shape == v.shape == (3000 - 50, 6)  # from 3 / K_0 on
