@@ -14,6 +14,7 @@ from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
 from models.machining.machining_phases import Fault, Phase
 from models.recordings.recording_reader import read_recording
+from models.robot.robot import Robot
 from systems.joint_tracking_controller import JointTrackingConfig
 
 
@@ -64,8 +65,9 @@ def test_metrics_file_is_the_result(written):
     assert not any("time" in key for key in metrics)  # nothing of the machine's speed
 
 
-def test_what_was_simulated_can_be_estimated_from_its_log(written, sts):
+def test_what_was_simulated_can_be_estimated_from_its_log(written):
     result, out, _ = written
+    sts = Robot.load("sts_sre4_600")
     log = read_recording(out / "log.csv", robot=sts)
     np.testing.assert_array_equal(log.q, result.q)
     np.testing.assert_array_equal(log.current, result.current)
