@@ -18,6 +18,7 @@ from analyses.output.interruption import ends_are_interrupts
 from models.files.files_read import remembering_files_read
 from models.files.input_error import InputError, one_line
 
+_NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _INTERRUPTED = "interrupted; what was written is whole"
 
 
@@ -73,9 +74,12 @@ class _Commands(TyperGroup):
             if error.errno == errno.EPIPE:  # the reader of our output left: not an error
                 raise
             what = error.strerror or str(error)
+            if error.errno in _NO_SPACE and not error.filename:
+                what = f"a file cannot be written ({what}); free some space and run again"
             line, code = f"{error.filename}: {what}" if error.filename else what, 2
         except KeyboardInterrupt as error:
-            line, code = _INTERRUPTED, 128 + getattr(error, "signum", signal.SIGINT)
+            # A command may have caught it to end in good order, and raised another one.
+            line, code = _INTERRUPTED, 128 + (came or [getattr(error, "signum", signal.SIGINT)])[0]
         except Exception:
             if not came:
                 raise

@@ -7,7 +7,8 @@ law takes as a sample that never came. Checked are, joint by joint,
     speed         SPEED_MARGIN times its limit
     current       TORQUE_MARGIN times the effort limit; a change from one sample to the next of
                   STEP_MARGIN times that limit
-    acceleration  ACCELERATION_MARGIN times what the effort limit gives the rotor alone
+    acceleration  ACCELERATION_MARGIN times what the effort limit gives the rotor alone, with
+                  VELOCITY_NOISE of DISAGREEMENT on top
     encoder step  r = (q - q_before) / dt - (v + v_before) / 2, the speed by which position and
                   velocity disagree: no larger than DISAGREEMENT of the speed limit, nor than RISE
                   times the largest of the last RISE_TIME, with the encoder's own step on top
@@ -41,7 +42,8 @@ FASTEST = 20.0  # rad/s or m/s, where the robot states no limit
 FURTHEST = 1e4  # rad or m, where the robot states no limit
 TORQUE_MARGIN = 2.0
 STEP_MARGIN = 1.0
-ACCELERATION_MARGIN = 2.0
+ACCELERATION_MARGIN = 0.5
+VELOCITY_NOISE = 0.3
 DISAGREEMENT, JITTER = 0.1, 3.0
 RISE, RISE_TIME = 4.0, 1.0  # s
 DRIFT, DRIFT_TIME = 0.01, 0.5  # s at the speed limit, s
@@ -230,7 +232,7 @@ def _wrong_motion(
     if not np.isfinite(state[_Q, j]) or age > max(RESTART_TIME, RESTART_TICKS * period):
         return 0
     r = _disagreement(state, age, j, q, v)
-    change = abs(v - state[_V, j]) - table[_SHARE, j]
+    change = abs(v - state[_V, j]) - VELOCITY_NOISE * table[_SHARE, j]
     if abs(r) > _bound(table, state, j) + table[_ENCODER, j] / age:
         return BEYOND
     if change > table[_ACCELERATION, j] * age:

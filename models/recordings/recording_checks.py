@@ -28,6 +28,8 @@ _TORQUE_MARGIN = 3.0  # times the effort limit, for the median
 _WINDOW_S = 0.1  # over which v is integrated and compared with the change of q
 _LEAST_MOTION = 2e-3  # rad or m in a window: noise of an encoder at rest stays below
 _LEAST_WINDOWS = 10
+_LEAST_WINDOWS_FAR_OFF = 3  # where q or v of one joint stands still, or of all is far off
+_FAR_OFF = 5.0  # times
 _LEAST_CORRELATION = 0.7  # measured on real logs: 0.99; a delay of 30 ms at 3 Hz gives 0.84
 _VELOCITY_RATIO = (0.8, 1.25)
 _SLOW = 0.25  # of the velocity limit, all joints: gravity prevails over dynamics
@@ -35,6 +37,8 @@ _GRAVITY_SHARE = 0.03  # of the effort limit: below, friction hides gravity
 _LEAST_GRAVITY = 1.0  # N m
 _FACTOR = 2.5  # torque per ampere that tells N m from A at all
 _ALIKE = 1.6  # times more or less than gravity: a load, a poor model
+_ONE_MULTIPLE = 50.0  # of gravity torque, more or less, that no motor gives
+_COMMON_MULTIPLE = 7.0  # where all loaded joints have it: none carries seven times its own arm
 _FOLLOWS = 0.7  # cosine between motor and gravity torque
 _GRAVITY_SAMPLES = 500  # of a chunk
 _LEAST_GRAVITY_SAMPLES = 50
@@ -227,7 +231,15 @@ class RecordingChecks:
     def _judge_motion(self, chunk: Recording) -> None:
         cosine, ratio = self._motion.cosine(), self._motion.ratio()
         low, high = _VELOCITY_RATIO
-        for j in np.flatnonzero(self._motion.count >= _LEAST_WINDOWS):
+        seen = self._motion.count >= _LEAST_WINDOWS_FAR_OFF
+        xx, yy = self._motion.xx, self._motion.yy
+        low_high = np.minimum(xx, yy), np.maximum(xx, yy)
+        stands = low_high[0] < 1e-8 * low_high[1]
+        far_off = seen & (low_high[0] * _FAR_OFF**2 < low_high[1])
+        if not (far_off.sum() > 1 and (far_off == seen).all()):
+            far_off = seen & stands
+        least = np.where(far_off, _LEAST_WINDOWS_FAR_OFF, _LEAST_WINDOWS)
+        for j in np.flatnonzero(self._motion.count >= least):
             if cosine[j] >= _LEAST_CORRELATION and low <= ratio[j] <= high:
                 continue
             if self._motion.xx[j] < 1e-8 * self._motion.yy[j]:
@@ -311,7 +323,12 @@ class RecordingChecks:
         self._judge_unit(chunk, loaded & (np.abs(cosine) > _FOLLOWS))
         # Whatever friction does to the shape, gravity must be held up, and with no multiple of it.
         size = np.sqrt(sums.yy / np.where(sums.xx > 0.0, sums.xx, np.inf))
-        odd = np.flatnonzero(loaded & ((size < 0.02) | (size > 50)))
+        smallest, largest = 1.0 / _ONE_MULTIPLE, _ONE_MULTIPLE
+        if loaded.sum() > 1 and (size[loaded] < 1.0 / _COMMON_MULTIPLE).all():
+            smallest = 1.0 / _COMMON_MULTIPLE
+        if loaded.sum() > 1 and (size[loaded] > _COMMON_MULTIPLE).all():
+            largest = _COMMON_MULTIPLE
+        odd = np.flatnonzero(loaded & ((size < smallest) | (size > largest)))
         if len(odd):
             j = int(odd[0])
             unit = "the currents are amperes, not mA" if size[j] < 1 else "they are mA"

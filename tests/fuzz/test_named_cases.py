@@ -455,6 +455,25 @@ def test_a_lone_carriage_return(estimate, file, clean, where):
     assert "carriage return" in estimate(log=file("log.csv", text))
 
 
+@pytest.mark.parametrize(
+    ("letter", "factor", "word"),
+    [
+        ("i", 9.549, "times the gravity torque"),
+        ("i", 3.14159 / 180.0, "times the gravity torque"),
+        ("q", 0.0, "stands still"),
+        ("q", 3.14159 / 180.0, "degrees per second"),
+    ],
+)
+def test_a_signal_of_all_joints_in_another_unit(estimate, file, clean, letter, factor, word):
+    head, *rows = [line.split(",") for line in clean.log.read_text().splitlines()]
+    for row in rows:
+        for k, name in enumerate(head):
+            if name.startswith(letter):
+                row[k] = repr(float(row[k]) * factor)
+    text = "\n".join(",".join(row) for row in (head, *rows))
+    assert word in estimate(log=file("log.csv", text))
+
+
 def test_lines_that_end_with_both(estimate, file, clean):
     text = clean.log.read_text().replace("\n", "\r\n")
     estimate(log=file("log.csv", text), expect=0)
@@ -525,3 +544,9 @@ def test_an_absurd_tick_does_not_stay_in_the_watch_over_friction(estimate, file,
 def test_a_damaged_array(estimate, file, clean, old, new):
     data = (clean.folder / "log.npz").read_bytes()
     assert "npz" in estimate(log=file("log.npz", data.replace(old, new)))
+
+
+def test_branches_that_collide_side_by_side(run, file, clean):
+    text = (clean.folder / "redundancy.yaml").read_text()
+    path = file("redundancy.yaml", text.replace("start: [0.92, 0.2]", "start: [0.92, -0]"))
+    run("redundancy", "--task", path, "--out", "out", expect=0)

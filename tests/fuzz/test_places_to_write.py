@@ -5,8 +5,15 @@ import shutil
 from pathlib import Path
 
 import pytest
+from fuzzing.clean_inputs import motion
 from fuzzing.judging import checksums
+from fuzzing.sandbox import Sandbox
 
+from analyses.study.stored_result import read_result
+from models.recordings.recording_writer import write_recording
+
+_LOG = ("long.csv", "--robot", "robot")
+_EXPERIMENT = "quick-experiment"
 WRITERS = {
     "estimate": ("estimate", "log.csv", "--robot", "robot", "--prior", "30,2"),
     "estimate of a bag": ("estimate", "log.csv", "--robot", "robot", "--prior", "30,2", "--mcap"),
@@ -16,17 +23,61 @@ WRITERS = {
     "simulate": ("simulate", "--duration", "0.02"),
     "jcn-map": ("jcn-map", "--samples", "200"),
     "redundancy": ("redundancy", "--task", "redundancy.yaml"),
+    "identify": ("identify", *_LOG),
+    "refresh": ("identify", *_LOG, "--refresh", "identified/model.yaml"),
+    "payload": ("payload", *_LOG, "--model", "identified/model.yaml"),
+    "place": ("place", "--task", "place.yaml", "--quick"),
+    "excite": ("excite", "--robot", "robot", "--config", "excite.yaml", "--no-validation"),
+}
+IN_PROCESSES = {
+    "study": ("study", _EXPERIMENT, "--jobs", "1"),
+    "campaign": ("campaign", _EXPERIMENT, "--worlds", "1", "--jobs", "1"),
+}
+FILES = {
+    "robot": ("robot", "robot/robot.urdf"),
+    "robot show": ("robot", "show", "robot"),
 }
 
 pytestmark = pytest.mark.timeout(1800)  # where the kernels are not compiled yet
 
 
-@pytest.fixture
-def work(clean, tmp_path):
-    """A folder with the clean inputs, and another one with older results."""
-    folder = tmp_path / "work"
+@pytest.fixture(scope="module")
+def inputs(clean, sandbox, tmp_path_factory):
+    """The clean inputs, a log that is long enough to identify from, and a model of it."""
+    folder = tmp_path_factory.mktemp("inputs") / "inputs"
     shutil.copytree(clean.folder, folder)
+    write_recording(motion(5200), folder / "long.csv")
+    (folder / "excite.yaml").write_text(
+        "excitation: {num_starts: 2, iterations: 3, num_harmonics: 2}\n"
+    )
+    sandbox.warm_up([(*WRITERS["identify"], "--out", "identified")], folder)
+    # A kernel that is compiled is kept in a file, too, which would not fit the disk.
+    sandbox.warm_up([(*WRITERS[name], "--out", f"warm/{name}") for name in WRITERS], folder)
+    shutil.rmtree(folder / "warm")
     return folder
+
+
+@pytest.fixture
+def work(inputs, tmp_path):
+    """A folder with the inputs."""
+    folder = tmp_path / "work"
+    shutil.copytree(inputs, folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def with_an_experiment():
+    """Runs commands that know the experiment of a moment."""
+    with Sandbox(("fuzzing.quick_experiment",)) as sandbox:
+        yield sandbox
+
+
+def _last_line(ending):
+    """What a refused command said, behind what a long one says of its progress."""
+    assert not ending.timed_out
+    assert "Traceback" not in ending.stderr
+    assert ending.code == 2, ending.stderr[-2000:]
+    return ending.stderr.splitlines()[-1]
 
 
 @pytest.mark.parametrize("command", WRITERS)
@@ -35,10 +86,9 @@ def test_a_full_disk(sandbox, work, command):
     for most in (4000, 20_000):  # bytes that a file may have, that of stderr among them
         before = checksums(work)
         ending = sandbox.run(arguments, work, bytes_of_file=most)
-        assert ending.fault() is None, ending.stderr[-2000:]
-        assert ending.code == 2
-        assert "cannot be written" in ending.stderr
-        assert "out/" in ending.stderr  # which file
+        line = _last_line(ending)
+        assert "cannot be written" in line
+        assert "out/" in line  # which file
         assert checksums(work) == before
 
 
@@ -62,21 +112,44 @@ def test_a_full_disk_for_a_page(sandbox, work):
     assert checksums(work) == before
 
 
-@pytest.mark.parametrize("command", [*WRITERS, "identify", "excite", "place", "payload", "study"])
-def test_a_folder_that_is_read_only(sandbox, work, command):
-    others = {
-        "identify": ("identify", "log.csv", "--robot", "robot"),
-        "excite": ("excite", "--robot", "robot"),
-        "place": ("place", "--task", "place.yaml"),
-        "payload": ("payload", "log.csv", "--robot", "robot", "--model", "model.yaml"),
-        "study": ("study", "jcn-map", "--quick"),
-    }
+@pytest.mark.parametrize("command", IN_PROCESSES)
+def test_a_full_disk_keeps_an_older_study_or_campaign(with_an_experiment, work, command):
+    arguments = (*IN_PROCESSES[command], "--out", "out")
+    assert with_an_experiment.run(arguments, work).code == 0
+    out = work / "out"
+    before = checksums(out)
+    more = ("--seed", "1", *(("--fresh",) if command == "campaign" else ()))
+    ending = with_an_experiment.run((*arguments, *more), work, bytes_of_file=1500)
+    line = _last_line(ending)
+    assert "cannot be written" in line
+    assert "out/" in line
+    after = checksums(out)
+    changed = {name for name in before if after.get(name) != before[name]}
+    # The experiment itself had room, and its new result is kept whole.
+    assert {name for name in changed if not name.startswith(f"{_EXPERIMENT}/")} == set()
+    if command == "study":
+        read_result(out / _EXPERIMENT)
+
+
+@pytest.mark.parametrize("command", FILES)
+def test_a_full_disk_leaves_no_part_of_a_file(sandbox, work, command):
+    before = checksums(work)
+    ending = sandbox.run((*FILES[command], "--out", "new/file"), work, bytes_of_file=1000)
+    assert ending.fault() is None, ending.stderr[-2000:]
+    assert ending.code == 2
+    assert "file" in ending.stderr
+    assert checksums(work) == before
+
+
+@pytest.mark.parametrize("command", [*WRITERS, *IN_PROCESSES, *FILES])
+def test_a_folder_that_is_read_only(with_an_experiment, sandbox, work, command):
     place = "/proc"  # where not even root can write
     if os.geteuid() != 0:
         place = str(work / "closed")
         Path(place).mkdir(0o500)
-    arguments = WRITERS.get(command) or others[command]
-    ending = sandbox.run((*arguments, "--out", f"{place}/out"), work)
+    arguments = (WRITERS | IN_PROCESSES | FILES)[command]
+    runs = with_an_experiment if command in IN_PROCESSES else sandbox
+    ending = runs.run((*arguments, "--out", f"{place}/out"), work)
     assert ending.fault() is None, ending.stderr[-2000:]
     assert ending.code == 2
     assert place in ending.stderr

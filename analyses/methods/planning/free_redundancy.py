@@ -141,7 +141,8 @@ def best_free(
     for count, i in enumerate(samples):
         for k in range(0, K, _ANGLES_APART):
             for b in np.flatnonzero(np.isfinite(q[i, k, :, 0])):
-                if cell.free(q[i, k, b]):
+                # One before it may have taken it along.
+                if not np.isfinite(q[i, k, b, 0]) or cell.free(q[i, k, b]):
                     continue
                 angles = np.arange(k, min(k + _ANGLES_APART, K))
                 _leave_out(q, grid.q, i, angles, int(b))

@@ -6,21 +6,22 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
+
 from fuzzing.cases import Case
+from fuzzing.clean_inputs import CleanInputs
 from fuzzing.sandbox import Ending
+from models.arrays import Array
+from models.observers.sample_check import TORQUE_MARGIN
+from models.recordings.recording_reader import read_recording
+from models.robot.robot import Robot
+
+LOGS = ("csv", "parquet", "npz", "mcap")  # kinds of cases whose reading is compared
 
 BAND = 1.96  # standard deviations: the 95 % that the reading states
 _AXES = ("fx", "fy", "fz")
 _STRAY = 0.001  # s between samples that are compared; a log's own step
 _OUTPUTS = ("out/", "new/", "arm.html", "robot.yaml")
-
-# Mutations after which another wrench is the right reading, or which no log can tell.
-UNTELLABLE = {
-    "a value that another joint, or the same arm with a load, could have had": (
-        *("scaled_cell", "odd_cell", "scaled_column", "other_columns", "put_in", "flip_bits"),
-        *("set_bytes", "cut_out", "repeat", "stuck_column", "shuffle_lines"),
-    ),
-}
 
 
 def checksums(folder: Path) -> dict[str, str]:
@@ -83,3 +84,73 @@ def stray(clean: Path, spoilt: Path) -> tuple[float, float] | None:
             if distance > BAND * math.hypot(s, s_b) and (worst is None or distance > worst[0]):
                 worst = distance, t
     return worst
+
+
+def beyond_its_band(
+    case: Case, ending: Ending, folder: Path, reading: Path, clean: CleanInputs
+) -> tuple[str | None, str | None]:
+    """Compares the reading of a spoilt log with the clean one's.
+
+    Args:
+        folder: where the case was run.
+        reading: the clean log's wrench.csv.
+
+    Returns:
+        Why it cannot be told that the reading is beyond its band, and what the defect is where it
+        can; both None where it lies within, or there is no reading.
+    """
+    table = folder / "out" / "wrench.csv"
+    if case.kind not in LOGS or not table.is_file():
+        return None, None
+    found = stray(reading, table)
+    if found is None:
+        return None, None
+    if math.isfinite(found[0]):
+        log = next(name for name in case.arguments if name.startswith("log."))
+        reason = untellable(clean.log, folder / log, clean.robot, ending.stdout + ending.stderr)
+        if reason is not None:
+            return reason, None
+    return None, f"{found[0]:.3g} N beyond the band at {found[1]} s, and valid"
+
+
+def untellable(clean: Path, spoilt: Path, robot: Path, printed: str = "") -> str | None:
+    """Why nothing in a log, or in what is known of its robot, contradicts it; None: something does.
+
+    This is the list of what cannot be told, which docs/your-log.md repeats:
+
+    - a joint's signal is another joint's of the same log, at which both are possible;
+    - positions and velocities are those of the clean log, and the currents others that the drives
+      can give: a load, a contact or a hit takes such currents, and another gain looks like a load;
+    - the command itself says that the signs of the currents are doubtful.
+
+    Args:
+        clean, spoilt: logs.
+        robot: whose logs they are.
+        printed: what the command said.
+    """
+    if "signs of the currents are doubtful" in printed:
+        return "signs in doubt, and said so"
+    a, b = read_recording(clean, check=False), read_recording(spoilt, check=False)
+    _, own, other = np.intersect1d(
+        np.round(a.t, 6), np.round(b.t, 6), assume_unique=True, return_indices=True
+    )
+    if len(own) < 0.5 * min(len(a.t), len(b.t)):
+        return None
+    signals = ("q", "v", "current")
+    before = {name: getattr(a, name)[own] for name in signals}
+    after = {name: getattr(b, name)[other] for name in signals}
+    for name in signals:
+        for j in range(after[name].shape[1]):
+            found = after[name][:, j]
+            others = [k for k in range(after[name].shape[1]) if _same(found, before[name][:, k])]
+            if others and j not in others:
+                return "a signal of another joint"
+    if not all(_same(after[name], before[name]) for name in ("q", "v")):
+        return None
+    within = np.abs(after["current"]) <= TORQUE_MARGIN * Robot.load(robot).current_limit
+    return "currents that the drives can give" if within.all() else None
+
+
+def _same(a: Array, b: Array) -> bool:
+    """Whether they are equal wherever both are numbers."""
+    return bool(np.all((np.abs(a - b) < 1e-9) | ~np.isfinite(a - b)))

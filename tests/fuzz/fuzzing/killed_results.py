@@ -11,7 +11,7 @@ from analyses.output.marked_page import refuse_unmarked
 from analyses.output.result_folder import STAGING, recover
 from analyses.output.result_marker import MARKER, ResultMarker, strangers, visible_files
 from analyses.study.stored_result import DamagedResultError, read_result
-from analyses.study.study_folder import SUMMARY, StudyFolder
+from analyses.study.study_folder import StudyFolder
 from models.files.input_error import InputError
 
 
@@ -111,11 +111,12 @@ class StudyResults(Results):
         if StudyFolder(self.path, [self._experiment]).not_ours(self._experiment):
             return "its experiment's folder holds what is not its own"
         after = self._content()
-        for names in (SUMMARY, [name for name in after if name.startswith(self._experiment)]):
-            changed = [name for name in names if self._older.get(name) != after.get(name)]
-            same = {name for name in names if name.endswith("metrics.json")} - set(changed)
-            if same and [name for name in changed if not name.endswith("timings.json")]:
-                return f"{changed} beside the older {same}"
+        changed = {name for name in after if self._older.get(name) != after[name]}
+        if "metrics.json" in changed and "report.html" not in changed:
+            return "metrics.json beside an older report"
+        own = {name for name in changed if name.startswith(f"{self._experiment}/")}
+        if own and f"{self._experiment}/metrics.json" not in own:
+            return f"{sorted(own)} beside older metrics"
         if self._tidy_end and not self._had_part and self.hidden():
             return f"left behind: {self.hidden()}"
         return None
