@@ -243,9 +243,12 @@ def _add_machining(
     if taught is not None:
         source = builder.AddNamedSystem("taught_torque", TaughtTorqueSource(taught))
         builder.Connect(signals["feed_time"], source.get_input_port())
-        for name in ("tau_correction", "counts"):
-            builder.Connect(source.GetOutputPort(name), estimator.GetInputPort(name))
         n = robot.num_joints
+        # Split up by Drake: a port of its own for each signal is as many calls into Python.
+        parts = builder.AddNamedSystem("taught_parts", Demultiplexer([n, 1]))
+        builder.Connect(source.GetOutputPort("taught"), parts.get_input_port())
+        for i, name in enumerate(("tau_correction", "counts")):
+            builder.Connect(parts.get_output_port(i), estimator.GetInputPort(name))
         planned = builder.AddNamedSystem("v_planned", Demultiplexer([n, n, n]))
         builder.Connect(signals["reference"], planned.get_input_port())
         builder.Connect(planned.get_output_port(1), estimator.GetInputPort("v_planned"))

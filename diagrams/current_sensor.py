@@ -5,7 +5,7 @@ from pydrake.systems.primitives import PassThrough
 
 from diagrams.scenario import Scenario
 from models.robot.robot import Robot
-from systems.motor_current_sensor import MotorCurrentSensor, add_motor_current_sensor
+from systems.motor_current_sensor import MotorCurrentSensor
 
 
 def export_measured_current(
@@ -24,9 +24,9 @@ def export_measured_current(
             robot.current_bandwidth,
             robot.current_noise_sd,
             robot.current_resolution,
+            scenario.seed,
         )
-        sensor.set_name("current_sensor")
-        add_motor_current_sensor(builder, sensor, seed=scenario.seed)
+        builder.AddNamedSystem("current_sensor", sensor)
         builder.Connect(current, sensor.GetInputPort("current_true"))
         builder.ExportOutput(sensor.GetOutputPort("current"), "current")
     else:

@@ -36,7 +36,13 @@ from pydrake.systems.primitives import (
 from diagrams.current_sensor import export_measured_current
 from diagrams.scenario import BladeConfig, PlateConfig, Scenario
 from diagrams.truth.hard_joints import add_hard_joints, connect_hard_joints, hard_joints
-from diagrams.workpiece import add_blade, add_plate, contact_material, soft_tip
+from diagrams.workpiece import (
+    add_blade,
+    add_plate,
+    contact_material,
+    process_contact,
+    soft_tip,
+)
 from models.arrays import Array
 from models.control.wrench_script import WrenchScript
 from models.files.input_error import InputError
@@ -49,7 +55,6 @@ from systems.environment_truth import EnvironmentTruth
 from systems.external_wrench_source import ExternalWrenchSource
 from systems.force_torque_sensor import ForceTorqueSensor
 from systems.free_joint_friction import FreeJointFriction
-from systems.gaussian_noise_source import GaussianNoiseSource
 from systems.joint_friction import JointFriction, add_holding_actuators
 from systems.machining.machining_process import MachiningProcessSystem
 from systems.rigid_body_terms import RigidBodyTermsSystem
@@ -220,13 +225,21 @@ def _add_environment(
     wrench_true, tau_ext_true, contact = (parts_of_truth.get_output_port(i) for i in range(3))
     applied, forces = source.GetOutputPort("wrench_true"), source.GetOutputPort("spatial_forces")
     if scenario.machining is not None:
+        assert scenario.workpiece is not None
         process = builder.AddNamedSystem(
             "process",
             MachiningProcessSystem(
-                MachiningProcess(scenario.machining.process),
+                MachiningProcess(
+                    scenario.machining.process,
+                    contact=process_contact(
+                        scenario.workpiece, (scenario.machining.start, scenario.machining.end)
+                    ),
+                    time_step=scenario.time_step,
+                ),
                 tool.index(),
                 _p_BE(plant, parts),
                 scenario.time_step,
+                scripted=bool(script.segments),
             ),
         )
         builder.Connect(terms, process.GetInputPort("terms"))
@@ -444,10 +457,18 @@ def _add_force_torque_sensor(
             f"{robot.name} has no tool for it to sit under",
             "add a tool to robot.yaml, or leave the sensor out",
         )
+    noisy = config.force_noise_sd > 0 or config.moment_noise_sd > 0
     sensor = builder.AddNamedSystem(
         "force_torque_sensor",
         ForceTorqueSensor(
-            plant, parts.tool_weld, parts.frame_E, config, robot.num_joints, scenario.time_step
+            plant,
+            parts.tool_weld,
+            parts.frame_E,
+            config,
+            robot.num_joints,
+            scenario.time_step,
+            # Another stream than the drives': the same number would make the two noises one.
+            scenario.seed + 2**32 if noisy else None,
         ),
     )
     for name, port in (
@@ -456,9 +477,4 @@ def _add_force_torque_sensor(
         ("vdot", plant.get_generalized_acceleration_output_port(parts.model_instance)),
     ):
         builder.Connect(port, sensor.GetInputPort(name))
-    if config.force_noise_sd > 0 or config.moment_noise_sd > 0:
-        # Another stream than the drives': the same number would make the two noises one.
-        noise = GaussianNoiseSource(6, scenario.time_step, scenario.seed + 2**32)
-        builder.AddNamedSystem("force_torque_noise", noise)
-        builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
     builder.ExportOutput(sensor.GetOutputPort("wrench"), "ft_wrench")

@@ -319,7 +319,8 @@ def _check_machining(scenario: Scenario, source: str) -> None:
             source, "machining.air_pass", f"{machining.air_pass:g} m, expected 0 or more"
         )
     check_phases(machining.phases, f"{source}: machining")
-    MachiningProcess(machining.process, f"{source}: machining.process")
+    place = f"{source}: machining.process"
+    MachiningProcess(machining.process, place, time_step=scenario.time_step)
 
 
 def make_trajectory(scenario: Scenario, robot: Robot) -> JointTrajectory:

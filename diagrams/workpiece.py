@@ -20,6 +20,7 @@ from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 
 from diagrams.scenario import BladeConfig, PlateConfig
 from models.files.input_error import InputError
+from models.machining.process_variations import WorkpieceContact
 from models.motion.workpieces import Plate, Surface, mesh
 from models.robot.robot_config import pose_of
 
@@ -44,6 +45,28 @@ def surface_of(workpiece: PlateConfig | BladeConfig) -> Surface:
 def pose_of_workpiece(workpiece: PlateConfig | BladeConfig) -> RigidTransform:
     """X_WP; of a plate P lies in the middle of its top face."""
     return pose_of(workpiece.pose)
+
+
+def process_contact(
+    workpiece: PlateConfig | BladeConfig, ends: tuple[list[float], list[float]]
+) -> WorkpieceContact:
+    """What machining's process must know of a workpiece: how its contact gives way, and where.
+
+    Args:
+        ends: (u, v) where the path begins and ends.
+    """
+    X_WP = pose_of_workpiece(workpiece)
+    p_PS = surface_of(workpiece).at(*np.transpose(ends)).p
+    # A point of a plate is a spring; a ball of modulus E on a rigid surface presses by pi E d^2.
+    spring = isinstance(workpiece, PlateConfig)
+    return WorkpieceContact(
+        workpiece.stiffness if isinstance(workpiece, PlateConfig) else math.pi * workpiece.modulus,
+        1.0 if spring else 2.0,
+        workpiece.friction,
+        np.array(X_WP.rotation().matrix()),
+        np.array(X_WP.translation()),
+        p_PS @ X_WP.rotation().matrix().T + X_WP.translation(),
+    )
 
 
 def contact_material(stiffness: float, dissipation: float, friction: float) -> ProximityProperties:

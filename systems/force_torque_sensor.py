@@ -19,10 +19,10 @@ from pydrake.systems.framework import (
 from models.arrays import Array
 from models.files.input_error import InputError
 from models.rigid_body.serial_chain import RigidBodyTerms
+from models.signals.gaussian_noise import gaussian_noise
 from models.signals.low_pass import LowPass
 from models.signals.tool_wrench import measure_contact_wrench, tool_table
-
-_SILENCE = np.zeros(6)
+from systems.gaussian_noise_source import tick_of
 
 
 @dataclass
@@ -55,7 +55,8 @@ class ForceTorqueSensor(LeafSystem):
     Inputs:      reaction_forces  list[SpatialForce] (abstract) of the plant
                  terms            RigidBodyTerms (abstract) of the true robot: J, R_WE, V_WE, v at E
                  vdot             (n,) true joint acceleration, rad/s^2
-                 noise            (6,) unit Gaussian; optional: without it there is no noise
+                 noise            (6,) unit Gaussian; optional: without it there is no noise but
+                                  the sensor's own, by its seed
     Output:      wrench           (6,) F_E_W, environment on robot at E, axes of W, rotation first,
                                   N m, N; from the state alone, so that a controller may feed it
                                   back: one tick late
@@ -69,6 +70,8 @@ class ForceTorqueSensor(LeafSystem):
         config: noise and filter.
         num_joints: n.
         time_step: s, period of the sampling.
+        seed: of noise that the sensor draws by itself, that of a GaussianNoiseSource of this seed,
+            in one call into Python less a tick; None: there is none.
 
     Raises:
         InputError: a filter that cannot be made, or a negative noise.
@@ -82,8 +85,10 @@ class ForceTorqueSensor(LeafSystem):
         config: ForceTorqueSensorConfig,
         num_joints: int,
         time_step: float,
+        seed: int | None = None,
     ) -> None:
         LeafSystem.__init__(self)
+        self._own_noise, self._seed, self._time_step = np.zeros(6), seed, time_step
         if not (config.force_noise_sd >= 0 and config.moment_noise_sd >= 0):
             raise InputError("force/torque sensor", "noise", "a standard deviation is negative")
         self._weld = int(tool_weld)
@@ -104,6 +109,11 @@ class ForceTorqueSensor(LeafSystem):
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        noise = self._own_noise
+        if self._seed is not None:
+            gaussian_noise(self._seed, tick_of(context.get_time(), self._time_step), noise)
+        elif self._noise.HasValue(context):
+            noise = self._noise.Eval(context)
         measure_contact_wrench(
             self._tool,
             self._filter.A,
@@ -116,7 +126,7 @@ class ForceTorqueSensor(LeafSystem):
             self._vdot.Eval(context),
             self._reaction.Eval(context)[self._weld].get_coeffs(),
             context.get_numeric_parameter(self._noise_sd).value(),
-            self._noise.Eval(context) if self._noise.HasValue(context) else _SILENCE,
+            noise,
             discrete_state.get_mutable_value(0),
             discrete_state.get_mutable_value(1),
         )

@@ -6,6 +6,12 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, NumericP
 from models.signals.gaussian_noise import gaussian_noise
 
 
+def tick_of(t: float, time_step: float) -> int:
+    """The number of the tick that begins at t or before, s."""
+    # A thousandth of a tick absorbs the rounding of t = k time_step.
+    return int(t / time_step + 1e-3)
+
+
 class GaussianNoiseSource(LeafSystem):
     """Puts out independent unit Gaussian noise, a new draw at every tick.
 
@@ -48,8 +54,6 @@ class GaussianNoiseSource(LeafSystem):
 
     def _calc_noise(self, context: Context, output: BasicVector) -> None:
         seed = int(context.get_numeric_parameter(self._seed_index).GetAtIndex(0))
-        # A thousandth of a tick absorbs the rounding of t = k time_step.
-        tick = int(context.get_time() / self._time_step + 1e-3)
         noise = np.empty(self._size)
-        gaussian_noise(seed, tick, noise)
+        gaussian_noise(seed, tick_of(context.get_time(), self._time_step), noise)
         output.SetFromVector(noise)

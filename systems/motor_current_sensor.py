@@ -17,7 +17,8 @@ from pydrake.systems.framework import (
 
 from models.arrays import Array
 from models.signals.current_measurement import measure_current, update_lag
-from systems.gaussian_noise_source import GaussianNoiseSource
+from models.signals.gaussian_noise import gaussian_noise
+from systems.gaussian_noise_source import GaussianNoiseSource, tick_of
 
 
 class MotorCurrentSensor(LeafSystem):
@@ -36,7 +37,7 @@ class MotorCurrentSensor(LeafSystem):
 
     Inputs:      current_true  (n,) A, the current in the motor, held over the tick
                  noise         (n,) -, unit Gaussian draws, new at every tick; optional: without it
-                               there is no noise
+                               there is no noise but the sensor's own, by its seed
     Output:      current       (n,) A, as the drive reports it; direct feedthrough
     State:       (n,) lagged, A; NaN before the first update: the lag starts at rest at the first
                  current
@@ -50,6 +51,8 @@ class MotorCurrentSensor(LeafSystem):
         num_joints: n.
         time_step: s, period of the update.
         bandwidth, noise_sd, resolution: (n,) or one value for all.
+        seed: of noise that the sensor draws by itself, that of a GaussianNoiseSource of this seed,
+            in one call into Python less a tick; None: there is none.
 
     Raises:
         ValueError: a parameter is negative or NaN, or bandwidth is zero.
@@ -62,11 +65,12 @@ class MotorCurrentSensor(LeafSystem):
         bandwidth: ArrayLike = np.inf,
         noise_sd: ArrayLike = 0.0,
         resolution: ArrayLike = 0.0,
+        seed: int | None = None,
     ) -> None:
         LeafSystem.__init__(self)
         n = num_joints
         self._n = n
-        self._silence = np.zeros(n)
+        self._own_noise, self._seed = np.zeros(n), seed
         self._time_step = time_step
         parameters = {"bandwidth": bandwidth, "noise_sd": noise_sd, "resolution": resolution}
         values = {key: np.broadcast_to(np.asarray(x, float), n) for key, x in parameters.items()}
@@ -96,6 +100,7 @@ class MotorCurrentSensor(LeafSystem):
                 self._noise.ticket(),
                 self.discrete_state_ticket(state),
                 self._table.ticket(),
+                *([] if seed is None else [self.time_ticket()]),
             },
         )
 
@@ -114,11 +119,16 @@ class MotorCurrentSensor(LeafSystem):
         value.set_value(np.stack(rows))
 
     def _calc_current(self, context: Context, output: BasicVector) -> None:
+        noise = self._own_noise
+        if self._seed is not None:
+            gaussian_noise(self._seed, tick_of(context.get_time(), self._time_step), noise)
+        elif self._noise.HasValue(context):
+            noise = self._noise.Eval(context)
         measure_current(
             cast(Array, self._table.Eval(context)),
             self._time_step,
             self._current_true.Eval(context),
-            self._noise.Eval(context) if self._noise.HasValue(context) else self._silence,
+            noise,
             context.get_discrete_state(0).value(),
             output.get_mutable_value(),
         )

@@ -16,6 +16,7 @@ import yaml
 
 import analyses  # noqa: F401  (chooses the number of BLAS threads, before numpy is imported)
 from models.robot.robot import Robot
+from models.truth.true_robot import PLAIN, plain_truth
 
 ROOT = Path(__file__).parents[1]
 ROBOTS = Path(__file__).parent / "robots"
@@ -88,8 +89,13 @@ def data(data_holding: Callable[..., Path]) -> Callable[[str], Path]:
 
 @pytest.fixture(scope="session")
 def sts() -> Robot:
-    """The article's arm."""
-    return Robot.load("sts_sre4_600")
+    """The article's arm, its truth the plain one.
+
+    Blocks and methods are held against closed forms, which know of no creep, bent gear or
+    wandering friction. What the arm's own truth does to a loop is tested in tests/models/truth,
+    tests/diagrams/truth and with the tasks (`Robot.load`).
+    """
+    return plain_truth(Robot.load("sts_sre4_600"))
 
 
 @pytest.fixture(scope="session")
@@ -110,8 +116,7 @@ def sts_reversed(sts: Robot, tmp_path_factory: pytest.TempPathFactory) -> Robot:
 
     Whatever is read from its currents is what is read from the plain arm's.
     """
-    config = yaml.safe_load(sts.source.read_text(encoding="utf-8"))
-    config["urdf"] = str(sts.source.with_name(config["urdf"]))
+    config = _plain_config(sts)
     for drive in config["drives"][::2]:
         drive["current_sign"] = -1
     return _written(tmp_path_factory, config)
@@ -135,13 +140,20 @@ def ur10e_turned(ur10e: Robot, tmp_path_factory: pytest.TempPathFactory) -> Robo
 @pytest.fixture(scope="session")
 def coupled_wrist(sts: Robot, tmp_path_factory: pytest.TempPathFactory) -> Robot:
     """The article's arm with a wrist whose motors turn each other's joints, one counting back."""
-    config = yaml.safe_load(sts.source.read_text(encoding="utf-8"))
-    config["urdf"] = str(sts.source.with_name(config["urdf"]))
+    config = _plain_config(sts)
     config["drives"][4]["current_sign"] = -1
     rows = [[float(i == k) for k in range(6)] for i in range(6)]
     rows[4][3], rows[5][4] = 0.5, -1.0
     config["coupling"] = rows
     return _written(tmp_path_factory, config)
+
+
+def _plain_config(robot: Robot) -> dict[str, Any]:
+    """What the robot's file says, but for its truth: the plain one beside it."""
+    config: dict[str, Any] = yaml.safe_load(robot.source.read_text(encoding="utf-8"))
+    config["urdf"] = str(robot.source.with_name(config["urdf"]))
+    config["simulated_truth"] = yaml.safe_load(robot.source.with_name(PLAIN).read_text("utf-8"))
+    return config
 
 
 # Robots of other people, and of nobody ------------------------------------------------------------

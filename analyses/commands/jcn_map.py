@@ -103,6 +103,17 @@ def _print(result: "JcnMapResult", settings: JcnMapSettings, out: Path) -> None:
     )
     console = new_console()
     console.print(table)
+    if free := metrics.get("free"):
+        best = (
+            "none is free"
+            if free["min"] is None
+            else f"the smallest that is free: {free['min']:.4g}"
+        )
+        say(
+            console,
+            f"{free['in_collision_pct']:.0f} % of {free['looked_at']} configurations hit the arm "
+            f"itself or the floor; {best}",
+        )
     config = settings.slice or SLICE
     plane = f"{config.axis}={config.value:g}"
     if (cut := metrics.get("slice")) and "min" in cut:

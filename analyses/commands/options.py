@@ -21,6 +21,14 @@ Out = Annotated[Path, typer.Option(help="Folder for the results.", show_default=
 Data = Annotated[Path, typer.Option(help="Folder of the real recordings.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of every random number.")]
 Quick = Annotated[bool, typer.Option("--quick", help="Shorter and coarser: to try things out.")]
+Truth = Annotated[
+    str,
+    typer.Option(
+        metavar="own|plain",
+        help="What simulated arms truly are: as their robot.yaml has it, or with plain friction "
+        "alone, all else exact.",
+    ),
+]
 RobotName = Annotated[
     str, typer.Option(help="A bundled robot's name, or the path of a robot.yaml.")
 ]

@@ -6,7 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analyses.commands.options import Out, Quick, config_option, on_command_line, settled
+from analyses.commands.options import (
+    Out,
+    Quick,
+    Truth,
+    config_option,
+    on_command_line,
+    settled,
+)
 from analyses.methods.runs.simulate_settings import SimulateSettings
 from analyses.output.console import new_console, new_table, say, showing_progress
 
@@ -21,6 +28,7 @@ PLACES = {
     "motion": "motion",
     "model": "model",
     "duration": "duration_s",
+    "truth": "truth",
     "seed": "seed",
     "quick": "quick",
     "recording": "record",
@@ -56,6 +64,7 @@ def command(
     seed: Annotated[
         int | None, typer.Option(min=0, help="Another seed than the scenario's.")
     ] = DEFAULTS.seed,
+    truth: Truth = DEFAULTS.truth,
     quick: Quick = DEFAULTS.quick,
     recording: Annotated[
         bool, typer.Option(help="Write the moving arm as recording.html.")
@@ -84,6 +93,7 @@ def command(
             settings.robot,
             None if settings.model is None else Path(settings.model),
             motion_path=None if settings.motion is None else Path(settings.motion),
+            truth=settings.truth,
             seed=settings.seed,
             duration=settings.duration_s,
             quick=settings.quick,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analyses.commands.options import Data, Out, Quick, Seed
+from analyses.commands.options import Data, Out, Quick, Seed, Truth
 from analyses.output.console import new_console, new_table, plain_text, say
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ def command(
     data: Data = Path("../shared/data"),
     seed: Seed = 0,
     quick: Quick = False,
+    truth: Truth = "own",
     jobs: Annotated[
         int | None, typer.Option(min=1, help="Experiments side by side; as many as cores.")
     ] = None,
@@ -55,6 +56,7 @@ def command(
             data,
             seed=seed,
             quick=quick,
+            truth=truth,
             jobs=jobs or available_cores(),
             fresh=fresh,
             watch=watch,

@@ -25,7 +25,8 @@ class ExperimentContext:
         None
     )  # 0..1, and what is done now
     draws: bool = True  # whether anybody looks at figures and recordings; else none are needed
-    world: Callable[["Robot"], "Robot"] = lambda robot: robot  # gives a robot its simulated truth
+    truth: str = "own"  # of simulated arms, one of models.robot.truth_config.TRUTHS
+    world: Callable[["Robot"], "Robot"] = lambda robot: robot  # another draw of that truth
 
     def robot(self, name: str) -> "Robot":
         """A bundled robot with the simulated truth that it has in this run.
@@ -33,9 +34,11 @@ class ExperimentContext:
         Raises:
             InputError: see `Robot.load`.
         """
-        from models.robot.robot import Robot  # Drake: a list of experiments does without it
+        # Drake: a list of experiments does without it.
+        from models.robot.robot import Robot
+        from models.truth.true_robot import with_truth_named
 
-        return self.world(Robot.load(name))
+        return self.world(with_truth_named(Robot.load(name), self.truth))
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
     software    SHA-256 over the source files that the experiment's module reaches by its imports
                 within the four packages, and over every data file of them (robots, scenarios, ...)
     libraries   versions of Python and of what computes the figures
-    seed, quick the options
+    seed, quick the options; so is `truth`, what simulated arms truly are
     recordings  per folder of real recordings, SHA-256 over its files; None where it is absent
 
 The number of jobs and of threads is no part of it: they must not change a figure.
@@ -31,7 +31,13 @@ Fingerprint = dict[str, Any]
 
 
 def fingerprint(
-    module: str, data: Path, folders: Iterable[str], *, seed: int, quick: bool
+    module: str,
+    data: Path,
+    folders: Iterable[str],
+    *,
+    seed: int,
+    quick: bool,
+    truth: str = "own",
 ) -> Fingerprint:
     """Returns what the result of an experiment depends on, as plain values.
 
@@ -41,6 +47,7 @@ def fingerprint(
         folders: below `data`, which the experiment reads.
         seed: of every random number.
         quick: whether the experiment is shortened.
+        truth: of simulated arms.
 
     Raises:
         OSError: a file cannot be read.
@@ -50,6 +57,7 @@ def fingerprint(
         "libraries": libraries(),
         "seed": seed,
         "quick": quick,
+        "truth": truth,
         "recordings": {name: folder_hash(data / name) for name in sorted(folders)},
     }
 
@@ -59,6 +67,7 @@ def difference(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
     for key, words in (
         ("seed", "the seed is another"),
         ("quick", "the length is another (--quick)"),
+        ("truth", "the simulated truth is another (--truth)"),
         ("software", "the software has changed"),
         ("libraries", "a library's version has changed"),
         ("recordings", "the recordings have changed"),

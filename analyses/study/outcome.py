@@ -18,11 +18,17 @@ class StudySettings:
     seed: int
     quick: bool
     version: str  # of the software
+    truth: str = "own"  # of simulated arms, one of models.robot.truth_config.TRUTHS
 
     @property
     def of_results(self) -> dict[str, Any]:
         """The settings that are written beside an experiment's result."""
-        return {"seed": self.seed, "quick": self.quick, "version": self.version}
+        return {
+            "seed": self.seed,
+            "quick": self.quick,
+            "truth": self.truth,
+            "version": self.version,
+        }
 
 
 @dataclass

@@ -276,7 +276,8 @@ def _command(settings: StudySettings) -> str:
     everything = settings.asked == settings.known
     names = "" if everything else " " + " ".join(settings.asked)
     quick = " --quick" if settings.quick else ""
-    return f"wrenchsight study{names} --seed {settings.seed}{quick}"
+    truth = "" if settings.truth == "own" else f" --truth {settings.truth}"
+    return f"wrenchsight study{names} --seed {settings.seed}{quick}{truth}"
 
 
 def _prose(text: str) -> "Markup":

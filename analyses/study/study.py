@@ -42,6 +42,7 @@ from analyses.study.stored_result import DamagedResultError, read_result, write_
 from analyses.study.study_folder import FAILURES, SET_ASIDE, StudyFolder
 from models.files.input_error import InputError
 from models.files.whole_file import writing_to
+from models.robot.truth_config import TRUTHS
 
 _SHARED: Final = ".shared.partial"  # folder of what experiments have in common
 _ENDS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -55,6 +56,7 @@ def run_study(
     *,
     seed: int = 0,
     quick: bool = False,
+    truth: str = "own",
     jobs: int = 1,
     fresh: bool = False,
     watch: Callable[[Progress], None] = lambda progress: None,
@@ -79,13 +81,14 @@ def run_study(
         data: folder of the real recordings; experiments that need an absent one are skipped.
         seed: of every random number.
         quick: whether experiments run shorter and coarser.
+        truth: of simulated arms, one of `models.robot.truth_config.TRUTHS`.
         jobs: processes side by side, at least 1.
         fresh: whether to run also what has a whole result.
         watch: called in this process at every step of every experiment.
 
     Raises:
-        InputError: an unknown name, a folder that cannot be written, a full disk, another study at
-            work in the folder.
+        InputError: an unknown name or truth, a folder that cannot be written, a full disk,
+            another study at work in the folder.
         KeyboardInterrupt: passed on after the results so far were written; a `TerminatedError`
             for SIGTERM and SIGHUP.
     """
@@ -95,10 +98,13 @@ def run_study(
         data=data,
         seed=seed,
         quick=quick,
+        truth=truth,
         version=software_version(),
     )
     if jobs < 1:
         raise InputError("--jobs", "", f"is {jobs}, at least 1 was expected")
+    if truth not in TRUTHS:
+        raise InputError("--truth", "", f"is {truth!r}, expected {' or '.join(TRUTHS)}")
     OutputFolder(out)
     _check_apart(out, data)
     with sole_writer(out, "study"), ends_are_interrupts():
@@ -400,6 +406,7 @@ def _run_experiment(task: _Task, connection: Connection) -> tuple[State, str]:
         seed=settings.seed,
         quick=settings.quick,
         progress=_Throttled(connection),
+        truth=settings.truth,
     )
     depends_on = fingerprint(
         task.module,
@@ -407,6 +414,7 @@ def _run_experiment(task: _Task, connection: Connection) -> tuple[State, str]:
         (*experiment.needs, *experiment.uses),
         seed=settings.seed,
         quick=settings.quick,
+        truth=settings.truth,
     )
     with sharing_in(task.shared):
         result = experiment.run(context)
@@ -453,6 +461,7 @@ def _earlier(out: Path, name: str, settings: StudySettings) -> tuple[Outcome | N
             recorded["recordings"],  # which folders these are follows from the software
             seed=settings.seed,
             quick=settings.quick,
+            truth=settings.truth,
         )
         changed = difference(recorded, now)
         title, section = result.stored["title"], result.stored["section"]

@@ -161,6 +161,10 @@ class Clearance:
             if any(self._level[self._body[shape].index()] for shape in (pair.id_A, pair.id_B))
         )
 
+    def is_free(self, q: ArrayLike) -> bool:
+        """Whether nothing is nearer than it may be at q (n,)."""
+        return all(slack >= 0.0 for slack, _ in self.slacks(q, self.margin))
+
     def slacks(self, q: ArrayLike, influence: float = INFLUENCE) -> list[tuple[float, ClosestPair]]:
         """Slack (m) of each pair of shapes within `influence` at q (n,), with its names."""
         out = []

@@ -5,6 +5,7 @@ A plant with SceneGraph answers how near they come to each other. Which pairs co
 - links of the robot, and the tool, with two joints or more between them; where it is two, as in a
   wrist, not those that are nearer than the clearance in the home posture already;
 - links against obstacles, but for what the robot stands on (the link that is welded to the world);
+  what turns on that stands over the obstacle `floor` as it is mounted, and is left out there;
 - links against the workpiece, but for the shape of the tool whose surface E lies on, which is meant
   to touch it.
 """
@@ -31,6 +32,7 @@ from models.robot.robot_config import pose_of
 _TOUCHING = 1e-3  # m from E within which a shape of the tool counts as the one that works
 _INFLUENCE = 0.04  # m beyond the distance to keep, where the smooth margin begins to fall
 _ROUND = ((1, 1), (-1, 1), (-1, -1), (1, -1))  # the corners of a face
+FLOOR = "floor"  # the name of the obstacle that the robot stands on
 PAD = 1e-3  # m; distances are exact to some micrometres
 
 
@@ -305,6 +307,18 @@ def _filter(
                 )
             )
     level = _levels(plant, parts)
+    floor = [
+        geometry
+        for geometry in inspector.GetAllGeometryIds(Role.kProximity)
+        if _body_name(plant, inspector, geometry) == FLOOR
+    ]
+    first = [shapes[body.name()] for body in moving if level[body.index()] == 1]
+    if floor and first:
+        filters.Apply(
+            CollisionFilterDeclaration().ExcludeBetween(
+                GeometrySet(floor), GeometrySet([shape for own in first for shape in own])
+            )
+        )
     near = _near_at_home(robot, config.distance)
     for i, first in enumerate(bodies):
         for second in bodies[i + 1 :]:

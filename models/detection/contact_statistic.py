@@ -85,6 +85,7 @@ RELEASE, LARGEST_RELEASE = 0.5, 0.8
 LEFT = 0.3
 QUIET = 0.1  # s
 ONE_SIDED = 0.15  # share of a reading's mean square, beyond which its mean is not chance
+_STICTION = NUM_FEATURES - 1  # among what a variance is made of
 LOUD = 2.0  # root mean square over WINDOW
 REST_SPEED = 0.01  # rad/s (m/s)
 REST_TIME = 0.3  # s
@@ -207,7 +208,8 @@ def detect_tick(
         variance_parts(error, state[:TORQUE_ERROR_ROWS], j, v[j], y[j], parts)
         s[j] = 0.0
         for m in range(NUM_FEATURES):
-            s[j] += joints[CHANGE + m, j] * parts[m]
+            if m != _STICTION or own[_RESTING] < REST_TIME:
+                s[j] += joints[CHANGE + m, j] * parts[m]
     seen_state = state[TORQUE_ERROR_ROWS : TORQUE_ERROR_ROWS + JACOBIAN_ROWS]
     see_jacobian(joints[POLE], seen_state, J, seen)
     take_jacobian(joints[POLE], seen_state, J, seen)

@@ -15,24 +15,34 @@ v is the feed, tangential to the surface. The zone of cutting follows it with a 
 (`lag`), without which an explicit force would chatter at rest.
 
 The spindle's unbalance turns with it, across its axis: F_u = unbalance omega^2.
+
+That is a steady process. `models.machining.process_variations` says what makes it vary.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numba import njit
 
 from models.arrays import Array
 from models.files.input_error import InputError
+from models.machining.process_variations import (
+    ProcessVariations,
+    VariationsConfig,
+    WorkpieceContact,
+    check_variations,
+    vary,
+)
 
 _REST = 2e-3  # m/s, below which the direction of the feed fades
 # Entries of MachiningProcess.table.
 _RATIO, _EXPONENT, _REFERENCE, _LAG, _OMEGA, _UNBALANCE, _NUM = range(7)
 
-PROCESS_STATE_SIZE = 7
-NORMAL_FORCE, NORMAL, FEED = 0, slice(1, 4), slice(4, 7)
-"""Entries of the state of a process: N, the surface's normal in W, and the lagged feed in m/s."""
+PROCESS_STATE_SIZE = 10  # without what chatter remembers, which comes behind
+NORMAL_FORCE, NORMAL, FEED, FORCE = 0, slice(1, 4), slice(4, 7), slice(7, 10)
+"""Entries of the state of a process: N, the surface's normal in W, the lagged feed in m/s, and the
+force on the tool besides contact, N in W."""
 
 
 @dataclass
@@ -45,6 +55,7 @@ class ProcessConfig:
     lag: float = 0.01  # s
     spindle_frequency: float = 50.0  # Hz
     unbalance: float = 1e-5  # kg m: mass times eccentricity
+    variations: VariationsConfig = field(default_factory=VariationsConfig)
 
 
 class MachiningProcess:
@@ -52,12 +63,25 @@ class MachiningProcess:
 
     Attributes:
         table: (6,) constants for `cutting_force` and `add_unbalance_force`.
+        variations: None where the process is steady.
+
+    Args:
+        config: the law's numbers.
+        source: named in messages.
+        contact: of the workpiece; without it the process is steady, whatever the configuration.
+        time_step: s.
 
     Raises:
         InputError: a parameter out of range.
     """
 
-    def __init__(self, config: ProcessConfig, source: str = "process") -> None:
+    def __init__(
+        self,
+        config: ProcessConfig,
+        source: str = "process",
+        contact: WorkpieceContact | None = None,
+        time_step: float = 1e-3,
+    ) -> None:
         for name, low, high in (
             ("cutting_ratio", 0.0, 10.0),
             ("speed_exponent", 0.0, 1.0),
@@ -80,6 +104,19 @@ class MachiningProcess:
                 config.unbalance,
             ]
         )
+        place = f"{source}.variations"
+        check_variations(config.variations, config.spindle_frequency, time_step, place)
+        self.variations: ProcessVariations | None = None
+        if config.variations.enabled and contact is not None:
+            self.variations = ProcessVariations(
+                config.variations, contact, config.spindle_frequency, time_step, place
+            )
+
+    @property
+    def initial_state(self) -> Array:
+        """(PROCESS_STATE_SIZE + ...,) before the first contact."""
+        memory = 0 if self.variations is None else self.variations.memory_size
+        return np.zeros(PROCESS_STATE_SIZE + memory)
 
 
 @njit(cache=True, error_model="numpy")
@@ -120,17 +157,60 @@ def advance_feed(table: Array, time_step: float, n: Array, v: Array, feed: Array
 def advance_process(
     table: Array, time_step: float, contact: Array, V_WE: Array, state: Array
 ) -> None:
-    """Moves the state (7,) on by a tick, in place; without contact the normal stays.
+    """Moves the state of a steady process on by a tick; without contact the normal stays.
 
     Args:
         time_step: s.
         contact: (4,) normal force, N, and normal of the surface, zero without contact.
         V_WE: (6,) of the tool, rotation first.
+        state: changed.
     """
     state[NORMAL_FORCE], normal = contact[0], contact[1:]
     if np.any(normal != 0.0):
         state[NORMAL] = normal
     advance_feed(table, time_step, state[NORMAL], V_WE[3:], state[FEED])
+    cutting_force(table, state[NORMAL_FORCE], state[FEED], state[FORCE])
+
+
+@njit(cache=True, error_model="numpy")
+def advance_varying_process(
+    table: Array,
+    variations: Array,
+    waviness: Array,
+    patches: Array,
+    pose: Array,
+    ends: Array,
+    time_step: float,
+    t: float,
+    contact: Array,
+    V_WE: Array,
+    p_WE: Array,
+    state: Array,
+) -> None:
+    """The same of a process that varies.
+
+    Args:
+        variations, waviness, patches, pose, ends: of ProcessVariations.
+        t: s, at the tick's start; the force acts from its end.
+        p_WE: (3,) m, where the tool is.
+    """
+    advance_process(table, time_step, contact, V_WE, state)
+    feed = state[FEED]
+    speed = math.sqrt(feed[0] ** 2 + feed[1] ** 2 + feed[2] ** 2 + _REST * _REST)
+    vary(
+        variations,
+        waviness,
+        patches,
+        pose,
+        ends,
+        t + time_step,
+        state[NORMAL_FORCE],
+        state[NORMAL],
+        feed / speed,
+        p_WE,
+        state[PROCESS_STATE_SIZE:],
+        state[FORCE],
+    )
 
 
 @njit(cache=True, error_model="numpy")

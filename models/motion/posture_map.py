@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.arrays import Array
+from models.arrays import Array, Flags
 from models.motion.branches import all_branches
 from models.motion.posture_measures import PostureMeasure
 from models.motion.surface_path import frame_about, rotation_about
@@ -21,6 +21,7 @@ from models.robot.robot import Robot
 _DIRECTIONS, _TURNS = 37, 8  # tried at each point: directions in the cone, turns about the tool
 _REFINED_DIRECTIONS, _REFINEMENTS = 6, 3  # round the best one, and how often, each time nearer
 _BLOCK = 20_000  # poses solved at a time
+_MOST_LOOKED_AT = 60  # postures of a point, best first, that may hit something
 
 
 @dataclass(frozen=True)
@@ -32,12 +33,14 @@ class PostureMap:
         best: (N,) smallest measure; NaN where the tool cannot reach within the cone.
         direction_W: (N, 3) of the tool there.
         q: (N, n) the posture there.
+        hits: (N,) where the tool reaches, and whatever was looked at hits something.
     """
 
     p_WE: Array
     best: Array
     direction_W: Array
     q: Array
+    hits: Flags
 
 
 def best_postures(
@@ -48,6 +51,7 @@ def best_postures(
     cone_angle: float,
     tool_axis_E: ArrayLike = (0.0, 0.0, 1.0),
     progress: Callable[[float], None] = lambda fraction: None,
+    is_free: Callable[[Array], bool] | None = None,
 ) -> PostureMap:
     """The best posture within the joint limits at each point.
 
@@ -60,6 +64,7 @@ def best_postures(
         cone_axis_W: (3,) where the tool points in the cone's middle.
         cone_angle: between the cone's axis and its side, rad.
         tool_axis_E: (3,) direction of the tool in E.
+        is_free: whether the arm hits nothing at q (n,); what does is passed over.
     """
     points = np.asarray(p_WE, dtype=np.float64).reshape(-1, 3)
     axis = np.asarray(cone_axis_W, dtype=np.float64)
@@ -70,6 +75,7 @@ def best_postures(
     N, n = len(points), robot.num_joints
     best: Array = np.full(N, np.nan)
     q: Array = np.full((N, n), np.nan)
+    reached = np.zeros(N, dtype=np.bool_)
     tilt = np.zeros((N, 2))  # rotation vector of the tool from the cone's axis, in the cone's frame
     turn = np.zeros(N)
     rounds = 1 + (_REFINEMENTS if cone_angle > 0.0 or turns > 1 else 0)
@@ -99,6 +105,9 @@ def best_postures(
             found = found.reshape(len(some), -1, n)
             if values.shape[1] == 0:
                 continue
+            reached[some] |= np.isfinite(values).any(axis=1)
+            if is_free is not None:
+                _pass_over_hits(values, found, best[some], is_free)
             choice = first_of_least(values)
             here = np.arange(len(some))
             lowest = values[here, choice]
@@ -112,7 +121,22 @@ def best_postures(
             progress((index + (start + len(some)) / max(len(rows), 1)) / rounds)
     direction = (R_WC @ _tilted(tilt, turn))[..., 2]
     direction[np.isnan(best)] = np.nan
-    return PostureMap(points, best, direction, q)
+    return PostureMap(points, best, direction, q, reached & np.isnan(best))
+
+
+def _pass_over_hits(values: Array, q: Array, best: Array, is_free: Callable[[Array], bool]) -> None:
+    """Puts inf into values (M, K), of postures q (M, K, n), that hit something before a free one.
+
+    Only values below `best` (M,) are looked at, NaN for none: others change nothing.
+    """
+    for row, postures, known in zip(values, q, best, strict=True):
+        for _ in range(_MOST_LOOKED_AT):
+            k = int(first_of_least(row))
+            if not np.isfinite(row[k]) or row[k] >= known or is_free(postures[k]):
+                break
+            row[k] = np.inf
+        else:
+            row[:] = np.inf
 
 
 def turns_with_last_joint(robot: Robot, tool_axis_E: ArrayLike) -> bool:

@@ -27,10 +27,17 @@ Where the numbers and the equations come from:
     kinematics    Hollerbach, Khalil, Gautier, "Model identification", Springer Handbook of
                   Robotics, 2016 (sizes of the errors after calibration)
 
+The bundled arms of the article and of Universal Robots (UR10e) have all of them; the plain truth of
+each lies in plain_truth.yaml beside its robot.yaml (`models.truth.true_robot.plain_truth`).
+
 The equations, as they are simulated, stand in `models.truth.joint_kernels`.
 """
 
 from dataclasses import dataclass, field
+from typing import Final
+
+TRUTHS: Final = ("own", "plain")
+"""Which truth a simulated arm is given: that of its robot.yaml, or plain friction alone."""
 
 
 @dataclass

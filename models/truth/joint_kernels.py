@@ -39,6 +39,9 @@ motor reads q + d, v + d':
 
     d'' + 2 DAMPING w d' + w^2 d = w^2 L / stiffness,   w = 2 pi bandwidth
 
+Friction is the motor's and the gear's, before its springs: v in s_k, limit and c is v + d', and a
+push that only bends the gear turns no friction round. (An element without displacement follows v.)
+
 Contact forces are known when the plant has solved for them: where something touches, tau_ext is
 that of the tick before, and springs are shortened by the displacement that came of it.
 
@@ -125,10 +128,12 @@ def joint_tick(
         if math.isnan(load):
             load = G[i]
         after[CURRENT, i] = current
-        noisy = row[MOVING_NOISE] * math.tanh(abs(v[i]) / MOVING) * noise[n + i]
+        rate = state[RATE, i]
+        motor = v[i] + rate
+        noisy = row[MOVING_NOISE] * math.tanh(abs(motor) / MOVING) * noise[n + i]
         signals[TAU_J, i], signals[MOTOR_CURRENT, i] = tau_J, current + noisy
 
-        x = v[i] / row[SPEED]
+        x = motor / row[SPEED]
         kept = row[WANDER_KEPT]
         wander = row[WANDER_SD] * noise[i]  # from the first tick on as far as ever
         if not math.isnan(state[WANDER, i]):
@@ -147,16 +152,18 @@ def joint_tick(
             stiff[k, i] = row[ELEMENTS + 3 * k + 1] * time_step
             kept = row[ELEMENTS + 3 * k + 2]
             before[k, i] = kept * spring_torque(table, time_step, state, i, k, v[i])
+            if kept > 0.0:
+                before[k, i] += stiff[k, i] * rate
             high[k, i], low[k, i] = weight * forwards, -weight * backwards
         viscous[i] = row[VISCOUS] * wander * math.exp(-row[TEMPERATURE_SHARE] * state[RISE, i])
-        viscous[i] /= 1.0 + abs(v[i]) * row[INVERSE_SATURATION]
+        viscous[i] /= 1.0 + abs(motor) * row[INVERSE_SATURATION]
 
         position = 0.0
         for k in range(RIPPLES, RIPPLES + 12, 4):
             amplitude = row[k] + row[k + 1] * abs(load)
             position += amplitude * math.sin(row[k + 2] * q[i] + row[k + 3])
         signals[TAU_F, i] = position
-        force[i] = tau_J + tau_ext[i] - Cv[i] - G[i] - position
+        force[i] = tau_J + tau_ext[i] - Cv[i] - G[i] - position - viscous[i] * rate
 
     v_end = velocity_after(M, time_step, force, v, viscous, stiff, before, low, high)
     for i in range(n):
@@ -168,12 +175,13 @@ def joint_tick(
             after[SLIPS + 3 * k + 1, i] = low[k, i]
             after[SLIPS + 3 * k + 2, i] = high[k, i]
             slip += s
-        dissipative = slip + viscous[i] * v_end[i]
+        motor = v_end[i] + state[RATE, i]
+        dissipative = slip + viscous[i] * motor
         signals[TAU_F, i] += dissipative
         signals[TORQUE, i] = -signals[TAU_F, i]
         transmitted = signals[TAU_J, i] - signals[TAU_F, i]
         after[TRANSMITTED, i] = transmitted
-        heat = row[HEATING] * dissipative * v_end[i]
+        heat = row[HEATING] * dissipative * motor
         rise = state[RISE, i]
         after[RISE, i] = rise + time_step * row[INVERSE_TIME] * (heat - rise)
         after[EXTERNAL, i] = tau_ext[i]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from models.arrays import Array
 from models.files.input_error import InputError
@@ -110,6 +111,24 @@ class TrueJoints:
             links = q - self.compliance * chain.gravity_torque(links)
         return links
 
+    def sliding_torque(self, v: ArrayLike, load: ArrayLike) -> Array:
+        """Friction of joints that slide evenly, on this day and as warm as at the start, N m.
+
+        Without what depends on position (ripple, cogging) and what does not repeat.
+
+        Args:
+            v: (..., n) rad/s, not zero.
+            load: (..., n) N m that the joints carry.
+        """
+        v, load = np.asarray(v, dtype=np.float64), np.asarray(load, dtype=np.float64)
+        column = self.table.T
+        level = np.exp(-((v / column[SPEED]) ** 2)) * (column[STICTION] - column[COULOMB])
+        level = (level + column[COULOMB]) * np.where(v > 0.0, column[FORWARDS], column[BACKWARDS])
+        share = np.where(v * load >= 0.0, column[MOTORING], column[GENERATING])
+        viscous = column[VISCOUS] * np.exp(-column[TEMPERATURE_SHARE] * self.start_rise)
+        viscous = viscous / (1.0 + np.abs(v) * column[INVERSE_SATURATION])
+        return np.asarray(np.sign(v) * (level + share * np.abs(load)) + viscous * v)
+
     def stored_energy(self, state: Array, v: Array) -> Array:
         """(n,) J in the springs of the slip elements, at velocities v (n,), rad/s."""
         energy = np.zeros(self.num_joints)
@@ -124,9 +143,17 @@ class TrueJoints:
         """Of a robot's simulated truth; without mechanisms its plain friction in the same kernels.
 
         Raises:
-            InputError: a list of a wrong length, a value out of range.
+            InputError: a list of a wrong length, a value out of range; mechanisms of an arm whose
+                motors are coupled.
         """
         config = robot.config.simulated_truth.mechanisms or MechanismsConfig()
+        if robot.is_coupled and robot.config.simulated_truth.mechanisms is not None:
+            raise InputError(
+                robot.source,
+                _PLACE,
+                "the motors of this arm are coupled, each mechanism is of one joint alone",
+                "leave mechanisms out",
+            )
         read = _Reader(robot)
         truth, n = robot.truth, robot.num_joints
         slip = config.slip or SlipConfig(displacement=[0.0] * n)

@@ -1,4 +1,4 @@
-"""The true robot behind a nominal one: the frames of its joints as they really are; presets."""
+"""The true robot behind a nominal one: the frames of its joints as they really are, its truths."""
 
 import math
 from dataclasses import replace
@@ -9,19 +9,36 @@ import numpy as np
 from models.files.configuration import load_configuration
 from models.files.input_error import InputError
 from models.robot.robot import Robot
-from models.robot.truth_config import SimulatedTruthConfig
+from models.robot.truth_config import TRUTHS, SimulatedTruthConfig
 
-PRESET = "hard_truth.yaml"  # beside robot.yaml
+PLAIN = "plain_truth.yaml"  # beside robot.yaml
 _FRAMES = 19  # stream of the individual's random numbers
 
 
-def hard_truth(robot: Robot) -> Robot:
-    """The same robot with the truth of `hard_truth.yaml` beside its file, every mechanism on.
+def with_truth_named(robot: Robot, name: str) -> Robot:
+    """The robot with the truth of its own file (`own`), or with the plain one (`plain`).
 
     Raises:
-        InputError: there is no such file, or a value in it is out of range.
+        InputError: another name, or as `plain_truth`.
     """
-    return robot.with_truth(load_truth(robot.source.parent / PRESET))
+    if name not in TRUTHS:
+        raise InputError("--truth", "", f"is {name!r}, expected {' or '.join(TRUTHS)}")
+    return robot if name == "own" else plain_truth(robot)
+
+
+def plain_truth(robot: Robot) -> Robot:
+    """The same robot with dry friction alone, that repeats perfectly; all else is exact.
+
+    Its numbers are those of `plain_truth.yaml` beside the robot's file; where there is none, those
+    of the file itself without its mechanisms.
+
+    Raises:
+        InputError: `plain_truth.yaml` has an unknown key, a wrong type or a value out of range.
+    """
+    path = robot.source.parent / PLAIN
+    if path.is_file():
+        return robot.with_truth(load_truth(path))
+    return robot.with_truth(replace(robot.config.simulated_truth, mechanisms=None))
 
 
 def load_truth(path: str | Path) -> SimulatedTruthConfig:
@@ -31,11 +48,6 @@ def load_truth(path: str | Path) -> SimulatedTruthConfig:
         InputError: no such file, an unknown key, a value of a wrong type.
     """
     return load_configuration(path, SimulatedTruthConfig)
-
-
-def has_hard_truth(robot: Robot) -> bool:
-    """Whether `hard_truth.yaml` lies beside the robot's file."""
-    return (robot.source.parent / PRESET).is_file()
 
 
 def true_robot(robot: Robot) -> Robot:

@@ -8,8 +8,7 @@ World `number` of a campaign's seed is the same on every machine and whatever el
 and only sums and products of its numbers. A factor lies below 1 in half of the worlds and above it
 in the other half, evenly in either: the truth that is drawn about is the median one.
 
-Drawn about: the `hard_truth.yaml` beside the robot's file, else the truth in the file itself; what
-is off there stays off.
+Drawn about: the truth in the robot's own file; what is off there stays off.
 """
 
 import dataclasses
@@ -26,7 +25,6 @@ from models.robot.truth_config import (
     MechanismsConfig,
     SimulatedTruthConfig,
 )
-from models.truth.true_robot import hard_truth, has_hard_truth
 
 MOST_JOINTS: Final = 7
 _SEEDS: Final = 2**24  # experiments add to their seeds and double them
@@ -137,8 +135,7 @@ class World:
         if robot.num_joints > MOST_JOINTS:
             problem = f"{robot.num_joints} joints; a world is drawn for up to {MOST_JOINTS}"
             raise InputError(robot.source, "", problem)
-        about = hard_truth(robot) if has_hard_truth(robot) else robot
-        return robot.with_truth(self.truth(about.config.simulated_truth, robot.num_joints))
+        return robot.with_truth(self.truth(robot.config.simulated_truth, robot.num_joints))
 
     def truth(self, about: SimulatedTruthConfig, num_joints: int) -> SimulatedTruthConfig:
         """The truth of this world, drawn about `about`; what is off there stays off."""

@@ -11,25 +11,29 @@ from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import (
     BasicVector,
     Context,
+    DiscreteStateIndex,
     DiscreteValues,
+    InputPort,
     LeafSystem,
 )
 
 from models.arrays import Array
 from models.machining.machining_process import (
-    FEED,
-    PROCESS_STATE_SIZE,
+    FORCE,
     MachiningProcess,
     add_unbalance_force,
     advance_process,
-    cutting_force,
+    advance_varying_process,
 )
 from models.rigid_body.serial_chain import RigidBodyTerms
 from models.signals.tool_contact import NORMAL_SIZE
 
 
 class MachiningProcessSystem(LeafSystem):
-    """Puts cutting resistance and unbalance on the tool (models.machining.machining_process).
+    """Puts the forces of machining on the tool besides contact and friction.
+
+    See models.machining.machining_process, and models.machining.process_variations for what makes
+    them vary.
 
                          +------------------------+
       terms          --> |                        | --> spatial_forces
@@ -37,22 +41,24 @@ class MachiningProcessSystem(LeafSystem):
       wrench_applied --> |                        | --> wrench_unbalance
                          +------------------------+
 
-    Inputs:  terms             RigidBodyTerms (abstract) of the true robot: R_WE, V_WE
+    Inputs:  terms             RigidBodyTerms (abstract) of the true robot: R_WE, p_WE, V_WE
              contact           (4,) of EnvironmentTruth: normal force, N, and normal in W
-             wrench_applied    (6,) F_E_W, scripted; optional
+             wrench_applied    (6,) F_E_W; only where one is scripted
     Outputs: spatial_forces    list of one ExternallyAppliedSpatialForce (abstract), all together
-             wrench            (6,) F_E_W of the environment: applied and cutting, at E in axes of
-                               W, rotation first, N m, N
+             wrench            (6,) F_E_W of the environment: applied and of the process, at E in
+                               axes of W, rotation first, N m, N
              wrench_unbalance  (6,) the same of the spindle: from the tool's own mass, not from the
                                environment
-    State:   (7,) normal force N, normal of the surface, lagged feed m/s: a tick old, for the
-             contact of a tick is known only when the forces of that tick are
+    State:   (10 + ...,) normal force N, normal of the surface, lagged feed m/s, force of the
+             process N, and what chatter remembers: a tick old, for the contact of a tick is known
+             only when the forces of that tick are; and (6,) the process's part of wrench
 
     Args:
         process: the law.
         tool_body: the body that E is fixed to.
         p_BE: (3,) E in that body, m.
         time_step: s.
+        scripted: whether there is an input wrench_applied.
     """
 
     def __init__(
@@ -61,9 +67,11 @@ class MachiningProcessSystem(LeafSystem):
         tool_body: BodyIndex,
         p_BE: ArrayLike,
         time_step: float,
+        scripted: bool = False,
     ) -> None:
         LeafSystem.__init__(self)
         self._table = process.table
+        self._variations = process.variations
         self._time_step = time_step
         # A pattern for the output, which copies it.
         self._at_E = ExternallyAppliedSpatialForce()
@@ -71,12 +79,19 @@ class MachiningProcessSystem(LeafSystem):
         self._at_E.p_BoBq_B = np.array(p_BE, dtype=np.float64)
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._contact = self.DeclareVectorInputPort("contact", NORMAL_SIZE)
-        self._applied = self.DeclareVectorInputPort("wrench_applied", 6)
-        self.DeclareDiscreteState(PROCESS_STATE_SIZE)
+        self._applied: InputPort | None = None
+        self._state = DiscreteStateIndex(self.DeclareDiscreteState(process.initial_state))
+        own = DiscreteStateIndex(self.DeclareDiscreteState(6))
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
-        self._wrench = self.DeclareVectorOutputPort(
-            "wrench", 6, self._calc_wrench, {self._applied.ticket(), self.xd_ticket()}
-        )
+        prerequisites = {self.discrete_state_ticket(own)}
+        if scripted:
+            self._applied = self.DeclareVectorInputPort("wrench_applied", 6)
+            prerequisites.add(self._applied.ticket())
+            self._wrench = self.DeclareVectorOutputPort(
+                "wrench", 6, self._calc_wrench, prerequisites
+            )
+        else:  # no call into Python
+            self._wrench = self.DeclareStateOutputPort("wrench", own)
         self.DeclareVectorOutputPort(
             "wrench_unbalance",
             6,
@@ -87,21 +102,13 @@ class MachiningProcessSystem(LeafSystem):
             "spatial_forces",
             Value[list[ExternallyAppliedSpatialForce]],
             self._calc_spatial_forces,
-            {
-                self._terms.ticket(),
-                self._applied.ticket(),
-                self.xd_ticket(),
-                self.time_ticket(),
-            },
+            {self._terms.ticket(), self.time_ticket()} | prerequisites,
         )
 
     def _calc_wrench(self, context: Context, output: BasicVector) -> None:
-        state = context.get_discrete_state(0).value()
-        wrench = np.zeros(6)
-        cutting_force(self._table, state[0], state[FEED], wrench[3:])
-        if self._applied.HasValue(context):
-            wrench += self._applied.Eval(context)
-        output.SetFromVector(wrench)
+        assert self._applied is not None
+        own = context.get_discrete_state(1).value()
+        output.SetFromVector(self._applied.Eval(context) + own)
 
     def _add_unbalance(self, context: Context, wrench: Array) -> None:
         R_WE = cast(RigidBodyTerms, self._terms.Eval(context)).R_WE
@@ -119,10 +126,24 @@ class MachiningProcessSystem(LeafSystem):
         output.set_value([self._at_E])
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        advance_process(
-            self._table,
-            self._time_step,
-            self._contact.Eval(context),
-            cast(RigidBodyTerms, self._terms.Eval(context)).V_WE,
-            discrete_state.get_mutable_value(),
-        )
+        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        contact = self._contact.Eval(context)
+        state = discrete_state.get_mutable_value(self._state)
+        if self._variations is None:
+            advance_process(self._table, self._time_step, contact, terms.V_WE, state)
+        else:
+            advance_varying_process(
+                self._table,
+                self._variations.table,
+                self._variations.waviness,
+                self._variations.patches,
+                self._variations.pose,
+                self._variations.ends,
+                self._time_step,
+                context.get_time(),
+                contact,
+                terms.V_WE,
+                terms.p_WE,
+                state,
+            )
+        discrete_state.get_mutable_value(1)[3:] = state[FORCE]

@@ -259,11 +259,17 @@ def test_options_reach_the_study(invoke, monkeypatch, tmp_path):
 
     monkeypatch.setattr(study, "run_study", note)
     arguments = ("bandwidth", "--seed", 4, "--quick", "--jobs", 3, "--data", "d", "--fresh")
-    arguments += ("--out", tmp_path)
+    arguments += ("--out", tmp_path, "--truth", "plain")
     assert invoke("study", *arguments).exit_code == 0
     del seen["watch"]
     expected = {"names": ["bandwidth"], "out": tmp_path, "data": Path("d")}
-    assert seen == expected | {"seed": 4, "quick": True, "jobs": 3, "fresh": True}
+    assert seen == expected | {
+        "seed": 4,
+        "quick": True,
+        "jobs": 3,
+        "fresh": True,
+        "truth": "plain",
+    }
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
@@ -486,7 +492,7 @@ def test_options_reach_the_simulation(invoke, monkeypatch, tmp_path, scenario, a
 
     monkeypatch.setattr(simulation, "simulate_scenario", note)
     arguments = ("--robot", "r", "--model", "m", "--out", tmp_path, "--duration", 2.5, "--seed", 4)
-    arguments += ("--quick", "--no-recording", "--graphviz")
+    arguments += ("--quick", "--no-recording", "--graphviz", "--truth", "plain")
     assert invoke("simulate", *scenario, *arguments).exit_code == 130
     del seen["progress"]
     assert seen == {
@@ -497,6 +503,7 @@ def test_options_reach_the_simulation(invoke, monkeypatch, tmp_path, scenario, a
         "record": False,
         "graph": True,
         "motion_path": None,
+        "truth": "plain",
     }
 
 

@@ -32,7 +32,7 @@ WRENCH = np.array([0.4, -0.7, 0.9, 5.0, -8.0, 12.0])
 class Arm:
     """Two skew joints, a crooked mount, a lopsided tool; a wrench at E, fixed in W."""
 
-    def __init__(self, config=None, wrench=WRENCH, tau=(3.0, -2.0), noise=False):
+    def __init__(self, config=None, wrench=WRENCH, tau=(3.0, -2.0), noise=False, seed=None):
         builder = DiagramBuilder()
         plant = MultibodyPlant(T)
         plant.SetUseSampledOutputPorts(False)
@@ -90,7 +90,7 @@ class Arm:
         state = builder.AddSystem(Demultiplexer([2, 2]))
         config = config or ForceTorqueSensorConfig()
         self.block = builder.AddSystem(
-            ForceTorqueSensor(plant, weld.index(), frame_E, config, 2, T)
+            ForceTorqueSensor(plant, weld.index(), frame_E, config, 2, T, seed)
         )
         builder.Connect(plant.get_state_output_port(instance), state.get_input_port())
         builder.Connect(state.get_output_port(0), terms.GetInputPort("q"))
@@ -171,6 +171,14 @@ def test_noise_has_the_stated_size():
     # 6,000 draws each: the standard deviation is known to 1 %
     assert error[:, 3:].std() == pytest.approx(0.5, rel=0.04)
     assert error[:, :3].std() == pytest.approx(0.02, rel=0.04)
+
+
+def test_a_sensors_own_noise_is_that_of_a_source_of_its_seed():
+    """One call into Python less a tick, and the same numbers."""
+    config = ForceTorqueSensorConfig(force_noise_sd=0.5, moment_noise_sd=0.02, cutoff=60.0)
+    apart, own = Arm(config, noise=True).run(0.05), Arm(config, seed=5).run(0.05)
+    np.testing.assert_array_equal(own, apart)
+    assert np.any(Arm(config, seed=6).run(0.05) != own)
 
 
 def test_noise_parameter_through_the_context():

@@ -122,3 +122,24 @@ def test_a_broken_current_is_reported_and_forgotten():
 def test_bad_arguments(arguments):
     with pytest.raises(ValueError, match="out of range"):
         MotorCurrentSensor(2, TIME_STEP, **arguments)
+
+
+def test_a_sensors_own_noise_is_that_of_a_source_of_its_seed():
+    """One call into Python less a tick, and the same numbers."""
+    arguments = {"bandwidth": 40.0, "noise_sd": [0.1, 0.02], "resolution": 0.01}
+    builder = DiagramBuilder()
+    sensors = [
+        add_motor_current_sensor(builder, MotorCurrentSensor(2, TIME_STEP, **arguments), 7),
+        builder.AddSystem(MotorCurrentSensor(2, TIME_STEP, **arguments, seed=7)),
+        builder.AddSystem(MotorCurrentSensor(2, TIME_STEP, **arguments, seed=8)),
+    ]
+    current = builder.AddSystem(ConstantVectorSource([1.0, -2.0]))
+    for sensor in sensors:
+        builder.Connect(current.get_output_port(), sensor.GetInputPort("current_true"))
+    logs = [LogVectorOutput(s.GetOutputPort("current"), builder, TIME_STEP) for s in sensors]
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(50 * TIME_STEP)
+    apart, own, other = (log.FindLog(simulator.get_context()).data() for log in logs)
+    np.testing.assert_array_equal(own, apart)
+    assert np.any(own != other)
+    assert len(np.unique(own[0])) > 5

@@ -44,3 +44,15 @@ def test_it_counts_where_the_feed_is_steady(feed_time, counts):
     context = block.CreateDefaultContext()
     block.GetInputPort("feed_time").FixValue(context, [feed_time])
     assert block.GetOutputPort("counts").Eval(context)[0] == counts
+
+
+def test_one_port_has_both_as_the_record_says():
+    rng = np.random.default_rng(0)
+    taught = TaughtTorque(0.01 * np.arange(40), rng.normal(size=(40, 6)), rng.integers(0, 2, 40))
+    block = TaughtTorqueSource(taught)
+    context = block.CreateDefaultContext()
+    for feed_time in (*rng.uniform(-0.05, 0.45, 60), 0.0, 0.39, 0.385, 0.005, np.nan):
+        block.GetInputPort("feed_time").FixValue(context, [feed_time])
+        found = block.GetOutputPort("taught").Eval(context)
+        np.testing.assert_array_equal(found[:6], -taught.at(feed_time))
+        assert found[6] == (taught.counts_at(feed_time) if np.isfinite(feed_time) else 0.0)

@@ -7,7 +7,7 @@ measure of the posture is compared with the force error that results, by rank co
 The model errors are not white noise. For each of several robots, the model that its owner has
 identified is wrong in its inertial parameters and knows of friction only Coulomb and viscous parts,
 while the true joints have stiction, Stribeck's rise, load dependence and ripple (the
-`simulated_truth` of robot.yaml). So the torque error is a function of posture, velocity and
+plain truth of the arm). So the torque error is a function of posture, velocity and
 wrench. The inertial errors are those that an identification leaves, of such a size that each
 joint's RMSE becomes that of the article's cross-validation (section 4.1).
 """
@@ -34,6 +34,7 @@ from models.estimation.wrench import WrenchReconstructionConfig, live_prior, rec
 from models.friction.true_friction import DryFriction
 from models.rigid_body.conditioning import condition_number, singular_values
 from models.robot.robot import Robot
+from models.truth.true_robot import plain_truth
 
 NUM_POSTURES, NUM_POSTURES_QUICK = 2000, 400
 NUM_MODELS = 20  # identified models; each posture meets one of them
@@ -295,7 +296,8 @@ def bootstrap(
 
 def run(context: ExperimentContext) -> ExperimentResult:
     """The experiment `metrics-compare` of `study`."""
-    robot = Robot.load("sts_sre4_600")
+    # Friction as a closed form of posture, velocity and load: no joint has a past here.
+    robot = plain_truth(Robot.load("sts_sre4_600"))
     num_postures = NUM_POSTURES_QUICK if context.quick else NUM_POSTURES
     count = NUM_BOOTSTRAP_QUICK if context.quick else NUM_BOOTSTRAP
     draws = draw(robot, context.seed, num_postures, lambda f, what: context.progress(0.3 * f, what))

@@ -240,7 +240,7 @@ def _comparison() -> list[ComparisonRow]:
             f"{law}.repeated_share",
             "",
             None,
-            "of its mean square; in our simulation an air pass takes two thirds off the error",
+            "of its mean square; of plain simulated friction an air pass takes two thirds off",
         )
         for law in LAWS
     ]

@@ -6,7 +6,8 @@ E and off it (`analyses.methods.reading.contact_trials`), a log of hand collisio
 the arm at rest, and a simulated arm that is pushed while it moves. Logs that move one joint at a
 time count for false alarms alone.
 
-In sight when the statistic was settled: 15harm50sec, 10harm and those of joints 1, 3 and 5.
+In sight when the statistic was settled: 15harm50sec, 10harm and those of joints 1, 3 and 5; the
+stop that ends 7harm (the rule for jumps of motor torque); the pushes at rest (the rule for rest).
 
 Nobody labelled the collisions. COLLISIONS are the stretches in which the current of joints 1 to 3
 differs from that of `collision_free` at the same place of the path by far more than elsewhere.

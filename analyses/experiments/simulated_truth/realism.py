@@ -1,7 +1,7 @@
 """Experiment `realism`: is the simulated UR10e as unkind as the real one?
 
 Every real log has a simulated twin: the same commanded motion (the log's own positions,
-low-passed), the true joints of `hard_truth.yaml`, the same rows. A model is identified on the same
+low-passed), the true joints of its robot.yaml, the same rows. A model is identified on the same
 three runs of each arm, in the same way, and the same statistics of what it leaves are compared,
 joint by joint.
 
@@ -39,8 +39,6 @@ from analyses.study.experiment import (
 )
 from models.arrays import Array
 from models.recordings.recording_reader import read_recording
-from models.robot.robot import Robot
-from models.truth.true_robot import hard_truth
 
 MORE = "ur10e_more"  # below the data folder
 AIM = 0.25  # by which a simulated statistic may differ from the real one
@@ -48,7 +46,7 @@ AIM = 0.25  # by which a simulated statistic may differ from the real one
 
 def run(context: ExperimentContext) -> ExperimentResult:
     """Simulates the twins, identifies both arms, compares."""
-    robot = hard_truth(Robot.load("ur10e"))
+    robot = context.robot("ur10e")
     recordings = {}
     for name in (*FIT, *CHECKED, LOADED, STILL, *PASSES):
         own = context.data / FOLDER / f"{name}.csv"

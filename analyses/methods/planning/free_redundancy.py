@@ -60,7 +60,7 @@ class Surroundings:
 
     def free(self, q: Array) -> bool:
         """Whether nothing is nearer than it may be at q (n,)."""
-        return all(slack >= 0.0 for slack, _ in self.clearance.slacks(q, self.clearance.margin))
+        return self.clearance.is_free(q)
 
     def with_ends(self, problem: RedundancyProblem, q: Array) -> Array:
         """q (N, n) with the postures in which E comes and goes along the normal.

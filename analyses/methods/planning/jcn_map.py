@@ -18,6 +18,7 @@ from analyses.output.axes import log_scale
 from analyses.output.figures import COLOUR, new_figure, save_figure
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
+from diagrams.distances.clearance import Clearance
 from diagrams.pages.cloud_page import write_cloud_page
 from models.arrays import Array
 from models.files.input_error import InputError
@@ -30,6 +31,7 @@ from models.robot.robot import Robot
 
 THRESHOLD = 11.0  # the article's figure of a good configuration
 MOST_SAMPLES = 10_000_000  # of q alone 0.6 GB
+_LOOKED_AT = 1000  # configurations that tell how many hit something: a share to 1.5 %
 _CHUNK = 250_000  # samples between two signs of progress
 _SCALE = (9.0, 100.0)  # of the colours
 _CLOUD, _SCATTER = 40_000, 20_000  # points that a picture shows
@@ -84,6 +86,7 @@ class Slice:
         metrics: dict[str, Any] = {
             "points": best.size,
             "reached_pct": 100.0 * float(np.mean(reached)),
+            "in_collision_pct": 100.0 * float(np.mean(self.postures.hits)),
         }
         if np.any(reached):
             i = self.best_point()
@@ -140,12 +143,14 @@ def slice_plane(
     config: SliceConfig,
     reach: Array,
     progress: Callable[[float, str], None] = lambda fraction, what: None,
+    is_free: Callable[[Array], bool] | None = None,
 ) -> Slice:
     """The best condition number at each point of a plane.
 
     Args:
         reach: (3,) largest |x|, |y| and |z| of E, m; sets the square where the configuration does
             not.
+        is_free: whether the arm hits nothing at q (n,); without it all postures count.
 
     Raises:
         InputError: a plane, cone or grid that makes no sense.
@@ -166,6 +171,7 @@ def slice_plane(
         config.cone_axis,
         math.radians(config.cone_deg),
         progress=lambda fraction: progress(fraction, "slice"),
+        is_free=is_free,
     )
     return Slice(config, ("xyz"[first], "xyz"[second]), u, u, postures)
 
@@ -236,7 +242,10 @@ def _map_into(
         progress=lambda fraction, what: progress(0.2 * fraction, what),
     )
     metrics: dict[str, Any] = {**samples.metrics(), "seed": seed, "within_limits": within_limits}
-    notices = []
+    notices: list[str] = []
+    clearance = _clearance(robot, notices)
+    if clearance is not None:
+        metrics["free"] = free_figures(samples, clearance)
     with folder.atomic("samples.npz") as partial, partial.open("wb") as file:
         np.savez(file, q=samples.q, jcn=samples.jcn, p_WE=samples.p_WE)
     draw_cloud(samples, folder / "figures" / "workspace.png")
@@ -254,12 +263,23 @@ def _map_into(
             plane,
             np.max(np.abs(samples.p_WE), axis=0),
             lambda fraction, what: progress(0.2 + 0.8 * fraction, what),
+            None if clearance is None else clearance.is_free,
         )
         metrics["slice"] = cut.metrics()
+        if cut.postures.hits.any():
+            notices.append(
+                f"{np.count_nonzero(cut.postures.hits)} of {cut.postures.best.size} points of the "
+                "slice are reached only where the arm hits itself or the floor: grey in the map"
+            )
         found = cut.postures
         with folder.atomic("slice.npz") as partial, partial.open("wb") as file:
             np.savez(
-                file, p_WE=found.p_WE, jcn=found.best, direction_W=found.direction_W, q=found.q
+                file,
+                p_WE=found.p_WE,
+                jcn=found.best,
+                direction_W=found.direction_W,
+                q=found.q,
+                in_collision=found.hits,
             )
         draw_slice(cut, folder / "figures" / "slice.png")
     folder.write_json("metrics.json", {**metrics, "notices": notices})
@@ -272,6 +292,32 @@ def _map_into(
     )
     folder.write_settings("config.yaml", settings)
     return JcnMapResult(samples, cut, metrics, tuple(notices))
+
+
+def _clearance(robot: Robot, notices: list[str]) -> Clearance | None:
+    if robot.unusable_collisions:
+        lost = ", ".join(robot.unusable_collisions)
+        notices.append(f"collisions are not looked at: no shape for {lost}")
+        return None
+    clearance = Clearance(robot, 0.0, robot.floor)
+    if not clearance.has_shapes:
+        notices.append(f"{robot.name} has no collision shapes: collisions are not looked at")
+        return None
+    notices += [f"{pair} overlap at home: they are not looked at" for pair in clearance.overlapping]
+    return clearance
+
+
+def free_figures(samples: Samples, clearance: Clearance) -> dict[str, Any]:
+    """How many configurations hit the arm itself or the floor, by the first 1000; the best free."""
+    hits = np.array([not clearance.is_free(q) for q in samples.q[:_LOOKED_AT]])
+    order = np.argsort(samples.jcn, kind="stable")[:_LOOKED_AT]
+    best = (k for k in order if clearance.is_free(samples.q[k]))
+    k = next(best, None)
+    return {
+        "looked_at": len(hits),
+        "in_collision_pct": 100.0 * float(hits.mean()),
+        "min": None if k is None else float(samples.jcn[k]),
+    }
 
 
 def record(robot: Robot, samples: Samples, path: Path) -> None:
@@ -359,12 +405,17 @@ def draw_slice(cut: Slice, path: Path) -> None:
     cells = ax.pcolormesh(
         cut.u, cut.v, cut.jcn, norm=LogNorm(*_SCALE), cmap="viridis", shading="nearest"
     )
+    if cut.postures.hits.any():
+        hit = np.where(cut.postures.hits.reshape(cut.jcn.shape), 1.0, np.nan)
+        ax.pcolormesh(cut.u, cut.v, hit, cmap="Greys", vmin=0.0, vmax=2.5, shading="nearest")
+        ax.plot([], [], "s", color="#b8b8b8", label="only where the arm hits itself or the floor")
     if np.nanmin(cut.jcn, initial=np.inf) < THRESHOLD < np.nanmax(cut.jcn, initial=-np.inf):
         ax.contour(cut.u, cut.v, cut.jcn, levels=[THRESHOLD], colors="white", linewidths=1.2)
     if np.any(np.isfinite(cut.postures.best)):
         p = cut.postures.p_WE[cut.best_point()]
         first, second = ("xyz".index(name) for name in cut.axes)
         ax.plot(p[first], p[second], "o", color="#d55e00", label=f"best: {np.nanmin(cut.jcn):.2f}")
+    if ax.get_legend_handles_labels()[0]:
         figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center")
     ax.set_aspect("equal")
     ax.set_xlabel(f"{cut.axes[0]} [m]")

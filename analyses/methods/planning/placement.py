@@ -21,8 +21,10 @@ from analyses.output.axes import log_scale
 from analyses.output.figures import COLOUR, SERIES, new_figure
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
-from diagrams.distances.placement_cell import PlacementCell, obstacle_corners, workpiece_corners
-from diagrams.pages.path_page import PathMotion, TriangleMesh, write_path_page
+from diagrams.distances.coming_and_going import distance_of_ends, sentence_of_ends, with_floor
+from diagrams.distances.placement_cell import PlacementCell
+from diagrams.pages.cell_picture import cell_picture
+from diagrams.pages.path_page import PathMotion, write_path_page
 from models.arrays import Array
 from models.estimation.wrench import WrenchReconstructionConfig, live_prior
 from models.files.configuration import nearest
@@ -48,6 +50,7 @@ OBJECTIVES = ("jcn", "force-sd")
 PLACE_SOLVERS = (*SOLVERS, "pso-ga")
 _ROUNDING = 1e-9  # m and rad; constraints are kept to 1e-7
 _HALF_TURN = 1e-9  # of a quaternion's w: a rotation by half a turn
+_FREE_SEEDS = 3  # searches for a free placement that can also be come to and left
 FINE = 10  # points between two of the path's, where it is looked at closely
 
 EFFORT = SearchEffort()
@@ -334,33 +337,48 @@ def _with_free(
     progress: Callable[[float, str], None] = lambda fraction, what: None,
 ) -> PlacementResult:
     """The result with its smallest distance; where its arm overlaps, the best free placement."""
-    robot, config = result.robot, ClearanceConfig()
+    robot = result.robot
+    config = with_floor(robot, ClearanceConfig())
     cell = PlacementCell(robot, config)
     best = _profile(result.task, robot, result.measure, cell, result.best.placement)
     if best is None or best.smallest_distance is None:
         return result
     result = replace(result, best=best)
-    if best.smallest_distance >= 0.0:
+    comes = distance_of_ends(robot, cell, best.fine)
+    if min(best.smallest_distance, comes) >= 0.0:
         return result
-    overlap = -1e3 * best.smallest_distance
-    notices = [f"the arm overlaps itself by {overlap:.0f} mm: the task asks for no clearance"]
+    notices = [f"coming or going {sentence_of_ends(comes)}: the task asks for no clearance"]
+    if best.smallest_distance < 0.0:
+        overlap = -1e3 * best.smallest_distance
+        hit = f"the arm overlaps itself or the floor by {overlap:.0f} mm"
+        notices = [f"{hit}: the task asks for no clearance"]
     task = replace(result.task, clearance=config)
-    try:
-        found = place(
-            task,
-            source,
-            robot,
-            objective=result.objective,
-            solver=result.solver,
-            seed=result.seed,
-            model=model,
-            method=method,
-            progress=lambda fraction, what: progress(fraction, f"free of collision: {what}"),
+    free: Profile | None = None
+    for seed in range(result.seed, result.seed + _FREE_SEEDS):
+        try:
+            found = place(
+                task,
+                source,
+                robot,
+                objective=result.objective,
+                solver=result.solver,
+                seed=seed,
+                model=model,
+                method=method,
+                progress=lambda fraction, what: progress(fraction, f"free of collision: {what}"),
+            ).best
+        except InputError as error:
+            notices.append(f"no placement is free: {error}")
+            break
+        comes = distance_of_ends(robot, cell, found.fine)
+        free = found if free is None or comes >= 0.0 else free
+        if comes >= 0.0:
+            break
+    else:
+        notices.append(
+            f"the free placement is free along its path; coming or going {sentence_of_ends(comes)}"
         )
-    except InputError as error:
-        notices.append(f"no placement is free: {error}")
-        return replace(result, notices=(*result.notices, *notices))
-    return replace(result, free=found.best, notices=(*result.notices, *notices))
+    return replace(result, free=free, notices=(*result.notices, *notices))
 
 
 def write_placement(folder: OutputFolder, result: PlacementResult, settings: PlaceSettings) -> None:
@@ -394,7 +412,13 @@ def write_placement_page(
     if with_initial and result.initial is not None:
         motions.append(PathMotion("initial", result.initial.fine.q, result.initial.fine_jcn))
     motions.append(PathMotion("optimised", result.best.fine.q, result.best.fine_jcn))
-    write_path_page(result.robot, motions, path, title, workpiece=_picture(result))
+    write_path_page(
+        result.robot,
+        motions,
+        path,
+        title,
+        workpiece=cell_picture(result.task.clearance, result.best.placement),
+    )
 
 
 def draw_profiles(
@@ -573,28 +597,3 @@ def _postures_csv(result: PlacementResult) -> str:
         numbers = [i / (len(fine.q) - 1), *p[i], *row, jcn[i]]
         lines.append(",".join(repr(float(number)) for number in numbers))
     return "\n".join(lines) + "\n"
-
-
-def _picture(result: PlacementResult) -> TriangleMesh | None:
-    """Workpiece and obstacles of the optimised placement, as one mesh."""
-    clearance = result.task.clearance
-    if clearance is None:
-        return None
-    placement = result.best.placement
-    boxes = []
-    if clearance.workpiece is not None:
-        boxes.append(
-            workpiece_corners(clearance, placement.n_W, placement.p_WM, placement.quaternion)
-        )
-    boxes += [obstacle_corners(obstacle) for obstacle in clearance.obstacles]
-    if not boxes:
-        return None
-    faces = np.array(
-        [
-            [0, 1, 2], [0, 2, 3], [4, 6, 5], [4, 7, 6], [0, 4, 5], [0, 5, 1],
-            [1, 5, 6], [1, 6, 2], [2, 6, 7], [2, 7, 3], [3, 7, 4], [3, 4, 0],
-        ],
-        dtype=np.int32,
-    )  # fmt: skip
-    triangles = np.concatenate([faces + 8 * i for i in range(len(boxes))]).astype(np.int32)
-    return TriangleMesh(np.concatenate(boxes), triangles)

@@ -5,7 +5,7 @@ stiff position control, which knows the nominal model only; the observer's outpu
 `models.machining.air_pass` takes off later.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -13,8 +13,10 @@ from pydrake.systems.analysis import Simulator
 
 from analyses.methods.advance import advance, even_stretches
 from analyses.methods.arms.simulated_logs import TRACKING
+from analyses.methods.runs.fast_runs import is_free, run_free
 from diagrams.closed_loop import make_closed_loop
 from diagrams.scenario import HoldMotion, Scenario
+from models.arrays import Array
 from models.estimation.estimator import Taught, WrenchEstimator, WrenchEstimatorConfig
 from models.identification.identified_model import IdentifiedModel
 from models.machining.air_pass import LEAD, TaughtTorque
@@ -54,10 +56,15 @@ def record_air_pass(
         wrench=[],
         floor=False,
     )
+    known = IdentifiedModel.nominal(robot)
+    if is_free(free, robot):
+        t, signals = run_free(free, robot, known, motion)
+        progress(1.0, "air pass")
+        return _recorded(t, signals)
     loop = make_closed_loop(
         free,
         robot,
-        IdentifiedModel.nominal(robot),
+        known,
         trajectory=motion,
         log_only=("q", "v", "current"),
         with_estimator=False,
@@ -69,7 +76,10 @@ def record_air_pass(
         even_stretches(free.duration, _STRETCH),
         lambda share: progress(share, "air pass"),
     )
-    t, signals = loop.logged(simulator.get_context())
+    return _recorded(*loop.logged(simulator.get_context()))
+
+
+def _recorded(t: Array, signals: Mapping[str, Array]) -> Recording:
     return Recording(
         t=t, q=signals["q"], v=signals["v"], current=signals["current"], source="air pass"
     )

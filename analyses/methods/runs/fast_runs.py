@@ -12,6 +12,7 @@ from diagrams.scenario import Scenario, make_trajectory
 from models.arrays import Array
 from models.control.wrench_script import WrenchScript
 from models.identification.identified_model import IdentifiedModel
+from models.motion.paths import JointTrajectory
 from models.robot.robot import Robot
 from models.signals.gaussian_noise import gaussian_noise
 from models.signals.low_pass import LowPass
@@ -36,7 +37,10 @@ def is_free(scenario: Scenario, robot: Robot) -> bool:
 
 
 def run_free(
-    scenario: Scenario, robot: Robot, model: IdentifiedModel
+    scenario: Scenario,
+    robot: Robot,
+    model: IdentifiedModel,
+    trajectory: JointTrajectory | None = None,
 ) -> tuple[Array, dict[str, Array]]:
     """Times (T,) and signals (T, size) of the scenario: q, v, current, wrench_true, tau_f_true and,
     where there is such a sensor, ft_wrench.
@@ -45,11 +49,12 @@ def run_free(
         scenario: for which `is_free` holds.
         robot: with its simulated truth.
         model: that the controller knows.
+        trajectory: of the joints, in the place of the scenario's motion.
     """
     assert isinstance(scenario.controller, JointTrackingConfig)
     log = simulate_free_arm(
         robot,
-        make_trajectory(scenario, robot),
+        make_trajectory(scenario, robot) if trajectory is None else trajectory,
         drive_servo(robot, model, scenario.controller),
         scenario.time_step,
         scenario.seed,

@@ -73,10 +73,16 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
         plan, taught = None, None
         for feedback, scenario in scenarios.items():
             assert scenario.machining is not None
+            process = scenario.machining.process
+            varies = replace(process.variations, seed=process.variations.seed + context.seed)
             own = replace(
                 scenario,
                 seed=scenario.seed + context.seed,
-                machining=replace(scenario.machining, one_way=one_way),
+                machining=replace(
+                    scenario.machining,
+                    one_way=one_way,
+                    process=replace(process, variations=varies),
+                ),
             )
 
             def told(share: float, what: str, start: float = done, feed: float = feed) -> None:
@@ -290,6 +296,9 @@ def findings(task: MachiningTask, metrics: Mapping[str, Any]) -> list[str]:
         "over all ways counts that as agreement. Within a way, its mean taken off, the article's "
         f"method correlates by {_row(metrics, 'article.within_ways.correlation')}, ours by "
         f"{_row(metrics, 'ours.within_ways.correlation')}: how well each follows a varying force.",
+        "The force varies along a way by itself: waviness, patches of material, run-out, entry and "
+        "exit (`models.machining.process_variations`); `variations: {enabled: false}` is a steady "
+        "process, in which hardly anything but the feed's direction changes.",
         "Ours reads with what a pass through the air has taught, just above the surface along the "
         "same motion: what the observer reads there is the model's error and is taken off (eq. 4, "
         "on the observer's output). What contact itself changes is left: friction that grows with "

@@ -12,6 +12,7 @@ class SimulateSettings:
     robot: str | None = None  # instead of the scenario's; a bundled name, or a robot.yaml
     motion: str | None = None  # a trajectory.yaml of `excite`, instead of the scenario's motion
     model: str | None = None  # a model.yaml; None: see analyses.methods.runs.simulation.known_model
+    truth: str = "own"  # what the arm truly is: own, of its robot.yaml; or plain friction alone
     seed: int | None = None  # instead of the scenario's
     duration_s: float | None = None  # instead of the scenario's
     quick: bool = False  # at most a second

@@ -24,6 +24,7 @@ from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
 from analyses.output.outputs import OutputFolder
 from analyses.output.result_folder import result_folder
 from diagrams.closed_loop import ClosedLoop, make_closed_loop
+from diagrams.distances.machining_way import overlaps
 from diagrams.graph import write_graph
 from diagrams.kept_signals import KeptSignals
 from diagrams.machining import longest_duration, make_machining_path, view_of
@@ -36,6 +37,7 @@ from diagrams.scenario import (
     load_scenario,
     make_trajectory,
 )
+from diagrams.truth.hard_joints import hard_joints
 from models.arrays import Array, Flags
 from models.excitation.fourier_trajectory import FourierTrajectory
 from models.files.input_error import InputError
@@ -48,6 +50,7 @@ from models.recordings.recording import Recording
 from models.recordings.recording_writer import write_recording
 from models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
 from models.robot.robot import Robot
+from models.truth.true_robot import with_truth_named
 from systems.impedance_controller import ImpedanceConfig
 
 if TYPE_CHECKING:
@@ -235,6 +238,7 @@ def simulate_scenario(
     model_path: Path | None = None,
     *,
     motion_path: Path | None = None,
+    truth: str = "own",
     seed: int | None = None,
     duration: float | None = None,
     quick: bool = False,
@@ -253,13 +257,14 @@ def simulate_scenario(
         model_path: a model.yaml; without it see `known_model`.
         motion_path: a trajectory.yaml of `excite`, in the place of the scenario's motion and for
             its duration; in the default scenario nothing then touches the arm.
+        truth: of the arm, one of `models.robot.truth_config.TRUTHS`.
         seed, duration: in the place of the scenario's.
         quick: at most a second.
         record: whether to write recording.html.
 
     Raises:
-        InputError: as `load_scenario`, `Robot.load`, `IdentifiedModel.load`, `result_folder`; what
-            does not fit together.
+        InputError: as `load_scenario`, `Robot.load`, `with_truth_named`, `IdentifiedModel.load`,
+            `result_folder`; what does not fit together.
     """
     with result_folder(out, "simulate") as folder:
         result = _simulate_into(
@@ -268,6 +273,7 @@ def simulate_scenario(
             robot_name,
             model_path,
             motion_path,
+            truth,
             seed,
             duration,
             quick,
@@ -285,6 +291,7 @@ def _simulate_into(
     robot_name: str | Path | None,
     model_path: Path | None,
     motion_path: Path | None,
+    truth: str,
     seed: int | None,
     duration: float | None,
     quick: bool,
@@ -311,7 +318,7 @@ def _simulate_into(
         scenario = replace(scenario, machining=machining)
     elif quick:
         scenario = replace(scenario, duration=min(scenario.duration, _QUICK_DURATION))
-    robot = Robot.load(scenario.robot)
+    robot = with_truth_named(Robot.load(scenario.robot), truth)
     model = None if model_path is None else IdentifiedModel.load(Path(model_path), robot)
     notices: tuple[str, ...] = ()
     if robot_name is not None and robot.config.tool is None and scenario.force_torque_sensor:
@@ -344,6 +351,7 @@ def _simulate_into(
         robot=scenario.robot,
         motion=None if motion_path is None else str(motion_path),
         model=None if model_path is None else str(model_path),
+        truth=truth,
         seed=scenario.seed,
         duration_s=scenario.duration,
         quick=quick,
@@ -395,7 +403,11 @@ def simulate(
     if scenario.machining is not None:
         check_scenario(scenario)
         plan = make_machining_path(scenario, robot)
-        longest = longest_duration(plan, scenario.machining.phases)
+        phases = scenario.machining.phases
+        if scenario.workpiece is not None:
+            hit = overlaps(robot, plan, phases, scenario.workpiece)
+            notices += [overlap.sentence() for overlap in hit]
+        longest = longest_duration(plan, phases)
         scenario = replace(scenario, duration=min(scenario.duration, longest))
     trajectory = make_trajectory(scenario, robot) if plan is None else plan.trajectory
     if model is None:
@@ -467,8 +479,8 @@ def known_model(
     """What a Coulomb-viscous model can know at best: true inertias, and the true friction fitted.
 
     The fit is over the velocities and loads of the scenario's own motion (over 0.02 to 0.5 rad/s
-    for a joint that stays at rest), as an identification along it would find. Stiction, ripple and
-    what bends the friction curve are left over.
+    for a joint that stays at rest), as an identification along it would find, on the same day.
+    Stiction, ripple and what bends the friction curve are left over.
     """
     model = IdentifiedModel.nominal(robot)
     friction = true_friction(scenario, robot)
@@ -481,7 +493,9 @@ def known_model(
     spread = np.linspace(*_FIT_RANGE, _FIT_SAMPLES)
     v[:, at_rest] = spread[:, np.newaxis]
     moving[:, at_rest] = True
-    torque = friction.sliding_torque(v, robot.chain.inverse_dynamics(q, v, vdot))
+    joints = hard_joints(scenario, robot)
+    load = robot.chain.inverse_dynamics(q, v, vdot)
+    torque = (friction if joints is None else joints).sliding_torque(v, load)
     law = np.zeros((robot.num_joints, 2))
     for i in range(robot.num_joints):
         part = moving[:, i]

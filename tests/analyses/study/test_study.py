@@ -263,7 +263,9 @@ def test_results_of_others_stay_if_they_belong_together(experiments, run, tmp_pa
     assert set(_read(tmp_path / "study" / "timings.json")) == {"one", "two"}
 
 
-@pytest.mark.parametrize("other", [{"seed": 2}, {"seed": 1, "quick": True}])
+@pytest.mark.parametrize(
+    "other", [{"seed": 2}, {"seed": 1, "quick": True}, {"seed": 1, "truth": "plain"}]
+)
 def test_results_of_another_seed_or_length_are_left_out_but_not_harmed(
     experiments, run, tmp_path, other
 ):
@@ -292,8 +294,32 @@ def _why(run, **options):
     return seen[0].what, {o.name: o.state for o in result.outcomes}["one"]
 
 
+@pytest.mark.parametrize("truth", ["own", "plain"])
+def test_an_experiment_is_given_the_truth_that_was_asked(experiments, run, truth):
+    body = """    truth = context.robot("sts_sre4_600").config.simulated_truth
+    return measured(context, plain=truth.mechanisms is None)"""
+    experiments("one", body=body)
+    result = run("one", truth=truth)
+    assert result.metrics["one"]["plain"] is (truth == "plain")
+    assert result.outcomes[0].stored["truth"] == truth
+    said = result.report.read_text()
+    assert ("plain friction alone" in said) is (truth == "plain")
+    assert ("--truth plain" in said) is (truth == "plain")
+
+
+def test_an_unknown_truth_is_refused(experiments, run):
+    experiments("one")
+    with pytest.raises(InputError, match="'soft', expected own or plain"):
+        run("one", truth="soft")
+
+
 @pytest.mark.parametrize(
-    ("options", "why"), [({"seed": 2}, "the seed"), ({"quick": True}, "the length")]
+    ("options", "why"),
+    [
+        ({"seed": 2}, "the seed"),
+        ({"quick": True}, "the length"),
+        ({"truth": "plain"}, "the simulated truth"),
+    ],
 )
 def test_other_options_run_it_again(experiments, run, options, why):
     experiments("one")

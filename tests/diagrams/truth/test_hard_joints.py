@@ -15,17 +15,17 @@ from models.identification.identified_model import IdentifiedModel
 from models.robot.robot import Robot
 from models.robot.robot_config import PoseConfig
 from models.robot.truth_config import MechanismsConfig, MotorConfig
-from models.truth.true_robot import hard_truth
+from models.truth.true_robot import plain_truth
 
 
 @pytest.fixture(scope="module")
 def plain():
-    return Robot.load("sts_sre4_600")
+    return plain_truth(Robot.load("sts_sre4_600"))
 
 
 @pytest.fixture(scope="module")
-def robot(plain):
-    return hard_truth(plain)
+def robot():
+    return Robot.load("sts_sre4_600")
 
 
 def test_only_full_friction_has_mechanisms(plain, robot):

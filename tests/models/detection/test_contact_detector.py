@@ -16,6 +16,7 @@ from models.detection.contact_noise_fit import fit_contact_noise
 from models.detection.contact_statistic import QUIET, SAMPLE_LENGTH
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.wrench import WrenchReconstructionConfig
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.contact_noise import ContactNoise
 from models.identification.identified_model import IdentifiedModel, Validity
 from models.identification.torque_error_fit import HeldOutReading
@@ -252,6 +253,24 @@ def test_what_a_jump_of_motor_torque_reads_as_is_no_contact(sts, model, torque_s
     ]
     assert Detection.of(out[0]).contact[first]
     assert not Detection.of(out[1]).contact.any()
+
+
+def test_at_rest_stiction_hides_no_push_beyond_the_breakaway(sts, model):
+    """Stiction of 2.3 N m, of which changes in motion hold six tenths, and no noise beside it."""
+    one = np.ones(N)
+    high = ExceedanceTail(level=1e3, rate_per_hour=1.0, scale=1.0, shape=0.0)
+    tail = ExceedanceTail(level=16.0, rate_per_hour=1800.0, scale=6.0, shape=0.0)
+    shares = [[0.1, 0.0, 0.0, 0.0, 0.0, 0.6, 0.0]] * N
+    told = ContactNoise([1.0] * N, [0.6] * N, T, 0.1, high, high, high, shares, tail)
+    friction = SemiParametricFriction(CoulombViscous(2.0 * one, 4.0 * one, 0.0 * one))
+    error = replace(model.torque_error, resolution=1e-4 * one)
+    arm = replace(model, friction=friction, torque_error=error, contact_noise=told)
+    for late, size in ((0, 3.0), (150, 8.0)):  # within the breakaway of 4 N m, beyond it
+        read = np.zeros((300, N))
+        read[late:, 0] = size
+        _, found = judged(detector_of(arm, sts), arm, sts, read)
+        assert found.contact.any() == (size > 4.0)
+    assert np.flatnonzero(found.contact)[0] == 150
 
 
 def test_held_readings_leave_everything_as_it_was(sts, model):

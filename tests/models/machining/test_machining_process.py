@@ -10,7 +10,14 @@ from models.machining.machining_process import (
     add_unbalance_force,
     advance_feed,
     advance_process,
+    advance_varying_process,
     cutting_force,
+)
+from models.machining.process_variations import (
+    ChatterConfig,
+    VariationsConfig,
+    WorkpieceContact,
+    vary,
 )
 
 
@@ -58,14 +65,52 @@ def test_the_feed_follows_the_tangential_velocity_with_its_lag():
 def test_a_tick_takes_the_contact_and_keeps_the_last_normal():
     constants, T = table(lag=0.02), 1e-3
     V_WE = np.array([9.0, 9.0, 9.0, 0.03, -0.01, 0.02])
-    state = np.array([50.0, 0.0, 0.0, 1.0, 0.0, 0.01, 0.0])
+    state = np.array([50.0, 0.0, 0.0, 1.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.0])
     contact = np.array([31.0, 0.0, 0.6, 0.8])
     for normal_force, n in ((31.0, contact[1:]), (0.0, contact[1:].copy())):
-        feed = state[4:].copy()
+        feed = state[4:7].copy()
         advance_feed(constants, T, n, V_WE[3:], feed)
         advance_process(constants, T, contact, V_WE, state)
-        np.testing.assert_array_equal(state, [normal_force, *n, *feed])
+        force = cut(constants, normal_force, feed)
+        np.testing.assert_array_equal(state, [normal_force, *n, *feed, *force])
         contact[:] = 0.0
+
+
+def varying(**changes):
+    contact = WorkpieceContact(
+        2e5, 1.0, 0.2, np.eye(3), np.zeros(3), np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    )
+    return MachiningProcess(ProcessConfig(**changes), contact=contact)
+
+
+def test_a_varying_process_is_the_steady_one_varied():
+    """At the tick's end, at the tool's place, with the feed's own direction."""
+    process, T, t = varying(), 1e-3, 0.1234
+    variations = process.variations
+    parts = (
+        *(variations.table, variations.waviness, variations.patches),
+        *(variations.pose, variations.ends),
+    )
+    contact, p_WE = np.array([31.0, 0.0, 0.6, 0.8]), np.array([0.2, 0.1, 0.0])
+    V_WE = np.array([0.0, 0.0, 0.0, 0.03, 0.0, 0.0])
+    state, steady = process.initial_state, np.zeros(10)
+    for _ in range(30):
+        advance_varying_process(process.table, *parts, T, t, contact, V_WE, p_WE, state)
+        advance_process(process.table, T, contact, V_WE, steady)
+    np.testing.assert_array_equal(state[:7], steady[:7])
+    expected, feed = steady[7:].copy(), steady[4:7]
+    direction = feed / math.sqrt(feed @ feed + 2e-3**2)
+    vary(*parts, t + T, 31.0, contact[1:], direction, p_WE, np.zeros(0), expected)
+    np.testing.assert_allclose(state[7:], expected, rtol=1e-12)
+    assert np.linalg.norm(expected - steady[7:]) > 0.1
+
+
+def test_a_process_varies_where_the_workpiece_is_known_and_it_is_asked_for():
+    assert MachiningProcess(ProcessConfig()).variations is None
+    assert varying(variations=VariationsConfig(enabled=False)).variations is None
+    assert varying().initial_state.shape == (10,)
+    remembers = varying(variations=VariationsConfig(chatter=ChatterConfig(ratio=0.1)))
+    assert remembers.initial_state.shape[0] > 10 + 20  # a turn of 20 ticks
 
 
 def test_unbalance_turns_across_the_spindle():

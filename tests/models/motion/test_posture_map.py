@@ -3,6 +3,7 @@ import math
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from models.arrays import Array
 from models.motion.posture_map import best_postures, turns_with_last_joint
 from models.motion.posture_measures import ConditionNumber
 from models.robot.robot import Robot
@@ -66,3 +67,26 @@ def test_a_tool_across_joint_6_is_turned_as_well(sts: Robot) -> None:
     R = frame_about(DOWN) @ turn @ frame_about(np.array([1.0, 0.0, 0.0])).T
     q = all_branches(sts, R, np.tile(point, (120, 1)))
     assert found.best[0] < 1.02 * np.min(measure.values(q[np.isfinite(q[..., 0])]))
+
+
+def test_what_hits_something_is_passed_over(sts: Robot) -> None:
+    points = np.array([[0.4, 0.1, 0.3], [0.3, -0.3, 0.2], [2.0, 0.0, 0.3]])
+    angle = math.radians(20.0)
+
+    class WithoutElbowUp(ConditionNumber):
+        """The oracle: what is not free is infinitely bad."""
+
+        def values(self, q: Array) -> Array:
+            return np.where(q[:, 2] > 0.0, super().values(q), np.inf)
+
+    chosen = best_postures(sts, WithoutElbowUp(sts.chain), points, DOWN, angle)
+    measure = ConditionNumber(sts.chain)
+    whole = best_postures(sts, measure, points, DOWN, angle)
+    free = best_postures(sts, measure, points, DOWN, angle, is_free=lambda q: bool(q[2] > 0.0))
+    np.testing.assert_array_equal(free.q, chosen.q)
+    np.testing.assert_array_equal(free.best, chosen.best)
+    assert np.all(free.q[:2, 2] > 0.0) and not np.all(whole.q[:2, 2] > 0.0)
+    assert not free.hits.any() and not whole.hits.any()
+    none = best_postures(sts, measure, points, DOWN, angle, is_free=lambda q: False)
+    assert np.isnan(none.best).all()
+    np.testing.assert_array_equal(none.hits, [True, True, False])

@@ -14,12 +14,12 @@ from models.motion.paths import JointTrajectory
 from models.robot.robot import Robot
 from models.truth import free_arm
 from models.truth.free_arm import simulate_free_arm
-from models.truth.true_robot import hard_truth
+from models.truth.true_joints import TrueJoints
 
 
 @pytest.fixture(scope="module")
 def robot():
-    return hard_truth(Robot.load("sts_sre4_600"))
+    return Robot.load("sts_sre4_600")
 
 
 def swing(robot, duration=0.6, amplitude=0.3):
@@ -93,7 +93,7 @@ def test_the_encoders_start_where_the_motion_does(robot):
 @pytest.mark.parametrize("name", ["sts_sre4_600", "ur10e"])
 def test_a_long_rest_stays_at_rest(name):
     """Numerically stable at 1 ms: nothing rings or drifts where nothing is asked to move."""
-    arm = hard_truth(Robot.load(name))
+    arm = Robot.load(name)
     t, n = np.array([0.0, 10.0]), arm.num_joints
     home, zero = np.tile(arm.home, (2, 1)), np.zeros((2, n))
     servo = drive_servo(arm, IdentifiedModel.nominal(arm))
@@ -109,3 +109,31 @@ def test_a_warm_arm_needs_less(robot):
         log = simulate_free_arm(robot, swing(robot), servo, start_rise=np.full(6, rise))
         work.append(float((log.tau_f_true * log.v_true).sum()))
     assert work[1] < 0.97 * work[0]
+
+
+def test_friction_at_steady_speed_is_the_stated_curve(robot):
+    """Where only a past makes the difference: springs that are not yet bent, the warming joint."""
+    truth = robot.config.simulated_truth
+    mechanisms = dataclasses.replace(
+        truth.mechanisms,
+        wander=None,
+        ripple=None,
+        motor=dataclasses.replace(truth.mechanisms.motor, cogging_amplitude=[]),
+        day=3,
+    )
+    friction = dataclasses.replace(truth.friction, ripple_amplitude=[])
+    arm = robot.with_truth(dataclasses.replace(truth, friction=friction, mechanisms=mechanisms))
+    servo = drive_servo(arm, IdentifiedModel.nominal(arm))
+    log = simulate_free_arm(arm, swing(arm, 4.0), servo)
+    joints = TrueJoints.of(arm, 1e-3)
+    expected = joints.sliding_torque(log.v_true, log.tau_J_true - log.tau_f_true)
+    # The same way for .1 s already: the last spring gives way after 1.2 mrad.
+    moving = np.zeros(log.v_true.shape, dtype=bool)
+    moving[100:] = log.v_true[100:] * log.v_true[:-100] > 0.05**2
+    assert moving.sum(axis=0).min() > 200
+    for i in range(6):
+        part = moving[:, i]
+        # On its way a spring lags the falling and rising level by its reach: 1 % at this motion.
+        np.testing.assert_allclose(log.tau_f_true[part, i], expected[part, i], rtol=0.02)
+    driven = (log.v_true * (log.tau_J_true - log.tau_f_true))[moving] > 0.0
+    assert 0.1 < driven.mean() < 0.9  # loads that drive the motion, and that it drives

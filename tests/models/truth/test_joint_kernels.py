@@ -244,6 +244,25 @@ def test_the_gear_bends_like_a_damped_oscillator():
     assert q[0] == bench.q[0]
 
 
+def test_a_push_on_the_link_bends_the_gear_and_then_the_friction_s_springs():
+    """Friction is before the gear: the motor gives way by the slip's springs, the link by both."""
+    stiffness, slip = 1e4, 4e4
+    joints = one_joint(
+        ((1.0, slip, 1.0 - 1e-12),),
+        drive=(1.0, 0.0, 1.0 / stiffness, 2 * np.pi * 8.0),
+        stiction=10.0,
+        coulomb=10.0,
+        viscous=100.0,
+    )
+    bench = Bench(joints)
+    for _ in range(6000):
+        bench.tick(0.0, tau_ext=3.0)
+    assert bench.signals[TAU_F, 0] == pytest.approx(3.0, rel=1e-4)
+    assert bench.q[0] == pytest.approx(3.0 / slip + 3.0 / stiffness, rel=1e-3)
+    motor = bench.q[0] + bench.state[DEFLECTION, 0]
+    assert motor == pytest.approx(3.0 / slip, rel=1e-3)
+
+
 def test_before_its_first_tick_a_gear_is_bent_by_the_weight():
     joints = one_joint(drive=(1.0, 0.0, 1e-4, 50.0))
     q, v = np.empty(1), np.empty(1)

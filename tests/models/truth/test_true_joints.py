@@ -18,12 +18,12 @@ from models.robot.truth_config import (
 )
 from models.truth.joint_kernels import COULOMB, GAIN, POLE, RIPPLES, STICTION, VISCOUS
 from models.truth.true_joints import TrueJoints
-from models.truth.true_robot import hard_truth, has_hard_truth
+from models.truth.true_robot import PLAIN, plain_truth
 
 
 @pytest.fixture(scope="module")
 def robot():
-    return Robot.load("sts_sre4_600")
+    return plain_truth(Robot.load("sts_sre4_600"))
 
 
 def with_mechanisms(robot, **mechanisms):
@@ -40,6 +40,12 @@ def test_without_mechanisms_the_table_is_the_plain_truth(robot):
     np.testing.assert_array_equal(joints.table[:, GAIN], robot.torque_per_ampere)
     np.testing.assert_array_equal(joints.table[:, POLE], 0.0)
     np.testing.assert_array_equal(joints.compliance, 0.0)
+
+
+def test_mechanisms_of_coupled_motors_are_refused(coupled_wrist):
+    assert len(TrueJoints.of(coupled_wrist, 1e-3).table) == 6
+    with pytest.raises(InputError, match="coupled"):
+        TrueJoints.of(with_mechanisms(coupled_wrist, day=1), 1e-3)
 
 
 def test_days_differ_by_the_stated_share_and_a_day_is_always_the_same(robot):
@@ -88,9 +94,11 @@ def test_what_is_out_of_range_is_named(robot, mechanism, place):
         TrueJoints.of(with_mechanisms(robot, **mechanism), 1e-3)
 
 
-@pytest.mark.parametrize("name", [n for n in bundled_robots() if has_hard_truth(Robot.load(n))])
-def test_the_hard_preset_has_every_mechanism(name):
-    hard = hard_truth(Robot.load(name))
+@pytest.mark.parametrize(
+    "name", [n for n in bundled_robots() if (Robot.load(n).source.parent / PLAIN).is_file()]
+)
+def test_a_truth_beside_a_plain_one_has_every_mechanism(name):
+    hard = Robot.load(name)
     mechanisms = hard.config.simulated_truth.mechanisms
     for field in dataclasses.fields(MechanismsConfig):
         absent = field.name == "payload" and Robot.load(name).config.tool is None

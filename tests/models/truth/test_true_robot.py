@@ -10,12 +10,12 @@ from models.files.input_error import InputError
 from models.robot.robot import Robot
 from models.robot.robot_config import ToolConfig
 from models.robot.truth_config import KinematicsConfig, MechanismsConfig, PayloadConfig
-from models.truth.true_robot import hard_truth, true_robot
+from models.truth.true_robot import plain_truth, true_robot, with_truth_named
 
 
 @pytest.fixture(scope="module", params=["sts_sre4_600", "ur10e"])
 def robot(request):
-    return Robot.load(request.param)
+    return plain_truth(Robot.load(request.param))
 
 
 def built(robot, **errors):
@@ -79,5 +79,23 @@ def test_bad_input(robot, tmp_path):
     with pytest.raises(InputError, match=r"payload\.factor"):
         true_robot(robot.with_truth(truth))
     elsewhere = Robot(robot.config, tmp_path / "robot.yaml", robot._urdf)
-    with pytest.raises(InputError, match="hard_truth"):
-        hard_truth(elsewhere)
+    (tmp_path / "plain_truth.yaml").write_text("friction: {stiction: [1.0]}")
+    with pytest.raises(InputError, match=r"friction\.stiction: 1 numbers"):
+        plain_truth(elsewhere)
+    with pytest.raises(InputError, match="'soft', expected own or plain"):
+        with_truth_named(robot, "soft")
+
+
+@pytest.mark.parametrize("name", ["sts_sre4_600", "ur10e", "panda"])
+def test_the_plain_truth_is_dry_friction_alone(name):
+    robot = Robot.load(name)
+    plain = with_truth_named(robot, "plain")
+    assert with_truth_named(robot, "own") is robot
+    assert plain.config.simulated_truth.mechanisms is None
+    assert true_robot(plain) is plain
+    np.testing.assert_array_less(0.0, plain.truth.stiction)
+    # Nothing that an estimator may read has changed.
+    same = dataclasses.replace(plain.config, simulated_truth=robot.config.simulated_truth)
+    assert same == robot.config
+    if name != "panda":  # its own truth is plain
+        assert true_robot(robot) is not robot

@@ -8,7 +8,6 @@ import pytest
 from models.files.input_error import InputError
 from models.robot.robot import Robot
 from models.robot.truth_config import JointFrictionConfig, SimulatedTruthConfig
-from models.truth.true_robot import hard_truth
 from models.truth.worlds import (
     ABSOLUTE,
     MOST_JOINTS,
@@ -52,10 +51,11 @@ def test_every_draw_lies_in_its_range_with_the_truth_s_own_as_the_median():
         assert abs((values < middle).mean() - 0.5) < 0.1  # four standard deviations
 
 
-def test_a_world_changes_the_truth_and_nothing_else(sts: Robot):
+def test_a_world_changes_the_truth_and_nothing_else():
+    sts = Robot.load("sts_sre4_600")
     world = draw_world(0, 4)
     robot = world.robot(sts)
-    about, truth = hard_truth(sts).config.simulated_truth, robot.config.simulated_truth
+    about, truth = sts.config.simulated_truth, robot.config.simulated_truth
     factor = {name: values[0] for name, values in world.factors.items()}
     lubrication = about.mechanisms.lubrication
     close = {"rtol": 1e-12}

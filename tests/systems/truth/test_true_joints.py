@@ -11,13 +11,12 @@ from models.signals.gaussian_noise import gaussian_noise
 from models.truth.free_arm import VELOCITY_STREAM, WANDER_STREAM
 from models.truth.joint_kernels import EXTERNAL, SIGNALS, encoder_reading, joint_tick
 from models.truth.true_joints import TrueJoints
-from models.truth.true_robot import hard_truth
 from systems.truth.true_joints import TrueJointsSystem
 
 
 @pytest.fixture(scope="module")
 def robot():
-    return hard_truth(Robot.load("sts_sre4_600"))
+    return Robot.load("sts_sre4_600")
 
 
 @pytest.fixture(scope="module")

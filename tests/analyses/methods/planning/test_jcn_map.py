@@ -11,6 +11,7 @@ from analyses.__main__ import app
 from analyses.methods.planning.jcn_map import jcn_map, sample, slice_plane
 from analyses.methods.planning.jcn_map_settings import SliceConfig
 from analyses.output.result_marker import MARKER
+from diagrams.distances.clearance import Clearance
 from models.files.input_error import InputError
 from models.robot.robot import Robot
 
@@ -125,3 +126,34 @@ def test_an_arm_of_five_joints_is_refused(
 def test_no_samples_are_refused(sts: Robot) -> None:
     with pytest.raises(InputError, match="--samples: 0, expected 1 to 10000000"):
         sample(sts, 0, 0)
+
+
+def test_postures_that_hit_something_are_passed_over_and_counted(
+    sts: Robot, tmp_path: Path
+) -> None:
+    plane = SliceConfig("z", 0.1, num_points=7, extent=0.5)
+    text = sts.source.read_text().replace("urdf: ", f"floor: 0.25\nurdf: {sts.source.parent}/")
+    (tmp_path / "robot.yaml").write_text(text)
+    on_ground = jcn_map("sts_sre4_600", tmp_path / "a", 2_000, plane=plane)
+    # Above a floor at .25 m no point of a plane at .1 m is reached without going through it.
+    raised = jcn_map(str(tmp_path / "robot.yaml"), tmp_path / "b", 2_000, plane=plane)
+    reached, hits = [], []
+    for result in (on_ground, raised):
+        assert result.plane is not None
+        postures = result.plane.postures
+        reached.append(np.isfinite(postures.best))
+        hits.append(postures.hits)
+        assert result.metrics["slice"]["in_collision_pct"] == 100.0 * postures.hits.mean()
+    assert not reached[1].any()
+    np.testing.assert_array_equal(hits[1], reached[0] | hits[0])
+    assert any(f"{hits[1].sum()} of 49 points" in notice for notice in raised.notices)
+    clearance = Clearance(sts, 0.0)
+    assert on_ground.plane is not None
+    assert all(clearance.is_free(q) for q in on_ground.plane.postures.q[reached[0]])
+    free = on_ground.metrics["free"]
+    expected = [clearance.is_free(q) for q in on_ground.samples.q[:1000]]
+    assert free["in_collision_pct"] == pytest.approx(100.0 * (1.0 - np.mean(expected)))
+    best = on_ground.samples.q[on_ground.samples.jcn == free["min"]]
+    assert clearance.is_free(best[0])
+    better = on_ground.samples.q[on_ground.samples.jcn < free["min"]]
+    assert not any(clearance.is_free(q) for q in better)

@@ -2,6 +2,7 @@ import csv
 import dataclasses
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from analyses.methods.planning.placement import (
     place_task,
 )
 from analyses.output.result_marker import MARKER
+from diagrams.distances.clearance import Clearance
 from models.estimation.wrench import WrenchReconstructionConfig, live_prior
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
@@ -24,6 +26,7 @@ from models.placement.placement_search import SearchEffort
 from models.placement.placement_task import (
     ClearanceConfig,
     ObstacleConfig,
+    PlacementTask,
     WorkpieceConfig,
     load_task,
 )
@@ -211,3 +214,46 @@ def test_the_command_prints_the_placement(tmp_path: Path) -> None:
     assert "10.97" in result.stdout
     assert "59.5668" in result.stdout
     assert "local optima: 10.97" in result.stdout
+
+
+@pytest.mark.slow
+def test_a_free_placement_is_looked_for_where_the_best_one_dips_into_the_floor(
+    sts: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[tuple[int, ClearanceConfig | None]] = []
+    found: list[PlacementResult] = []
+
+    def quickly(task: PlacementTask, *args: Any, **options: Any) -> PlacementResult:
+        asked.append((options["seed"], task.clearance))
+        if task.clearance is not None:  # what is found then is the search's own matter
+            return found[0]
+        found.append(place(task, *args, **{**options, "effort": SMALL}))
+        return found[-1]
+
+    monkeypatch.setattr("analyses.methods.planning.placement.place", quickly)
+    plain = place_task("linear_path", tmp_path / "plain")
+    # As it is, nothing is hit: no other placement is looked for.
+    assert asked == [(0, None)] and plain.free is None
+    assert plain.best.smallest_distance is not None and plain.best.smallest_distance > 0.0
+    lowest = float(sts.chain.pose(plain.best.fine.q)[1][:, 2].min())
+    floor = round(lowest - 0.09, 3)  # E is above it, the housing behind E is not
+    text = sts.source.read_text().replace("urdf: ", f"urdf: {sts.source.parent}/")
+    (tmp_path / "robot.yaml").write_text(f"{text}floor: {floor}\n")
+    asked.clear()
+    result = place_task("linear_path", tmp_path / "out", tmp_path / "robot.yaml")
+    assert result.best.smallest_distance is not None and result.best.smallest_distance < 0.0
+    overlap = f"itself or the floor by {-1e3 * result.best.smallest_distance:.0f} mm"
+    assert overlap in " ".join(result.notices)
+    beside = Clearance(result.robot, 0.0, floor)
+    assert any(beside.reaches_floor(q) for q in result.best.fine.q)
+    # The floor is among what the free one must keep from; one that cannot be come to is not taken
+    # without a word, and other seeds are tried before.
+    assert [seed for seed, _ in asked] == [0, 0, 1, 2]
+    for _, clearance in asked[1:]:
+        assert clearance is not None
+        (slab,) = clearance.obstacles
+        assert slab.pose.xyz[2] + 0.5 * slab.size[2] == pytest.approx(floor)
+    assert result.free is found[0].best
+    assert any("coming or going" in notice for notice in result.notices)
+    metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
+    assert "free" in metrics

@@ -14,7 +14,6 @@ from analyses.methods.realism.comparison import (
 )
 from models.recordings.recording import Recording
 from models.robot.robot import Robot
-from models.truth.true_robot import hard_truth
 
 
 def test_no_log_settles_and_judges():
@@ -27,7 +26,7 @@ def test_ratios_are_simulated_over_real():
 
 
 def test_every_log_has_its_twin_and_checked_ones_further_days():
-    robot = hard_truth(Robot.load("ur10e"))
+    robot = Robot.load("ur10e")
     t = 0.01 * np.arange(120)
     q = np.asarray(robot.home) + 0.1 * (1 - np.cos(2 * np.pi * t / 1.2))[:, None]
     log = Recording(t=t, q=q, v=np.gradient(q, 0.01, axis=0), current=0.0 * q, source="real")

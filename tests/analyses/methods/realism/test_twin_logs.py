@@ -7,12 +7,11 @@ from analyses.methods.realism.twin_logs import commanded_motion, twin_log
 from models.recordings.recording import Recording
 from models.robot.robot import Robot
 from models.robot.robot_config import ToolConfig
-from models.truth.true_robot import hard_truth
 
 
 @pytest.fixture(scope="module")
 def robot():
-    return hard_truth(Robot.load("ur10e"))
+    return Robot.load("ur10e")
 
 
 @pytest.fixture(scope="module")

@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
+from analyses.methods.runs import air_pass
+from analyses.methods.runs.air_pass import record_air_pass
 from analyses.methods.runs.fast_runs import is_free, run_free, sensed
 from analyses.methods.runs.task_runs import task_scenario
 from diagrams.closed_loop import make_closed_loop
 from diagrams.scenario import load_scenario
 from models.identification.identified_model import IdentifiedModel
+from models.motion.paths import JointTrajectory
 from models.robot.robot import Robot
 from models.truth.worlds import draw_world
 from systems.force_torque_sensor import ForceTorqueSensorConfig
@@ -46,6 +49,21 @@ def test_it_is_the_closed_loop_tick_by_tick(robot):
         ("ft_wrench", 1e-3),
     ):
         np.testing.assert_allclose(found[name], signals[name], atol=size, err_msg=name)
+
+
+def test_an_air_pass_is_the_closed_loops(robot, monkeypatch):
+    """The motion is not the scenario's own; .3 s of it from the lead on."""
+    scenario = load_scenario("PolishingSensorless")
+    t = np.linspace(0.0, 0.3, 31)
+    q = robot.home + 0.01 * np.outer(t**2, np.ones(6))
+    motion = JointTrajectory.from_positions(t, q)
+    fast = record_air_pass(scenario, robot, motion, 3)
+    monkeypatch.setattr(air_pass, "is_free", lambda scenario, robot: False)
+    slow = record_air_pass(scenario, robot, motion, 3)
+    np.testing.assert_allclose(fast.t, slow.t, atol=1e-12)
+    assert np.ptp(slow.q, axis=0).min() > 5e-4
+    for name, size in (("q", 2e-6), ("v", 1e-6), ("current", 3e-3)):  # see above
+        np.testing.assert_allclose(getattr(fast, name), getattr(slow, name), atol=size)
 
 
 def test_a_sensor_that_is_ideal_is_a_tick_late():

@@ -6,14 +6,19 @@ import pytest
 
 from analyses.methods.runs.simulation import known_model, simulate, simulate_scenario
 from analyses.output.result_marker import visible_files
+from diagrams.distances.clearance import ClosestPair
+from diagrams.distances.machining_way import Overlap
 from diagrams.robot_cell import true_friction
 from diagrams.scenario import HoldMotion, JointSineMotion, Scenario, load_scenario
 from models.control.wrench_script import WrenchStep
 from models.estimation.estimator import WrenchEstimator
+from models.excitation.fourier_trajectory import FourierTrajectory
+from models.files.configuration import save_configuration
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
 from models.machining.machining_phases import Fault, Phase
 from models.recordings.recording_reader import read_recording
+from models.robot.robot import Robot
 from systems.joint_tracking_controller import JointTrackingConfig
 
 
@@ -64,8 +69,9 @@ def test_metrics_file_is_the_result(written):
     assert not any("time" in key for key in metrics)  # nothing of the machine's speed
 
 
-def test_what_was_simulated_can_be_estimated_from_its_log(written, sts):
+def test_what_was_simulated_can_be_estimated_from_its_log(written):
     result, out, _ = written
+    sts = Robot.load("sts_sre4_600")
     log = read_recording(out / "log.csv", robot=sts)
     np.testing.assert_array_equal(log.q, result.q)
     np.testing.assert_array_equal(log.current, result.current)
@@ -223,3 +229,36 @@ def test_machining_without_a_sensor_reads_with_what_an_air_pass_taught(sts):
         assert metrics["valid"][f"max_error_{axis}_n"] <= metrics[f"max_error_{axis}_n"]
     untaught = simulate(replace(scenario, machining=replace(machining, air_pass=0.0)), sts)
     assert untaught.valid.mean() > 0.9  # it does not know what it does not know
+
+
+def test_what_a_pass_would_hit_is_said(sts, monkeypatch):
+    scenario = load_scenario("Polishing")
+    machining = replace(scenario.machining, one_way=2.0, ramp=0.5, air_pass=0.0)
+    scenario = replace(scenario, machining=machining, duration=0.02)
+
+    def at_the_lift(robot, plan, phases, workpiece):
+        assert (robot, phases, workpiece) == (sts, machining.phases, scenario.workpiece)
+        return (Overlap("lift", ClosestPair("link_3", "workpiece", -0.012, -0.012, 0.0)),)
+
+    monkeypatch.setattr("analyses.methods.runs.simulation.overlaps", at_the_lift)
+    (said,) = [text for text in simulate(scenario, sts).notices if "overlaps" in text]
+    assert said.startswith("the lift overlaps: link_3 and workpiece by 12 mm")
+
+
+def test_the_motion_that_excite_found_is_run_and_nothing_touches_the_arm(sts, tmp_path):
+    t = np.arange(0.0, 1.0, 0.001)
+    sine, cosine = [[0.2, -0.1]] * 6, [[-0.2, 0.2]] * 6
+    motion = FourierTrajectory(1.0, sts.home, np.array(sine), np.array(cosine))
+    path = tmp_path / "trajectory.yaml"
+    save_configuration(motion.coefficients(sts.name), path)
+    result = simulate_scenario(
+        "Default", tmp_path / "out", sts.name, motion_path=path, duration=0.3, record=False
+    )
+    assert result.scenario.wrench == [] and result.scenario.workpiece is None
+    assert np.abs(result.wrench_true).max() == 0.0
+    planned = motion.sample(result.t)[0]
+    assert np.ptp(planned, axis=0).min() > 0.1 and t[-1] > result.t[-1]
+    np.testing.assert_allclose(result.q, planned, atol=0.02)  # a servo's error, rad
+    save_configuration(motion.coefficients("another"), path)
+    with pytest.raises(InputError, match="made for 'another', not for 'sts_sre4_600'"):
+        simulate_scenario("Default", tmp_path / "b", sts.name, motion_path=path, record=False)

@@ -1,0 +1,86 @@
+"""Does an arm hit itself, the floor or the workpiece where it machines, coming and going included?
+
+Looked at before anything moves: the approach from its start to the farthest that contact is looked
+for, the pass itself, and the lift. The tool may touch the workpiece, other links may not.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from diagrams.distances.clearance import Clearance, ClosestPair
+from diagrams.distances.coming_and_going import moved_along
+from diagrams.scenario import BladeConfig, PlateConfig
+from models.arrays import Array
+from models.files.input_error import InputError
+from models.machining.machining_path import MachiningPath
+from models.machining.machining_phases import PhasesConfig
+from models.robot.robot import Robot
+
+_POSTURES = 60  # of the pass
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """A part of the way on which something is hit.
+
+    Attributes:
+        part: approach, pass or lift.
+        pair: the two that overlap most.
+    """
+
+    part: str
+    pair: ClosestPair
+
+    def sentence(self) -> str:
+        """One line for the user."""
+        depth = -1e3 * self.pair.distance
+        return (
+            f"the {self.part} overlaps: {self.pair.first} and {self.pair.second} by {depth:.0f} mm "
+            "(meshes count as their convex hulls); move the workpiece"
+        )
+
+
+def postures_of_pass(robot: Robot, plan: MachiningPath, phases: PhasesConfig) -> dict[str, Array]:
+    """Postures (N, n) by part: approach, pass and lift.
+
+    Raises:
+        InputError: the arm cannot lift that far.
+    """
+    q = plan.trajectory.q
+    approach = moved_along(
+        robot, plan.q_start, plan.path.n_W[0], -(phases.standoff + phases.search)
+    )
+    last = 0 if plan.s[-1] < 0.5 else -1
+    try:
+        lift = moved_along(robot, q[-1], plan.path.n_W[last], phases.lift)
+    except InputError as error:
+        raise InputError(
+            "machining",
+            "phases.lift",
+            f"{robot.name} cannot lift {phases.lift:g} m off the end of the pass",
+            "move the workpiece, or lift less",
+        ) from error
+    some = np.unique(np.linspace(0, len(q) - 1, _POSTURES).round().astype(int))
+    return {"approach": approach, "pass": q[some], "lift": lift}
+
+
+def overlaps(
+    robot: Robot,
+    plan: MachiningPath,
+    phases: PhasesConfig,
+    workpiece: PlateConfig | BladeConfig,
+) -> tuple[Overlap, ...]:
+    """The parts of a pass on which something is hit; none where the arm has no shapes.
+
+    Raises:
+        InputError: as `postures_of_pass`.
+    """
+    parts = postures_of_pass(robot, plan, phases)
+    clearance = Clearance(robot, 0.0, robot.floor, workpiece)
+    found = []
+    for part, rows in parts.items():
+        pairs = [pair for q in rows for slack, pair in clearance.slacks(q, 0.0) if slack < 0.0]
+        if pairs:
+            found.append(Overlap(part, min(pairs, key=lambda pair: pair.distance)))
+    return tuple(found)

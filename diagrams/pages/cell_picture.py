@@ -1,0 +1,31 @@
+"""What stands in a cell around a placed path, as one mesh to draw."""
+
+import numpy as np
+
+from diagrams.distances.placement_cell import obstacle_corners, workpiece_corners
+from diagrams.pages.path_page import TriangleMesh
+from models.placement.placement_program import Placement
+from models.placement.placement_task import ClearanceConfig
+
+
+def cell_picture(clearance: ClearanceConfig | None, placement: Placement) -> TriangleMesh | None:
+    """Workpiece and obstacles of a placement; None where there are none."""
+    if clearance is None:
+        return None
+    boxes = []
+    if clearance.workpiece is not None:
+        boxes.append(
+            workpiece_corners(clearance, placement.n_W, placement.p_WM, placement.quaternion)
+        )
+    boxes += [obstacle_corners(obstacle) for obstacle in clearance.obstacles]
+    if not boxes:
+        return None
+    faces = np.array(
+        [
+            [0, 1, 2], [0, 2, 3], [4, 6, 5], [4, 7, 6], [0, 4, 5], [0, 5, 1],
+            [1, 5, 6], [1, 6, 2], [2, 6, 7], [2, 7, 3], [3, 7, 4], [3, 4, 0],
+        ],
+        dtype=np.int32,
+    )  # fmt: skip
+    triangles = np.concatenate([faces + 8 * i for i in range(len(boxes))]).astype(np.int32)
+    return TriangleMesh(np.concatenate(boxes), triangles)

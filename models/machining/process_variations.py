@@ -1,0 +1,410 @@
+"""What makes the force of machining vary: surface, material, spindle, the path's ends, chatter.
+
+All of it acts through the depth to which tool and workpiece press each other, and through what a
+newton of normal force takes along the feed.
+
+Contact. The simulator's contact knows the nominal surface. Tool and workpiece give way together by
+delta under F = c delta^p: p = 1 at a point of a plate of stiffness c; p = 2 and c = pi E where a
+ball of hydroelastic modulus E meets a rigid surface (its pressure E d / R at depth d, integrated
+over the spherical cap; the simulator's ball is a coarse mesh, and softer: 12 kN/m instead of 71 at
+40 N and 10 MPa). A surface that stands higher by h presses with
+
+    F' = c max(0, delta + h)^p,   delta = (F / c)^(1/p)
+
+and F' - F, at most F either way, is put on the tool along the normal. A slope of the real surface
+turns the contact's force as well, by -F' grad h, so that waviness alone, like a spring's potential,
+takes no work round a closed path.
+
+Waviness and patches. A field over the workpiece's x and y is a sum of plane waves of random
+direction and phase, their lengths spread evenly over the logarithm of a band (spectral
+representation: M. Shinozuka and G. Deodatis, Appl. Mech. Rev. 44 (4), 1991). Waviness is h itself.
+Patches of harder and softer material change the resistance to a unit of normal force, the friction
+and the cutting, by a factor exp(s g - s^2 / 2) of mean 1, with g of unit variance: the specific
+energy of a workpiece is not one number (S. Malkin and C. Guo, Grinding Technology, 2nd ed., ch. 5).
+
+Run-out. The spindle's axial error motion moves the tool by a cos(omega t) along its axis, once a
+turn (ISO 230-7); h gets as much.
+
+Entry and exit. Stock to be removed begins and ends a margin inside the ends of the path, across it.
+The tool's round contact zone runs into it, and only the share of the zone over stock cuts: a
+circle's segment beyond a straight edge (immersion, as in milling: Y. Altintas, Manufacturing
+Automation, 2nd ed., ch. 2).
+
+Chatter. What a turn of the tool has left behind is met by the next. With y the tool's vibration out
+of the surface, T a turn and m the overlap of two turns,
+
+    h_c = r (m y(t - T) - y(t)),   r = cutting stiffness / contact stiffness
+
+(Y. Altintas, ch. 4; J. Tlusty and M. Polacek, Proc. ASME Int. Research in Production Engineering,
+1963; overlap in grinding: I. Inasaki, B. Karpuschewski, H.-S. Lee, CIRP Annals 50 (2), 2001). A
+mode of damping ratio z whose spring is the contact chatters, for some speed of the spindle, where
+r > 2 z (1 + z) (`chatter_limit`). The tool leaves the surface before a vibration grows without end:
+F' is not negative (J. Tlusty and F. Ismail, CIRP Annals 30 (1), 1981).
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numba import njit
+
+from models.arrays import Array
+from models.files.input_error import InputError
+
+NUM_WAVES = 24  # of a field
+_REACH = 8  # entries of the memory of chatter before its first turn
+
+# Entries of ProcessVariations.table.
+(
+    _STIFFNESS,
+    _EXPONENT,
+    _FRICTION,
+    _SPREAD,
+    _RUN_OUT,
+    _OMEGA,
+    _ZONE,
+    _MARGIN,
+    _CHATTER,
+    _OVERLAP,
+    _SLOW,
+    _TURN,
+) = range(12)
+_SLOWLY, _FILLED, _NEXT, _TRACE = range(4)  # entries of the memory; the trace goes on to its end
+
+
+@dataclass
+class WavinessConfig:
+    """How far the real surface strays from the nominal one."""
+
+    height: float = 1e-5  # m, root mean square
+    shortest: float = 0.008  # m, wavelength
+    longest: float = 0.06  # m, wavelength
+
+
+@dataclass
+class PatchesConfig:
+    """How much the resistance to a unit of normal force changes from place to place."""
+
+    spread: float = 0.25  # standard deviation of its logarithm
+    shortest: float = 0.02  # m, wavelength
+    longest: float = 0.12  # m, wavelength
+
+
+@dataclass
+class RunOutConfig:
+    """Axial error motion of the spindle, once a turn."""
+
+    amplitude: float = 2e-6  # m
+
+
+@dataclass
+class EngagementConfig:
+    """Where along the path there is stock to be removed."""
+
+    zone: float = 0.004  # m, radius of the tool's contact zone
+    margin: float = 0.01  # m, from an end of the path to the stock
+
+
+@dataclass
+class ChatterConfig:
+    """Regeneration of the surface from turn to turn of the spindle; off unless asked for."""
+
+    ratio: float = 0.0  # cutting stiffness over contact stiffness; 0: none
+    overlap: float = 1.0  # share of a turn's trace that the next one meets, 0 to 1
+    corner: float = 5.0  # Hz; slower motion is the feed's and the force control's, no vibration
+
+
+@dataclass
+class VariationsConfig:
+    """What makes the force of machining vary; each part is off at zero."""
+
+    enabled: bool = True  # false: the steady process of the article
+    seed: int = 1  # of surface and material
+    waviness: WavinessConfig = field(default_factory=WavinessConfig)
+    patches: PatchesConfig = field(default_factory=PatchesConfig)
+    run_out: RunOutConfig = field(default_factory=RunOutConfig)
+    engagement: EngagementConfig = field(default_factory=EngagementConfig)
+    chatter: ChatterConfig = field(default_factory=ChatterConfig)
+
+
+@dataclass(frozen=True, eq=False)
+class WorkpieceContact:
+    """What the law must know of the workpiece.
+
+    Attributes:
+        stiffness: c of F = c delta^exponent, N/m^exponent.
+        exponent: p, 1 or 2.
+        friction: Coulomb's, of the simulator's contact.
+        R_WP, p_WP: (3, 3) and (3,) m, pose of the workpiece's frame P.
+        ends: (2, 3) m, where the path begins and ends, in W.
+    """
+
+    stiffness: float
+    exponent: float
+    friction: float
+    R_WP: Array
+    p_WP: Array
+    ends: Array
+
+
+class ProcessVariations:
+    """The law of this module for one workpiece.
+
+    Attributes:
+        table: (12,) constants for the kernels.
+        waviness, patches: (NUM_WAVES, 4) plane waves: wave vector 1/m (2), phase, amplitude.
+        pose: (4, 3) rows of R_WP, then p_WP.
+        ends: (2, 3) m.
+        memory_size: numbers that chatter remembers.
+
+    Args:
+        config: how much of each.
+        contact: of the workpiece.
+        spindle_frequency: Hz.
+        time_step: s.
+        source: named in messages.
+
+    Raises:
+        InputError: a parameter out of range.
+    """
+
+    def __init__(
+        self,
+        config: VariationsConfig,
+        contact: WorkpieceContact,
+        spindle_frequency: float,
+        time_step: float,
+        source: str = "variations",
+    ) -> None:
+        check_variations(config, spindle_frequency, time_step, source)
+        chatter = config.chatter
+        turn = 1.0 / (spindle_frequency * time_step) if chatter.ratio > 0.0 else 0.0
+        self.table = np.array(
+            [
+                contact.stiffness,
+                contact.exponent,
+                contact.friction,
+                config.patches.spread,
+                config.run_out.amplitude,
+                2.0 * math.pi * spindle_frequency,
+                config.engagement.zone,
+                config.engagement.margin,
+                chatter.ratio,
+                chatter.overlap,
+                -math.expm1(-2.0 * math.pi * chatter.corner * time_step),
+                turn,
+            ]
+        )
+        surface, material = np.random.SeedSequence(config.seed).spawn(2)
+        w, m = config.waviness, config.patches
+        self.waviness = plane_waves(surface, w.height, w.shortest, w.longest)
+        self.patches = plane_waves(material, 1.0, m.shortest, m.longest)
+        self.pose = np.vstack([contact.R_WP, contact.p_WP])
+        self.ends = np.ascontiguousarray(contact.ends, dtype=np.float64)
+        self.memory_size = _TRACE + math.ceil(turn) + _REACH if chatter.ratio > 0.0 else 0
+
+
+def check_variations(
+    config: VariationsConfig, spindle_frequency: float, time_step: float, source: str
+) -> None:
+    """Raises InputError, naming `source`, for a number out of range."""
+    chatter, run_out = config.chatter, config.run_out
+    for name, value, low, high in (
+        ("waviness.height", config.waviness.height, 0.0, 1e-3),
+        ("waviness.shortest", config.waviness.shortest, 1e-3, 10.0),
+        ("waviness.longest", config.waviness.longest, config.waviness.shortest, 10.0),
+        ("patches.spread", config.patches.spread, 0.0, 2.0),
+        ("patches.shortest", config.patches.shortest, 1e-3, 10.0),
+        ("patches.longest", config.patches.longest, config.patches.shortest, 10.0),
+        ("run_out.amplitude", run_out.amplitude, 0.0, 1e-3),
+        ("engagement.zone", config.engagement.zone, 1e-4, 1.0),
+        ("engagement.margin", config.engagement.margin, 0.0, 1.0),
+        ("chatter.ratio", chatter.ratio, 0.0, 10.0),
+        ("chatter.overlap", chatter.overlap, 0.0, 1.0),
+        ("chatter.corner", chatter.corner, 0.01, 100.0),
+    ):
+        if not low <= value <= high:
+            raise InputError(source, name, f"{value:g}, expected {low:g} to {high:g}")
+    if not 0 <= config.seed < 2**31:
+        raise InputError(source, "seed", f"{config.seed}, expected 0 or more")
+    turns = max(run_out.amplitude, chatter.ratio) > 0.0 and config.enabled
+    if turns and spindle_frequency >= 0.5 / time_step:
+        raise InputError(
+            source,
+            "spindle_frequency",
+            f"{spindle_frequency:g} Hz is half the rate of a {time_step:g} s time_step or more: "
+            "the run-out would be seen at another frequency",
+            "take a shorter time_step, or neither run_out nor chatter",
+        )
+    if chatter.ratio > 0.0 and config.enabled and not spindle_frequency >= 1.0:
+        raise InputError(
+            source, "spindle_frequency", f"{spindle_frequency:g} Hz, and chatter needs 1 Hz or more"
+        )
+
+
+def plane_waves(seed: np.random.SeedSequence, rms: float, shortest: float, longest: float) -> Array:
+    """(NUM_WAVES, 4) waves whose sum has the root mean square `rms` over the plane.
+
+    Args:
+        seed: of directions and phases, and of the lengths within their shares of the band.
+        rms: of the field, in its own unit.
+        shortest, longest: m, wavelengths.
+    """
+    rng = np.random.default_rng(seed)
+    place = (np.arange(NUM_WAVES) + rng.uniform(size=NUM_WAVES)) / NUM_WAVES
+    number = 2.0 * np.pi / (shortest * (longest / shortest) ** place)
+    turn, phase = rng.uniform(0.0, 2.0 * np.pi, (2, NUM_WAVES))
+    amplitude = np.full(NUM_WAVES, rms * math.sqrt(2.0 / NUM_WAVES))
+    return np.column_stack([number * np.cos(turn), number * np.sin(turn), phase, amplitude])
+
+
+def chatter_limit(damping_ratio: float) -> float:
+    """The ratio of ChatterConfig up to which one mode is stable at any speed of the spindle.
+
+    With full overlap: b_lim = -1 / (2 K min Re G), and -min Re G = 1 / (4 k z (1 + z)) of a mode of
+    stiffness k (Altintas, ch. 4).
+    """
+    return 2.0 * damping_ratio * (1.0 + damping_ratio)
+
+
+@njit(cache=True, error_model="numpy")
+def field_at(waves: Array, x: float, y: float) -> tuple[float, float, float]:
+    """A sum of plane waves at x, y (m), and its derivatives in both."""
+    value, along_x, along_y = 0.0, 0.0, 0.0
+    for k in range(waves.shape[0]):
+        angle = waves[k, 0] * x + waves[k, 1] * y + waves[k, 2]
+        slope = -waves[k, 3] * math.sin(angle)
+        value += waves[k, 3] * math.cos(angle)
+        along_x += slope * waves[k, 0]
+        along_y += slope * waves[k, 1]
+    return value, along_x, along_y
+
+
+@njit(cache=True, error_model="numpy")
+def pressed(stiffness: float, exponent: float, force: float, height: float) -> float:
+    """The force (N) of a contact whose surface stands higher by `height` (m): 0 to twice `force`.
+
+    Args:
+        stiffness, exponent: c and p of force = c depth^p.
+        force: N, on the nominal surface.
+    """
+    if force <= 0.0:
+        return 0.0
+    depth = (force / stiffness) ** (1.0 / exponent) + height
+    if depth <= 0.0:
+        return 0.0
+    return float(min(stiffness * depth**exponent, 2.0 * force))
+
+
+@njit(cache=True, error_model="numpy")
+def share_over_edge(distance: float, radius: float) -> float:
+    """Share of a disc's area beyond a straight edge, its centre `distance` beyond it (m)."""
+    x = distance / radius
+    if x >= 1.0:
+        return 1.0
+    if x <= -1.0:
+        return 0.0
+    return float(1.0 - (math.acos(x) - x * math.sqrt(1.0 - x * x)) / math.pi)
+
+
+@njit(cache=True, error_model="numpy")
+def engagement(table: Array, ends: Array, p: Array) -> float:
+    """Share of the contact zone, its centre at p (3,) m, over stock: 0 to 1."""
+    length = 0.0
+    for i in range(3):
+        length += (ends[1, i] - ends[0, i]) ** 2
+    length = math.sqrt(length)
+    if length < 1e-9:
+        return 1.0
+    along = 0.0
+    for i in range(3):
+        along += (p[i] - ends[0, i]) * (ends[1, i] - ends[0, i]) / length
+    room = min(along, length - along) - table[_MARGIN]
+    return float(share_over_edge(room, table[_ZONE]))
+
+
+@njit(cache=True, error_model="numpy")
+def regenerated(table: Array, place: float, memory: Array) -> float:
+    """The height (m) that the last turn has left, and takes the tool's place into the memory.
+
+    Args:
+        place: m, of the tool out of the surface, from any fixed origin.
+        memory: of `memory_size`; zeros at the first contact, and again after it was lost.
+    """
+    if memory[_FILLED] == 0.0:
+        memory[_SLOWLY] = place
+    memory[_SLOWLY] += table[_SLOW] * (place - memory[_SLOWLY])
+    vibration = place - memory[_SLOWLY]
+    size = len(memory) - _TRACE
+    now = int(memory[_NEXT])
+    memory[_TRACE + now] = vibration
+    memory[_NEXT] = (now + 1) % size
+    memory[_FILLED] = min(memory[_FILLED] + 1.0, float(size))
+    # What is computed here acts at the next tick: a turn before that, between two ticks.
+    back = table[_TURN] - 1.0
+    whole = math.floor(back)
+    before = 0.0
+    if back >= 0.0 and memory[_FILLED] > whole + 1:
+        share = back - whole
+        later = memory[_TRACE + (now - whole) % size]
+        before = later + share * (memory[_TRACE + (now - whole - 1) % size] - later)
+    return float(table[_CHATTER] * (table[_OVERLAP] * before - vibration))
+
+
+@njit(cache=True, error_model="numpy")
+def vary(
+    table: Array,
+    waviness: Array,
+    patches: Array,
+    pose: Array,
+    ends: Array,
+    t: float,
+    normal_force: float,
+    n: Array,
+    direction: Array,
+    p: Array,
+    memory: Array,
+    force: Array,
+) -> None:
+    """Turns the cutting force of a steady process into that of this place and time, in place.
+
+    Args:
+        table, waviness, patches, pose, ends: of ProcessVariations.
+        t: s, when the force acts.
+        normal_force: N, of the simulator's contact.
+        n: (3,) normal out of the surface.
+        direction: (3,) of the feed, shorter than 1 where it hardly moves.
+        p: (3,) m, where the tool is, in W.
+        memory: (memory_size,), changed.
+        force: (3,) N, steady cutting force in W; becomes all that acts besides the simulator's
+            contact.
+    """
+    if normal_force <= 0.0:
+        memory[:] = 0.0
+        force[:] = 0.0
+        return
+    x, y = 0.0, 0.0
+    for i in range(3):
+        x += (p[i] - pose[3, i]) * pose[i, 0]
+        y += (p[i] - pose[3, i]) * pose[i, 1]
+    height, slope_x, slope_y = field_at(waviness, x, y)
+    height += table[_RUN_OUT] * math.cos(table[_OMEGA] * t)
+    if len(memory) > 0:
+        place = p[0] * n[0] + p[1] * n[1] + p[2] * n[2]
+        height += regenerated(table, place, memory)
+    push = pressed(table[_STIFFNESS], table[_EXPONENT], normal_force, height)
+    spread = table[_SPREAD]
+    factor = math.exp(spread * field_at(patches, x, y)[0] - 0.5 * spread * spread)
+    cutting = factor * engagement(table, ends, p) * push / normal_force
+    rubbing = table[_FRICTION] * (factor * push - normal_force)
+    along = 0.0
+    for i in range(3):
+        along += n[i] * (slope_x * pose[i, 0] + slope_y * pose[i, 1])
+    for i in range(3):
+        slope = slope_x * pose[i, 0] + slope_y * pose[i, 1] - along * n[i]
+        force[i] = (
+            cutting * force[i]
+            - rubbing * direction[i]
+            + (push - normal_force) * n[i]
+            - push * slope
+        )

@@ -1,0 +1,74 @@
+"""What a pass hits, coming and going included, before anything moves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagrams.distances.machining_way import overlaps, postures_of_pass
+from diagrams.machining import make_machining_path
+from diagrams.scenario import PlateConfig, Scenario, load_scenario
+from models.files.input_error import InputError
+from models.machining.machining_path import MachiningPath
+from models.robot.robot import Robot
+
+
+@pytest.fixture(scope="module")
+def polishing() -> Scenario:
+    scenario = load_scenario("Polishing")
+    assert scenario.machining is not None
+    short = replace(scenario.machining, one_way=2.0, ramp=0.5, air_pass=0.0)
+    return replace(scenario, machining=short)
+
+
+@pytest.fixture(scope="module")
+def plan(sts: Robot, polishing: Scenario) -> MachiningPath:
+    return make_machining_path(polishing, sts)
+
+
+def wide(scenario: Scenario) -> PlateConfig:
+    """The workpiece, so wide that the arm stands in it."""
+    assert isinstance(scenario.workpiece, PlateConfig)
+    return replace(scenario.workpiece, size=[3.0, 3.0, scenario.workpiece.size[2]])
+
+
+def test_approach_and_lift_go_along_the_normal(
+    sts: Robot, polishing: Scenario, plan: MachiningPath
+) -> None:
+    assert polishing.machining is not None
+    phases = polishing.machining.phases
+    parts = postures_of_pass(sts, plan, phases)
+    heights = {}
+    for part, end in (("approach", 0), ("lift", 0 if plan.s[-1] < 0.5 else -1)):
+        R_WE, p_WE = sts.chain.pose(parts[part])
+        np.testing.assert_allclose(R_WE - R_WE[0], 0.0, atol=1e-6)
+        away = p_WE - plan.path.p_WS[end]
+        heights[part] = away @ plan.path.n_W[end]
+        np.testing.assert_allclose(
+            away - np.outer(heights[part], plan.path.n_W[end]), 0.0, atol=1e-6
+        )
+    np.testing.assert_allclose(
+        heights["approach"][[0, -1]], [phases.standoff, -phases.search], atol=1e-6
+    )
+    np.testing.assert_allclose(heights["lift"][[0, -1]], [0.0, phases.lift], atol=1e-6)
+
+
+def test_the_bundled_pass_is_free_and_one_within_a_wide_plate_is_not(
+    sts: Robot, polishing: Scenario, plan: MachiningPath
+) -> None:
+    assert polishing.machining is not None and polishing.workpiece is not None
+    phases = polishing.machining.phases
+    assert overlaps(sts, plan, phases, polishing.workpiece) == ()
+    found = overlaps(sts, plan, phases, wide(polishing))
+    assert [overlap.part for overlap in found] == ["approach", "pass", "lift"]
+    assert all("workpiece" in (overlap.pair.first, overlap.pair.second) for overlap in found)
+    assert all("and workpiece by" in overlap.sentence() for overlap in found)
+
+
+def test_a_lift_out_of_reach_is_refused(
+    sts: Robot, polishing: Scenario, plan: MachiningPath
+) -> None:
+    assert polishing.machining is not None and polishing.workpiece is not None
+    phases = replace(polishing.machining.phases, lift=2.0)
+    with pytest.raises(InputError, match=r"phases.lift: .* cannot lift 2 m off the end"):
+        overlaps(sts, plan, phases, polishing.workpiece)
