@@ -91,7 +91,7 @@ class Kills:
 
     def fault(self, seed: int) -> tuple[str, str | None]:
         """Which signal ended the next run, and what went wrong; None if nothing did."""
-        rng = random.Random(seed)
+        rng = random.Random(f"{seed} {self._name}")  # not the numbers that chose the command
         number = rng.choice(_ENDS)
         share = 0.3 if self._name == STARTS else 1.1
         after = rng.uniform(0.0, share) * self._seconds
