@@ -269,7 +269,7 @@ def _map_into(
         if cut.postures.hits.any():
             notices.append(
                 f"{np.count_nonzero(cut.postures.hits)} of {cut.postures.best.size} points of the "
-                "slice are reached only where the arm hits itself or the floor: grey in the map"
+                "slice: no posture was found that hits neither arm nor floor; grey in the map"
             )
         found = cut.postures
         with folder.atomic("slice.npz") as partial, partial.open("wb") as file:
@@ -408,7 +408,9 @@ def draw_slice(cut: Slice, path: Path) -> None:
     if cut.postures.hits.any():
         hit = np.where(cut.postures.hits.reshape(cut.jcn.shape), 1.0, np.nan)
         ax.pcolormesh(cut.u, cut.v, hit, cmap="Greys", vmin=0.0, vmax=2.5, shading="nearest")
-        ax.plot([], [], "s", color="#b8b8b8", label="only where the arm hits itself or the floor")
+        ax.plot(
+            [], [], "s", color="#b8b8b8", label="no posture found that hits neither arm nor floor"
+        )
     if np.nanmin(cut.jcn, initial=np.inf) < THRESHOLD < np.nanmax(cut.jcn, initial=-np.inf):
         ax.contour(cut.u, cut.v, cut.jcn, levels=[THRESHOLD], colors="white", linewidths=1.2)
     if np.any(np.isfinite(cut.postures.best)):
