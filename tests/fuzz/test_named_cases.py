@@ -385,7 +385,9 @@ def test_a_urdf_beyond_all_robots(run, robot, old, new):
     ],
 )
 def test_inertias_beyond_all_robots_are_refused_where_they_count(run, robot, old, new):
-    file = robot(urdf=URDF.replace(old, new, 1))
+    """Of a link that moves: what stands on the floor may weigh what it likes."""
+    base, moving = URDF.split("</link>", 1)
+    file = robot(urdf=base + "</link>" + moving.replace(old, new, 1))
     run("simulate", "--robot", file, "--duration", "0.1", "--no-recording", "--out", "out")
 
 
