@@ -171,8 +171,8 @@ def findings(metrics: dict[str, Any]) -> list[str]:
         f"{_three(metrics['lag_alone_fast'])} N.",
         "No law here contains ripple over position and load dependence: they remain. With "
         f"`presliding` {_axes(metrics, 'presliding')} "
-        f"({_three(metrics['presliding'])} N): it knows elastic creep before sliding, which the "
-        "simulated arm's dry friction does not have, unlike the UR10e's.",
+        f"({_three(metrics['presliding'])} N): it knows elastic creep before sliding, which dry "
+        "friction (`--truth plain`) does not have.",
         f"With `force_only` {_axes(metrics, 'force_only')} ({_three(metrics['force_only'])} N): it "
         "trusts the light wrist joints most, and these hardly move on the article's paths (joint 4 "
         "rests on the optimised one), where a joint keeps back part of a push within its stiction.",

@@ -54,7 +54,9 @@ LAWS: Final = {
     "presliding": "presliding",
 }
 NONE: Final = "none"
-SIMULATED_SHARE: Final = 2.0 / 3.0  # of the error, that an air pass takes away in our simulation
+SIMULATED_SHARE: Final = (
+    2.0 / 3.0
+)  # of the error, taken away by an air pass of plain simulated friction
 _PLAIN_TOOLS = "plain tools"
 
 
@@ -285,14 +287,13 @@ def _notes(metrics: dict[str, Any]) -> list[str]:
         "What does not repeat is what the load itself brings: joint 2's friction grows with it, on "
         f"a plain law from {poor['plain']['torque_rmse_nm'][1]:.1f} to "
         f"{poor['taught']['torque_rmse_nm'][1]:.1f} N m only; the first pass is without it.",
-        "For the claims on machining: in our simulation an air pass takes away "
-        f"{100 * SIMULATED_SHARE:.0f} % of the reading's error; on this arm it takes away "
+        "For the claims on machining: of plain simulated friction (`--truth plain`) an air pass "
+        f"takes away {100 * SIMULATED_SHARE:.0f} % of the reading's error; on this arm "
         f"{removed(poor)} of the joint torque's with the poorest law and {removed(rich)} with the "
         f"richest, and {100 * poor['taken_off']['force_share']:.0f} and "
-        f"{100 * rich['taken_off']['force_share']:.0f} % of the force's. The simulated arm's error "
-        "repeats more than a real one's. A force that polishing or grinding reads there within "
-        "1 N after an air pass should be expected within about "
-        f"{_expected(rich['taken_off']['torque_share']):.1f} N on such an arm.",
+        f"{100 * rich['taken_off']['force_share']:.0f} % of the force's. A force that "
+        "polishing or grinding reads within 1 N of plain simulated friction should be expected "
+        f"within about {_expected(rich['taken_off']['torque_share']):.1f} N on such an arm.",
         "The two passes are of one day, minutes apart, and of one motion in free space; a pass "
         "just above a surface differs from the work in less than 2.8 kg, and in contact besides.",
     ]

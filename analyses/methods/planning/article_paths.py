@@ -1,5 +1,7 @@
 """Straight paths (section 4.3): the article's initial and optimised one, and the one found here."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from analyses.methods.planning.placement import place
@@ -11,6 +13,8 @@ from models.motion.paths import StraightPath
 from models.placement.placement_task import load_task
 from models.robot.robot import Robot
 from models.robot.truth_config import SimulatedTruthConfig
+
+_LIMIT_MARGIN = 2.0  # deg
 
 INITIAL_PATH = StraightPath(
     n_W=np.array([0.0, 1.0, 0.0]),
@@ -54,7 +58,10 @@ def _found_path(
     robot: Robot, seed: int, model: IdentifiedModel | None
 ) -> tuple[StraightPath, Array]:
     task, source = load_task("linear_path")
-    objective = "jcn" if model is None else "force-sd"
+    objective = "jcn"
+    if model is not None:
+        # The force's sd often leads to a joint's limit, which the arm would pass between points.
+        objective, task = "force-sd", replace(task, limit_margin_deg=_LIMIT_MARGIN)
     best = place(task, source, robot, objective=objective, model=model, seed=seed).best
     ahead = -float(np.arctan2(best.placement.p_WM[1], best.placement.p_WM[0]))
     c, s = np.cos(ahead), np.sin(ahead)
