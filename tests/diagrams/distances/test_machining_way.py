@@ -1,5 +1,6 @@
 """What a pass hits, coming and going included, before anything moves."""
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -63,6 +64,16 @@ def test_the_bundled_pass_is_free_and_one_within_a_wide_plate_is_not(
     assert [overlap.part for overlap in found] == ["approach", "pass", "lift"]
     assert all("workpiece" in (overlap.pair.first, overlap.pair.second) for overlap in found)
     assert all("and workpiece by" in overlap.sentence() for overlap in found)
+
+
+def test_a_floor_above_the_path_is_hit(
+    sts: Robot, polishing: Scenario, plan: MachiningPath
+) -> None:
+    assert polishing.machining is not None and polishing.workpiece is not None
+    raised = copy(sts)
+    raised.floor = float(plan.path.p_WS[:, 2].max()) + 0.05
+    found = overlaps(raised, plan, polishing.machining.phases, polishing.workpiece)
+    assert "floor" in {name for way in found for name in (way.pair.first, way.pair.second)}
 
 
 def test_a_lift_out_of_reach_is_refused(

@@ -263,6 +263,25 @@ def test_a_push_on_the_link_bends_the_gear_and_then_the_friction_s_springs():
     assert motor == pytest.approx(3.0 / slip, rel=1e-3)
 
 
+def test_viscous_friction_is_that_of_the_motor_s_speed():
+    """A push that comes and goes bends the gear: its motor turns at v + d', not at v."""
+    joints = one_joint(
+        ((1.0, 4e4, 1.0 - 1e-12),), drive=(1.0, 0.0, 1.0 / 1e3, 2 * np.pi * 8.0), viscous=50.0
+    )
+    bench = Bench(joints)
+    friction, motor, link = [], [], []
+    for k in range(2000):
+        bench.tick(0.0, tau_ext=20.0 * math.sin(2 * np.pi * 4.0 * H * k))
+        friction.append(bench.signals[TAU_F, 0])
+        link.append(bench.v[0])
+        motor.append(bench.v[0] + bench.state[RATE, 0])
+    of_motor, of_link = (50.0 * np.array(v) - np.array(friction) for v in (motor, link))
+    size = np.abs(friction).max()
+    # One tick between a friction and the speeds after it: 2 pi 4 Hz H, some 3 %.
+    assert np.abs(of_motor[100:]).max() < 0.05 * size
+    assert np.abs(of_link[100:]).max() > 0.3 * size
+
+
 def test_before_its_first_tick_a_gear_is_bent_by_the_weight():
     joints = one_joint(drive=(1.0, 0.0, 1e-4, 50.0))
     q, v = np.empty(1), np.empty(1)
