@@ -14,7 +14,7 @@ def test_only_the_path_of_least_force_sd_keeps_off_the_limits(
 ) -> None:
     """Its optimum lies on a joint's limit; between points the arm would pass it."""
 
-    class Asked(Exception):
+    class AskedError(Exception):
         pass
 
     def place(task, _source, _robot, **options):
@@ -22,9 +22,9 @@ def test_only_the_path_of_least_force_sd_keeps_off_the_limits(
         bounds = task.bounds(sts)
         inside = sts.position_upper - bounds.q_upper
         assert (inside > 0.01).all() if informed else (inside == 0.0).all()
-        raise Asked
+        raise AskedError
 
     monkeypatch.setattr(article_paths, "place", place)
     monkeypatch.setattr(article_paths, "shared", lambda _n, _a, compute, **_: compute())
-    with pytest.raises(Asked):
+    with pytest.raises(AskedError):
         article_paths.found_path(sts, 0, SimpleNamespace() if informed else None)
