@@ -34,8 +34,8 @@ _LINKS = "".join(
 )
 
 
-def _load(folder: Path, how: str = "", **changes: object) -> Robot:
-    (folder / "robot.urdf").write_text(ARM.format(links=_LINKS, how=how))
+def _load(folder: Path, how: str = "", arm: str = ARM, **changes: object) -> Robot:
+    (folder / "robot.urdf").write_text(arm.format(links=_LINKS, how=how))
     drive = {"torque_per_ampere": 1.0, "rotor_inertia": 0.0, "rotor_inertia_side": "joint"}
     config = {
         "name": "a",
@@ -73,31 +73,17 @@ def test_only_the_finger_that_leads_is_asked_for(tmp_path: Path) -> None:
 
 
 def test_between_base_and_flange_each_joint_needs_its_motor(tmp_path: Path) -> None:
-    drive = {"torque_per_ampere": 1.0, "rotor_inertia": 0.0, "rotor_inertia_side": "joint"}
-    text = ARM.replace('<mimic joint="finger" {how}/>', "").replace(
+    arm = ARM.replace('<mimic joint="finger" {how}/>', "").replace(
         'effort="20"/></joint>\n<joint name="finger"',
         'effort="20"/><mimic joint="shoulder"/></joint>\n<joint name="finger"',
     )
-    (tmp_path / "robot.urdf").write_text(text.format(links=_LINKS))
-    config = {
-        "name": "a",
-        "urdf": "robot.urdf",
-        "base_link": "base",
-        "flange": "hand",
-        "payload": 1.0,
-        "home": [0.1, 0.2],
-        "locked_joints": {"finger": 0.0, "other_finger": 0.0},
-        "drives": [{"joint": joint, **drive} for joint in ("shoulder", "elbow")],
-    }
-    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(config))
+    locked = {"finger": 0.0, "other_finger": 0.0}
     with pytest.raises(InputError) as error:
-        Robot.load(tmp_path / "robot.yaml")
+        _load(tmp_path, arm=arm, locked_joints=locked)
     assert 'joint "elbow" moves with "shoulder" (mimic): an arm needs a motor' in str(error.value)
     # Both locked, or their leader: the line loads without them.
-    config |= {"locked_joints": config["locked_joints"] | {"shoulder": 0.5}}
-    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(config))
     with pytest.raises(InputError, match="no moving joint carries"):
-        Robot.load(tmp_path / "robot.yaml")
+        _load(tmp_path, arm=arm, locked_joints=locked | {"shoulder": 0.5})
 
 
 def test_chains_of_followers() -> None:
