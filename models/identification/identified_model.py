@@ -5,7 +5,7 @@ reflected rotor inertia, friction, and the covariance of what the model leaves u
 (`model.yaml`) is YAML with every number written so that it reads back bit for bit.
 """
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, cast, get_args
 
@@ -14,6 +14,7 @@ import numpy as np
 from models.arrays import Array
 from models.files.configuration import REQUIRED, load_configuration, save_configuration
 from models.files.input_error import InputError
+from models.files.plausible_numbers import check_numbers
 from models.friction.coupled_friction import CoupledFriction
 from models.friction.extended_friction import ExtendedFriction
 from models.friction.friction_law import FrictionLaw
@@ -298,7 +299,8 @@ class IdentifiedModel:
 
         Raises:
             InputError: unreadable or truncated file, misspelt key, another version, wrong shape,
-                a number that is not finite, or a model of another robot.
+                a number that is not finite or that no arm has, or a model of
+                another robot.
         """
         path = Path(path)
         block = load_configuration(path, _ModelFile)
@@ -339,6 +341,8 @@ class IdentifiedModel:
             contact_noise=check_contact_noise(path, block.contact_noise, n),
             fitted_robot=block.fitted_robot,
         )
+        # A condition number has no unit, and where a log comes from no size.
+        check_numbers(replace(block, condition_number=1.0, provenance=Provenance()), str(path))
         model.check_robot(robot, path)
         if not other_robot:
             model.fitted_robot.check(robot, path)

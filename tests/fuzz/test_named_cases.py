@@ -580,3 +580,11 @@ def test_a_number_of_a_redundancy_task_that_no_length_has(run, clean, file, old,
     assert old in text
     path = file("redundancy.yaml", text.replace(old, new))
     assert "1e+308, expected" in run("redundancy", "--task", path, "--out", "out")
+
+
+@pytest.mark.parametrize("key", ["inertial_parameters", "reflected_inertia", "viscous"])
+def test_a_number_of_a_model_that_no_arm_has(estimate, clean, file, key):
+    text = (clean.folder / "model.yaml").read_text()
+    spoilt, count = re.subn(rf"({key}:[\s\[-]*)[-0-9.e]+", r"\g<1>1e308", text, count=1)
+    assert count == 1
+    assert "1e+308, expected" in estimate("--model", file("model.yaml", spoilt))

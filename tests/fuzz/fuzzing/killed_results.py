@@ -69,7 +69,11 @@ class Folder(Results):
         if self.telling not in after:
             return f"no {self.telling}"
         changed = {name for name in after if self._older.get(name) != after[name]}
-        if changed and self._older.get(self.telling) == after[self.telling]:
+        # A search that is told to end in time gives what it has by then, and says so.
+        ended = any(
+            b"interrupted: " in kept.get("metrics.json", b"") for kept in (self._older, after)
+        )
+        if changed and not ended and self._older.get(self.telling) == after[self.telling]:
             return f"{sorted(changed)} beside the older {self.telling}"
         if self._tidy_end and not self._had_part and was_there:
             return "the part that was written is left behind"

@@ -2,11 +2,13 @@
 
 Sound samples with any finite doubles among them; for every observer, every way that it reads a
 wrench, with and without a model of the torque's error. What leaves must be finite, a tick with an
-impossible sample must not be valid. Every second block has impossible samples alone: some time
-after the last of them all must be as if nothing had been.
+impossible sample must not be valid. Every second block has impossible samples alone: the settling
+time of the observer (3 / K_0) after the last of them is told, all must be valid as if nothing had
+been, and within the stated band of what is read without them.
 """
 
 import argparse
+import math
 import sys
 import time
 from collections.abc import Iterator
@@ -27,8 +29,8 @@ from models.robot.robot import Robot
 Array = NDArray[np.float64]
 T = 0.002
 ROWS = 1000
-RESTART = 0.16  # s, until what was missing is believed again
-_ALLOWED = 1.0  # sd: what one observer still has of the time before the hole, and one has not
+_TOLD = 2  # ticks after an impossible current: one tells of it, with the next the time begins
+_ALLOWED = 1.0  # sd of the difference: what one has of the time before the hole, and one has not
 _IMPOSSIBLE = 1e5  # far beyond the numbers of any arm
 
 
@@ -85,7 +87,7 @@ def faults(own: WrenchEstimator, ticks: int, seed: int) -> list[str]:
     sound = sound_log()
     state = own.initial_state()
     clean = own.run(own.initial_state(), *sound)
-    settled = round(own.observer.settling_time / T) + round(RESTART / T)
+    settled = math.ceil(own.observer.settling_time / T - 1e-6) + _TOLD
     found: list[str] = []
     for block in range(max(1, ticks // ROWS)):
         bits = rng.integers(0, 2**64, (3, ROWS, 6), dtype=np.uint64).view(np.float64)
@@ -109,7 +111,8 @@ def faults(own: WrenchEstimator, ticks: int, seed: int) -> list[str]:
         after = last + settled
         if not only_impossible:
             continue  # a current of zero is one that a drive can give: it is read, and remembered
-        off = np.abs(batch.wrench - clean.wrench) / (clean.standard_deviation + 1e-9)
+        sd = np.hypot(batch.standard_deviation, clean.standard_deviation)
+        off = np.abs(batch.wrench - clean.wrench) / (sd + 1e-9)
         if not np.array_equal(batch.valid[after:], clean.valid[after:]):
             found.append(f"block {block}: not as valid again {settled} ticks later")
         share = float(off[after:].max(initial=0.0))
