@@ -38,7 +38,6 @@ def _command_line(arguments: list[str]) -> int:
 
 
 def _in_the_child(question: dict[str, Any], out: IO[bytes], err: IO[bytes]) -> int:
-    signal.signal(signal.SIGINT, signal.default_int_handler)
     os.setpgid(0, 0)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(out.fileno(), 1)
@@ -54,6 +53,9 @@ def _in_the_child(question: dict[str, Any], out: IO[bytes], err: IO[bytes]) -> i
     if not question["draws"]:
         _leave_figures_empty()
     arguments = [os.fsdecode(a.encode("latin-1")) for a in question["run"]]
+    signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # not before: none of this is a command
     return _command_line(arguments)
 
 
