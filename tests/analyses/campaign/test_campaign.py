@@ -79,6 +79,14 @@ def file_of(tmp_path, folder):
     return (tmp_path / folder / "campaign.parquet").read_bytes()
 
 
+def test_compiled_loops_of_a_world_take_one_thread(tmp_path, experiment, campaign):
+    """Loops of two worlds that wait for each other's threads took a quarter more of both cores."""
+    body = "    import numba\n    (FOLDER / 'threads').write_text(str(numba.get_num_threads()))"
+    experiment("threaded", body)
+    campaign("threaded", worlds=1, jobs=1)
+    assert (tmp_path / "threads").read_text() == "1"  # also where there are more cores
+
+
 def test_a_failing_world_is_listed_and_runs_alone(tmp_path, experiment, campaign, counted):
     seed = draw_world(0, 1).seed
     body = f"""
