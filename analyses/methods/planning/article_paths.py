@@ -81,7 +81,7 @@ def _found_path(
 
 def branch_start(robot: Robot, path: StraightPath, posture: Array) -> Array:
     """(n,) configuration at the start of the path, on the branch of `posture` at its midpoint."""
-    return followed(robot, path, np.linspace(0.5, 0.0, 51), posture)[-1]
+    return np.asarray(followed(robot, path, np.linspace(0.5, 0.0, 51), posture)[-1])
 
 
 def followed(robot: Robot, path: StraightPath, shares: Array, q_seed: Array) -> Array:
