@@ -123,7 +123,8 @@ def results_table(
                 here.append(", ".join(part for part in (median, ahead) if part))
             elif median and not whole and count >= FEWEST_WORLDS:
                 ranges, here = True, [median]
-                remark = "; ".join(part for part in (ahead, remark) if part)
+                moved = _moved_by(spread, row["key"])
+                remark = "; ".join(part for part in (ahead, moved, remark) if part)
             cells = (title, label, stated, *here, remark)
             lines.append("| " + " | ".join(_cell(c) for c in cells) + " |")
     quick = "**Of shortened runs (`--quick`)**: they show that all parts work, not how well.\n\n"
@@ -147,6 +148,17 @@ def _over_worlds(spread: Mapping[str, Any], key: str, here: Any) -> tuple[str, s
         return ", ".join(texts), ""
     percent = " ".join(f"{100.0 * share:.0f}" for share in shares)
     return ", ".join(texts), f"ours ahead in {percent} %"
+
+
+def _moved_by(spread: Mapping[str, Any], key: str) -> str:
+    """The drawn parameters that move a number, with their signs; "" where it was not asked."""
+    moved_by = spread.get(key, {}).get("moved_by")
+    if moved_by is None:
+        return ""
+    signs = (
+        f"{one['parameter']} ({'+' if one['rank_correlation'] > 0.0 else '−'})" for one in moved_by
+    )
+    return f"goes with {', '.join(signs)}" if moved_by else "no drawn parameter moves it"
 
 
 def _range(median: float, low: float, high: float) -> str:
