@@ -46,6 +46,7 @@ class WorldTask:
         quick: whether experiments run shorter and coarser.
         out: folder for figures and recordings, one below it an experiment; None: nobody looks.
         everywhere: folder for what all worlds share; None: one of the worker's own.
+        fastest_feed: whether of several feeds the fastest alone is run.
     """
 
     seed: int
@@ -57,6 +58,7 @@ class WorldTask:
     quick: bool = False
     out: Path | None = None
     everywhere: Path | None = None
+    fastest_feed: bool = False
 
 
 @dataclass
@@ -123,6 +125,7 @@ def run_world(task: WorldTask) -> WorldOutcome:
                         quick=task.quick,
                         draws=task.out is not None,
                         world=world.robot,
+                        fastest_feed=task.fastest_feed,
                     )
                     result = experiment.run(context)
                     metrics = plain_metrics(result.metrics)

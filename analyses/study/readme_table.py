@@ -137,17 +137,22 @@ def results_table(
 
 
 def _over_worlds(spread: Mapping[str, Any], key: str, here: Any) -> tuple[str, str]:
-    """Median and range of a row's numbers as text, and how often ours is ahead; both may be ""."""
+    """Median and range of a row's numbers as text, and how often ours is ahead; both may be "".
+
+    Of a list worlds may have a part, as with the fastest feed alone: the rest are dashes.
+    """
     keys = [f"{key}.{k}" for k in range(len(here))] if isinstance(here, list) else [key]
-    own = [spread[k] for k in keys if k in spread]
-    if len(own) < len(keys):
+    own = [spread.get(k) for k in keys]
+    if not any(own):
         return "", ""
-    texts = [_range(*(one[key] for key in ("median", "p05", "p95"))) for one in own]
-    shares = [one["share_of_worlds_ours_ahead"] for one in own]
+    text = ", ".join(
+        _range(*(one[key] for key in ("median", "p05", "p95"))) if one else "–" for one in own
+    )
+    shares = [one["share_of_worlds_ours_ahead"] for one in own if one]
     if None in shares:
-        return ", ".join(texts), ""
+        return text, ""
     percent = " ".join(f"{100.0 * share:.0f}" for share in shares)
-    return ", ".join(texts), f"ours ahead in {percent} %"
+    return text, f"ours ahead in {percent} %"
 
 
 def _moved_by(spread: Mapping[str, Any], key: str) -> str:

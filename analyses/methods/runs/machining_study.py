@@ -61,13 +61,14 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
         feedback: load_scenario(name)
         for feedback, name in zip(FEEDBACKS, (task.scenario, task.sensorless), strict=True)
     }
-    total = 2.0 * sum(FEEDS)
+    feeds = FEEDS[:1] if context.fastest_feed else FEEDS
+    total = 2.0 * sum(feeds)
     done = 0.0
     metrics: dict[str, Any] = {}
     shown: dict[float, tuple[MachiningRun, dict[str, dict[str, Array]]]] = {}
     without: dict[float, MachiningRun] = {}
     picture = context.out / "recording.html"
-    for feed in FEEDS:
+    for feed in feeds:
         one_way = feed * (QUICK_SHARE if context.quick else 1.0)
         runs: dict[str, MachiningRun] = {}
         plan, taught = None, None
@@ -108,7 +109,9 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
     context.progress(0.96, "figures")
     return ExperimentResult(
         metrics=metrics,
-        figures=machining_figures(context, task, shown, without, metrics) if context.draws else [],
+        figures=machining_figures(context, task, shown, without, metrics)
+        if context.draws and not context.fastest_feed
+        else [],
         recordings=[
             FigureFile(
                 Path("recording.html"),
@@ -119,8 +122,8 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
         if context.draws
         else [],
         comparison=comparison_rows(task),
-        notes=findings(task, metrics),
-        configuration={"scenarios": scenarios, "feeds_s": FEEDS, "K_0": K_0},
+        notes=[] if context.fastest_feed else findings(task, metrics),
+        configuration={"scenarios": scenarios, "feeds_s": feeds, "K_0": K_0},
     )
 
 
@@ -182,15 +185,16 @@ def sources(models: ArmModels, runs: Mapping[float, MachiningRun]) -> dict[str, 
 
 
 def over_feeds(metrics: Mapping[str, Any]) -> dict[str, Any]:
-    """The figures that are compared, as lists over the feeds."""
+    """The figures that are compared, as lists over the feeds; NaN of those that were not run."""
 
     def collect(*path: str) -> list[float]:
         values = []
         for feed in FEEDS:
-            value: Any = metrics[feed_key(feed)]
-            for part in path:
-                value = value[part]
-            values.append(value)
+            value: Any = metrics.get(feed_key(feed))
+            if value is not None:
+                for part in path:
+                    value = value[part]
+            values.append(float("nan") if value is None else value)
         return values
 
     return {

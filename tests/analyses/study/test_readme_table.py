@@ -192,6 +192,8 @@ def test_the_readme_says_the_median_and_the_range_of_worlds(study, readme, campa
     assert "| Median of 200 worlds (5 to 95 %) |" in table
     assert "| 20.5 | 7.50 (6.50 to 8.50), ours ahead in 99 % |" in table
     assert "| 2.00 (1.00 to 3.00), 3.00 (2.00 to 4.00) |" in table
+    part = worlds | {"constant-wrench": {"rmse.0": worlds["constant-wrench"]["rmse.0"]}}
+    assert "| 2.00 (1.00 to 3.00), – |" in results_table(results, part, whole=True)
     few = worlds | {"campaign": worlds["campaign"] | {"worlds": FEWEST_WORLDS - 1}}
     assert results_table(results, few) == results_table(results)  # no range of so few
     assert "| Median of 19 worlds" in results_table(results, few, whole=True)

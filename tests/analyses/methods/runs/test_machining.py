@@ -273,6 +273,12 @@ def test_all_that_is_compared_and_said_is_measured(sts_reversed, models, runs):
             for part in row.key.split("."):
                 value = value[part]
             assert np.shape(value) == (len(FEEDS),) and np.all(np.isfinite(value))
+        alone = over_feeds({feed_key(FEEDS[0]): of_a_feed})
+        for row in rows:  # at the same places where the fastest feed alone was run
+            value = alone
+            for part in row.key.split("."):
+                value = value[part]
+            assert np.isfinite(value).tolist() == [True, False, False]
         # The article's method on the article's component stands first.
         article = of_a_feed["article"]
         assert of_a_feed["rmse_n"] == article["rmse_n"] == article[task.component]["rmse_n"]
