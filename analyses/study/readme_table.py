@@ -119,11 +119,12 @@ def results_table(
             title = experiment["title"] if index == 0 else ""
             median, ahead = _over_worlds(spread, row["key"], row["here"])
             here, remark = [" ".join(text.here)], text.remark
+            moved = _moved_by(spread, row["key"])
             if beside:
                 here.append(", ".join(part for part in (median, ahead) if part))
+                remark = "; ".join(part for part in (moved, remark) if part)
             elif median and not whole and count >= FEWEST_WORLDS:
                 ranges, here = True, [median]
-                moved = _moved_by(spread, row["key"])
                 remark = "; ".join(part for part in (ahead, moved, remark) if part)
             cells = (title, label, stated, *here, remark)
             lines.append("| " + " | ".join(_cell(c) for c in cells) + " |")
