@@ -33,7 +33,10 @@ on, held out):
 x = sign(tau) (|tau| - w b)+. Friction errors are slow: half of a reading's error in sliding lasts
 longer than WINDOW, and so does nearly all that drifts from day to day, while a push comes within
 the observer's lag. Its variance s'^2 is of the parts that sd^2 has, with shares of their own, and
-of the jolt's square, and g' is its own local scale. In the first WINDOW of a log there is no mean
+of the jolt's square, and g' is its own local scale. A joint that comes to rest lets go of what it
+carried within some samples, sooner than sd^2 knows that it rests: below REST_SPEED the stiction
+part is b^2 / 3 exp(-(v / REST_SPEED)^2), low-passed as the reading is, if that is more, until all
+joints have rested for REST_TIME. In the first WINDOW of a log there is no mean
 yet, and so no change. Over the UR10e's other days, in units of those of the fit, the size of z goes
 from .9 to 3.6 and that of its changes from .9 to 2.5. A model that does not know s' takes `sample`
 in the place of `change`.
@@ -80,6 +83,7 @@ from models.identification.torque_error_model import (
     TORQUE_ERROR_ROWS,
     TRANSMITTED_ROW,
     UNKNOWN_SHARE_ROW,
+    breakaway,
     torque_sd_tick,
     variance_parts,
 )
@@ -102,11 +106,11 @@ REST_SPEED = 0.01  # rad/s (m/s)
 REST_TIME = 0.3  # s
 
 # Rows of the state after those of the torque error and of J as the observer saw it.
-_LAST, _BEFORE, _TORQUE, _BASE, _JOLT2, _LOCAL2, _SLOW, _SQUARE, _MEAN, _POWER, _CHANGE2 = range(
-    TORQUE_ERROR_ROWS + JACOBIAN_ROWS, TORQUE_ERROR_ROWS + JACOBIAN_ROWS + 11
-)
+_FIRST = TORQUE_ERROR_ROWS + JACOBIAN_ROWS
+_LAST, _BEFORE, _TORQUE, _BASE, _JOLT2, _LOCAL2 = range(_FIRST, _FIRST + 6)
+_SLOW, _SQUARE, _MEAN, _POWER, _CHANGE2, _STOP = range(_FIRST + 6, _FIRST + 12)
 NUM_UNKNOWN = _JOLT2  # rows before it are not known before the first sample
-_SINGLE = _CHANGE2 + 1  # first of the rows that hold single numbers
+_SINGLE = _STOP + 1  # first of the rows that hold single numbers
 _CONTACT, _QUIET, _MISFIT, _RESTING, _RATIO, _TOUCHED, _SEEN, _ANEW, NUM_SINGLE = range(9)
 
 # Rows of `joints`: the observer's pole for J (negative: none) and for a jolt, per tick, ...
@@ -218,9 +222,15 @@ def detect_tick(
     for j in range(n):
         variance_parts(error, state[:TORQUE_ERROR_ROWS], j, v[j], y[j], parts)
         s[j] = 0.0
-        for m in range(NUM_FEATURES):
-            if m != _STICTION or own[_RESTING] < REST_TIME:
-                s[j] += joints[CHANGE + m, j] * parts[m]
+        for m in range(_STICTION):
+            s[j] += joints[CHANGE + m, j] * parts[m]
+        pole, slow = joints[JOLT_POLE, j], v[j] / REST_SPEED
+        held = breakaway(error, state[:TORQUE_ERROR_ROWS], j) / np.sqrt(3.0)
+        stop = held * np.exp(-slow * slow) if np.isfinite(slow) else held
+        state[_STOP, j] = pole * state[_STOP, j] + (1.0 - pole) * stop
+        if own[_RESTING] < REST_TIME:
+            part = joints[CHANGE + _STICTION, j] * parts[_STICTION]
+            s[j] += max(part, state[_STOP, j] * state[_STOP, j])
     seen_state = state[TORQUE_ERROR_ROWS : TORQUE_ERROR_ROWS + JACOBIAN_ROWS]
     see_jacobian(joints[POLE], seen_state, J, seen)
     take_jacobian(joints[POLE], seen_state, J, seen)

@@ -343,6 +343,34 @@ def test_at_rest_stiction_hides_no_push_beyond_the_breakaway(sts, model):
     assert np.flatnonzero(found.contact)[0] == 150
 
 
+def test_a_joint_that_comes_to_rest_lets_go_and_nothing_touched_it(sts, model):
+    """It carried 3.4 of the 4 N m that it can, and at rest nothing: within two samples."""
+    one = np.ones(N)
+    high = ExceedanceTail(level=1e3, rate_per_hour=1.0, scale=1.0, shape=0.0)
+    tail = ExceedanceTail(level=16.0, rate_per_hour=1800.0, scale=0.2, shape=0.0)
+    shares = [[0.4, 0.0, 0.0, 0.0, 0.0, 0.6, 0.0]] * N
+    told = ContactNoise([1.0] * N, [0.6] * N, T, 0.1, high, high, high, shares, tail)
+    friction = SemiParametricFriction(CoulombViscous(2.0 * one, 4.0 * one, 0.0 * one))
+    arm = replace(model, friction=friction, contact_noise=told)
+    detector = detector_of(arm, sts)
+    q, v, transmitted, momentum, J = still(arm, sts, 300)
+    speed = np.maximum(0.1 * (1.0 - np.arange(300) / 200.0), 0.0)
+    v[:, 0] = speed
+    q[:, 0] += T * np.cumsum(speed)
+    read = np.zeros((300, N))
+    read[200:, 0] = 3.4 * (1.0 - np.exp(-20.0 * T * np.arange(1, 101)))
+    fresh = np.ones(300, bool)
+
+    def contact(v):
+        out = detector.judge(detector.initial_state(), q, v, transmitted, momentum, J, read, fresh)
+        return Detection.of(out).contact
+
+    assert not contact(v).any()
+    v[:, 0] = np.maximum(speed, 0.05)  # while it moves on, the same is a push
+    q[:, 0] = sts.home[0] + T * np.cumsum(v[:, 0])
+    assert contact(v).any()
+
+
 def test_held_readings_leave_everything_as_it_was(sts, model):
     tau_ext = noise(model, 400, np.random.default_rng(11))
     tau_ext[200:] += 50.0
