@@ -349,7 +349,8 @@ def _advance(table: Array, state: Array, i: int, q: float, v: float) -> None:
 @njit(cache=True, error_model="numpy")
 def breakaway(table: Array, state: Array, i: int) -> float:
     """N m, level of joint i at rest, of the table and state of `torque_sd_tick`."""
-    return max(table[i, _C] + table[i, _S] + table[i, _LOAD] * abs(state[_TRANSMITTED, i]), 0.0)
+    level: float = table[i, _C] + table[i, _S] + table[i, _LOAD] * abs(state[_TRANSMITTED, i])
+    return max(level, 0.0)
 
 
 @njit(cache=True, error_model="numpy")

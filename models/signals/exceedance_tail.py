@@ -11,9 +11,9 @@ after another's end belong to it, and its largest sample counts.
 Scale and shape are the most likely ones, given that the shape is 0 within SHAPE_SD: the norms that
 are looked at here have exponential tails, and the most likely shape of some 30 excursions alone is
 known within .2, which makes the level that is exceeded once an hour a matter of chance (penalised
-likelihood: Coles and Dixon, 1999). A tail is never taken as bounded, and the shape is at least one over the number of excursions: the
-law that an exponential tail of unknown scale has for the next one to come (Lomax). So a level
-from few excursions lies higher than one from many.
+likelihood: Coles and Dixon, 1999). A tail is never taken as bounded, and the shape is at least one
+over the number of excursions: the law that an exponential tail of unknown scale has for the next
+one to come (Lomax). So a level from few excursions lies higher than one from many.
 """
 
 from collections.abc import Sequence

@@ -127,8 +127,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
         context.progress(0.4 + 0.3 * k / len(sets), f"pushes of {own[0]:g} N")
         metrics[own[2].key(*own[:2])] = _pushed(logs, *own, RATE, rounds).metrics()
     for link in OFF_E:
-        own = Place(f"link_{link}", (link,))
-        metrics[f"link_{link}_30n"] = _pushed(logs, 30.0, 0.5, own, RATE, rounds).metrics()
+        place = Place(f"link_{link}", (link,))
+        metrics[f"link_{link}_30n"] = _pushed(logs, 30.0, 0.5, place, RATE, rounds).metrics()
     for rate in RATES:
         metrics[f"threshold_{rate:g}_per_hour"] = _at_rate(every, logs, rate, rounds)
     context.progress(0.7, "hand collisions")
