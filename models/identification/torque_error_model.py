@@ -347,6 +347,13 @@ def _advance(table: Array, state: Array, i: int, q: float, v: float) -> None:
 
 
 @njit(cache=True, error_model="numpy")
+def breakaway(table: Array, state: Array, i: int) -> float:
+    """N m, level of joint i at rest, of the table and state of `torque_sd_tick`."""
+    level: float = table[i, _C] + table[i, _S] + table[i, _LOAD] * abs(state[_TRANSMITTED, i])
+    return max(level, 0.0)
+
+
+@njit(cache=True, error_model="numpy")
 def torque_sd_tick(
     table: Array, state: Array, q: Array, v: Array, transmitted: Array, sd: Array, stiction: Array
 ) -> None:
