@@ -9,6 +9,11 @@ where the first of two alike cycles gives tau_d, applied to the observer's outpu
 what differs between the two passes, repetition carries what the model lacks. What contact itself
 changes is not learnt: friction that grows with the load, and joints at rest, which may carry any
 torque within their stiction.
+
+Friction without memory is evaluated at planned speeds on both passes, and the correction counts
+while the feed is steady. A law with memory follows the measured motion instead: under contact
+forces a joint may stick where it slid through the air, and its friction is then not the lesson's.
+What is left of the error, a second air pass shows (`analyses.methods.runs.air_pass`).
 """
 
 from dataclasses import dataclass
