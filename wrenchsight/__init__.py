@@ -7,8 +7,6 @@ This module offers what users need under one name. Nothing heavy is imported bef
 command is soon where an interrupt ends it in one line.
 """
 
-from __future__ import annotations
-
 import sys
 
 TYPE_CHECKING = False
@@ -76,7 +74,7 @@ _PACKAGES = ("models", "systems", "diagrams", "analyses")
 __all__ = ["__version__", *_HOME]  # noqa: PLE0604  (the table holds strings)
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     """Imports a public name when it is first used.
 
     Raises:
@@ -122,7 +120,7 @@ def refuse_shadows() -> None:
             )
 
 
-def _place_of(package: str) -> Path | None:
+def _place_of(package: str) -> "Path | None":
     """The folder or file that `import package` gives, or would give."""
     from importlib.util import find_spec
     from pathlib import Path

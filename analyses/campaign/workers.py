@@ -118,12 +118,14 @@ def killed(task: WorldTask) -> WorldOutcome:
 def _executor(jobs: int, log: Path) -> Iterator[tuple[Any, type[Exception]]]:
     from joblib.externals.loky.process_executor import BrokenProcessPool, ProcessPoolExecutor
 
-    executor = ProcessPoolExecutor(
-        jobs,
-        initializer=_begin,
-        initargs=(os.getpid(), str(log)),
-        env=dict.fromkeys(THREADS, "1"),
-    )
+    # Its own process, which watches over semaphores, would die of a signal to the whole group.
+    with _for_this_process_alone():
+        executor = ProcessPoolExecutor(
+            jobs,
+            initializer=_begin,
+            initargs=(os.getpid(), str(log)),
+            env=dict.fromkeys(THREADS, "1"),
+        )
     try:
         yield executor, BrokenProcessPool
     finally:

@@ -102,7 +102,7 @@ def run_world(task: WorldTask) -> WorldOutcome:
         _check_worker(module, task.software[name])
     world = draw_world(task.seed, task.number, task.ranges)
     outcome = WorldOutcome(world.number, world.seed, world.parameters())
-    with _one_at_a_time, scratch_folder() as folder:
+    with _one_at_a_time, _one_thread(), scratch_folder() as folder:
         shared = folder / "shared"
         shared.mkdir()
         everywhere = _own_folder() if task.everywhere is None else task.everywhere
@@ -136,6 +136,19 @@ def run_world(task: WorldTask) -> WorldOutcome:
                 outcome.failures[name] = f"{line}\n\n{traceback.format_exc()}"
             outcome.seconds[name] = time.process_time() - started
     return outcome
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Compiled loops in one thread: worlds side by side share the cores, and waiting costs time."""
+    import numba  # a list of experiments does without it
+
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(before)
 
 
 @cache

@@ -1,12 +1,17 @@
 """Signals that end a command: turned into an exception, or held back while files change places."""
 
+import _thread
 import signal
+import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
 
 _ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_AGAIN = 0.01  # s after which an end that was lost is raised once more
 
 
 class TerminatedError(KeyboardInterrupt):
@@ -21,6 +26,9 @@ class TerminatedError(KeyboardInterrupt):
 def ends_are_interrupts() -> Iterator[list[int]]:
     """Raises `TerminatedError` in the block where SIGTERM or SIGHUP would end the process.
 
+    Python drops what is raised inside a destructor or a weak reference's callback, and prints a
+    traceback: an end that came there is raised again, some milliseconds later.
+
     Yields:
         The numbers of the signals that came, of SIGINT too: a library whose work was cut off, or
         whose import, may turn the exception into one of its own.
@@ -33,6 +41,18 @@ def ends_are_interrupts() -> Iterator[list[int]]:
             signal.default_int_handler(signum, frame)
         raise TerminatedError(signum)
 
+    def dropped(what: Any) -> None:
+        if came and isinstance(what.exc_value, KeyboardInterrupt):
+            # Not by `threading`, in whose locks the interrupted code may be.
+            _thread.start_new_thread(end_again, (came[-1],))
+        else:
+            told_before(what)
+
+    def end_again(signum: int) -> None:
+        time.sleep(_AGAIN)
+        if sys.unraisablehook is dropped:  # the block goes on
+            signal.pthread_kill(main_thread, signum)
+
     if threading.current_thread() is not threading.main_thread():  # which alone gets signals
         yield came
         return
@@ -41,9 +61,13 @@ def ends_are_interrupts() -> Iterator[list[int]]:
         # Not what is ignored: SIGHUP below nohup, SIGINT in the background of a shell.
         if handler in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(number, end)
+    main_thread, told_before = threading.get_ident(), sys.unraisablehook
+    if end in map(signal.getsignal, _ENDS):  # not within another such block
+        sys.unraisablehook = dropped
     try:
         yield came
     finally:
+        sys.unraisablehook = told_before
         for number, handler in before.items():
             if handler is not None:
                 signal.signal(number, handler)

@@ -95,7 +95,7 @@ def _loaded(path: Path, text: str, schema: Any, child_name: str | None) -> Any:
                 for name in check.names(node)
             }
         return yaml_load_typed(schema=schema, data=text, child_name=child_name)
-    except (RuntimeError, ValueError, TypeError, KeyError, AttributeError) as error:
+    except (RuntimeError, *_ODD_YAML) as error:
         raise InputError(path, "", f"cannot be read as {_name(schema)}: {error}") from error
 
 

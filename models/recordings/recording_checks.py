@@ -30,6 +30,10 @@ _LEAST_MOTION = 2e-3  # rad or m in a window: noise of an encoder at rest stays 
 _LEAST_WINDOWS = 10
 _LEAST_WINDOWS_FAR_OFF = 3  # where q or v of one joint stands still, or of all is far off
 _FAR_OFF = 5.0  # times
+_FEW_WINDOWS_MOTION = 1e-2  # rad or m a window, on average, from which fewer tell as well
+_UNEXPLAINED = 0.2  # of the squares: a delay of 30 ms at 2.4 Hz; measured on real logs: 0.007
+_WINDOWS_OF_SHORT = 5  # in a log of less than half a second, where _WINDOW_S gives fewer
+_SHORTEST_WINDOW_S = 0.05
 _LEAST_CORRELATION = 0.7  # measured on real logs: 0.99; a delay of 30 ms at 3 Hz gives 0.84
 _VELOCITY_RATIO = (0.8, 1.25)
 _SLOW = 0.25  # of the velocity limit, all joints: gravity prevails over dynamics
@@ -98,6 +102,7 @@ class RecordingChecks:
         self._drives = DriveEvidence(robot)
         self._layout = layout
         self._last: Recording | None = None  # one sample
+        self._is_first = True  # of the chunks
         self._motion = _Sums.zero(robot.num_joints)  # x: integral of v; y: change of q
         self._gravity = _Sums.zero(robot.num_joints)  # x: gravity torque; y: motor torque
 
@@ -107,6 +112,7 @@ class RecordingChecks:
         Raises:
             InputError: a sample, or the log so far, is implausible.
         """
+        self._is_first = self._last is None
         part = chunk
         if self._last is not None:
             part = concatenated([self._last, chunk])
@@ -218,7 +224,11 @@ class RecordingChecks:
         steps = np.diff(part.t)
         if len(steps) < 2:
             return
-        window = max(1, round(_WINDOW_S / max(float(np.median(steps)), 1e-9)))
+        step = max(float(np.median(steps)), 1e-9)
+        window = max(1, round(_WINDOW_S / step))
+        if self._is_first:
+            shortest = max(1, round(_SHORTEST_WINDOW_S / step))
+            window = min(window, max(shortest, len(steps) // _WINDOWS_OF_SHORT))
         ends = np.arange(0, part.num_samples, window)
         way = np.zeros_like(part.q)
         np.cumsum(0.5 * (part.v[1:] + part.v[:-1]) * steps[:, None], axis=0, out=way[1:])
@@ -239,9 +249,11 @@ class RecordingChecks:
         if not (far_off.sum() > 1 and (far_off == seen).all()):
             far_off = seen & stands
         least = np.where(far_off, _LEAST_WINDOWS_FAR_OFF, _LEAST_WINDOWS)
-        for j in np.flatnonzero(self._motion.count >= least):
-            if cosine[j] >= _LEAST_CORRELATION and low <= ratio[j] <= high:
-                continue
+        follows = (cosine >= _LEAST_CORRELATION) & (low <= ratio) & (ratio <= high)
+        few = seen & (low_high[1] > self._motion.count * _FEW_WINDOWS_MOTION**2)
+        unexplained = xx - 2.0 * self._motion.xy + yy > _UNEXPLAINED * low_high[1]
+        enough = self._motion.count >= least
+        for j in np.flatnonzero(np.where(enough, ~follows, few & unexplained)):
             if self._motion.xx[j] < 1e-8 * self._motion.yy[j]:
                 problem, remedy = (
                     "v stands still while q moves",
@@ -252,13 +264,16 @@ class RecordingChecks:
                     "q stands still while v moves",
                     "log the position, or give its column",
                 )
-            elif abs(cosine[j]) < _LEAST_CORRELATION:
+            elif enough[j] and abs(cosine[j]) < _LEAST_CORRELATION:
                 problem = f"v does not follow dq/dt (correlation {cosine[j]:.2f})"
                 remedy = "check that q and v name the joints in one order"
             else:
                 problem = f"dq/dt is {ratio[j]:.4g} times v, expected 1"
                 fits = [text for scale, text in _SCALES if abs(ratio[j] / scale - 1) < 0.2]
                 remedy = fits[0] if fits else "check the units of q, v and t"
+                if not enough[j]:  # sums of a short time, which may look like a scale
+                    problem = f"v does not follow dq/dt: {problem}"
+                    remedy += ", and that q and v name the joints in one order"
             raise self._error(chunk, None, "v", int(j), problem, remedy)
 
     def _add_gravity(self, chunk: Recording) -> None:

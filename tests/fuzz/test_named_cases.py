@@ -309,6 +309,12 @@ def test_an_odd_scenario(run, file, body):
     run("simulate", "--scenario", path, "--no-recording", "--out", "out")
 
 
+@pytest.mark.parametrize("name", ["!custom 1", "!HoldMotion a", "!!map x"])
+def test_a_name_of_a_scenario_with_a_tag(run, file, name):
+    path = file("scenario.yaml", f"{name}:\n  duration: 0.02\n")
+    run("simulate", "--scenario", path, "--no-recording", "--out", "out")
+
+
 # ---- tracebacks: robots ----
 
 ODD_ROBOTS = {
@@ -560,3 +566,17 @@ def test_a_covariance_that_is_symmetric_but_for_rounding(estimate, file, clean):
     row = re.search(r"- \[0\.0, (0\.0)", rest)
     rest = rest[: row.start(1)] + "1e-308" + rest[row.end(1) :]
     estimate("--model", file("model.yaml", f"{head}residual_covariance:{rest}"), expect=0)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("tool_axis: [0.7071067811865476, 0.0,", "tool_axis: [0.7071067811865476, 1e308,"),
+        ("end: [0.9, 0.25]", "end: [1e308, 0.25]"),
+    ],
+)
+def test_a_number_of_a_redundancy_task_that_no_length_has(run, clean, file, old, new):
+    text = (clean.folder / "redundancy.yaml").read_text()
+    assert old in text
+    path = file("redundancy.yaml", text.replace(old, new))
+    assert "1e+308, expected" in run("redundancy", "--task", path, "--out", "out")

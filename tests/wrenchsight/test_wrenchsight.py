@@ -86,3 +86,20 @@ def test_the_command_line_says_what_is_in_its_way(tmp_path):
     assert result.returncode == 2
     assert result.stderr.count("\n") == 1
     assert str(tmp_path / "models.py") in result.stderr
+
+
+def test_an_interrupt_before_a_command_begins_is_one_line_wherever_it_falls(tmp_path):
+    program = (
+        "import os, signal, sys, weakref\n"
+        "import wrenchsight\n"
+        "from wrenchsight.__main__ import main\n"
+        "class Node: pass\n"
+        "def inside():\n"
+        "    node = Node()\n"
+        "    told = weakref.ref(node, lambda _: os.kill(os.getpid(), signal.SIGINT))\n"
+        "    del node  # Python drops what a callback raises\n"
+        "wrenchsight.refuse_shadows = inside\n"
+        "main()\n"
+    )
+    result = run_python(program, tmp_path)
+    assert (result.returncode, result.stderr) == (130, "interrupted\n")

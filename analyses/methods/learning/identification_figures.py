@@ -1,13 +1,15 @@
 """Figures of an identification: measured and predicted torque of a log, joint by joint."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from analyses.methods.learning.torque_fit import TorqueFit
 from analyses.output.figures import BAND_ALPHA, COLOUR, legend_below, panels_in_pairs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+TITLE_LETTERS: Final = 40  # that a panel of half the figure's width has room for
 
 
 def torque_figure(fit: TorqueFit, joint_names: Sequence[str], kind: str) -> "Figure":
@@ -27,9 +29,9 @@ def torque_figure(fit: TorqueFit, joint_names: Sequence[str], kind: str) -> "Fig
             lw=0.0,
             label="its mean ± 1 sd",
         )
-        axis.set_title(
-            f"{joint_names[j]}: {fit.rmse[j]:.2f} N m, {100 * fit.relative[j]:.0f} % of the RMS"
-        )
+        figures = f"{fit.rmse[j]:.2f} N m ({100 * fit.relative[j]:.0f} %)"
+        one_line = len(joint_names[j]) + len(figures) <= TITLE_LETTERS
+        axis.set_title(f"{joint_names[j]}:{' ' if one_line else chr(10)}{figures}")
     legend_below(figure, panels[0], 4)
-    figure.suptitle(f"{fit.name} ({kind})")
+    figure.suptitle(f"{fit.name} ({kind}): RMSE, and its share of the torque's RMS")
     return figure

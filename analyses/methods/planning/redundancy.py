@@ -21,6 +21,7 @@ from diagrams.pages.path_page import TriangleMesh
 from models.arrays import Array
 from models.estimation.wrench import WrenchReconstructionConfig, live_prior
 from models.files.input_error import InputError
+from models.files.plausible_numbers import check_numbers
 from models.identification.identified_model import IdentifiedModel
 from models.motion.branches import is_closed_form
 from models.motion.posture_measures import ConditionNumber, ForceSd, PostureMeasure, check_joints
@@ -342,6 +343,7 @@ def make_problem(
 
 
 def _check_task(config: RedundancyTask, name: str) -> None:
+    check_numbers(config, name)
     if (config.surface is None) == (config.csv is None):
         raise InputError(name, "", "expected one of surface and csv")
     if config.objective not in OBJECTIVES:

@@ -79,6 +79,14 @@ def file_of(tmp_path, folder):
     return (tmp_path / folder / "campaign.parquet").read_bytes()
 
 
+def test_compiled_loops_of_a_world_take_one_thread(tmp_path, experiment, campaign):
+    """Loops of two worlds that wait for each other's threads took a quarter more of both cores."""
+    body = "    import numba\n    (FOLDER / 'threads').write_text(str(numba.get_num_threads()))"
+    experiment("threaded", body)
+    campaign("threaded", worlds=1, jobs=1)
+    assert (tmp_path / "threads").read_text() == "1"  # also where there are more cores
+
+
 def test_a_failing_world_is_listed_and_runs_alone(tmp_path, experiment, campaign, counted):
     seed = draw_world(0, 1).seed
     body = f"""
@@ -127,7 +135,8 @@ def test_a_killed_process_loses_nothing(tmp_path, experiment, campaign):
     assert "killed" in result.failures[1].failures["always"]
 
 
-def test_an_interrupt_keeps_what_is_done(tmp_path, experiment):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
+def test_an_interrupt_keeps_what_is_done(tmp_path, experiment, number):
     seed = draw_world(0, 1).seed
     experiment("toy", f"    time.sleep(600.0 if context.seed == {seed} else 0.0)")
     out = tmp_path / "campaign"
@@ -146,10 +155,11 @@ def test_an_interrupt_keeps_what_is_done(tmp_path, experiment):
     while len(list((out / ".campaign").glob("*.json"))) < 2 and time.monotonic() < limit:
         assert process.poll() is None, process.stderr.read()
         time.sleep(0.1)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+    os.killpg(process.pid, number)  # as a terminal does
     _, printed = process.communicate(timeout=60)
     assert process.returncode != 0
-    assert printed.count("KeyboardInterrupt") == 1, printed  # of no worker
+    assert printed.count("Traceback") == 1, printed  # of no worker
+    assert "died" not in printed, printed
     table = pq.read_table(out / "campaign.parquet")
     assert sorted(set(table["world"].to_pylist())) == [0, 2]
     assert not list((out / ".campaign").glob("*.json"))

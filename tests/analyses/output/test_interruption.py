@@ -2,6 +2,9 @@
 
 import os
 import signal
+import sys
+import time
+import weakref
 
 import pytest
 
@@ -26,6 +29,37 @@ def test_an_end_that_a_library_makes_its_own_error_is_still_known(number):
             raise ImportError("initialization failed") from error
     assert came == [number]
     assert signal.getsignal(number) == before
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_an_end_inside_a_callback_that_drops_exceptions_is_raised_again(number, capfd):
+    class Node:
+        pass
+
+    node = Node()
+    told = weakref.ref(node, lambda _: os.kill(os.getpid(), number))
+    assert told() is node
+    before = sys.unraisablehook
+    with pytest.raises(KeyboardInterrupt) as caught, ends_are_interrupts() as came:
+        del node  # the handler runs inside the callback
+        for _ in range(500):
+            time.sleep(0.01)
+    assert set(came) == {number}
+    assert getattr(caught.value, "signum", signal.SIGINT) == number
+    assert capfd.readouterr().err == ""
+    assert sys.unraisablehook is before
+
+
+def test_other_exceptions_that_python_drops_are_told_as_before(monkeypatch):
+    class Careless:
+        def __del__(self):
+            raise ValueError("lost")
+
+    told = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda what: told.append(str(what.exc_value)))
+    with ends_are_interrupts():
+        Careless()
+    assert told == ["lost"]
 
 
 def test_an_ignored_end_stays_ignored():

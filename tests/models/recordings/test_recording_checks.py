@@ -165,6 +165,17 @@ def test_velocity_against_position(
     _refused(replace(log, v=change(log.v)), *words, *robot_words, num_chunks=num_chunks)
 
 
+@pytest.mark.parametrize("duration", [0.3, 0.5, 0.9])
+def test_one_wrong_velocity_shows_in_a_log_of_parts_of_a_second(duration: float) -> None:
+    log = _log(duration)
+    _check_plausible(log, _robot())
+    for wrong in (np.full(log.num_samples, 0.3), 1.9 * log.v[:, 1], log.v[:, 0]):
+        v = np.column_stack([log.v[:, 0], wrong])
+        _refused(replace(log, v=v), "v2, joint 2 (elbow)")
+    late = np.interp(log.t - 0.03, log.t, log.v[:, 1])
+    _check_plausible(replace(log, v=np.column_stack([log.v[:, 0], late])), _robot())
+
+
 def test_position_that_stands_still() -> None:
     log = _log()
     _refused(replace(log, q=np.full_like(log.q, 0.5)), "q stands still while v moves")
