@@ -231,11 +231,13 @@ def _add_machining(
     taught: TaughtTorque | None,
 ) -> dict[str, OutputPort]:
     assert scenario.machining is not None
+    # Force feedback counts where the lesson does.
+    trusted = plan.steady if taught is None else taught.steady_at(plan.trajectory.t)
     signals = add_machining_reference(
         builder,
         robot,
         model,
-        plan,
+        replace(plan, steady=trusted),
         scenario.machining.phases,
         scenario.time_step,
         estimator.GetOutputPort("terms"),

@@ -153,7 +153,7 @@ def teach(
     """What an observer reads along an air pass, with friction as it is taken in the work.
 
     A law without memory is right while the feed is steady; one with memory follows the joints
-    through rest and reversal, where the stated error says what they hide.
+    through its turns, too. At the first start from rest nothing is known of what joints carry.
 
     Args:
         recording: of `record_air_pass`.
@@ -166,8 +166,9 @@ def teach(
     first = round(LEAD / recording.time_step)
     t = recording.t[first:] - recording.t[first]
     steady = np.interp(t, plan.trajectory.t, plan.steady) == 1.0
-    if estimator.friction.state_rows > 0:
-        steady[:] = True
+    led = np.flatnonzero(steady)
+    if estimator.friction.state_rows > 0 and len(led):
+        steady[led[0] : led[-1]] = True
     return TaughtTorque(t, seen.tau_ext[first:], steady.astype(np.float64))
 
 

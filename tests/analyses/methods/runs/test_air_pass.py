@@ -15,6 +15,7 @@ from analyses.methods.runs.air_pass import (
 from diagrams.machining import make_machining_path
 from diagrams.scenario import load_scenario
 from models.estimation.estimator import Taught, WrenchEstimator
+from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
 from models.identification.torque_error_model import BEYOND_LOAD
@@ -120,6 +121,21 @@ def test_what_is_left_on_a_second_pass_is_stated(sts_reversed, model, passes):
     # 90 to 99 % of each joint's samples; of a constant sd as small at steady feed a third.
     assert np.all(inside.mean(axis=0) > 0.85)
     assert np.all(np.median(sd[work], axis=0) < np.sqrt(np.mean(left["high"][work] ** 2, axis=0)))
+
+
+def test_friction_that_remembers_counts_through_the_turn(sts_reversed, model, passes):
+    scenario, plan, flown = passes
+    motion, recording = flown[LOW]
+    zero, one = np.zeros(6), np.ones(6)
+    law = model.friction.velocity_law.coulomb_viscous
+    viscous = SemiParametricFriction(CoulombViscous(zero, law.viscous, zero))
+    remembers = PreslidingFriction(
+        *(viscous, law.coulomb, zero, one, zero, zero), np.ones((6, 1)), np.full((6, 1), 2e-5)
+    )
+    own = replace(model, friction=remembers)
+    taught = teach(recording, motion, plan, sts_reversed, own, scenario.estimator)
+    counts = np.array([taught.counts_at(t) for t in (0.5, 0.7, 1.7, 2.0, 2.5, 3.7, 3.8)])
+    np.testing.assert_array_equal(counts, [0, 1, 1, 1, 1, 1, 0])
 
 
 def test_it_is_the_observers_output_with_friction_at_planned_speeds(sts_reversed, model, passes):
