@@ -40,7 +40,8 @@ motor reads q + d, v + d':
     d'' + 2 DAMPING w d' + w^2 d = w^2 L / stiffness,   w = 2 pi bandwidth
 
 Friction is the motor's and the gear's, before its springs: v in s_k, limit and c is v + d', and a
-push that only bends the gear turns no friction round. (An element without displacement follows v.)
+push that only bends the gear turns no friction round. (An element without displacement follows v;
+where a gear bends there is none, see `models.truth.true_joints`.)
 
 Contact forces are known when the plant has solved for them: where something touches, tau_ext is
 that of the tick before, and springs are shortened by the displacement that came of it.

@@ -62,6 +62,7 @@ from models.truth.joint_kernels import (
 
 _PLACE = "simulated_truth.mechanisms"
 _LEAST = 1e-9  # N m s/rad per tick, so that no element is without any stiffness
+_BEARABLE = 0.2  # of a gear's deflection, that an element may take back in one tick
 _PHASES, _DAY = 17, 18  # streams of the individual's and the day's random numbers
 
 
@@ -248,10 +249,16 @@ def _pack_elements(table: Array, slip: SlipConfig, read: "_Reader", time_step: f
         rigid = reach == 0.0
         level = weight[k] * table[:, COULOMB]
         stiffness = np.where(rigid, RIGID / time_step, level / np.where(rigid, 1.0, reach))
+        # A damper would follow the link and turn round whenever a push bends the gear. Before a
+        # gear an element is a spring, as stiff as the tick bears.
+        bent = rigid & (table[:, COMPLIANCE] > 0.0)
+        turn = (time_step * table[:, FREQUENCY]) ** 2 * table[:, COMPLIANCE]
+        bearable = _BEARABLE * weight[k] / np.where(bent, turn, 1.0)
+        stiffness = np.where(bent, np.minimum(stiffness, bearable), stiffness)
         table[:, ELEMENTS + 3 * k] = weight[k]
         table[:, ELEMENTS + 3 * k + 1] = np.maximum(stiffness, _LEAST / time_step)
         kept = math.exp(-time_step / slip.creep_time[k])
-        table[:, ELEMENTS + 3 * k + 2] = np.where(rigid, 0.0, kept)
+        table[:, ELEMENTS + 3 * k + 2] = np.where(rigid & ~bent, 0.0, kept)
 
 
 def _inverse(values: Array) -> Array:

@@ -16,7 +16,19 @@ from models.robot.truth_config import (
     RippleConfig,
     SlipConfig,
 )
-from models.truth.joint_kernels import COULOMB, GAIN, POLE, RIPPLES, STICTION, VISCOUS
+from models.truth.joint_kernels import (
+    COULOMB,
+    GAIN,
+    POLE,
+    RIPPLES,
+    SIGNALS,
+    STICTION,
+    TAU_J,
+    TORQUE,
+    VISCOUS,
+    encoder_reading,
+    joint_tick,
+)
 from models.truth.true_joints import TrueJoints
 from models.truth.true_robot import PLAIN, plain_truth
 
@@ -74,6 +86,32 @@ def test_an_encoder_on_the_link_sees_no_deflection(robot):
     assert np.all(TrueJoints.of(with_mechanisms(robot, elasticity=gears), 1e-3).compliance == 1e-4)
     gears = dataclasses.replace(gears, encoder="link")
     assert np.all(TrueJoints.of(with_mechanisms(robot, elasticity=gears), 1e-3).compliance == 0.0)
+
+
+@pytest.mark.parametrize("slip", [None, SlipConfig([2e-5] * 6)])
+def test_a_push_that_bends_the_gears_leaves_the_motors_where_they_are(robot, slip):
+    """With presliding or without: friction is before the gear, and holds the motor."""
+    gears = ElasticityConfig([1e4] * 6)
+    joints = TrueJoints.of(with_mechanisms(robot, elasticity=gears, slip=slip), 1e-3)
+    push = 0.5 * robot.truth.coulomb
+    n, zero = 6, np.zeros(6)
+    q, v, state = np.zeros(n), np.zeros(n), joints.initial_state()
+    q_read, v_read = np.zeros(n), np.zeros(n)
+    M, signals, motor = np.eye(n), np.empty((SIGNALS, n)), []
+    for k in range(3000):
+        tau_ext = push * np.sin(2.0 * np.pi * k * 1e-3)  # 1 Hz, for three seconds
+        after = np.empty_like(state)
+        joint_tick(
+            *(joints.table, 1e-3, M, zero, zero, q, v, zero, tau_ext),
+            *(np.zeros(2 * n), state, after, signals),
+        )
+        v = v + 1e-3 * (signals[TAU_J] + signals[TORQUE] + tau_ext)
+        q, state = q + 1e-3 * v, after
+        encoder_reading(joints.table, state, zero, q, v, True, 0, k, q_read, v_read)
+        motor.append(q_read.copy())
+    bent = 2.0 * push / 1e4  # to and fro, of the links
+    given = 0.0 if slip is None else 2e-5  # half of the displacement, to and fro
+    assert np.all(np.ptp(motor, axis=0) < 0.05 * bent + given)
 
 
 @pytest.mark.parametrize(

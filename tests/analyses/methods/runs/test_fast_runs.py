@@ -61,7 +61,7 @@ def test_an_air_pass_is_the_closed_loops(robot, monkeypatch):
     monkeypatch.setattr(air_pass, "is_free", lambda scenario, robot: False)
     slow = record_air_pass(scenario, robot, motion, 3)
     np.testing.assert_allclose(fast.t, slow.t, atol=1e-12)
-    assert np.ptp(slow.q, axis=0).min() > 5e-4
+    assert np.ptp(slow.q, axis=0).min() > 2e-4  # even joint 6, which its friction holds back
     for name, size in (("q", 2e-6), ("v", 1e-6), ("current", 3e-3)):  # see above
         np.testing.assert_allclose(getattr(fast, name), getattr(slow, name), atol=size)
 
