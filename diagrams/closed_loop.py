@@ -81,6 +81,7 @@ def make_closed_loop(
     with_estimator: bool = True,
     taught: TaughtTorque | None = None,
     fused: bool = False,
+    estimator_model: IdentifiedModel | None = None,
 ) -> ClosedLoop:
     """Builds the loop of a scenario. Controller and estimator know `model`, never the truth.
 
@@ -107,6 +108,7 @@ def make_closed_loop(
             their own, and there is no tau_ext, wrench, covariance, condition_number and valid: for
             the motion alone, in two thirds of the time.
         fused: whether the estimator is one block instead of its stages: the same numbers, sooner.
+        estimator_model: what the estimator knows, and hands on as terms; None: `model`.
 
     Raises:
         ValueError: no estimator for impedance control or a drawing, which need its wrench; taught
@@ -131,7 +133,7 @@ def make_closed_loop(
         estimator = add_estimator(
             builder,
             robot,
-            model,
+            estimator_model or model,
             replace(
                 scenario.estimator,
                 observer=replace(scenario.estimator.observer, time_step=scenario.time_step),
@@ -229,11 +231,13 @@ def _add_machining(
     taught: TaughtTorque | None,
 ) -> dict[str, OutputPort]:
     assert scenario.machining is not None
+    # Force feedback counts where the lesson does.
+    trusted = plan.steady if taught is None else taught.steady_at(plan.trajectory.t)
     signals = add_machining_reference(
         builder,
         robot,
         model,
-        plan,
+        replace(plan, steady=trusted),
         scenario.machining.phases,
         scenario.time_step,
         estimator.GetOutputPort("terms"),

@@ -53,9 +53,9 @@ def make_estimator(
               v                 (n,) rad/s (m/s)
               current           (n,) A, as the drives report it
               tau_correction    (n,) N m, added to what the observer reads (systems.taught_torque)
-              v_planned         (n,) rad/s, at which friction is evaluated, as on the air pass:
-                                the sign of the measured speed of a joint that hardly moves plays no
-                                part
+              v_planned         (n,) rad/s, at which friction without memory is evaluated, as on
+                                the air pass: the sign of the measured speed of a joint that hardly
+                                moves plays no part; a law with memory does not ask for it
               counts            (1,) 1 where a reading so corrected may be used, else 0
                                 these three with `taught` only
     Outputs:  tau_ext           (n,) N m, positive along the motion it causes
@@ -103,14 +103,9 @@ def make_estimator(
     builder = DiagramBuilder()
     terms = builder.AddNamedSystem("terms", RigidBodyTermsSystem(estimator.chain))
     motor = builder.AddNamedSystem("motor", MotorCurrentTorqueSource.of(robot))
-    # At planned speeds friction needs no memory: it slides.
-    remembers = model.friction.state_rows > 0 and not taught
+    remembers = model.friction.state_rows > 0
     friction = builder.AddNamedSystem(
-        "friction",
-        FrictionLawSystem(
-            model.friction.feedforward if taught else estimator.friction,
-            estimator.observer.time_step,
-        ),
+        "friction", FrictionLawSystem(estimator.friction, estimator.observer.time_step)
     )
     observer = builder.AddNamedSystem(
         "observer",
@@ -165,9 +160,12 @@ def make_estimator(
         builder.Connect(velocity, reconstruction.GetInputPort("v"))
         builder.Connect(motor.GetOutputPort("tau_J"), reconstruction.GetInputPort("tau_J"))
         builder.Connect(friction.GetOutputPort("tau_f"), reconstruction.GetInputPort("tau_f"))
-    if taught:
+    if taught and remembers:
+        planned = builder.AddNamedSystem("planned", PassThrough(robot.num_joints))
+        builder.ExportInput(planned.get_input_port(), "v_planned")
+    elif taught:
         builder.ExportInput(friction.GetInputPort("v"), "v_planned")
-    else:
+    if remembers or not taught:
         builder.Connect(velocity, friction.GetInputPort("v"))
     if remembers:
         builder.Connect(position, friction.GetInputPort("q"))

@@ -77,17 +77,16 @@ class WrenchEstimatorSystem(LeafSystem):
         self._trusted = estimator.trusted
         self._n = n = estimator.num_joints
         self._choice, self._rows = estimator.choice, estimator.observer_rows
-        # At planned speeds friction needs no memory: it slides.
-        self._law = estimator.friction.feedforward if taught else estimator.friction
+        # A law without memory is taken at the speeds that were planned.
+        self._planned = taught and estimator.friction.state_rows == 0
+        self._law = estimator.friction
         self._shapes: dict[str, tuple[int, ...]] = {}
         self.parameters: dict[str, NumericParameterIndex] = {}
         self._declare_parameters()
         self._q, self._v, self._current = (
             self.DeclareVectorInputPort(name, n) for name in ("q", "v", "current")
         )
-        initial = estimator.observer.initial_state()
-        if not taught:
-            initial = estimator.initial_state()[: estimator.tick_rows]
+        initial = estimator.initial_state()[: estimator.tick_rows]
         self._tick_rows = len(initial)
         if self._trusted is not None:
             initial = np.vstack([initial, self._trusted.initial_state()])
@@ -149,7 +148,7 @@ class WrenchEstimatorSystem(LeafSystem):
             {self._q.ticket(), self._v.ticket()},
         )
         # Memory that is settled once; nothing in it outlives a call.
-        self._known = np.zeros((3 if taught else 0, n))
+        self._known = np.zeros((2 + self._planned if taught else 0, n))
         self._unread = np.zeros(n)
         self._checked = np.zeros((3, n))
         self._given = np.zeros((3, n))
@@ -219,10 +218,11 @@ class WrenchEstimatorSystem(LeafSystem):
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
         tables: EstimatorTables = self._tables.EvalAbstract(context).get_value()
-        if self._taught:
+        if self._planned:
             friction_torque(
                 tables.friction, self._v_planned.Eval(context), self._known[KNOWN_TAU_F]
             )
+        if self._taught:
             self._known[KNOWN_CORRECTION] = self._correction.Eval(context)
             self._known[KNOWN_COUNTS] = self._counts.Eval(context)[0]
         state = context.get_discrete_state_vector().value()

@@ -46,6 +46,7 @@ _LAST_LINES: Final = 40  # of what the workers printed, behind the word that one
 _WORDS: Final = {
     "seed": "of another seed",
     "quick": "of another length (--quick)",
+    "fastest_feed": "of other feeds (--fastest-feed)",
     "ranges": "drawn from other ranges",
     "libraries": "computed with other versions of libraries",
 }
@@ -62,6 +63,7 @@ class CampaignSettings:
     data: Path = Path("../shared/data")  # folder of the real recordings
     ranges: WorldRanges = field(default_factory=WorldRanges)
     world: int | None = None  # this world alone, anew, with figures and recordings
+    fastest_feed: bool = False  # of experiments at several feeds the fastest alone
 
 
 @dataclass(frozen=True)
@@ -175,6 +177,8 @@ class _Campaign:
             "ranges": plain(asdict(settings.ranges)),
             "libraries": libraries(),
         }
+        if settings.fastest_feed:  # absent from campaigns that were run before it was
+            depends_on["fastest_feed"] = True
         self.record = CampaignRecord(depends_on)
         self.failures: dict[int, WorldOutcome] = {}
         self._seconds: dict[str, list[float]] = {}
@@ -211,7 +215,7 @@ class _Campaign:
             raise InputError(self._out, "", f"holds worlds {what}", remedy)
 
     def _differs(self, key: str, settings: dict[str, Any]) -> bool:
-        return bool(settings.get(key) != self.record.settings[key])
+        return bool(settings.get(key) != self.record.settings.get(key))
 
     def whole(self, names: Sequence[str]) -> int:
         """How many of the worlds that are asked for have all figures."""
@@ -239,6 +243,7 @@ class _Campaign:
                         quick=self._settings.quick,
                         out=None if alone is None else self._drawings(number),
                         everywhere=everywhere,
+                        fastest_feed=self._settings.fastest_feed,
                     )
                 )
         return tasks

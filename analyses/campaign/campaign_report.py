@@ -8,6 +8,7 @@ import numpy as np
 
 from analyses.campaign.campaign_store import CampaignRecord
 from analyses.campaign.distributions import Distribution
+from analyses.campaign.influences import said
 from analyses.campaign.world_run import WorldOutcome
 from analyses.output.figures import COLOUR, new_figure
 from analyses.output.outputs import OutputFolder
@@ -32,6 +33,7 @@ class _Row:
     range: str
     holds: str
     ahead: str
+    moved_by: str
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,7 @@ def table_row(one: Distribution) -> _Row:
         range=f"{number(low, decimals)} to {number(high, decimals)}",
         holds="–" if holds is None else "yes" if holds else "no",
         ahead="" if one.ahead is None else f"{100.0 * one.ahead:.0f} %",
+        moved_by=said(one.moved_by),
     )
 
 

@@ -2,17 +2,20 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 
 from analyses.campaign.campaign_store import CampaignRecord
+from analyses.campaign.influences import Influence, influences
+from analyses.study.readme_table import FEWEST_WORLDS
 from models.arrays import Array
 
 LOW: Final = 5.0  # percentile
 HIGH: Final = 95.0  # percentile
 _GAIN: Final = "ours_against_article."  # metrics by how much ours is better than the article's
+_REDUCTION: Final = "reduction_"  # in the keys of what the article claims most
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +29,8 @@ class Distribution:
         source: who printed it.
         values: (N,) of the worlds in which it is finite.
         ahead: share of worlds in which our method is ahead of the article's; None: no such row.
+        moved_by: the drawn parameters that move it most; None: too few worlds, or nobody asks, as
+            the article's number lies in the range and is no reduction.
     """
 
     experiment: str
@@ -36,6 +41,7 @@ class Distribution:
     source: str
     values: Array
     ahead: float | None
+    moved_by: tuple[Influence, ...] | None = None
 
     @property
     def median(self) -> float:
@@ -55,10 +61,12 @@ class Distribution:
         low, high = self.range
         return low <= self.article <= high
 
-    def metrics(self) -> dict[str, float | int | None]:
+    def metrics(self) -> dict[str, Any]:
         """As written to metrics.json."""
         low, high = self.range
-        return {
+        moved_by = self.moved_by
+        asked = {} if moved_by is None else {"moved_by": [one.metrics() for one in moved_by]}
+        return asked | {
             "article": self.article,
             "median": self.median,
             "p05": low,
@@ -81,19 +89,30 @@ def distributions(record: CampaignRecord, experiments: Sequence[str]) -> list[Di
                 if len(values):
                     entry = stated[place] if isinstance(stated, list) else stated
                     label = row["label"][:1].upper() + row["label"][1:]
-                    found.append(
-                        Distribution(
-                            experiment=name,
-                            key=key,
-                            label=label if key == row["key"] else f"{label} ({place + 1})",
-                            unit=row["unit"],
-                            article=entry,
-                            source=row["source"],
-                            values=values,
-                            ahead=_share_ahead(figures, key, ours.get(place), row),
-                        )
+                    one = Distribution(
+                        experiment=name,
+                        key=key,
+                        label=label if key == row["key"] else f"{label} ({place + 1})",
+                        unit=row["unit"],
+                        article=entry,
+                        source=row["source"],
+                        values=values,
+                        ahead=_share_ahead(figures, key, ours.get(place), row),
                     )
+                    found.append(replace(one, moved_by=_moved_by(one, figures[key], record)))
     return found
+
+
+def _moved_by(
+    one: Distribution, figures: Mapping[int, float | None], record: CampaignRecord
+) -> tuple[Influence, ...] | None:
+    asked = one.article is not None and (not one.holds_article or _REDUCTION in one.key)
+    worlds = [number for number, value in figures.items() if value is not None]
+    if not asked or len(worlds) < FEWEST_WORLDS:
+        return None
+    drawn = [record.worlds[number].parameters for number in worlds]
+    parameters = {name: [own[name] for own in drawn] for name in drawn[0]}
+    return influences(one.values, parameters, one.article)
 
 
 def distribution_metrics(found: Sequence[Distribution]) -> dict[str, Any]:

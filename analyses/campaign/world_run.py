@@ -46,6 +46,7 @@ class WorldTask:
         quick: whether experiments run shorter and coarser.
         out: folder for figures and recordings, one below it an experiment; None: nobody looks.
         everywhere: folder for what all worlds share; None: one of the worker's own.
+        fastest_feed: whether of several feeds the fastest alone is run.
     """
 
     seed: int
@@ -57,6 +58,7 @@ class WorldTask:
     quick: bool = False
     out: Path | None = None
     everywhere: Path | None = None
+    fastest_feed: bool = False
 
 
 @dataclass
@@ -102,7 +104,7 @@ def run_world(task: WorldTask) -> WorldOutcome:
         _check_worker(module, task.software[name])
     world = draw_world(task.seed, task.number, task.ranges)
     outcome = WorldOutcome(world.number, world.seed, world.parameters())
-    with _one_at_a_time, scratch_folder() as folder:
+    with _one_at_a_time, _one_thread(), scratch_folder() as folder:
         shared = folder / "shared"
         shared.mkdir()
         everywhere = _own_folder() if task.everywhere is None else task.everywhere
@@ -123,6 +125,7 @@ def run_world(task: WorldTask) -> WorldOutcome:
                         quick=task.quick,
                         draws=task.out is not None,
                         world=world.robot,
+                        fastest_feed=task.fastest_feed,
                     )
                     result = experiment.run(context)
                     metrics = plain_metrics(result.metrics)
@@ -136,6 +139,19 @@ def run_world(task: WorldTask) -> WorldOutcome:
                 outcome.failures[name] = f"{line}\n\n{traceback.format_exc()}"
             outcome.seconds[name] = time.process_time() - started
     return outcome
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Compiled loops in one thread: worlds side by side share the cores, and waiting costs time."""
+    import numba  # a list of experiments does without it
+
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(before)
 
 
 @cache

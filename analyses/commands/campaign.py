@@ -34,6 +34,12 @@ def command(
         int | None,
         typer.Option(min=0, help="Run this world alone, anew, with figures and recordings."),
     ] = None,
+    fastest_feed: Annotated[
+        bool,
+        typer.Option(
+            "--fastest-feed", help="Of experiments at several feeds (machining), the fastest alone."
+        ),
+    ] = False,
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Begin anew where the folder holds a campaign.")
     ] = False,
@@ -48,7 +54,13 @@ def command(
     from analyses.study.study import available_cores
 
     settings = CampaignSettings(
-        tuple(experiments), worlds, seed=seed, quick=quick, data=data, world=world
+        tuple(experiments),
+        worlds,
+        seed=seed,
+        quick=quick,
+        data=data,
+        world=world,
+        fastest_feed=fastest_feed,
     )
     with ProgressDisplay(new_console(stderr=True), (COMMAND,)) as watch:
         result = run_campaign(

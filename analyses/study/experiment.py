@@ -27,6 +27,7 @@ class ExperimentContext:
     draws: bool = True  # whether anybody looks at figures and recordings; else none are needed
     truth: str = "own"  # of simulated arms, one of models.robot.truth_config.TRUTHS
     world: Callable[["Robot"], "Robot"] = lambda robot: robot  # another draw of that truth
+    fastest_feed: bool = False  # of several feeds the fastest alone; the others' figures are NaN
 
     def robot(self, name: str) -> "Robot":
         """A bundled robot with the simulated truth that it has in this run.

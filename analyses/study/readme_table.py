@@ -119,11 +119,13 @@ def results_table(
             title = experiment["title"] if index == 0 else ""
             median, ahead = _over_worlds(spread, row["key"], row["here"])
             here, remark = [" ".join(text.here)], text.remark
+            moved = _moved_by(spread, row["key"])
             if beside:
                 here.append(", ".join(part for part in (median, ahead) if part))
+                remark = "; ".join(part for part in (moved, remark) if part)
             elif median and not whole and count >= FEWEST_WORLDS:
                 ranges, here = True, [median]
-                remark = "; ".join(part for part in (ahead, remark) if part)
+                remark = "; ".join(part for part in (ahead, moved, remark) if part)
             cells = (title, label, stated, *here, remark)
             lines.append("| " + " | ".join(_cell(c) for c in cells) + " |")
     quick = "**Of shortened runs (`--quick`)**: they show that all parts work, not how well.\n\n"
@@ -136,17 +138,33 @@ def results_table(
 
 
 def _over_worlds(spread: Mapping[str, Any], key: str, here: Any) -> tuple[str, str]:
-    """Median and range of a row's numbers as text, and how often ours is ahead; both may be ""."""
+    """Median and range of a row's numbers as text, and how often ours is ahead; both may be "".
+
+    Of a list worlds may have a part, as with the fastest feed alone: the rest are dashes.
+    """
     keys = [f"{key}.{k}" for k in range(len(here))] if isinstance(here, list) else [key]
-    own = [spread[k] for k in keys if k in spread]
-    if len(own) < len(keys):
+    own = [spread.get(k) for k in keys]
+    if not any(own):
         return "", ""
-    texts = [_range(*(one[key] for key in ("median", "p05", "p95"))) for one in own]
-    shares = [one["share_of_worlds_ours_ahead"] for one in own]
+    text = ", ".join(
+        _range(*(one[key] for key in ("median", "p05", "p95"))) if one else "–" for one in own
+    )
+    shares = [one["share_of_worlds_ours_ahead"] for one in own if one]
     if None in shares:
-        return ", ".join(texts), ""
+        return text, ""
     percent = " ".join(f"{100.0 * share:.0f}" for share in shares)
-    return ", ".join(texts), f"ours ahead in {percent} %"
+    return text, f"ours ahead in {percent} %"
+
+
+def _moved_by(spread: Mapping[str, Any], key: str) -> str:
+    """The drawn parameters that move a number, with their signs; "" where it was not asked."""
+    moved_by = spread.get(key, {}).get("moved_by")
+    if moved_by is None:
+        return ""
+    signs = (
+        f"{one['parameter']} ({'+' if one['rank_correlation'] > 0.0 else '−'})" for one in moved_by
+    )
+    return f"goes with {', '.join(signs)}" if moved_by else "no drawn parameter moves it"
 
 
 def _range(median: float, low: float, high: float) -> str:

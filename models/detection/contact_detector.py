@@ -20,6 +20,7 @@ from models.detection.contact_statistic import (
     MEAN_RELEASE,
     MEAN_SCALE,
     MISFIT,
+    MISFIT_LEVEL,
     MOMENT_SD,
     NUM_JOINT_ROWS,
     NUM_OUT,
@@ -58,6 +59,7 @@ from models.rigid_body.serial_chain import SerialChain
 from models.signals.exceedance_tail import ExceedanceTail, gaussian_tail
 
 LEAST_RATE, LARGEST_RATE = 1e-3, 1e3  # false alarms an hour
+OTHER_DAYS = 1.15  # times the level of the mean: see `contact_statistic`
 MISFIT_RATE = 36.0  # an hour, of contact: one in a hundred contacts at E that last a second
 
 
@@ -192,6 +194,9 @@ class ContactDetector:
         rates_per_hour = 0.5 * rate, 0.5 * rate, max(rate, MISFIT_RATE)
         for level, tail, own_rate in zip(levels, tails, rates_per_hour, strict=True):
             settings[level] = tail.level_at(own_rate) if self.knows_error else np.inf
+        settings[MISFIT_LEVEL] = settings[POWER_LEVEL]
+        if noise is not None and noise.misfit is not None and self.knows_error:
+            settings[MISFIT_LEVEL] = OTHER_DAYS * noise.misfit.level_at(max(rate, MISFIT_RATE))
         settings[CHANGE_LEVEL] = np.inf
         if change is not None and self.knows_error:
             settings[CHANGE_LEVEL] = np.sqrt(change.level_at(0.5 * rate))
@@ -200,6 +205,8 @@ class ContactDetector:
         ):
             often = min(tail.level, LARGEST_RELEASE * settings[level])
             settings[release] = max(RELEASE * settings[level], often)
+        if noise is not None:
+            settings[[MEAN_LEVEL, MEAN_RELEASE]] *= OTHER_DAYS
 
     @classmethod
     def of(
@@ -276,18 +283,21 @@ class ContactDetector:
         v: Array,
         transmitted: Array,
         momentum: Array,
+        J: Array,
         tau_ext: Array,
-    ) -> tuple[Array, Array, Array, Array]:
-        """z, LP(z), change, (N, n) each, and as `judge` where no level is ever reached."""
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        """z, LP(z), change, (N, n) each, sqrt(LP(D)) (N,), and as `judge` where no level is ever
+        reached.
+        """
         settings = self._settings.copy()
         settings[[SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL, CHANGE_LEVEL]] = np.inf
         z, mean, change = np.empty_like(q), np.empty_like(q), np.empty_like(q)
         out = np.empty((len(q), NUM_OUT))
         tables = (self._error, self._joints, settings, self._white, state)
         moved = _ready(q), _ready(v), _ready(transmitted), _ready(momentum)
-        no_jacobian = np.zeros((6, self.num_joints))
-        white_log(*tables, *moved, no_jacobian, _ready(tau_ext), out, z, mean, change)
-        return z, mean, change, out
+        misfit = np.empty(len(q))
+        white_log(*tables, *moved, _ready(J), _ready(tau_ext), out, z, mean, change, misfit)
+        return z, mean, change, misfit, out
 
 
 def _ready(x: Array) -> Array:

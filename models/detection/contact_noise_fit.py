@@ -59,7 +59,7 @@ def fit_contact_noise(
         hours=count * time_step / 3600.0,
     )
     own_model = replace(model, contact_noise=noise)
-    z, mean, change, _ = _white(readings, momenta, used, own_model, chain)
+    z, mean, change, _, _ = _white(readings, momenta, used, own_model, chain)
     squares = np.maximum(np.mean(np.vstack(z) ** 2, axis=0), 1e-300)
     scale = np.sqrt(np.mean(np.vstack(mean) ** 2, axis=0) / squares)
     noise.mean_scale = np.maximum(scale, 1e-3).tolist()
@@ -69,11 +69,12 @@ def fit_contact_noise(
     usual = np.asarray(noise.usual_jolt)
     jolted = np.vstack(seen)
     noise.change_sd = _change_sd(features, jolted, usual, np.vstack(change)).tolist()
-    _, _, _, lengths = _white(readings, momenta, used, own_model, chain)
+    _, _, _, misfit, lengths = _white(readings, momenta, used, own_model, chain)
     noise.sample, noise.mean, noise.power = (
         fit_exceedances([own[:, column] for own in lengths], time_step)
         for column in (SAMPLE_LENGTH, MEAN_LENGTH, POWER_LENGTH)
     )
+    noise.misfit = fit_exceedances(misfit, time_step)
     noise.change = fit_exceedances([own[:, CHANGE_LENGTH] ** 2 for own in lengths], time_step)
     return noise
 
@@ -117,9 +118,12 @@ def _white(
     used: Sequence[NDArray[np.bool_]],
     model: IdentifiedModel,
     chain: SerialChain,
-) -> tuple[list[Array], list[Array], list[Array], list[Array]]:
-    """z, LP(z), change and the lengths of the samples that are used, reading by reading."""
-    found: tuple[list[Array], list[Array], list[Array], list[Array]] = ([], [], [], [])
+) -> tuple[list[Array], list[Array], list[Array], list[Array], list[Array]]:
+    """z, LP(z), change, sqrt(LP(D)) and the lengths of the samples that are used, reading by
+    reading.
+    """
+    found: tuple[list[Array], list[Array], list[Array], list[Array], list[Array]]
+    found = ([], [], [], [], [])
     for own, momentum, rows in zip(readings, momenta, used, strict=True):
         detector = ContactDetector(
             *(model, own.friction, chain, WrenchReconstructionConfig("force_only")),
@@ -127,7 +131,7 @@ def _white(
         )
         parts = detector.whiten(
             *(initial_state(detector.num_joints), own.q, own.v, own.transmitted),
-            *(momentum, own.tau_ext),
+            *(momentum, chain.jacobian(own.q), own.tau_ext),
         )
         for kept, part in zip(found, parts, strict=True):
             kept.append(part[rows])

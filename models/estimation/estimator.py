@@ -74,8 +74,9 @@ class Taught(NamedTuple):
 
     Attributes:
         tau_correction: (..., n) N m, added to what the observer reads.
-        v_planned: (..., n) rad/s, at which friction is evaluated, as on the air pass: the sign of
-            the measured speed of a joint that hardly moves plays no part.
+        v_planned: (..., n) rad/s, at which friction without memory is evaluated, as on the air
+            pass: the sign of the measured speed of a joint that hardly moves plays no part. A law
+            with memory follows the measured motion, through rest and reversal, on both passes.
         counts: (...) 1 where a reading so corrected may be valid, else 0.
     """
 
@@ -353,8 +354,8 @@ class WrenchEstimator:
             state: of `initial_state`, changed in place.
             q, v: (N, n) rad and rad/s (m and m/s), at the observer's time step.
             current: (N, n) A, as the drives report it.
-            taught: by an air pass, sample by sample: friction is then the law's `feedforward` at
-                planned speeds, without memory, and tau_ext is corrected.
+            taught: by an air pass, sample by sample: tau_ext is corrected, and friction without
+                memory is taken at planned speeds.
             tau_f: (N, n) N m, friction known from elsewhere, in the place of the law's: it is taken
                 off the motor torque, sample by sample.
             seen: (N, NUM_SIGNALS, n), written: the signals of the samples, rows as in
@@ -480,13 +481,14 @@ class WrenchEstimator:
     def _known(
         self, taught: Taught | None, tau_f: ArrayLike | None, lead: tuple[int, ...]
     ) -> Array:
-        """(..., 3, n): what `models.estimation.tick` takes in the place of the friction law."""
+        """(..., 2 or 3, n): what `models.estimation.tick` is told besides the sample."""
         n = self.num_joints
         if taught is not None and tau_f is not None:
             raise ValueError("taught says which friction is taken: tau_f has no place beside it")
         if taught is not None and self.observed_size:
             raise ValueError("an observer that reads the wrench itself has no use for an air pass")
-        known = np.zeros((*lead, 3, n))
+        remembers = taught is not None and self.friction.state_rows > 0
+        known = np.zeros((*lead, 2 if remembers else 3, n))
         known[..., KNOWN_COUNTS, :] = 1.0
         if taught is None:
             shape = np.asarray(tau_f, float).shape
@@ -496,7 +498,8 @@ class WrenchEstimator:
         shapes = [np.shape(signal) for signal in taught]
         if shapes != [(*lead, n), (*lead, n), lead]:
             raise ValueError(f"what was taught must be {(*lead, n)} twice and {lead}, not {shapes}")
-        known[..., KNOWN_TAU_F, :] = self.model.friction.feedforward.torque(taught.v_planned)
+        if not remembers:
+            known[..., KNOWN_TAU_F, :] = self.model.friction.feedforward.torque(taught.v_planned)
         known[..., KNOWN_CORRECTION, :] = taught.tau_correction
         known[..., KNOWN_COUNTS, :] = np.asarray(taught.counts, float)[..., None]
         return known

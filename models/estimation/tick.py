@@ -5,9 +5,9 @@
     wrench   the reading of tau_ext with its covariance
 
 Which observer and which friction law run is part of the first argument's type, see
-`kernel_choice`. Where friction is known from elsewhere the law has no say: `known` then holds, row
-by row, its torque (n,) N m, what is to be added to tau_ext (n,) N m, and in its first entry 1 where
-the reading counts, else 0. `known` without rows is the plain estimator.
+`kernel_choice`. `known` without rows is the plain estimator. Otherwise it holds, row by row, what
+is to be added to tau_ext (n,) N m, in its first entry 1 where the reading counts, else 0, and where
+friction is known from elsewhere, so that the law has no say, its torque (n,) N m.
 """
 
 from typing import Any
@@ -43,7 +43,7 @@ from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, observer_terms
 from models.robot.motors import joint_torque
 
 GAIN, ERROR_SD, MOTOR_RATES = range(3)  # rows of `drives`; the last only of coupled joints
-KNOWN_TAU_F, KNOWN_CORRECTION, KNOWN_COUNTS = range(3)  # rows of `known`
+KNOWN_CORRECTION, KNOWN_COUNTS, KNOWN_TAU_F = range(3)  # rows of `known`
 NUM_READING = READING  # entries after tau_ext: wrench, covariance, condition number, valid
 
 _BLOCK = 256  # rows a thread takes at a time
@@ -182,13 +182,13 @@ def _terms(
         chain, q, v, signals[MOMENTUM], signals[CTV], signals[GRAVITY], J, X[:3], X[3], scratch
     )
     joint_torque(drives[GAIN], drives[MOTOR_RATES:], current, signals[TAU_J])
-    if known.shape[0] == 0:
+    if known.shape[0] <= KNOWN_TAU_F:
         friction_torque(friction, v, signals[TAU_F])
     for i in range(q.shape[0]):
         signals[Q, i] = q[i]
         signals[V, i] = v[i]
         signals[TORQUE_SD, i] = drives[ERROR_SD, i]
-        if known.shape[0] > 0:
+        if known.shape[0] > KNOWN_TAU_F:
             signals[TAU_F, i] = known[KNOWN_TAU_F, i]
 
 
@@ -207,7 +207,7 @@ def _output(
 
     signals[TAU_F] holds the velocity law's torque before.
     """
-    if known.shape[0] == 0 and state.shape[0] > rows:
+    if known.shape[0] <= KNOWN_TAU_F and state.shape[0] > rows:
         _add_torque(choice, slip, state[rows:], signals[Q], signals[V], signals[TAU_F])
     fresh: bool = _observe(choice, observer, state[:rows], signals, J)
     return fresh
@@ -226,7 +226,7 @@ def _update(
 ) -> None:
     """Takes the sample into the parts with memory."""
     _take(choice, observer, state[:rows], signals, J)
-    if known.shape[0] == 0 and state.shape[0] > rows:
+    if known.shape[0] <= KNOWN_TAU_F and state.shape[0] > rows:
         load = signals[TAU_J] - signals[TAU_F]
         _remember(choice, slip, state[rows:], signals[Q], signals[V], load)
 

@@ -21,6 +21,7 @@ from models.identification.torque_error_model import (
     TORQUE_ERROR_ROWS,
     TRANSMITTED_ROW,
     TorqueErrorModel,
+    add_read_load,
     torque_sd_log,
     torque_sd_tick,
 )
@@ -169,6 +170,9 @@ class TrustedReading:
         slow = state[TORQUE_ERROR_ROWS + JACOBIAN_ROWS :].reshape(-1)
         sd, stiction = np.empty_like(tau_ext), np.empty_like(tau_ext)
         torque_sd_log(self._table, own, q, v, transmitted, sd, stiction)
+        if self.error.read_load > 0.0:
+            for k in range(N):
+                add_read_load(self._table, tau_ext[k], sd[k])
         seen = J.copy()
         jacobian_seen_log(self._lag.poles, seen_state, seen)
         wrench, covariance, quality = np.empty((N, 6)), np.empty((N, 6, 6)), np.empty((N, 2))
@@ -223,6 +227,7 @@ def trusted_reading_tick(
     jacobian = state[TORQUE_ERROR_ROWS : TORQUE_ERROR_ROWS + JACOBIAN_ROWS]
     first = TORQUE_ERROR_ROWS + JACOBIAN_ROWS
     torque_sd_tick(error, state[:TORQUE_ERROR_ROWS], q, v, transmitted, sd, stiction)
+    add_read_load(error, tau_ext, sd)
     see_jacobian(poles, jacobian, J, seen)
     take_jacobian(poles, jacobian, J, seen)
     reconstruct_with(

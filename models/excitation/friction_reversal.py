@@ -219,10 +219,11 @@ def separate(
         The samples of all pairs; none where no two passes meet.
     """
     passes = _passes(t, v[:, joint], rest, settle)
+    n = q.shape[1]
+    signals = np.hstack([q, v, vdot, tau])
     rows: list[Array] = []
     for first, second in pairwise(passes):
-        rows += _pair(q, v, vdot, tau, joint, first, second, spacing)
-    n = q.shape[1]
+        rows += _pair(signals, n, joint, first, second, spacing)
     if not rows:
         return ReversalSamples(joint, *(np.zeros(0) for _ in range(5)))
     both = np.stack(rows)  # (K, 2, 4 n): q, v, vdot, tau of the pass upwards, then downwards
@@ -260,16 +261,10 @@ def _passes(t: Array, v: Array, rest: float, settle: float) -> list[slice]:
 
 
 def _pair(
-    q: Array,
-    v: Array,
-    vdot: Array,
-    tau: Array,
-    joint: int,
-    first: slice,
-    second: slice,
-    spacing: float,
+    signals: Array, n: int, joint: int, first: slice, second: slice, spacing: float
 ) -> Sequence[Array]:
-    """Signals (2, 4 n), upwards first, wherever two passes of opposite direction agree."""
+    """Rows (2, 4 n) of signals (T, 4 n), upwards first, wherever two opposite passes agree."""
+    q, v = signals[:, :n], signals[:, n : 2 * n]
     if v[first, joint][0] * v[second, joint][0] > 0.0:
         return []
     up, down = (first, second) if v[first, joint][0] > 0.0 else (second, first)
@@ -278,8 +273,6 @@ def _pair(
     if high <= low:
         return []
     positions = np.linspace(low, high, max(2, int((high - low) / spacing) + 1))
-    signals = np.hstack([q, v, vdot, tau])
-    n = q.shape[1]
     sides = []
     for part in (up, down):
         order = np.argsort(q[part, joint], kind="stable")

@@ -33,6 +33,8 @@ class ContactNoise:
     change: ExceedanceTail | None = None
     """Of the square of a sample's norm beyond the mean over the window. For Gaussian errors of any
     size its tail is exponential; no lighter one is assumed."""
+    misfit: ExceedanceTail | None = None
+    """Of the root of what no force at E explains, over its window; null: `power` stands for it."""
 
 
 def check_contact_noise(path: Path, noise: ContactNoise | None, n: int) -> ContactNoise | None:
@@ -60,7 +62,7 @@ def check_contact_noise(path: Path, noise: ContactNoise | None, n: int) -> Conta
         if not (np.isfinite(value) and value > 0.0):
             problem = f"expected a number above zero, found {value}"
             raise InputError(path, f"contact_noise.{key}", problem, remedy)
-    for key in ("sample", "mean", "power", "change"):
+    for key in ("sample", "mean", "power", "misfit", "change"):
         tail = getattr(noise, key)
         try:
             if tail is not None:

@@ -22,6 +22,7 @@ from models.arrays import Array, Flags
 from models.friction.friction_law import FrictionLaw
 from models.identification.torque_error_model import (
     NUM_FEATURES,
+    Rest,
     TorqueErrorModel,
     averaged_share,
     initial_torque_error_state,
@@ -34,6 +35,7 @@ CORRELATION_TIMES = (0.01, 5.0)  # s, least and largest
 _OUTLIER = 4.0  # sds, beyond which a sample says nothing of correlations
 _LEAST_SHARE = 1e-4  # of a joint's rms error: the smallest constant
 _BLOCK = 256  # samples
+REST = Rest()
 _SPAN = 18.0  # natural logarithm of the range that a coefficient is looked for in
 
 
@@ -64,13 +66,14 @@ class HeldOutReading:
 
 
 def fit_torque_error(
-    readings: Sequence[HeldOutReading], least: ArrayLike = 0.0
+    readings: Sequence[HeldOutReading], least: ArrayLike = 0.0, rest: Rest = REST
 ) -> TorqueErrorModel:
     """Returns the model that explains the readings best.
 
     Args:
         readings: of one gain K_0.
         least: (n,) or () N m, a floor of `constant`: a simulation without noise has no error.
+        rest: how a joint's stiction comes and goes, which the likelihood of motion hardly tells.
 
     Raises:
         ValueError: no reading, readings that disagree, too few samples.
@@ -87,7 +90,7 @@ def fit_torque_error(
     count = sum(int(rows.sum()) for rows in used)
     if count < FEWEST_SAMPLES:
         raise ValueError(f"torque error: {count} samples, expected {FEWEST_SAMPLES} or more")
-    unit = _plain(n, first.K_0)
+    unit = _plain(n, first.K_0, rest)
     features = [_features(unit, own) for own in readings]
     F = np.concatenate([f[rows] for f, rows in zip(features, used, strict=True)])
     e = np.concatenate([own.tau_ext[rows] for own, rows in zip(readings, used, strict=True)])
@@ -130,10 +133,13 @@ def fit_torque_error(
         fitted_load=load,
         K_0=first.K_0,
         resolution=np.max([own.resolution for own in readings], axis=0),
+        rest_time=rest.time,
+        reach=rest.reach,
+        resting_only=rest.only,
     )
 
 
-def _plain(n: int, K_0: Array) -> TorqueErrorModel:
+def _plain(n: int, K_0: Array, rest: Rest) -> TorqueErrorModel:
     """A model of which only the parts that turn motion into features count."""
     zero = np.zeros(n)
     return TorqueErrorModel(
@@ -149,6 +155,9 @@ def _plain(n: int, K_0: Array) -> TorqueErrorModel:
         fitted_load=zero,
         K_0=K_0,
         resolution=zero,
+        rest_time=rest.time,
+        reach=rest.reach,
+        resting_only=rest.only,
     )
 
 

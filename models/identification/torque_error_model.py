@@ -17,12 +17,14 @@ viscous torque and e_v, e_L what speed and load have beyond what was fitted. LP 
 own low-pass K_0 / (s + K_0): a short error fades from the reading as slowly as a force does.
 The state of the slip follows displacement, not speed:
 
-    w <- (1 - (1 - w) exp(-2 dt / rest_time)) exp(-|dp| / reach)
+    w <- (1 - (1 - w) (1 - g + g exp(-2 dt / rest_time))) exp(-|dp| / reach)
     z <- clip(z + dp / reach, -1, 1)
 
-so that w grows to 1 at rest and falls to 0 where the joint slides. dp is the displacement within
-the encoder's rounding (`models.friction.presliding_friction`): a step of it at rest moves nothing,
-and all is continuous in q and v.
+so that w grows to 1 at rest and falls to 0 where the joint slides; with g = 1 a joint that creeps
+keeps a share of about 2 reach / (rest_time |v|). `resting_only` lets it grow at rest alone,
+g = exp(-(v rest_time / reach)^2), for joints that slide slowly all the time, as in machining.
+dp is the displacement within the encoder's rounding (`models.friction.presliding_friction`): a step
+of it at rest moves nothing, and all is continuous in q and v.
 
 rest_time and reach are constants, the most likely ones of a grid (.1 to 2 s, .1 to .8 mrad) over
 the UR10e's three runs, each read causally by a model of the others. `unknown` has no fitted factor:
@@ -37,11 +39,12 @@ with the share K_0 T / (1 + K_0 T) of its variance, which converts them to anoth
 **Assumed, not measured,** and so stated in the model's file: `drift`, because viscous friction
 differs by about 5 % between days of the same month (and by 35 % over a season: refresh the model);
 `beyond_speed` and `beyond_load`, because no log covers them; `scale`, an error in proportion to
-what is read (torque per ampere, load-dependent friction).
+what is read (torque per ampere, load-dependent friction); `read_load`, the same joint by joint,
+where the logs hold no change of load at all (`models.machining.air_pass`).
 """
 
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numba import njit
@@ -80,14 +83,24 @@ _C, _S, _INVERSE_SPEED, _LOAD, _CUBIC, _SPEED_LIMIT, _BEYOND = range(SLIDING_COL
     _FITTED_SPEED,
     _BEYOND_LOAD2,
     _FITTED_LOAD,
+    _INVERSE_REST_SPEED,
+    _READ_LOAD,
     _COLUMNS,
-) = range(SLIDING_COLUMNS, SLIDING_COLUMNS + 18)
+) = range(SLIDING_COLUMNS, SLIDING_COLUMNS + 20)
 
 # Rows of the state.
 _POSITION, _UNKNOWN_SHARE, _TURN, _UNKNOWN, _TURNING, _SLOW_SPEED, _TRANSMITTED = range(7)
 TORQUE_ERROR_ROWS = 7
 UNKNOWN_SHARE_ROW, TRANSMITTED_ROW = _UNKNOWN_SHARE, _TRANSMITTED  # w, and L of the last sample
 NUM_FEATURES = 6  # of `torque_error_features`
+
+
+class Rest(NamedTuple):
+    """Three constants of a TorqueErrorModel: `rest_time` s, `reach` rad and `resting_only`."""
+
+    time: float = REST_TIME
+    reach: float = REACH
+    only: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +126,8 @@ class TorqueErrorModel:
         beyond_speed: share of the viscous coefficient.
         beyond_load: N m per N m.
         scale: share of the wrench that is read; see `models.estimation.trusted_reading`.
+        read_load: N m per N m that is read, joint by joint; 0 where `load` covers what is carried.
+        resting_only: 1 where w grows at rest alone, 0 where it does at any speed.
 
     Raises:
         ValueError: shapes that disagree, a number that is negative or not finite, a correlation
@@ -137,6 +152,8 @@ class TorqueErrorModel:
     beyond_speed: float = field(default=BEYOND_SPEED)
     beyond_load: float = field(default=BEYOND_LOAD)
     scale: float = field(default=SCALE)
+    read_load: float = field(default=0.0)
+    resting_only: float = field(default=0.0)
 
     def __post_init__(self) -> None:
         n = np.size(self.constant)
@@ -178,7 +195,7 @@ class TorqueErrorModel:
         K_0: ArrayLike,
         resolution: ArrayLike | None = None,
     ) -> Array:
-        """(n, 24) contiguous: all that `torque_sd_tick` reads.
+        """(n, 26) contiguous: all that `torque_sd_tick` reads.
 
         Args:
             friction: the model's; its level is the stiction band.
@@ -213,6 +230,8 @@ class TorqueErrorModel:
         known = self.fitted_load > 0.0
         table[:, _FITTED_LOAD] = np.where(known, self.fitted_load, np.inf)
         table[:, _BEYOND_LOAD2] = self.beyond_load**2
+        table[:, _READ_LOAD] = self.read_load
+        table[:, _INVERSE_REST_SPEED] = self.resting_only * self.rest_time / self.reach
         return table
 
     def initial_state(self) -> Array:
@@ -283,7 +302,10 @@ class TorqueErrorModel:
         return cls(**values)
 
 
-_NUMBERS = {"rest_time", "reach", "drift", "beyond_speed", "beyond_load", "scale"}
+_NUMBERS = {
+    *("rest_time", "reach", "drift", "beyond_speed", "beyond_load", "scale"),
+    *("read_load", "resting_only"),
+}
 
 
 def averaged_share(x: ArrayLike) -> Array:
@@ -333,7 +355,11 @@ def _advance(table: Array, state: Array, i: int, q: float, v: float) -> None:
     x = v * row[_INVERSE_SPEED]
     level = row[_C] + row[_S] * np.exp(-x * x) + row[_LOAD] * abs(state[_TRANSMITTED, i])
     level = max(level, 0.0)
-    w = (1.0 - (1.0 - state[_UNKNOWN_SHARE, i]) * row[_KEPT]) * np.exp(-abs(moved))
+    creeps = v * row[_INVERSE_REST_SPEED]
+    kept = row[_KEPT]
+    if creeps != 0.0:
+        kept += (1.0 - kept) * (1.0 - np.exp(-creeps * creeps))
+    w = (1.0 - (1.0 - state[_UNKNOWN_SHARE, i]) * kept) * np.exp(-abs(moved))
     z = min(max(state[_TURN, i] + moved, -1.0), 1.0)
     unknown = level * np.sqrt(w / 3.0)
     turning = level * (1.0 - z * z) * (1.0 - w)
@@ -344,6 +370,13 @@ def _advance(table: Array, state: Array, i: int, q: float, v: float) -> None:
     state[_UNKNOWN, i] = pole * state[_UNKNOWN, i] + (1.0 - pole) * unknown
     state[_TURNING, i] = pole * state[_TURNING, i] + (1.0 - pole) * turning
     state[_SLOW_SPEED, i] = pole * state[_SLOW_SPEED, i] + (1.0 - pole) * v
+
+
+@njit(cache=True, error_model="numpy")
+def breakaway(table: Array, state: Array, i: int) -> float:
+    """N m, level of joint i at rest, of the table and state of `torque_sd_tick`."""
+    level: float = table[i, _C] + table[i, _S] + table[i, _LOAD] * abs(state[_TRANSMITTED, i])
+    return max(level, 0.0)
 
 
 @njit(cache=True, error_model="numpy")
@@ -383,6 +416,20 @@ def torque_sd_tick(
         stiction[i] = np.sqrt(held)
         if np.isfinite(transmitted[i]):
             state[_TRANSMITTED, i] = transmitted[i]
+
+
+@njit(cache=True, error_model="numpy")
+def add_read_load(table: Array, tau_ext: Array, sd: Array) -> None:
+    """Single-sample kernel: adds to sd (n,) what friction may do under the load that is read.
+
+    Args:
+        table: as `torque_sd_tick`.
+        tau_ext: (n,) N m.
+        sd: (n,) N m, changed.
+    """
+    for i in range(table.shape[0]):
+        if table[i, _READ_LOAD] > 0.0 and np.isfinite(tau_ext[i]):
+            sd[i] = np.sqrt(sd[i] ** 2 + (table[i, _READ_LOAD] * tau_ext[i]) ** 2)
 
 
 @njit(cache=True, error_model="numpy")

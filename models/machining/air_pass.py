@@ -9,6 +9,11 @@ where the first of two alike cycles gives tau_d, applied to the observer's outpu
 what differs between the two passes, repetition carries what the model lacks. What contact itself
 changes is not learnt: friction that grows with the load, and joints at rest, which may carry any
 torque within their stiction.
+
+Friction without memory is evaluated at planned speeds on both passes, and the correction counts
+while the feed is steady. A law with memory follows the measured motion instead: under contact
+forces a joint may stick where it slid through the air, and its friction is then not the lesson's.
+What is left of the error, a second air pass shows (`analyses.methods.runs.air_pass`).
 """
 
 from dataclasses import dataclass
@@ -33,8 +38,8 @@ class TaughtTorque:
     Attributes:
         t: (T,) s, even, from 0, where the feed starts.
         tau_ext: (T, n) N m, what the observer read: the model's error in our sign.
-        steady: (T,) 1 where the feed is steady and the correction is valid, else 0; None: 1
-            everywhere.
+        steady: (T,) 1 where the feed is steady, or friction known through its turns, so that the
+            correction is valid, else 0; None: 1 everywhere.
 
     Raises:
         ValueError: t, tau_ext and steady do not fit each other, t is not even, or a number is not
@@ -80,6 +85,12 @@ class TaughtTorque:
         share = (x - k)[..., np.newaxis]
         tau = self.tau_ext[k] + share * (self.tau_ext[k + 1] - self.tau_ext[k])
         return np.asarray(np.where(inside[..., np.newaxis], tau, 0.0))
+
+    def steady_at(self, feed_time: ArrayLike) -> Array:
+        """`steady` (...) at the nearest of its times to each of these (...), s."""
+        assert self.steady is not None
+        k = np.rint(np.asarray(feed_time, float) / self.t[1]).astype(int)
+        return np.asarray(self.steady[np.clip(k, 0, len(self.t) - 1)])
 
     def counts_at(self, feed_time: float) -> bool:
         """Whether a reading that is corrected at this time (s) may be used."""

@@ -9,7 +9,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 from diagrams.estimator import add_estimator, make_estimator
-from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from models.estimation.estimator import Taught, WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.estimation.wrench_kernels import METHODS
 from models.friction.friction_network import FrictionNetworks
@@ -167,6 +167,12 @@ def test_what_an_air_pass_taught(sts_reversed, model, log, law):
     assert fused["valid"].any()
     fused = play(sts_reversed, model, config(), log, True, {**taught, "counts": [0]})
     assert not fused["valid"].any()
+    estimator = WrenchEstimator(sts_reversed, model, config())
+    rows = np.ones((ROWS, 1))
+    known = Taught(taught["tau_correction"] * rows, taught["v_planned"] * rows, rows[:, 0])
+    batch = estimator.run(estimator.initial_state(), *log, taught=known)
+    np.testing.assert_allclose(stages["wrench"], batch.wrench, rtol=0.0, atol=1e-9)
+    np.testing.assert_array_equal(stages["valid"][:, 0] == 1.0, batch.valid)
 
 
 PARAMETERS = {

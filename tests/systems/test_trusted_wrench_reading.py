@@ -116,6 +116,21 @@ def test_diagram_and_log_read_the_same(sts, model, log, method, fused):
     assert np.ptp(batch.torque_sd[:, 0]) > 0.1  # the error does follow the motion
 
 
+@pytest.mark.parametrize("fused", [False, True])
+def test_the_load_that_is_read_widens_the_band_alike(sts, model, log, fused):
+    configuration = WrenchEstimatorConfig(MomentumObserverConfig([20.0], T))
+    error = replace(model.torque_error, read_load=0.2, resting_only=1.0)
+    loaded = replace(model, torque_error=error)
+    estimator, plain = (WrenchEstimator(sts, own, configuration) for own in (loaded, model))
+    batch = estimator.run(estimator.initial_state(), *log)
+    played = play(sts, loaded, configuration, log, fused)
+    scale = float(np.abs(batch.covariance).max())
+    np.testing.assert_allclose(
+        played["covariance"], batch.covariance.reshape(ROWS, 36), rtol=0.0, atol=1e-12 * scale
+    )
+    assert not np.allclose(batch.torque_sd, plain.run(plain.initial_state(), *log).torque_sd)
+
+
 def test_a_tick_and_a_log_read_the_same(sts, model, log):
     estimator = WrenchEstimator(
         sts, model, WrenchEstimatorConfig(MomentumObserverConfig([20.0], T))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from analyses.methods.arms.simulated_logs import ROBOT
-from analyses.methods.planning.article_paths import branch_start
+from analyses.methods.planning.article_paths import branch_start, followed
 from analyses.methods.reading.force_errors import (
     draw_signal,
     envelope,
@@ -44,7 +44,6 @@ from analyses.study.experiment import (
 from analyses.study.figure_files import saved_figures
 from analyses.study.wording import change, change_between, listed
 from models.arrays import Array
-from models.motion.inverse_kinematics import follow_path
 from models.motion.paths import TimeLaw, constant_speed, steady_speed, thirds, uniform_acceleration
 from models.robot.robot import Robot
 
@@ -73,7 +72,7 @@ def noise_alone(robot: Robot, torque_sd: Array) -> dict[str, Any]:
     squares = {}  # of the error of Y per 1 N m of a joint's error, along each path
     for name in (BEFORE, AFTER):
         path, posture = task_path(robot, name)
-        q = follow_path(robot, *path.poses(even), branch_start(robot, path, posture))
+        q = followed(robot, path, even, branch_start(robot, path, posture))
         squares[name] = np.linalg.inv(np.swapaxes(robot.chain.jacobian(q), 1, 2))[:, 4] ** 2
 
     def over_time(name: str, law: TimeLaw, sd: Array) -> float:

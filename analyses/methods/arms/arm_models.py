@@ -36,7 +36,7 @@ from analyses.methods.arms.simulated_logs import PERIODS, simulate_excitation, s
 from analyses.methods.learning.friction_training import TrainingConfig
 from analyses.methods.learning.identification import identify
 from analyses.methods.reading.repetition import repetition_torque
-from analyses.study.shared_results import shared
+from analyses.study.shared_results import digest, shared
 from models.arrays import Array, Flags
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.wrench import WrenchReconstructionConfig
@@ -79,6 +79,7 @@ class ArmModels:
     # By law and K_0: variants of one estimator differ in what comes after
     _errors: dict[tuple[str, float], Array] = field(default_factory=dict, repr=False)
     _fits: dict[tuple[str, float], TorqueErrorModel] = field(default_factory=dict, repr=False)
+    _digests: dict[str, str] = field(default_factory=dict, repr=False)
 
     def estimator(
         self,
@@ -134,7 +135,9 @@ class ArmModels:
 
     def _shared(self, name: str, law: str, K_0: float, compute: Callable[[], Result]) -> Result:
         """For all experiments that have this arm, a result of a law's observer."""
-        return shared(name, (self.robot, self.models[law], self.held_out, K_0), compute)
+        if law not in self._digests:
+            self._digests[law] = digest((self.robot, self.models[law], self.held_out))
+        return shared(name, (self._digests[law], K_0), compute)
 
     def _read_held_out(self, law: str, K_0: float) -> Array:
         readings = zip(self._readings(law, K_0), self.held_out, strict=True)

@@ -81,5 +81,15 @@ def _found_path(
 
 def branch_start(robot: Robot, path: StraightPath, posture: Array) -> Array:
     """(n,) configuration at the start of the path, on the branch of `posture` at its midpoint."""
-    halfway_back = np.linspace(0.5, 0.0, 51)
-    return np.asarray(follow_path(robot, *path.poses(halfway_back), posture)[-1])
+    return np.asarray(followed(robot, path, np.linspace(0.5, 0.0, 51), posture)[-1])
+
+
+def followed(robot: Robot, path: StraightPath, shares: Array, q_seed: Array) -> Array:
+    """`follow_path` at these shares (N,) of a path: (N, n). Within a study it is solved once."""
+    arguments = robot.with_truth(SimulatedTruthConfig()), path, shares, q_seed
+    return shared(
+        "followed",
+        arguments,
+        lambda: follow_path(robot, *path.poses(shares), q_seed),
+        everywhere=True,
+    )

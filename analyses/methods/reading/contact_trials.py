@@ -25,7 +25,7 @@ from models.robot.robot import Robot
 
 LATE = 0.1  # s after a push in which it may still be found: the observer's own lag and more
 PROMPT = 0.05 + 1e-9  # s, the delay that is wanted; delays are multiples of the period
-CONFIDENCE = 0.95  # of the largest rate that a count agrees with
+CONFIDENCE = 0.95  # of the largest rate that a count agrees with, and of the least
 
 
 class TrialLog:
@@ -168,12 +168,14 @@ def onsets(contact: Flags) -> NDArray[np.intp]:
 
 
 def false_alarm_metrics(alarms: int, hours: float) -> dict[str, Any]:
-    """Rate of what was counted, and the largest one that agrees with it."""
+    """Rate of what was counted, and the least and the largest one that agree with it."""
+    lower = 0.5 * float(chi2.ppf(1.0 - CONFIDENCE, 2 * alarms)) if alarms else 0.0
     upper = 0.5 * float(chi2.ppf(CONFIDENCE, 2 * (alarms + 1)))
     return {
         "false_alarms": alarms,
         "hours": hours,
         "false_alarms_per_hour": alarms / hours,
+        "false_alarms_per_hour_lower": lower / hours,
         "false_alarms_per_hour_upper": upper / hours,
     }
 

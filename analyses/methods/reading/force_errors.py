@@ -35,7 +35,6 @@ class ForceReading:
         force: (T, 3) N along X, Y, Z of W, on the robot.
         sd: (T, 3) N, stated.
         reference: (T, 3) N, what it is compared with.
-        condition_number: (T,) of J.
     """
 
     name: str
@@ -43,7 +42,6 @@ class ForceReading:
     force: Array
     sd: Array
     reference: Array
-    condition_number: Array
 
     @property
     def error(self) -> Array:
@@ -58,7 +56,6 @@ class ForceReading:
             self.force[rows],
             self.sd[rows],
             self.reference[rows],
-            self.condition_number[rows],
         )
 
     def metrics(self) -> dict[str, Any]:

@@ -6,10 +6,10 @@ tool works, from the first to the last motion, turns included:
 
     article          semi-parametric friction, K_0 = 20, eq. 22
     coulomb_viscous  the same with the identified law alone
-    ours             the estimator in the loop, which reads with what an air pass has taught
-                     (`models.machining.air_pass`), wherever the feed is steady; where joints start,
-                     stop or reverse, the Bayesian reading with the covariance of
-                     contact-free logs
+    ours             the estimator in the loop: presliding friction, which follows the joints
+                     through rest and reversal, and what an air pass has taught
+                     (`models.machining.air_pass`), bayesian; its band by the state of each joint,
+                     learnt from another air pass
     known_friction   no estimator: the article's with the true friction taken off the torques
     sensor           no estimator: the sensor under the tool, behind its low-pass
 """
@@ -26,7 +26,8 @@ from pydrake.systems.analysis import Simulator
 
 from analyses.methods.advance import advance, even_stretches
 from analyses.methods.arms.arm_models import ArmModels
-from analyses.methods.runs.air_pass import record_air_pass, teach
+from analyses.methods.reading.force_errors import BAND_95
+from analyses.methods.runs.air_pass import learn_air_passes
 from diagrams.closed_loop import make_closed_loop
 from diagrams.machining import longest_duration, view_of
 from diagrams.pages.run_page import make_meshcat, start_animation, write_page
@@ -34,14 +35,16 @@ from diagrams.scenario import Scenario
 from models.arrays import Array, Flags
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.wrench import WrenchReconstructionConfig
-from models.machining.air_pass import TaughtTorque, raised_motion
+from models.identification.identified_model import IdentifiedModel
+from models.machining.air_pass import TaughtTorque
 from models.machining.machining_path import MachiningPath
 from models.machining.machining_phases import Fault, Phase
 from models.observers.momentum_observer import MomentumObserverConfig
+from models.rigid_body.spatial_vectors import AXES
 
 ProgressCallback = Callable[[float, str], None]
 
-LAW, PLAIN = "semi-parametric", "coulomb-viscous"
+LAW, PLAIN, OURS = "semi-parametric", "coulomb-viscous", "presliding"
 FEEDS = (15.0, 30.0, 60.0)  # s, one way
 K_0 = 20.0  # 1/s, the article's
 FEEDBACKS = ("sensor", "estimate")
@@ -55,6 +58,8 @@ _LOGGED = (
     "v",
     "current",
     "wrench",
+    "covariance",
+    "valid",
     "wrench_true",
     "ft_wrench",
     "tau_f_true",
@@ -114,6 +119,22 @@ class MachiningRun:
         return np.asarray(self.working & (on_plan == 1.0))
 
     @property
+    def parts(self) -> dict[str, Flags]:
+        """(T,) by part of the work: steady, ends (first motion, last one), turns, all."""
+        steady, working = self.steady, self.working
+        led = np.flatnonzero(steady)
+        between = np.zeros_like(working)
+        if len(led):
+            between[led[0] : led[-1]] = True
+        unsteady = working & ~steady
+        return {
+            "steady": steady,
+            "ends": unsteady & ~between,
+            "turns": unsteady & between,
+            "all": working,
+        }
+
+    @property
     def ways(self) -> NDArray[np.int64]:
         """(T,) number of the way along the path, from 1, where the tool works; else 0."""
         moves = np.sign(np.diff(self.plan.s, append=self.plan.s[-1]))
@@ -155,8 +176,8 @@ def learn(
     plan: MachiningPath,
     seed: int,
     progress: ProgressCallback = lambda fraction, what: None,
-) -> TaughtTorque:
-    """What an air pass of the scenario teaches the estimator of LAW.
+) -> tuple[TaughtTorque, IdentifiedModel]:
+    """What air passes of the scenario teach the estimator of OURS; see `learn_air_passes`.
 
     Args:
         scenario: with machining and an air_pass.
@@ -165,11 +186,7 @@ def learn(
         seed: of the air pass's noise.
         progress: told the share done.
     """
-    robot = models.robot
-    assert scenario.machining is not None
-    motion = raised_motion(robot, plan.trajectory, scenario.machining.air_pass)
-    air = record_air_pass(scenario, robot, motion, seed, progress)
-    return teach(air, motion, plan, robot, models.models[LAW], scenario.estimator)
+    return learn_air_passes(scenario, models.robot, models.models[OURS], plan, seed, progress)
 
 
 def run_machining(
@@ -177,6 +194,7 @@ def run_machining(
     models: ArmModels,
     plan: MachiningPath,
     taught: TaughtTorque | None = None,
+    reads: IdentifiedModel | None = None,
     page: Path | None = None,
     progress: ProgressCallback = lambda fraction, what: None,
 ) -> MachiningRun:
@@ -187,6 +205,7 @@ def run_machining(
         models: what controller and estimator know; their robot has its simulated truth.
         plan: of the scenario.
         taught: by an air pass along the plan.
+        reads: the model of the estimator; None: that of OURS.
         page: where to write the arm in motion (HTML).
         progress: told the share done.
     """
@@ -211,6 +230,7 @@ def run_machining(
         log_only=_LOGGED,
         taught=taught,
         fused=True,
+        estimator_model=reads or models.models[OURS],
     )
     simulator = Simulator(loop.diagram)
     simulator.Initialize()
@@ -231,9 +251,7 @@ def run_machining(
 def read_all(run: MachiningRun, models: ArmModels) -> dict[str, dict[str, Array]]:
     """(T,) N by reading (READINGS) and component."""
     robot, signals = models.robot, run.signals
-    speed = float(np.abs(run.plan.trajectory.v).max())
     inverse = WrenchReconstructionConfig("inverse")
-    bayesian = models.estimator(LAW, speed, K_0, WrenchReconstructionConfig("bayesian"), False)
     config = WrenchEstimatorConfig(MomentumObserverConfig([K_0]), inverse)
 
     def read(estimator: WrenchEstimator, tau_f: Array | None = None) -> Array:
@@ -245,11 +263,7 @@ def read_all(run: MachiningRun, models: ArmModels) -> dict[str, dict[str, Array]
     forces = {
         "article": read(WrenchEstimator(robot, law, config)),
         "coulomb_viscous": read(WrenchEstimator(robot, plain, config)),
-        "ours": np.where(
-            run.steady[:, np.newaxis],
-            signals["wrench"][:, 3:],
-            read(bayesian),
-        ),
+        "ours": signals["wrench"][:, 3:],
         "known_friction": read(WrenchEstimator(robot, law, config), signals["tau_f_true"]),
         "sensor": signals["ft_wrench"][:, 3:],
     }
@@ -264,6 +278,22 @@ def errors(reading: Array, truth: Array) -> dict[str, float]:
         "rmse_n": float(np.sqrt(np.mean(error**2))),
         "max_error_n": float(np.abs(error).max()),
         "bias_n": float(error.mean()),
+    }
+
+
+def band_shares(run: MachiningRun) -> dict[str, dict[str, float]]:
+    """Share of the estimator's readings inside its stated 95 % band, by part and axis of W.
+
+    A part that the run does not have is left out.
+    """
+    wrench, truth = run.signals["wrench"], run.signals["wrench_true"]
+    covariance = run.signals["covariance"].reshape(-1, 6, 6)
+    sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    inside = (np.abs(wrench - truth) <= BAND_95 * sd)[:, 3:]
+    return {
+        part: dict(zip(AXES, inside[rows].mean(axis=0).tolist(), strict=True))
+        for part, rows in run.parts.items()
+        if rows.any()
     }
 
 
@@ -291,16 +321,18 @@ def errors_within_ways(reading: Array, truth: Array, ways: NDArray[np.int64]) ->
 
 
 def regulation(run: MachiningRun) -> dict[str, float]:
-    """How well the true normal force was held: RMS and extremes of its error in N.
+    """How well the true normal force was held: RMS, median and extremes of its error in N.
 
-    From the first motion along the path to the last; overshoot_n is the most above the set-point
-    since the touch, least_n the least true force at work.
+    From the first motion along the path to the last; median_n is that of the error's magnitude over
+    time, overshoot_n the most above the set-point since the touch, least_n the least true force at
+    work.
     """
     force = run.components(run.signals["wrench_true"][:, 3:])["normal"]
     error = force - run.signals["force_setpoint"][:, 0]
     pressed = run.working | (run.signals["phase"][:, 0] == Phase.TOUCH)
     return {
         "rms_n": float(np.sqrt(np.mean(error[run.working] ** 2))),
+        "median_n": float(np.median(np.abs(error[run.working]))),
         "steady_rms_n": float(np.sqrt(np.mean(error[run.steady] ** 2))),
         "max_error_n": float(np.abs(error[run.working]).max()),
         "overshoot_n": float(max(0.0, error[pressed].max())),

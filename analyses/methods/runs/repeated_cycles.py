@@ -22,6 +22,7 @@ from analyses.methods.reading.force_errors import (
 from analyses.methods.reading.repetition import repetition_torque
 from analyses.methods.runs.task_runs import (
     PATHS,
+    RepetitionReader,
     TaskRun,
     on_path,
     read_repetition,
@@ -125,19 +126,18 @@ def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCyc
         runs[path] = run
         torque = repetition_torque(run.recording, robot, period, K_0)
         torque_rms[path] = np.sqrt(np.mean(torque**2, axis=0))
-        for variant in VARIANTS:
-            if variant.path == path:
-                config = WrenchReconstructionConfig(variant.method).with_prior(
-                    *live_prior(robot.payload)
-                )
-                readings[variant.key] = read_repetition(
-                    variant.label,
-                    run,
-                    robot,
-                    period,
-                    WrenchReconstruction(config, sigma[variant.K_0]),
-                    variant.K_0,
-                )
+        here = [variant for variant in VARIANTS if variant.path == path]
+        readers = []
+        for variant in here:
+            config = WrenchReconstructionConfig(variant.method).with_prior(
+                *live_prior(robot.payload)
+            )
+            reconstruction = WrenchReconstruction(config, sigma[variant.K_0])
+            readers.append(RepetitionReader(variant.label, reconstruction, variant.K_0))
+        for variant, reading in zip(
+            here, read_repetition(run, robot, period, readers), strict=True
+        ):
+            readings[variant.key] = reading
     ordered = {variant.key: readings[variant.key] for variant in VARIANTS}
     sd, filtered_sd = (np.sqrt(np.diag(sigma[gain])) for gain in (None, K_0))
     return RepeatedCycles(runs, ordered, scenario, sd, filtered_sd, torque_rms)

@@ -18,7 +18,7 @@ from scipy.optimize import nnls
 
 from analyses.methods.advance import advance
 from analyses.methods.reading.force_errors import envelope
-from analyses.methods.runs.air_pass import record_air_pass, teach
+from analyses.methods.runs.air_pass import learn_air_passes
 from analyses.methods.runs.simulate_settings import SimulateSettings
 from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
 from analyses.output.outputs import OutputFolder
@@ -43,7 +43,6 @@ from models.excitation.fourier_trajectory import FourierTrajectory
 from models.files.input_error import InputError
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
-from models.machining.air_pass import raised_motion
 from models.machining.machining_phases import FAULT_SENTENCES, Fault, Phase
 from models.motion.paths import JointTrajectory
 from models.recordings.recording import Recording
@@ -419,19 +418,25 @@ def simulate(
             f"without --model, controller and estimator are given {known}: "
             "identify a model for a realistic error"
         )
-    taught = None
+    taught, reads = None, model
     if plan is not None and scenario.machining is not None and scenario.machining.air_pass > 0.0:
-        motion = raised_motion(robot, plan.trajectory, scenario.machining.air_pass)
-        air = record_air_pass(
-            scenario, robot, motion, scenario.seed + 1, lambda _, what: progress(0.0, what)
+        seed = scenario.seed + 1
+        taught, reads = learn_air_passes(
+            scenario, robot, model, plan, seed, lambda _, what: progress(0.0, what)
         )
-        taught = teach(air, motion, plan, robot, model, scenario.estimator)
     meshcat = None
     if page is not None:
         _, p_WE = robot.chain.pose(trajectory.q[len(trajectory.q) // 2])
         meshcat = make_meshcat(robot, p_WE, None if plan is None else view_of(plan.path))
     loop = make_closed_loop(
-        scenario, robot, model, meshcat, trajectory=trajectory, machining_path=plan, taught=taught
+        scenario,
+        robot,
+        model,
+        meshcat,
+        trajectory=trajectory,
+        machining_path=plan,
+        taught=taught,
+        estimator_model=reads,
     )
     files: list[Path] = []
     if graph is not None:

@@ -12,6 +12,7 @@ finds, turned about the first axis to lie straight ahead.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,7 @@ from analyses.methods.reading.force_errors import ForceReading
 from analyses.methods.reading.repetition import repetition_torque
 from analyses.methods.runs.fast_runs import is_free, run_free
 from analyses.study.experiment import FigureFile
+from analyses.study.shared_results import shared
 from diagrams.closed_loop import make_closed_loop
 from diagrams.pages.path_page import PathMotion, write_path_page
 from diagrams.scenario import LineMotion, Scenario, load_scenario, make_trajectory
@@ -38,10 +40,12 @@ from models.control.wrench_script import HandPush, WrenchSegment
 from models.estimation.estimator import WrenchEstimator
 from models.estimation.wrench import WrenchReconstruction
 from models.identification.identified_model import IdentifiedModel
-from models.motion.paths import StraightPath
+from models.motion.paths import JointTrajectory, StraightPath
 from models.observers.lag import LagModel, lag_log
 from models.recordings.recording import Recording
+from models.rigid_body.serial_chain import SerialChain
 from models.robot.robot import Robot
+from models.robot.truth_config import SimulatedTruthConfig
 from models.truth.log_clock import clocked
 
 ProgressCallback = Callable[[float, str], None]
@@ -63,7 +67,8 @@ class TaskRun:
         wrench_true: (T, 6) rotation first, N m and N.
         ft_wrench: (T, 6) of the sensor; None where the scenario has none.
         tau_f_true: (T, n) N m, the true friction; for ablations, not for estimators.
-        condition_number: (T,) of J.
+        q_exact: (T, n) rad, as the encoders read at the times t themselves.
+        chain: of the robot.
     """
 
     name: str
@@ -71,7 +76,13 @@ class TaskRun:
     wrench_true: Array
     ft_wrench: Array | None
     tau_f_true: Array
-    condition_number: Array
+    q_exact: Array
+    chain: SerialChain
+
+    @cached_property
+    def condition_number(self) -> Array:
+        """(T,) of J."""
+        return np.asarray(self.chain.condition_number(self.q_exact))
 
     @property
     def reference(self) -> Array:
@@ -89,7 +100,7 @@ class TaskRun:
             wrench_true=self.wrench_true[rows],
             ft_wrench=None if self.ft_wrench is None else self.ft_wrench[rows],
             tau_f_true=self.tau_f_true[rows],
-            condition_number=self.condition_number[rows],
+            q_exact=self.q_exact[rows],
         )
 
 
@@ -185,7 +196,8 @@ def run_task(
     """
     nominal = IdentifiedModel.nominal(robot)
     if is_free(scenario, robot):
-        t, signals = run_free(scenario, robot, nominal)
+        motion = planned_motion(scenario, robot, everywhere=name in PATHS)
+        t, signals = run_free(scenario, robot, nominal, motion)
         progress(1.0, f"simulating, {name} path")
     else:
         t, signals = _run_closed_loop(scenario, robot, nominal, name, progress)
@@ -201,7 +213,8 @@ def run_task(
         signals["wrench_true"],
         signals.get("ft_wrench"),
         signals["tau_f_true"],
-        np.asarray(robot.chain.condition_number(signals["q"])),
+        signals["q"],
+        robot.chain,
     )
 
 
@@ -284,47 +297,77 @@ def read_run(
         force[settled],
         sd[settled],
         run.reference[settled],
-        run.condition_number[settled],
     )
 
 
+@dataclass(frozen=True, eq=False)
+class RepetitionReader:
+    """One way to read the second cycle.
+
+    Attributes:
+        name: of the reading.
+        reconstruction: with the covariance of the repetition's error.
+        K_0: as `repetition_torque`; the stated sds hold its lag behind a force of HAND_HZ.
+    """
+
+    name: str
+    reconstruction: WrenchReconstruction
+    K_0: float | None = None
+
+
 def read_repetition(
-    name: str,
-    run: TaskRun,
-    robot: Robot,
-    period: int,
-    reconstruction: WrenchReconstruction,
-    K_0: float | None = None,
-) -> ForceReading:
+    run: TaskRun, robot: Robot, period: int, readers: Sequence[RepetitionReader]
+) -> list[ForceReading]:
     """What eqs. 4 and 20 read in the second cycle, with the first one's torque as tau_d.
 
     Args:
         run: of two cycles.
         period: samples of a cycle.
-        reconstruction: with the covariance of the repetition's error.
-        K_0: as `repetition_torque`; the stated sds hold its lag behind a force of HAND_HZ.
+        readers: each gives a reading.
     """
-    tau_ext = repetition_torque(run.recording, robot, period, K_0)
-    bandwidth = 0.0 if K_0 is None else HAND_HZ
-    lag = LagModel.of(K_0, robot.num_joints, run.recording.time_step, bandwidth, 0.0)
-    slow = np.full(6, np.nan)
-    second = slice(period, period + len(tau_ext))
-    q = run.recording.q[second]
-    force, sd = np.empty((2, len(q), 3))
+    gains = {reader.K_0 for reader in readers}
+    tau_ext = {K_0: repetition_torque(run.recording, robot, period, K_0) for K_0 in gains}
+    step = run.recording.time_step
+    lags = [
+        LagModel.of(own.K_0, robot.num_joints, step, 0.0 if own.K_0 is None else HAND_HZ, 0.0)
+        for own in readers
+    ]
+    slow = np.full((len(readers), 6), np.nan)
+    q, t = run.recording.q[period:], run.recording.t[period:]
+    force, sd = np.empty((2, len(readers), len(q), 3))
     for start in range(0, len(q), _BLOCK):
         rows = slice(start, start + _BLOCK)
         J = np.asarray(robot.chain.jacobian(q[rows]))
-        part = reconstruction.reconstruct(J, tau_ext[rows], J_now=J[:0])  # the run has conditions
-        covariance = part.covariance.copy()
-        lag_log(lag.settings, slow, part.wrench, part.valid, covariance)
-        force[rows] = part.wrench[:, 3:]
-        sd[rows] = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))[:, 3:]
-    t = run.recording.t[second]
-    return ForceReading(
-        name, t - t[0], force, sd, run.reference[second], run.condition_number[second]
-    )
+        for k, (own, lag) in enumerate(zip(readers, lags, strict=True)):
+            tau = tau_ext[own.K_0][rows]
+            part = own.reconstruction.reconstruct(J, tau, J_now=J[:0])  # the run has conditions
+            lag_log(lag.settings, slow[k], part.wrench, part.valid, part.covariance)
+            force[k, rows] = part.wrench[:, 3:]
+            sd[k, rows] = np.sqrt(np.diagonal(part.covariance, axis1=1, axis2=2)[:, 3:])
+    return [
+        ForceReading(own.name, t - t[0], force[k], sd[k], run.reference[period:])
+        for k, own in enumerate(readers)
+    ]
 
 
 def highest_speed(scenarios: Sequence[Scenario], robot: Robot) -> float:
-    """The highest planned joint speed of the scenarios, rad/s."""
-    return max(float(np.abs(make_trajectory(one, robot).v).max()) for one in scenarios)
+    """The highest planned joint speed of the scenarios, on PATHS, rad/s."""
+    motions = (planned_motion(one, robot, everywhere=True) for one in scenarios)
+    return max(float(np.abs(motion.v).max()) for motion in motions)
+
+
+def planned_motion(scenario: Scenario, robot: Robot, everywhere: bool) -> JointTrajectory:
+    """`make_trajectory`; within a study the same motion is planned once.
+
+    Args:
+        scenario: what happens.
+        robot: what it truly is has no part in its plan.
+        everywhere: whether all worlds of a campaign have this motion, as they have PATHS.
+    """
+    known = robot.with_truth(SimulatedTruthConfig())
+    return shared(
+        "planned_motion",
+        (known, scenario.motion, scenario.duration),
+        lambda: make_trajectory(scenario, robot),
+        everywhere=everywhere,
+    )

@@ -79,6 +79,27 @@ def file_of(tmp_path, folder):
     return (tmp_path / folder / "campaign.parquet").read_bytes()
 
 
+def test_the_fastest_feed_alone_is_another_campaign(tmp_path, experiment, campaign):
+    body = "    (FOLDER / 'feeds').write_text(str(context.fastest_feed))"
+    experiment("feeds", body)
+    campaign("feeds", worlds=1, jobs=1, fastest_feed=True)
+    assert (tmp_path / "feeds").read_text() == "True"
+    with pytest.raises(InputError, match="of other feeds"):
+        campaign("feeds", worlds=1, jobs=1)
+    campaign("feeds", worlds=1, jobs=1, folder="all")
+    assert (tmp_path / "feeds").read_text() == "False"
+    with pytest.raises(InputError, match="of other feeds"):
+        campaign("feeds", worlds=1, jobs=1, folder="all", fastest_feed=True)
+
+
+def test_compiled_loops_of_a_world_take_one_thread(tmp_path, experiment, campaign):
+    """Loops of two worlds that wait for each other's threads took a quarter more of both cores."""
+    body = "    import numba\n    (FOLDER / 'threads').write_text(str(numba.get_num_threads()))"
+    experiment("threaded", body)
+    campaign("threaded", worlds=1, jobs=1)
+    assert (tmp_path / "threads").read_text() == "1"  # also where there are more cores
+
+
 def test_a_failing_world_is_listed_and_runs_alone(tmp_path, experiment, campaign, counted):
     seed = draw_world(0, 1).seed
     body = f"""

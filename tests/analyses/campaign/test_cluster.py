@@ -48,6 +48,18 @@ def test_numbers_are_the_same_and_a_killed_worker_loses_nothing(
     assert tables[0] == tables[1]
 
 
+@pytest.mark.slow
+def test_real_experiments_give_the_same_bytes_on_a_cluster(tmp_path, campaign, scheduler):
+    """What shares results in a folder, trains networks and runs compiled loops, shortened."""
+    names = ("identification", "friction", "combined", "repeat-cycle")
+    tables = []
+    for folder, address in (("there", scheduler()), ("here", None)):
+        result = campaign(*names, worlds=2, quick=True, folder=folder, cluster=address)
+        assert (result.worlds, result.failures) == (2, {})
+        tables.append((tmp_path / folder / "campaign.parquet").read_bytes())
+    assert tables[0] == tables[1]
+
+
 def test_a_world_that_takes_every_worker_down_is_listed(experiment, campaign, scheduler):
     seed = draw_world(0, 1).seed
     experiment("toy", f"    if context.seed == {seed}: os.kill(os.getpid(), signal.SIGKILL)")

@@ -75,6 +75,30 @@ def test_median_range_and_share_of_a_known_figure():
     }
 
 
+def test_draws_that_move_a_figure_are_told_where_the_article_s_lies_elsewhere():
+    """In `record_of` all worlds are drawn alike; here what is measured follows the load."""
+
+    def found_in(worlds):
+        record = record_of(worlds)
+        for number, world in record.worlds.items():
+            world.parameters = {"load": 0.5 + 0.01 * number, "wander": float(number % 7)}
+            world.values["toy"]["optimised.rmse_x_n"] = 11.0 + 0.1 * number
+        return {one.key: one for one in distributions(record, ["toy"])}
+
+    found = found_in(101)
+    (moved,) = found["optimised.rmse_x_n"].moved_by  # 10 lies below 11 to 21
+    assert (moved.parameter, moved.rank_correlation) == ("load", pytest.approx(1.0))
+    assert moved.reaches_article_at == pytest.approx(0.4)
+    assert moved.extrapolated
+    stated = found["optimised.rmse_x_n"].metrics()["moved_by"][0]
+    assert (stated["parameter"], stated["drawn"]) == ("load", (0.5, pytest.approx(1.5)))
+    assert "load + (rank correlation 1.00" in table_row(found["optimised.rmse_x_n"]).moved_by
+    assert found["rmse_nm.0"].moved_by is None  # 1 lies in its range
+    assert found["correlation"].moved_by == ()  # outside, and the same in all worlds
+    assert table_row(found["correlation"]).moved_by == "no drawn parameter moves it"
+    assert found_in(19)["optimised.rmse_x_n"].moved_by is None  # too few
+
+
 def test_a_row_says_yes_or_no():
     rows = [table_row(one) for one in distributions(record_of(101), ["toy"])]
     assert (rows[0].article, rows[0].median, rows[0].range) == ("10", "50.0", "5.0 to 95.0")

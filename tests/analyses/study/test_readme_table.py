@@ -157,6 +157,12 @@ def test_it_runs_as_a_module(study, readme):
     assert "24.86" in readme.read_text(encoding="utf-8")
 
 
+MOVED_BY = [
+    {"parameter": "load", "rank_correlation": -0.7},
+    {"parameter": "wander", "rank_correlation": 0.4},
+]
+
+
 @pytest.fixture
 def campaign(tmp_path):
     def spread(median, ahead=None):
@@ -165,7 +171,7 @@ def campaign(tmp_path):
 
     metrics = {
         "campaign": {"quick": False, "worlds": 200, "seed": 0},
-        "repeat-cycle": {"reduction_rmse_y_pct": spread(7.5, 0.99)},
+        "repeat-cycle": {"reduction_rmse_y_pct": spread(7.5, 0.99) | {"moved_by": MOVED_BY}},
         "constant-wrench": {"rmse.0": spread(2.0), "rmse.1": spread(3.0)},
     }
     folder = OutputFolder(tmp_path / "campaign")
@@ -179,12 +185,15 @@ def test_the_readme_says_the_median_and_the_range_of_worlds(study, readme, campa
         for row in experiment["rows"]:
             row["readme"] = True
     text = results_table(results, worlds)
-    assert "| Pole [1/s] | 20.0 (eq. 30) | 7.50 (6.50 to 8.50) | ours ahead in 99 %; a" in text
+    assert "| Pole [1/s] | 20.0 (eq. 30) | 7.50 (6.50 to 8.50) | ours ahead in 99 %; " in text
+    assert "; goes with load (−), wander (+); a" in text
     assert "median of 200 worlds" in text.splitlines()[-1]
     table = results_table(results, worlds, whole=True)  # the documentation's has the one run's too
     assert "| Median of 200 worlds (5 to 95 %) |" in table
-    assert "| 20.5 | 7.50 (6.50 to 8.50), ours ahead in 99 % |" in table
+    assert "| 20.5 | 7.50 (6.50 to 8.50), ours ahead in 99 % | goes with load (−)" in table
     assert "| 2.00 (1.00 to 3.00), 3.00 (2.00 to 4.00) |" in table
+    part = worlds | {"constant-wrench": {"rmse.0": worlds["constant-wrench"]["rmse.0"]}}
+    assert "| 2.00 (1.00 to 3.00), – |" in results_table(results, part, whole=True)
     few = worlds | {"campaign": worlds["campaign"] | {"worlds": FEWEST_WORLDS - 1}}
     assert results_table(results, few) == results_table(results)  # no range of so few
     assert "| Median of 19 worlds" in results_table(results, few, whole=True)

@@ -7,13 +7,24 @@ import pytest
 from scipy.signal import lfilter
 
 from models.detection.contact_detector import (
+    MISFIT_RATE,
+    OTHER_DAYS,
     ContactDetectionConfig,
     ContactDetector,
     Detection,
     initial_state,
 )
 from models.detection.contact_noise_fit import fit_contact_noise
-from models.detection.contact_statistic import QUIET, SAMPLE_LENGTH
+from models.detection.contact_statistic import (
+    ANEW,
+    MEAN_LEVEL,
+    MISFIT_LEVEL,
+    POWER_LEVEL,
+    QUIET,
+    SAMPLE_LENGTH,
+    SAMPLE_RELEASE,
+    WINDOW,
+)
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
@@ -169,6 +180,65 @@ def test_a_weak_push_is_found_by_its_mean(sts, model):
     assert 2005 <= begin <= 2060
 
 
+def test_the_sample_that_follows_a_contact_is_no_mean(sts, model):
+    """The mean begins anew from one sample, which alone would be beyond the mean's level."""
+    detector = detector_of(model, sts)
+    tau_ext = np.zeros((600, N))
+    direction = np.linalg.cholesky(model.torque_error.correlation)[:, 0]
+    tau_ext[200:205] = 30.0 * direction * SD
+    _, found = judged(detector, model, sts, tau_ext)
+    end = np.flatnonzero(found.contact)[-1] + 1
+    size = 0.98 * detector._settings[SAMPLE_RELEASE]
+    scale = np.sqrt(CORRELATION_TIME / (CORRELATION_TIME + WINDOW))
+    assert size / scale > 1.1 * detector._settings[MEAN_LEVEL]
+    tau_ext[end] = -size * direction * SD  # nothing of the contact is left
+    _, found = judged(detector, model, sts, tau_ext)
+    assert found.contact[end - 1]
+    assert not found.contact[end:].any()
+    # What lasts is found all the same, once there is a mean again.
+    tau_ext[end:] = -size * direction * SD
+    _, found = judged(detector, model, sts, tau_ext)
+    begin = end + np.flatnonzero(found.contact[end:])[0]
+    assert begin == pytest.approx(end + ANEW / T, abs=1)
+
+
+def test_the_mean_is_given_more_on_other_days(sts, model):
+    own = learnt(model, sts, 60_000, 17)
+    detector = detector_of(own, sts, 2.0)
+    # The change has the other half of the rate, at the level that it was learnt.
+    assert detector.levels[1] == pytest.approx(OTHER_DAYS * own.contact_noise.mean.level_at(1.0))
+    assert detector.levels[3] ** 2 == pytest.approx(own.contact_noise.change.level_at(1.0))
+
+
+def test_what_no_force_at_e_explains_is_told_soon(sts, model):
+    """A misfit of ten sds, some 7 of them beyond every force at E, for a second at a time."""
+    own = learnt(model, sts, 60_000, 18)
+    tau_ext = noise(own, 9000, np.random.default_rng(19))
+    onto = np.zeros(N)
+    onto[:3] = [6.0, -6.0, 6.0]
+    starts = range(500, 8500, 500)
+    for start in starts:
+        tau_ext[start : start + 100] += onto * SD
+    detector = detector_of(own, sts)
+    level = OTHER_DAYS * own.contact_noise.misfit.level_at(MISFIT_RATE)
+    assert detector._settings[MISFIT_LEVEL] == pytest.approx(level)
+    _, found = judged(detector, own, sts, tau_ext)
+    late = [np.flatnonzero(found.misfit[start : start + 100])[0] for start in starts]
+    # 1 - exp(-t / .1) = (level / 7)^2 = .3 at .04 s; over .3 s it would be .11 s.
+    assert 0.02 <= T * np.median(late) <= 0.08
+    at_e = noise(own, 9000, np.random.default_rng(20))
+    J = own.chain(sts).jacobian(sts.home)
+    for start in starts:
+        at_e[start : start + 100] += J[3:].T @ [10.0, 10.0, -10.0]
+    _, found = judged(detector, own, sts, at_e)
+    assert found.contact.sum() > 1000
+    # A second of contact is misread once in a hundred times: 16 seconds here.
+    assert found.misfit[found.contact].mean() < 0.02
+    older = replace(own, contact_noise=replace(own.contact_noise, misfit=None))
+    settings = detector_of(older, sts)._settings
+    assert settings[MISFIT_LEVEL] == settings[POWER_LEVEL]
+
+
 @pytest.mark.parametrize("link", [2, 4, 5])
 def test_a_contact_on_a_link_is_not_at_e_and_the_link_is_named(sts, model, link):
     rng = np.random.default_rng(8)
@@ -271,6 +341,28 @@ def test_at_rest_stiction_hides_no_push_beyond_the_breakaway(sts, model):
         _, found = judged(detector_of(arm, sts), arm, sts, read)
         assert found.contact.any() == (size > 4.0)
     assert np.flatnonzero(found.contact)[0] == 150
+
+
+def test_a_joint_that_comes_to_rest_lets_go_and_nothing_touched_it(sts, model):
+    """It carried 1.7 of the 2 N m that it can, and nothing at rest, as fast as can be read."""
+    one = np.ones(N)
+    high = ExceedanceTail(level=1e3, rate_per_hour=1.0, scale=1.0, shape=0.0)
+    tail = ExceedanceTail(level=16.0, rate_per_hour=1800.0, scale=0.2, shape=0.0)
+    shares = [[0.1, 0.0, 0.0, 0.0, 0.0, 0.6, 0.0]] * N
+    told = ContactNoise([1.0] * N, [0.6] * N, T, 0.1, high, high, high, shares, tail)
+    friction = SemiParametricFriction(CoulombViscous(2.0 * one, 4.0 * one, 0.0 * one))
+    arm = replace(model, friction=friction, contact_noise=told)
+    detector = detector_of(arm, sts)
+    q, v, transmitted, momentum, J = still(arm, sts, 300)
+    read = np.zeros((300, N))
+    read[200:, 0] = 1.7 * (1.0 - np.exp(-20.0 * T * np.arange(1, 101)))
+    for after, touched in ((0.0, False), (0.1, True)):  # stops, and moves on
+        v[:, 0] = np.where(np.arange(300) < 200, 0.5, after)
+        q[:, 0] = sts.home[0] + T * np.cumsum(v[:, 0])
+        out = detector.judge(
+            *(detector.initial_state(), q, v, transmitted, momentum, J, read, np.ones(300, bool))
+        )
+        assert Detection.of(out).contact.any() == touched
 
 
 def test_held_readings_leave_everything_as_it_was(sts, model):

@@ -322,6 +322,25 @@ def test_what_was_taught_corrects_the_reading_and_friction_slides_at_planned_spe
         assert one.valid == found.valid[k]
 
 
+def test_friction_with_memory_follows_the_measured_motion_of_a_taught_estimator() -> None:
+    """What was planned plays no part: the reading is the plain one, corrected."""
+    q, v, current = log(200)
+    rng = np.random.default_rng(3)
+    planned, correction = rng.normal(size=(2, *v.shape))
+    counts = (np.arange(200) % 3 > 0).astype(float)
+    own = remembering()
+    found = own.run(own.initial_state(), q, v, current, taught=Taught(correction, planned, counts))
+    plain = own.run(own.initial_state(), q, v, current)
+    np.testing.assert_allclose(found.tau_ext, plain.tau_ext + correction, rtol=0.0, atol=1e-12)
+    np.testing.assert_array_equal(found.transmitted, plain.transmitted)
+    np.testing.assert_array_equal(found.valid, plain.valid & (counts == 1.0))
+    state = own.initial_state()
+    for k in range(200):
+        taught = Taught(correction[k], planned[k], counts[k])
+        one = own.step(state, q[k], v[k], current[k], taught=taught)
+        np.testing.assert_array_equal(one.wrench, found.wrench[k])
+
+
 def test_what_was_taught_must_fit_the_log() -> None:
     q, v, current = log(20)
     own = estimator()

@@ -11,6 +11,7 @@ from models.friction.velocity_friction import CoulombViscous, SemiParametricFric
 from models.identification.torque_error_model import (
     TORQUE_ERROR_ROWS,
     TorqueErrorModel,
+    add_read_load,
     averaged_share,
     torque_sd_tick,
 )
@@ -145,6 +146,28 @@ def test_sliding_forgets_stiction_and_rest_brings_it_back() -> None:
     _, stiction = model().along(law(), q, v, np.zeros_like(q), STEP)
     assert (stiction[199] < 0.12 * model().constant).all()
     np.testing.assert_allclose(stiction[-1], np.array([16.0, 3.0]) / np.sqrt(3.0), rtol=1e-3)
+
+
+def test_a_joint_that_creeps_rests_at_any_speed_or_only_at_rest() -> None:
+    """At 6 mrad/s w stays at 2 reach / (rest_time v) = .2 in the one; none is left in the other."""
+    t = STEP * np.arange(600)
+    q = np.stack([6e-3 * t, np.zeros_like(t)], axis=1)
+    v = np.broadcast_to([6e-3, 0.0], q.shape)
+    at_any_speed, resting_only = (
+        model(resting_only=only).along(law(), q, v, np.zeros_like(q), STEP)[1][-1]
+        for only in (0.0, 1.0)
+    )
+    level = law().coulomb + law().stribeck
+    assert 0.15 < 3.0 * (at_any_speed[0] / level[0]) ** 2 < 0.2
+    assert resting_only[0] < 1e-3 * level[0]
+    assert at_any_speed[1] == resting_only[1] == pytest.approx(level[1] / np.sqrt(3.0), rel=0.01)
+
+
+def test_the_load_that_is_read_adds_its_share() -> None:
+    sd = np.array([0.3, 0.4])
+    table = model(read_load=0.1).table(law(), STEP, 20.0)
+    add_read_load(table, np.array([-4.0, np.nan]), sd)
+    np.testing.assert_allclose(sd, [0.5, 0.4], rtol=1e-12)
 
 
 def test_a_reversal_is_remembered_as_long_as_the_observer_remembers_it() -> None:

@@ -120,3 +120,5 @@ def test_steady_must_be_one_number_a_sample():
         TaughtTorque(t, tau_ext, np.ones(3))
     assert TaughtTorque(t, tau_ext).counts_at(0.7)
     assert not TaughtTorque(t, tau_ext, np.array([1.0, 0.0])).counts_at(0.7)
+    steady = TaughtTorque(t, tau_ext, np.array([1.0, 0.0])).steady_at([-3.0, 0.3, 0.7, 9.0])
+    np.testing.assert_array_equal(steady, [1.0, 1.0, 0.0, 0.0])

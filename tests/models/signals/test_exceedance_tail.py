@@ -53,6 +53,19 @@ def test_an_exponential_tail_is_found_and_reaches_a_thousand_times_further():
     assert 0.2 < true_rate < 1.5  # no more often than stated, but for the scale's error
 
 
+def test_a_shape_is_believed_as_far_as_the_excursions_show_it():
+    rng = np.random.default_rng(4)
+    many = fit_exceedances([spaced(rng, genpareto.rvs(0.3, size=8000, random_state=rng))], T)
+    # Some 1,600 excursions tell the shape within .03.
+    assert many.shape == pytest.approx(0.3, abs=0.1)
+    # 30 of them, exponential, whose most likely shape is .3 by chance, tell it within .25.
+    draws = 1.0 + genpareto.ppf((np.arange(30) + 0.5) / 30, 0.3)
+    alone, _, _ = genpareto.fit(draws - draws.min(), floc=0.0)
+    few = fit_exceedances([spaced(rng, rng.permutation(draws))], T)
+    assert alone > 0.15
+    assert few.shape < 0.5 * alone
+
+
 def test_few_excursions_widen_the_tail_and_too_few_say_nothing():
     rng = np.random.default_rng(5)
     few = fit_exceedances([spaced(rng, rng.exponential(1.0, 30))], T)

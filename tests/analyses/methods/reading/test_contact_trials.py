@@ -94,10 +94,12 @@ def test_what_is_found_late_or_not_at_all_is_told():
     assert Tally().metrics()["delay_median_s"] is None
 
 
-def test_the_largest_rate_that_agrees_is_that_of_poisson():
+def test_the_rates_that_agree_are_those_of_poisson():
     metrics = false_alarm_metrics(3, 2.0)
     assert metrics["false_alarms_per_hour"] == 1.5
     assert poisson.cdf(3, 2.0 * metrics["false_alarms_per_hour_upper"]) == pytest.approx(0.05)
+    assert poisson.sf(2, 2.0 * metrics["false_alarms_per_hour_lower"]) == pytest.approx(0.05)
+    assert false_alarm_metrics(0, 2.0)["false_alarms_per_hour_lower"] == 0.0
     assert onsets(np.array([1, 1, 0, 1, 0], bool)).tolist() == [0, 3]
 
 

@@ -12,9 +12,11 @@ from analyses.methods.runs.machining import (
     COMPONENTS,
     FEEDS,
     LAW,
+    OURS,
     PLAIN,
     READINGS,
     MachiningRun,
+    band_shares,
     errors,
     errors_within_ways,
     feed_key,
@@ -146,6 +148,25 @@ def test_directions_are_the_path_and_its_normal(made_up):
     np.testing.assert_allclose(components["normal"], -7.0, atol=1e-9)
 
 
+def test_shares_of_the_band_by_part_and_axis(made_up):
+    parts = made_up.parts
+    each = sum(parts[name].astype(int) for name in ("steady", "ends", "turns"))
+    np.testing.assert_array_equal(each, parts["all"])
+    # Starts at .2 s and ends at 4.2 s; the feed turns in the middle.
+    assert parts["ends"][[200, 4199]].all() and parts["turns"][2200]
+    wrench = np.zeros((4400, 6))
+    wrench[:, :3] = 9.0  # a moment is no force
+    wrench[:, 3:] = [1.9, -2.0, 0.0]
+    wrench[np.flatnonzero(parts["turns"])[::4], 5] = 5.9
+    sd = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 3.0])
+    covariance = np.tile(np.diag(sd**2).ravel(), (4400, 1))
+    signals = {**made_up.signals, "wrench": wrench, "covariance": covariance}
+    run = MachiningRun(made_up.plan, made_up.t, signals | {"wrench_true": np.zeros((4400, 6))})
+    shares = band_shares(run)
+    assert shares["steady"] == shares["ends"] == {"x": 1.0, "y": 0.0, "z": 1.0}
+    assert shares["turns"]["z"] == pytest.approx(0.75, abs=0.01)
+
+
 def test_regulation_by_hand(made_up):
     error = np.zeros(4400)
     error[100] = 12.0  # in the touch: overshoot, but not of the work
@@ -162,6 +183,7 @@ def test_regulation_by_hand(made_up):
     run = MachiningRun(made_up.plan, made_up.t, {**made_up.signals, "wrench_true": wrench})
     assert regulation(run) == {
         "rms_n": pytest.approx(np.sqrt((400.0 + 36.0) / 4000)),
+        "median_n": pytest.approx(0.0, abs=1e-9),
         "steady_rms_n": pytest.approx(6.0 / np.sqrt(len(steady))),
         "max_error_n": pytest.approx(20.0),
         "overshoot_n": pytest.approx(12.0),
@@ -199,7 +221,7 @@ def models(sts_reversed):
     log = Recording(
         t=1e-3 * np.arange(1000), q=q, v=np.zeros_like(q), current=current, source="held out"
     )
-    return ArmModels(sts_reversed, {LAW: model, PLAIN: model}, (log,))
+    return ArmModels(sts_reversed, {LAW: model, PLAIN: model, OURS: model}, (log,))
 
 
 @pytest.fixture(scope="module")
@@ -207,13 +229,13 @@ def runs(models):
     """By feedback, one way in 3 s."""
     told = []
     plan = make_machining_path(short("Polishing", 3.0), models.robot)
-    taught = learn(short("Polishing", 3.0), models, plan, 9)
+    lesson = learn(short("Polishing", 3.0), models, plan, 9)
     found = {
         feedback: run_machining(
             short(name, 3.0),
             models,
             plan,
-            taught,
+            *lesson,
             progress=lambda share, what: told.append(share),
         )
         for feedback, name in (("sensor", "Polishing"), ("estimate", "PolishingSensorless"))
@@ -267,12 +289,18 @@ def test_all_that_is_compared_and_said_is_measured(sts_reversed, models, runs):
         metrics |= over_feeds(metrics)
         metrics["sources"] = sources(models, dict.fromkeys(FEEDS, runs["sensor"]))
         rows = comparison_rows(task)
-        assert len(rows) == 8
+        assert len(rows) == 12
         for row in rows:
             value = metrics
             for part in row.key.split("."):
                 value = value[part]
             assert np.shape(value) == (len(FEEDS),) and np.all(np.isfinite(value))
+        alone = over_feeds({feed_key(FEEDS[0]): of_a_feed})
+        for row in rows:  # at the same places where the fastest feed alone was run
+            value = alone
+            for part in row.key.split("."):
+                value = value[part]
+            assert np.isfinite(value).tolist() == [True, False, False]
         # The article's method on the article's component stands first.
         article = of_a_feed["article"]
         assert of_a_feed["rmse_n"] == article["rmse_n"] == article[task.component]["rmse_n"]

@@ -8,6 +8,7 @@ import pytest
 from analyses.methods.reading.repetition import repetition_torque
 from analyses.methods.runs.task_runs import (
     PATHS,
+    RepetitionReader,
     highest_speed,
     on_path,
     read_repetition,
@@ -131,9 +132,9 @@ def test_eq_4_reads_the_wrench_that_the_second_cycle_adds(sts_reversed):
 
     run = Run()
     run.recording, run.reference = recording, np.tile(F[3:], (2 * period, 1))
-    run.condition_number = np.ones(2 * period)
     inverse = WrenchReconstruction(WrenchReconstructionConfig("inverse"), np.eye(n))
-    reading = read_repetition("eq. 4", run, sts_reversed, period, inverse)
+    reader = RepetitionReader("eq. 4", inverse)
+    (reading,) = read_repetition(run, sts_reversed, period, [reader])
     np.testing.assert_allclose(reading.error, 0.0, atol=1e-8)  # rounding at JCN of some tens
     assert reading.t[0] == 0.0
 

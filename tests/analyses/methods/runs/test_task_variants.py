@@ -48,7 +48,7 @@ def test_a_reading_that_lags_as_the_observer_does_errs_by_nothing_else(run):
     force[:, 1] = lagged + 1.5
     late = t > 1.0  # where the low-pass has settled
     ones = np.ones_like(force)
-    reading = ForceReading("a", t, force, ones, run.reference, ones[:, 0]).part(late)
+    reading = ForceReading("a", t, force, ones, run.reference).part(late)
     figures = against_lagged(reading, run, K_0)
     assert figures["bias_y_n"] == pytest.approx(1.5, abs=0.02)
     assert figures["rmse_y_n"] == pytest.approx(1.5, rel=0.02)
@@ -64,7 +64,7 @@ def test_with_its_friction_known_only_the_wrench_is_left(sts_reversed):
     tau = G + friction - J.T @ F  # the wrench relieves the motors
     t = np.arange(N) / 1000.0
     recording = Recording(t=t, q=q, v=0.0 * q, current=tau / drive, source="made")
-    run = TaskRun("rest", recording, np.tile(F, (N, 1)), None, friction, np.ones(N))
+    run = TaskRun("rest", recording, np.tile(F, (N, 1)), None, friction, q, sts_reversed.chain)
     model = replace(IdentifiedModel.nominal(sts_reversed), residual_covariance=np.eye(n))
     models = ArmModels(sts_reversed, {"coulomb-viscous": model}, ())
     figures = known_friction(models, run, 1000.0)

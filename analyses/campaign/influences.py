@@ -1,0 +1,134 @@
+"""Which of a world's draws moves a figure: rank correlations over worlds, and where a line leads.
+
+A figure of the article that lies outside the worlds' range asks which assumption would bring it
+back. Spearman's rank correlation of the figure with each drawn parameter says which of them moves
+it, whatever the curve; Holm's step-down rule holds the chance of naming any that does not, over all
+parameters of a figure, below LEVEL (S. Holm, Scand. J. Stat. 6, 1979). Of those named, the
+strongest are kept. Where a straight line (Theil and Sen's) explains enough of the spread, it says
+at which value of the parameter the figure would be the article's.
+
+Draws of which 1 means that nothing is wrong (PAYLOAD, TORQUE_CONSTANT) may err either way: their
+distance from 1 stands beside them, `|payload - 1|`.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Final
+
+import numpy as np
+from scipy.stats import linregress, spearmanr, theilslopes
+
+from models.arrays import Array
+
+LEVEL: Final = 0.05
+MOST: Final = 3  # parameters named for a figure
+LEAST_EXPLAINED: Final = 0.25  # share of the variance that a line must explain to be used
+_SEEDS: Final = ("individual", "day")  # drawn, but of no order
+_EITHER_WAY: Final = ("payload", "torque_constant_")
+
+
+@dataclass(frozen=True)
+class Influence:
+    """One parameter that moves a figure.
+
+    Attributes:
+        parameter: as drawn, such as `load`; `|payload - 1|` is the size of an error.
+        rank_correlation: Spearman's, -1 to 1.
+        p: that it is chance, corrected for the number of parameters looked at.
+        drawn: the least and the largest value over the worlds.
+        reaches_article_at: value at which a line through the worlds has the article's figure; None:
+            no line explains enough, or it leads farther beyond the drawn values than they are wide,
+            or to a value that cannot be.
+        extrapolated: whether that value lies beyond the drawn ones.
+    """
+
+    parameter: str
+    rank_correlation: float
+    p: float
+    drawn: tuple[float, float]
+    reaches_article_at: float | None = None
+    extrapolated: bool = False
+
+    def metrics(self) -> dict[str, Any]:
+        """As written to metrics.json."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        sign = "+" if self.rank_correlation > 0.0 else "−"
+        text = f"{self.parameter} {sign} (rank correlation {self.rank_correlation:.2f}, "
+        text += f"p {self.p:.2g})" if self.p >= 1e-4 else "p < 0.0001)"
+        if self.reaches_article_at is None:
+            return text
+        low, high = self.drawn
+        where = f"; the article's at {self.reaches_article_at:.3g}"
+        beyond = f" (extrapolated: drawn {low:.3g} to {high:.3g})" if self.extrapolated else ""
+        return text + where + beyond
+
+
+def influences(
+    values: Array, parameters: Mapping[str, Sequence[float]], article: float | None
+) -> tuple[Influence, ...]:
+    """The parameters that move a figure, the strongest first; none where none does.
+
+    Args:
+        values: (N,) of the figure, in as many worlds.
+        parameters: of the same worlds, what was drawn, by name.
+        article: the printed figure.
+    """
+    names, draws = [], []
+    for name, drawn in _candidates(parameters):
+        if np.ptp(drawn) > 0.0:
+            names.append(name)
+            draws.append(drawn)
+    if not names or not np.ptp(values) > 0.0:
+        return ()
+    tests = [spearmanr(drawn, values) for drawn in draws]
+    corrected = holm(np.array([test.pvalue for test in tests]))
+    strongest = sorted(range(len(names)), key=lambda k: -abs(float(tests[k].statistic)))
+    return tuple(
+        _influence(names[k], draws[k], values, float(tests[k].statistic), corrected[k], article)
+        for k in [k for k in strongest if corrected[k] < LEVEL][:MOST]
+    )
+
+
+def holm(p: Array) -> Array:
+    """Holm's corrected p (N,) of N tests: from the least on, times how many are left."""
+    order = np.argsort(p, kind="stable")
+    left = len(p) - np.arange(len(p))
+    corrected = np.empty(len(p))
+    corrected[order] = np.minimum(np.maximum.accumulate(p[order] * left), 1.0)
+    return corrected
+
+
+def said(found: Sequence[Influence] | None) -> str:
+    """All that move a figure in words; "" where it was not looked at."""
+    if found is None:
+        return ""
+    return "; ".join(map(str, found)) or "no drawn parameter moves it"
+
+
+def _candidates(parameters: Mapping[str, Sequence[float]]) -> Iterator[tuple[str, Array]]:
+    for name, drawn in parameters.items():
+        if name in _SEEDS:
+            continue
+        own = np.asarray(drawn, dtype=np.float64)
+        yield name, own
+        if name.startswith(_EITHER_WAY):
+            yield f"|{name} - 1|", np.abs(own - 1.0)
+
+
+def _influence(
+    name: str, drawn: Array, values: Array, rank: float, p: float, article: float | None
+) -> Influence:
+    low, high = float(drawn.min()), float(drawn.max())
+    found = Influence(name, rank, float(p), (low, high))
+    if article is None:
+        return found
+    slope, intercept = theilslopes(values, drawn)[:2]
+    if linregress(drawn, values).rvalue ** 2 < LEAST_EXPLAINED or slope == 0.0:
+        return found
+    at = float((article - intercept) / slope)
+    # Everything drawn is zero or more.
+    if at < max(0.0, low - (high - low)) or at > high + (high - low):
+        return found
+    return Influence(name, rank, float(p), (low, high), at, not low <= at <= high)

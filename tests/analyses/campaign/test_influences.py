@@ -1,0 +1,84 @@
+"""Which draws move a figure: worlds whose figures depend on their draws in a known way."""
+
+import numpy as np
+import pytest
+from scipy.stats import false_discovery_control, spearmanr
+
+from analyses.campaign.influences import LEVEL, MOST, holm, influences, said
+
+WORLDS = 200
+
+
+def drawn(seed, count=12):
+    """`count` parameters from .5 to 1.5, and a seed."""
+    generator = np.random.default_rng(seed)
+    names = [f"p{k}" for k in range(count)]
+    draws = {name: generator.uniform(0.5, 1.5, WORLDS) for name in names}
+    return draws | {"individual": generator.integers(2**31, size=WORLDS).astype(float)}, generator
+
+
+def test_what_a_figure_depends_on_is_found_in_order_and_with_its_sign():
+    draws, generator = drawn(0)
+    figure = 3.0 * draws["p3"] - 1.5 * draws["p7"] + 0.3 * generator.standard_normal(WORLDS)
+    found = influences(figure, draws, 6.0)
+    assert [one.parameter for one in found] == ["p3", "p7"]
+    assert found[0].rank_correlation > 0.7
+    assert found[1].rank_correlation < -0.3
+    assert found[0].rank_correlation == spearmanr(draws["p3"], figure).statistic
+    assert found[0].p == pytest.approx(12 * spearmanr(draws["p3"], figure).pvalue)
+
+
+def test_the_line_leads_to_the_article_s_figure_also_beyond_what_was_drawn():
+    draws, generator = drawn(1)
+    figure = 2.0 + 4.0 * draws["p0"] + 0.05 * generator.standard_normal(WORLDS)
+    inside, beyond, too_far, impossible = (
+        influences(figure, draws, article)[0] for article in (5.0, 9.0, 13.0, 1.0)
+    )
+    assert inside.reaches_article_at == pytest.approx(0.75, abs=0.02)
+    assert not inside.extrapolated
+    assert beyond.reaches_article_at == pytest.approx(1.75, abs=0.02)
+    assert beyond.extrapolated
+    assert "extrapolated: drawn 0.5" in str(beyond)
+    assert too_far.reaches_article_at is None  # at 2.75, more than a range of 1 beyond 1.5
+    assert impossible.reaches_article_at is None  # below zero
+    assert influences(figure, draws, None)[0].reaches_article_at is None
+    # Moved, but by little of all that moves it: a line through that says nothing.
+    noisy = figure + 4.0 * generator.standard_normal(WORLDS)
+    (weak,) = influences(noisy, draws, 5.0)
+    assert weak.parameter == "p0"
+    assert weak.reaches_article_at is None
+
+
+def test_chance_is_named_as_seldom_as_stated():
+    """Figures that nothing moves: in at most LEVEL of the cases is anything named."""
+    named = 0
+    for seed in range(200):
+        draws, generator = drawn(100 + seed)
+        named += bool(influences(generator.standard_normal(WORLDS), draws, 0.0))
+    # 200 cases at .05: 10, and 3.1 standard deviations of a binomial more. Uncorrected: 92.
+    assert named <= 200 * LEVEL + 3.1 * np.sqrt(200 * LEVEL * (1.0 - LEVEL))
+    assert said(()) == "no drawn parameter moves it"
+    assert said(None) == ""
+
+
+def test_errors_either_way_count_by_their_size():
+    draws, generator = drawn(2, 3)
+    draws["payload"] = generator.uniform(0.9, 1.1, WORLDS)
+    figure = np.abs(draws["payload"] - 1.0) + 0.01 * generator.standard_normal(WORLDS)
+    assert [one.parameter for one in influences(figure, draws, 0.0)] == ["|payload - 1|"]
+
+
+def test_no_more_than_the_strongest_and_nothing_of_what_stands_still():
+    draws, _ = drawn(3, 5)
+    figure = sum(draws[f"p{k}"] for k in range(5))
+    draws["fixed"] = np.ones(WORLDS)
+    assert len(influences(figure, draws, 1.0)) == MOST
+    assert influences(np.ones(WORLDS), draws, 1.0) == ()
+
+
+def test_holm_s_rule_on_the_numbers_of_a_textbook():
+    p = np.array([0.01, 0.04, 0.03, 0.005])
+    np.testing.assert_allclose(holm(p), [0.03, 0.06, 0.06, 0.02])
+    # Never less strict than what bounds the share of false ones.
+    random = np.random.default_rng(4).random(30) ** 4
+    assert np.all(holm(random) >= false_discovery_control(random) - 1e-15)

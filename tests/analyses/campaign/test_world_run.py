@@ -1,0 +1,46 @@
+"""What a world measures is what its experiments measure alone, drawn and with nothing shared."""
+
+from importlib import import_module
+
+import pytest
+
+from analyses.campaign.world_run import WorldTask, numbers_in, run_world
+from analyses.output.outputs import plain_metrics
+from analyses.study.experiment import ExperimentContext
+from analyses.study.fingerprint import software_hash
+from analyses.study.registry import REGISTRY
+from models.truth.worlds import WorldRanges, draw_world
+
+NAMES = ("identification", "friction", "combined", "repeat-cycle")
+
+
+@pytest.mark.slow
+def test_numbers_are_those_of_a_study_in_the_same_world(tmp_path, monkeypatch):
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        monkeypatch.setenv(name, "1")
+    modules = {name: REGISTRY.entries()[name].module for name in NAMES}
+    everywhere = tmp_path / "everywhere"
+    for number in (3, 4):  # the second finds what all worlds share
+        software = {name: software_hash(module) for name, module in modules.items()}
+        outcome = run_world(
+            WorldTask(
+                seed=0,
+                number=number,
+                ranges=WorldRanges(),
+                modules=modules,
+                software=software,
+                data=tmp_path,
+                quick=True,
+                everywhere=everywhere,
+            )
+        )
+        assert not outcome.failures
+    world = draw_world(0, 4)
+    for name, module in modules.items():
+        out = tmp_path / name
+        out.mkdir()
+        context = ExperimentContext(
+            out=out, data=tmp_path, seed=world.seed, quick=True, world=world.robot
+        )
+        result = import_module(module).EXPERIMENT.run(context)
+        assert numbers_in(plain_metrics(result.metrics)) == outcome.values[name]
