@@ -67,11 +67,11 @@ def run(context: ExperimentContext) -> ExperimentResult:
         lambda share, what: context.progress(0.4 + 0.2 * share, what),
     )
     context.progress(0.6, "identifying the simulated arm")
-    own = ArmLogs.of(simulated, robot, more).statistics()
-    found = compared(real, own)
+    first = ArmLogs.of(simulated, robot, more).statistics()
+    found = compared(real, first)
     context.progress(0.75, "another arm of the same truth")
     simulated, more = twins(recordings, robot, context.seed + 1, days)
-    again = compared(own, ArmLogs.of(simulated, robot, more).statistics())
+    again = compared(first, ArmLogs.of(simulated, robot, more).statistics())
     ratios = np.array([own["ratio"] for own in found.values()])
     metrics: dict[str, Any] = {
         name: {key: _numbers(value) for key, value in own.items()}
