@@ -210,6 +210,22 @@ def test_with_the_fused_estimator_the_loop_is_the_same(sts):
         np.testing.assert_array_equal(block[name], values, err_msg=name)
 
 
+def test_the_estimator_may_know_something_else_than_the_controller(sts):
+    """A tracking loop does not see the estimate: the motion stays, what is read does not."""
+    scenario = Scenario(controller=JointTrackingConfig(), duration=0.1)
+    model, other = IdentifiedModel.nominal(sts), friction_model(sts)
+    logs = []
+    for reads in (None, other):
+        loop = make_closed_loop(scenario, sts, model, estimator_model=reads)
+        simulator = Simulator(loop.diagram)
+        simulator.AdvanceTo(scenario.duration)
+        logs.append(loop.logged(simulator.get_context())[1])
+    for name in ("q", "tau_command"):
+        np.testing.assert_array_equal(logs[1][name], logs[0][name])
+    difference = logs[1]["tau_ext"] - logs[0]["tau_ext"]
+    assert np.abs(difference).max() > 0.1
+
+
 def test_without_the_estimator_the_motion_is_the_same(sts):
     """A tracking loop does not see the estimate, so that not one bit of the motion may change."""
     scenario = Scenario(controller=JointTrackingConfig(), duration=0.1)

@@ -1,4 +1,8 @@
-"""The contacts of a log, one after another, as they stream by."""
+"""The contacts of a log, one after another, as they stream by.
+
+A contact that begins less than GAP after another's end is that one going on: a hand that yields for
+a moment is one contact, and so does `models.signals.exceedance_tail` count.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -7,6 +11,7 @@ import numpy as np
 
 from models.arrays import Array, Flags
 from models.detection.contact_detector import Detection
+from models.signals.exceedance_tail import GAP
 
 KEPT = 1000  # contacts that are listed one by one; further ones are only counted
 SHOWN = 8  # lines of the command
@@ -79,7 +84,7 @@ class ContactEpisodes:
         edges = np.flatnonzero(np.diff(np.concatenate([[False], detection.contact, [False]])))
         for begin, end in edges.reshape(-1, 2):
             rows = slice(int(begin), int(end))
-            if self._open is not None and begin > 0:
+            if self._open is not None and float(t[begin]) - self._open.end > GAP:
                 self._close()
             if self._open is None:
                 self._open = Contact(float(t[begin]), float(t[begin]), 0.0, None, 0.0, 0)
@@ -95,13 +100,9 @@ class ContactEpisodes:
             self._misfits += int(detection.misfit[rows].sum())
             links = detection.link[rows][detection.misfit[rows]]
             self._links += np.bincount(links, minlength=self._n + 1)
-            if end < len(t):
-                self._close()
-        if self._open is not None and not detection.contact[-1]:
-            self._close()
 
     def finish(self) -> None:
-        """Ends a contact that lasts to the end of the log."""
+        """Ends the last contact; nothing follows it."""
         if self._open is not None:
             self._close()
 

@@ -35,20 +35,20 @@ def gathered(found, edges, t0=0.0):
     return episodes
 
 
-FOUND = detection([(50, 60), (100, 250), (390, 400)], [(55, 60), (110, 130), (130, 140)], [0, 3, 5])
+FOUND = detection([(40, 50), (100, 250), (390, 400)], [(45, 50), (110, 130), (130, 140)], [0, 3, 5])
 
 
-@pytest.mark.parametrize("edges", [(), (60,), (50, 55, 60, 100), (120, 130, 250), (61, 399), (0,)])
+@pytest.mark.parametrize("edges", [(), (50,), (40, 45, 50, 100), (120, 130, 250), (51, 399), (0,)])
 def test_contacts_do_not_depend_on_the_chunks(edges):
     episodes = gathered(FOUND, edges)
     assert [(c.begin, c.end) for c in episodes.contacts] == [
-        (pytest.approx(0.50), pytest.approx(0.59)),
+        (pytest.approx(0.40), pytest.approx(0.49)),
         (pytest.approx(1.00), pytest.approx(2.49)),
         (pytest.approx(3.90), pytest.approx(3.99)),
     ]
     assert [c.link for c in episodes.contacts] == [0, 3, 0]
     assert [c.misfit for c in episodes.contacts] == [0.5, 0.2, 0.0]
-    assert [c.force for c in episodes.contacts] == [58.0, 248.0, 398.0]
+    assert [c.force for c in episodes.contacts] == [48.0, 248.0, 398.0]
     metrics = episodes.metrics(1.0)
     assert metrics["count"] == 3
     assert metrics["contact_pct"] == pytest.approx(100.0 * 170 / ROWS)
@@ -59,13 +59,23 @@ def test_contacts_do_not_depend_on_the_chunks(edges):
 
 def test_the_lines_say_when_how_much_and_where():
     assert gathered(FOUND, ()).lines() == [
-        "contact at t = 0.50 s for 0.09 s, up to 58 N, not at E",
+        "contact at t = 0.40 s for 0.09 s, up to 48 N, not at E",
         "contact at t = 1.00 s for 1.49 s, up to 248 N, not at E: link 3",
         "contact at t = 3.90 s for 0.09 s, up to 398 N",
     ]
     since_1970 = gathered(FOUND, (), 1.7e9).lines()
-    assert since_1970[0].startswith("contact at t = 0.50 s")
+    assert since_1970[0].startswith("contact at t = 0.40 s")
     assert gathered(detection([]), ()).lines() == ["no contact found"]
+
+
+@pytest.mark.parametrize("edges", [(), (120,), (105, 110, 140)])
+def test_a_contact_that_goes_on_within_half_a_second_is_one(edges):
+    """Of .1 s, less than .5 s without, and .6 s; then one of its own .5 s after."""
+    found = detection([(100, 110), (155, 216), (270, 280)], [(100, 105), (160, 206)], [2, 4])
+    one, other = gathered(found, edges).contacts
+    assert (one.begin, one.end) == (pytest.approx(1.0), pytest.approx(2.15))
+    assert (one.misfit, one.link, one.force) == (pytest.approx(51 / 71), 4, 214.0)
+    assert other.begin == pytest.approx(2.7)
 
 
 def test_a_contact_without_a_valid_force_says_so():
@@ -80,7 +90,7 @@ def test_many_contacts_are_counted_and_not_all_told():
     episodes = ContactEpisodes(6)
     found = detection([(k, k + 1) for k in range(0, ROWS, 2)])
     for k in range(10):
-        t = ROWS * T * k + T * np.arange(ROWS)
+        t = 1.0 * (ROWS * k + np.arange(ROWS))
         episodes.add(t, found, np.zeros((ROWS, 3)), np.ones(ROWS, bool))
     episodes.finish()
     assert episodes.num_contacts == 10 * ROWS // 2
