@@ -147,6 +147,8 @@ class _TorqueErrorBlock:
     beyond_speed: float = BEYOND_SPEED
     beyond_load: float = BEYOND_LOAD
     scale: float = SCALE
+    read_load: float = 0.0
+    resting_only: float = 0.0
 
 
 @dataclass

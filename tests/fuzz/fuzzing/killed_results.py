@@ -33,7 +33,9 @@ class Results(ABC):
 
     def before(self, tidy_end: bool) -> None:
         """Remembers the older results; `tidy_end`: the next run is told to end."""
-        self._older, self._had_part = self._content(), (self.path / STAGING).exists()
+        self._older = self._content()
+        # Of a run that was killed: the next one may be ended before it has removed it.
+        self._had_part = (self.path / STAGING).exists() or bool(self.hidden())
         self._tidy_end = tidy_end
 
     @abstractmethod
