@@ -199,6 +199,10 @@ def over_feeds(metrics: Mapping[str, Any]) -> dict[str, Any]:
             values.append(float("nan") if value is None else value)
         return values
 
+    def worst_axis(feed: float, part: str) -> float:
+        of_a_feed = metrics.get(feed_key(feed))
+        return min(of_a_feed["band"]["sensor"][part].values()) if of_a_feed else float("nan")
+
     return {
         name: {"correlation": collect(name, "correlation"), "rmse_n": collect(name, "rmse_n")}
         | {"within_ways": {"correlation": collect(name, "within_ways", "correlation")}}
@@ -209,7 +213,7 @@ def over_feeds(metrics: Mapping[str, Any]) -> dict[str, Any]:
             for feedback in FEEDBACKS
         },
         "band": {
-            part: [min(metrics[feed_key(feed)]["band"]["sensor"][part].values()) for feed in FEEDS]
+            part: [worst_axis(feed, part) for feed in FEEDS]
             for part in ("steady", "ends", "turns", "all")
         },
     }
