@@ -1,13 +1,16 @@
 """Which of the user's files are being read.
 
 Code that opens one announces it with `about_to_read`. A command that writes into a folder listens
-(`told_of_files_read`) and refuses in time to read what it would replace.
+(`told_of_files_read`) and refuses in time to read what it would replace. A pipe is refused: it can
+be read but once, and opening one that nobody writes to would wait for ever.
 """
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
+
+from models.files.input_error import InputError
 
 _listener: ContextVar[Callable[[Path], None] | None] = ContextVar("told of files", default=None)
 _remembered: ContextVar[list[Path] | None] = ContextVar("files read", default=None)
@@ -17,8 +20,14 @@ def about_to_read(path: str | Path) -> None:
     """Tells the listener, if there is one, that a file is going to be read.
 
     Raises:
-        InputError: it must not be, see `told_of_files_read`.
+        InputError: it is a pipe; or it must not be, see `told_of_files_read`.
     """
+    try:
+        pipe = Path(path).is_fifo()
+    except (OSError, ValueError):  # whoever opens it says what is wrong with it
+        pipe = False
+    if pipe:
+        raise InputError(path, "", "is a pipe", "write its content to a file, and name that")
     listener, remembered = _listener.get(), _remembered.get()
     if remembered is not None:
         remembered.append(Path(path))

@@ -1,5 +1,6 @@
 """Whoever asks is told of every file of the user's before it is read."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -65,3 +66,13 @@ def test_a_log_and_its_description_are_told(tmp_path, name):
 def test_a_surface_s_points_are_told(tmp_path):
     (tmp_path / "cam.csv").write_text("x,y,z,nx,ny,nz\n0,0,0,0,0,1\n0,1,0,0,0,1\n")
     assert _told(lambda: SurfacePath.read_csv(tmp_path / "cam.csv")) == ["cam.csv"]
+
+
+@pytest.mark.timeout(60)  # unmended, each waits for somebody who writes
+@pytest.mark.parametrize("read", [Robot.load, read_recording, about_to_read])
+def test_a_pipe_that_nobody_writes_to_is_refused_and_not_waited_for(tmp_path, read):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    arguments = (pipe, Robot.load("sts_sre4_600")) if read is read_recording else (pipe,)
+    with pytest.raises(InputError, match=r"pipe: is a pipe; write its content to a file"):
+        read(*arguments)
