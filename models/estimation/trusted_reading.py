@@ -22,6 +22,7 @@ from models.identification.torque_error_model import (
     TRANSMITTED_ROW,
     TorqueErrorModel,
     add_read_load,
+    add_read_load_log,
     torque_sd_log,
     torque_sd_tick,
 )
@@ -170,9 +171,7 @@ class TrustedReading:
         slow = state[TORQUE_ERROR_ROWS + JACOBIAN_ROWS :].reshape(-1)
         sd, stiction = np.empty_like(tau_ext), np.empty_like(tau_ext)
         torque_sd_log(self._table, own, q, v, transmitted, sd, stiction)
-        if self.error.read_load > 0.0:
-            for k in range(N):
-                add_read_load(self._table, tau_ext[k], sd[k])
+        add_read_load_log(self._table, tau_ext, sd)
         seen = J.copy()
         jacobian_seen_log(self._lag.poles, seen_state, seen)
         wrench, covariance, quality = np.empty((N, 6)), np.empty((N, 6, 6)), np.empty((N, 2))

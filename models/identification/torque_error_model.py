@@ -433,6 +433,13 @@ def add_read_load(table: Array, tau_ext: Array, sd: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
+def add_read_load_log(table: Array, tau_ext: Array, sd: Array) -> None:
+    """`add_read_load` of each sample of tau_ext and sd (N, n)."""
+    for k in range(len(tau_ext)):
+        add_read_load(table, tau_ext[k], sd[k])
+
+
+@njit(cache=True, error_model="numpy")
 def torque_sd_log(
     table: Array, state: Array, q: Array, v: Array, transmitted: Array, sd: Array, stiction: Array
 ) -> None:

@@ -54,9 +54,6 @@ LAWS: Final = {
     "presliding": "presliding",
 }
 NONE: Final = "none"
-SIMULATED_SHARE: Final = (
-    2.0 / 3.0
-)  # of the error, taken away by an air pass of plain simulated friction
 _PLAIN_TOOLS = "plain tools"
 
 
@@ -90,7 +87,6 @@ def run(context: ExperimentContext) -> ExperimentResult:
         for key, (empty, loaded) in pairs.items()
     }
     metrics: dict[str, Any] = {key: _metrics(own) for key, own in passes.items()}
-    metrics["simulated_share"] = SIMULATED_SHARE
     metrics["point_m"] = p_EP
     metrics["alignment_s"] = passes[richest].alignment
     context.progress(0.95, "figures")
@@ -242,7 +238,7 @@ def _comparison() -> list[ComparisonRow]:
             f"{law}.repeated_share",
             "",
             None,
-            "of its mean square; of plain simulated friction an air pass takes two thirds off",
+            "of its mean square",
         )
         for law in LAWS
     ]
@@ -287,22 +283,14 @@ def _notes(metrics: dict[str, Any]) -> list[str]:
         "What does not repeat is what the load itself brings: joint 2's friction grows with it, on "
         f"a plain law from {poor['plain']['torque_rmse_nm'][1]:.1f} to "
         f"{poor['taught']['torque_rmse_nm'][1]:.1f} N m only; the first pass is without it.",
-        "For the claims on machining: of plain simulated friction (`--truth plain`) an air pass "
-        f"takes away {100 * SIMULATED_SHARE:.0f} % of the reading's error; on this arm "
-        f"{removed(poor)} of the joint torque's with the poorest law and {removed(rich)} with the "
-        f"richest, and {100 * poor['taken_off']['force_share']:.0f} and "
-        f"{100 * rich['taken_off']['force_share']:.0f} % of the force's. A force that "
-        "polishing or grinding reads within 1 N of plain simulated friction should be expected "
-        f"within about {_expected(rich['taken_off']['torque_share']):.1f} N on such an arm.",
+        f"For the claims on machining: on this arm an air pass takes away {removed(poor)} of the "
+        f"joint torque's error with the poorest law and {removed(rich)} with the richest, and "
+        f"{100 * poor['taken_off']['force_share']:.0f} and "
+        f"{100 * rich['taken_off']['force_share']:.0f} % of the force's. What it takes away from a "
+        "simulated arm is that arm's own, and says nothing of this one.",
         "The two passes are of one day, minutes apart, and of one motion in free space; a pass "
         "just above a surface differs from the work in less than 2.8 kg, and in contact besides.",
     ]
-
-
-def _expected(shares: Any) -> float:
-    """N for each newton of the simulation, if the torque error repeats as on this arm."""
-    left = float(np.sqrt(np.mean((1.0 - np.asarray(shares)) ** 2)))
-    return left / (1.0 - SIMULATED_SHARE)
 
 
 EXPERIMENT = Experiment(

@@ -396,7 +396,7 @@ def _comparison() -> list[ComparisonRow]:
             "contact_free.false_alarms",
             "",
             0.0,
-            "14 minutes at one an hour: they could contradict the rate, not confirm it",
+            "minutes at one an hour: they could contradict the rate, not confirm it",
             wanted,
         ),
     ]

@@ -27,7 +27,6 @@ from pydrake.systems.analysis import Simulator
 from analyses.methods.advance import advance, even_stretches
 from analyses.methods.arms.arm_models import ArmModels
 from analyses.methods.reading.force_errors import BAND_95
-from analyses.methods.runs.air_pass import learn_air_passes
 from diagrams.closed_loop import make_closed_loop
 from diagrams.machining import longest_duration, view_of
 from diagrams.pages.run_page import make_meshcat, start_animation, write_page
@@ -168,25 +167,6 @@ class MachiningRun:
     def fault(self) -> Fault:
         """Why the pass was broken off; NONE where it was not."""
         return Fault(int(self.signals["fault"][-1, 0]))
-
-
-def learn(
-    scenario: Scenario,
-    models: ArmModels,
-    plan: MachiningPath,
-    seed: int,
-    progress: ProgressCallback = lambda fraction, what: None,
-) -> tuple[TaughtTorque, IdentifiedModel]:
-    """What air passes of the scenario teach the estimator of OURS; see `learn_air_passes`.
-
-    Args:
-        scenario: with machining and an air_pass.
-        models: what the estimator knows.
-        plan: of the scenario.
-        seed: of the air pass's noise.
-        progress: told the share done.
-    """
-    return learn_air_passes(scenario, models.robot, models.models[OURS], plan, seed, progress)
 
 
 def run_machining(

@@ -14,12 +14,14 @@ import numpy as np
 
 from analyses.methods.arms.arm_models import ArmModels, identify_arm
 from analyses.methods.arms.simulated_logs import ROBOT
+from analyses.methods.runs.air_pass import learn_air_passes
 from analyses.methods.runs.machining import (
     COMPONENTS,
     FEEDBACKS,
     FEEDS,
     K_0,
     LAW,
+    OURS,
     READINGS,
     MachiningRun,
     MachiningTask,
@@ -27,7 +29,6 @@ from analyses.methods.runs.machining import (
     errors,
     errors_within_ways,
     feed_key,
-    learn,
     read_all,
     regulation,
     run_machining,
@@ -93,7 +94,9 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
 
             if plan is None or lesson is None:  # the same for both
                 plan = make_machining_path(own, robot)
-                lesson = learn(own, models, plan, _AIR_SEED + context.seed)
+                lesson = learn_air_passes(
+                    own, robot, models.models[OURS], plan, _AIR_SEED + context.seed
+                )
             with_picture = context.draws and feedback == "estimate" and feed == FEEDS[0]
             runs[feedback] = run_machining(
                 own, models, plan, *lesson, picture if with_picture else None, told

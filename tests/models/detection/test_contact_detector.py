@@ -325,15 +325,20 @@ def test_what_a_jump_of_motor_torque_reads_as_is_no_contact(sts, model, torque_s
     assert not Detection.of(out[1]).contact.any()
 
 
-def test_at_rest_stiction_hides_no_push_beyond_the_breakaway(sts, model):
-    """Stiction of 2.3 N m, of which changes in motion hold six tenths, and no noise beside it."""
-    one = np.ones(N)
+def noise_and_friction(scale):
+    """Noise whose changes alone are judged, excesses of this scale; dry friction of 2 N m."""
     high = ExceedanceTail(level=1e3, rate_per_hour=1.0, scale=1.0, shape=0.0)
-    tail = ExceedanceTail(level=16.0, rate_per_hour=1800.0, scale=6.0, shape=0.0)
+    tail = ExceedanceTail(level=16.0, rate_per_hour=1800.0, scale=scale, shape=0.0)
     shares = [[0.1, 0.0, 0.0, 0.0, 0.0, 0.6, 0.0]] * N
     told = ContactNoise([1.0] * N, [0.6] * N, T, 0.1, high, high, high, shares, tail)
-    friction = SemiParametricFriction(CoulombViscous(2.0 * one, 4.0 * one, 0.0 * one))
-    error = replace(model.torque_error, resolution=1e-4 * one)
+    one = np.ones(N)
+    return told, SemiParametricFriction(CoulombViscous(2.0 * one, 4.0 * one, 0.0 * one))
+
+
+def test_at_rest_stiction_hides_no_push_beyond_the_breakaway(sts, model):
+    """Stiction of 2.3 N m, of which changes in motion hold six tenths, and no noise beside it."""
+    told, friction = noise_and_friction(scale=6.0)
+    error = replace(model.torque_error, resolution=np.full(N, 1e-4))
     arm = replace(model, friction=friction, torque_error=error, contact_noise=told)
     for late, size in ((0, 3.0), (150, 8.0)):  # within the breakaway of 4 N m, beyond it
         read = np.zeros((300, N))
@@ -345,12 +350,7 @@ def test_at_rest_stiction_hides_no_push_beyond_the_breakaway(sts, model):
 
 def test_a_joint_that_comes_to_rest_lets_go_and_nothing_touched_it(sts, model):
     """It carried 1.7 of the 2 N m that it can, and nothing at rest, as fast as can be read."""
-    one = np.ones(N)
-    high = ExceedanceTail(level=1e3, rate_per_hour=1.0, scale=1.0, shape=0.0)
-    tail = ExceedanceTail(level=16.0, rate_per_hour=1800.0, scale=0.2, shape=0.0)
-    shares = [[0.1, 0.0, 0.0, 0.0, 0.0, 0.6, 0.0]] * N
-    told = ContactNoise([1.0] * N, [0.6] * N, T, 0.1, high, high, high, shares, tail)
-    friction = SemiParametricFriction(CoulombViscous(2.0 * one, 4.0 * one, 0.0 * one))
+    told, friction = noise_and_friction(scale=0.2)
     arm = replace(model, friction=friction, contact_noise=told)
     detector = detector_of(arm, sts)
     q, v, transmitted, momentum, J = still(arm, sts, 300)

@@ -8,6 +8,7 @@ from pydrake.systems.analysis import Simulator
 
 from analyses.experiments.machining import grinding, polishing
 from analyses.methods.arms.arm_models import ArmModels
+from analyses.methods.runs.air_pass import learn_air_passes
 from analyses.methods.runs.machining import (
     COMPONENTS,
     FEEDS,
@@ -20,7 +21,6 @@ from analyses.methods.runs.machining import (
     errors,
     errors_within_ways,
     feed_key,
-    learn,
     read_all,
     regulation,
     run_machining,
@@ -229,7 +229,7 @@ def runs(models):
     """By feedback, one way in 3 s."""
     told = []
     plan = make_machining_path(short("Polishing", 3.0), models.robot)
-    lesson = learn(short("Polishing", 3.0), models, plan, 9)
+    lesson = learn_air_passes(short("Polishing", 3.0), models.robot, models.models[OURS], plan, 9)
     found = {
         feedback: run_machining(
             short(name, 3.0),
