@@ -22,8 +22,8 @@ from models.truth.worlds import draw_world
 KILLED: Final = "its process was killed, or crashed, each time"
 _CONNECT: Final = 20  # s in which a scheduler answers
 _KEPT: Final = {"MALLOC_MMAP_THRESHOLD_": str(2**30), "MALLOC_TRIM_THRESHOLD_": str(2**34)}
-"""Environment in which glibc keeps what is freed: pages that come anew from the system each time take
-a twelfth of a world's processor time."""
+"""Environment in which glibc keeps what is freed: pages that come anew from the system each time
+take a twelfth of a world's processor time."""
 _ENDS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 

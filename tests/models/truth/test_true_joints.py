@@ -103,7 +103,7 @@ def test_a_push_that_bends_the_gears_leaves_the_motors_where_they_are(robot, sli
         after = np.empty_like(state)
         joint_tick(
             *(joints.table, 1e-3, M, zero, zero, q, v, zero, tau_ext),
-            *(np.zeros(2 * n), state, after, signals),
+            *(np.zeros(2 * n), state, after, signals, tick_work(state)),
         )
         v = v + 1e-3 * (signals[TAU_J] + signals[TORQUE] + tau_ext)
         q, state = q + 1e-3 * v, after
