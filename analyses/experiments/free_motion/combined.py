@@ -78,7 +78,11 @@ def run(context: ExperimentContext) -> ExperimentResult:
     """The experiment `combined` of `study`."""
     robot = context.robot(ROBOT)
     models = identify_arm(
-        robot, context.seed, context.quick, lambda s, what: context.progress(0.35 * s, what)
+        robot,
+        context.seed,
+        context.quick,
+        lambda s, what: context.progress(0.35 * s, what),
+        contact_noise=context.draws,
     )
     scenario = task_scenario(SCENARIO, context.seed, ONE_WAY_QUICK if context.quick else None)
     scenarios = {path: on_path(scenario, robot, *task_path(robot, path)) for path in PATHS}

@@ -70,7 +70,11 @@ def run(context: ExperimentContext) -> ExperimentResult:
     """The experiment `friction` of `study`."""
     robot = context.robot(ROBOT)
     models = identify_arm(
-        robot, context.seed, context.quick, lambda s, what: context.progress(0.6 * s, what)
+        robot,
+        context.seed,
+        context.quick,
+        lambda s, what: context.progress(0.6 * s, what),
+        contact_noise=context.draws,
     )
     scenario = task_scenario(SCENARIO, context.seed, ONE_WAY_QUICK if context.quick else None)
     run = run_task(

@@ -43,6 +43,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         periods,
         replace(CONFIG, seed=context.seed),
         progress=lambda share, what: context.progress(0.85 * share, what),
+        contact_noise=context.draws,
     )
     context.progress(0.85, "with the true friction known")
     known = with_known_friction(robot, logs)

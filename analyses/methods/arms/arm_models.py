@@ -176,6 +176,7 @@ def identify_arm(
     seed: int = 0,
     quick: bool = False,
     progress: ProgressCallback = lambda fraction, what: None,
+    contact_noise: bool = True,
 ) -> ArmModels:
     """Simulates the contact-free logs and identifies a model per law.
 
@@ -184,16 +185,18 @@ def identify_arm(
         seed: of the noise and of the training.
         quick: shorter logs, fewer postures.
         progress: told the share done.
+        contact_noise: of `identify`; only contact detection reads it.
     """
+    arguments = robot, seed, quick, contact_noise
     models, held_out = shared(
-        "identify_arm", (robot, seed, quick), lambda: _identify_arm(robot, seed, quick, progress)
+        "identify_arm", arguments, lambda: _identify_arm(*arguments, progress)
     )
     progress(1.0, "models")
     return ArmModels(robot, models, held_out)
 
 
 def _identify_arm(
-    robot: Robot, seed: int, quick: bool, progress: ProgressCallback
+    robot: Robot, seed: int, quick: bool, contact_noise: bool, progress: ProgressCallback
 ) -> tuple[dict[str, IdentifiedModel], tuple[Recording, ...]]:
     result, (log, other) = identify_simulated_arm(
         robot,
@@ -201,6 +204,7 @@ def _identify_arm(
         1 if quick else PERIODS,
         replace(CONFIG, seed=seed),
         lambda share, what: progress(0.2 * share, what),
+        contact_noise,
     )
     postures = np.asarray(robot.home) + np.asarray(POSTURES)
     slow_speeds = SLOW_SPEEDS[1:] if quick else SLOW_SPEEDS

@@ -34,12 +34,21 @@ def identify_simulated_arm(
     num_periods: int = PERIODS,
     config: IdentificationConfig = CONFIG,
     progress: ProgressCallback = lambda fraction, what: None,
+    contact_noise: bool = True,
 ) -> tuple[IdentificationResult, tuple[SimulatedLog, SimulatedLog]]:
     """Identifies the simulated arm from its own log along excitation 1, checked on excitation 2.
 
     This is where every simulated experiment has its model from; within a study it is found once.
+
+    Args:
+        robot: with its simulated truth.
+        seed: of the noise.
+        num_periods: of each excitation.
+        config: of the identification.
+        progress: told the share done.
+        contact_noise: of `identify`; a world of a campaign, whose model nobody keeps, has none.
     """
-    arguments = robot, seed, num_periods, config
+    arguments = robot, seed, num_periods, config, contact_noise
     return shared("identify_simulated_arm", arguments, lambda: _identify(*arguments, progress))
 
 
@@ -48,6 +57,7 @@ def _identify(
     seed: int,
     num_periods: int,
     config: IdentificationConfig,
+    contact_noise: bool,
     progress: ProgressCallback,
 ) -> tuple[IdentificationResult, tuple[SimulatedLog, SimulatedLog]]:
     logs = tuple(
@@ -67,6 +77,7 @@ def _identify(
         [logs[1].recording],
         config,
         lambda share, what: progress(0.8 + 0.2 * share, what),
+        contact_noise,
     )
     return result, (logs[0], logs[1])
 

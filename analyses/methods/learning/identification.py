@@ -199,6 +199,7 @@ def identify(
     validation: Sequence[Recording] = (),
     config: IdentificationConfig | None = None,
     progress: ProgressCallback = lambda fraction, what: None,
+    contact_noise: bool = True,
 ) -> IdentificationResult:
     """Fits a model to logs of free motion, without contact and without unmodelled payload.
 
@@ -211,13 +212,15 @@ def identify(
         validation: logs to predict, not fitted.
         config: see `IdentificationConfig`.
         progress: told the share done and the current step.
+        contact_noise: whether the model is to say, of cross-validated logs, what a contact
+            statistic reads without contact; nothing else depends on it.
 
     Raises:
         InputError: no log; a log of another robot, without motor current, too short, or of a rate
             too low for the cutoff; joints that hardly move.
     """
     config = checked_config(IdentificationConfig() if config is None else config)
-    arguments = (tuple(recordings), robot, tuple(validation), config)
+    arguments = (tuple(recordings), robot, tuple(validation), config, contact_noise)
     return shared("identify", arguments, lambda: _identify(*arguments, progress))
 
 
@@ -226,6 +229,7 @@ def _identify(
     robot: Robot,
     validation: Sequence[Recording],
     config: IdentificationConfig,
+    contact_noise: bool,
     progress: ProgressCallback,
 ) -> IdentificationResult:
     logs = [*recordings, *validation]
@@ -305,7 +309,8 @@ def _identify(
             recordings, fitted, given.regressions, fits.held_out_models(chosen), robot, model
         )
         model = replace(model, torque_error=learn_torque_error(readings))
-        model = replace(model, contact_noise=fit_contact_noise(readings, model, chain))
+        if contact_noise:
+            model = replace(model, contact_noise=fit_contact_noise(readings, model, chain))
     of_torque = all(recording.tau_J is not None for recording in recordings)
     result = IdentificationResult(
         model=model,
