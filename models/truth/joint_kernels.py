@@ -8,6 +8,7 @@ Friction is what slides, what flows and what depends on position, under the load
 of the tick before:
 
     tau_f = sum_k s_k + c v + (A + A_L |L|) sin(p q + phase) + ... + cogging
+            + sum_m A_m sin(p_m (q + d) + phase_m)               d: the gear's deflection, below
 
     s_k   <- clip(kept_k s_k + k_k h v, -w_k limit_-, w_k limit_+)      N m, in element k's spring
     limit = (coulomb + (stiction - coulomb) exp(-(v / v_s)^2)) (1 +- asymmetry)
@@ -68,12 +69,13 @@ MOVING = 0.05
 LEAST_WANDER = 0.2
 """Below this share of itself friction does not wander."""
 
-# Columns of the table; then (weight, stiffness, kept) for each slip element.
+# Columns of the table; then (weight, stiffness, kept) for each slip element, and (amplitude,
+# periods, phase) for each harmonic of the motor's position.
 STICTION, COULOMB, SPEED, VISCOUS, INVERSE_SATURATION, TEMPERATURE_SHARE = range(6)
 HEATING, INVERSE_TIME, FORWARDS, BACKWARDS, MOTORING, GENERATING = range(6, 12)
 RIPPLES = 12  # three of (amplitude, load share, periods, phase): gear, its other wheel, cogging
 GAIN, POLE, COMPLIANCE, FREQUENCY, RESOLUTION, VELOCITY_NOISE, VELOCITY_RESOLUTION = range(24, 31)
-WANDER_SD, WANDER_KEPT, MOVING_NOISE, ELEMENTS = range(31, 35)
+WANDER_SD, WANDER_KEPT, MOVING_NOISE, HARMONICS, ELEMENTS = range(31, 36)
 # Rows of the state; then three rows a slip element: torque of its spring before the last tick's
 # displacement, and its limits in that tick, N m.
 CURRENT, TRANSMITTED, RISE, DEFLECTION, RATE, EXTERNAL, WANDER, SLIPS = range(8)
@@ -101,7 +103,7 @@ def joint_tick(
     """Single-sample kernel: one tick of all joints.
 
     Args:
-        table: (n, ELEMENTS + 3 K), see the columns above.
+        table: (n, ELEMENTS + 3 K + 3 H), see the columns above; H stands in HARMONICS.
         time_step: h, s.
         M, Cv, G: true rigid-body terms at q, v: kg m^2, N m, N m.
         q, v: (n,) of the links at the tick's beginning, rad, rad/s.
@@ -163,6 +165,12 @@ def joint_tick(
         for k in range(RIPPLES, RIPPLES + 12, 4):
             amplitude = row[k] + row[k + 1] * abs(load)
             position += amplitude * math.sin(row[k + 2] * q[i] + row[k + 3])
+        count = int(row[HARMONICS])
+        if count > 0:
+            at = q[i] + deflection(table, i, state[DEFLECTION, i], G[i])
+            first = ELEMENTS + 3 * K
+            for k in range(first, first + 3 * count, 3):
+                position += row[k] * math.sin(row[k + 1] * at + row[k + 2])
         signals[TAU_F, i] = position
         force[i] = tau_J + tau_ext[i] - Cv[i] - G[i] - position - viscous[i] * rate
 

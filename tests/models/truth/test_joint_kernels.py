@@ -10,6 +10,7 @@ from models.truth.joint_kernels import (
     DAMPING,
     DEFLECTION,
     ELEMENTS,
+    HARMONICS,
     RATE,
     RISE,
     SIGNALS,
@@ -340,6 +341,21 @@ def test_a_ripple_gives_nothing_over_a_turn_under_a_constant_load():
     assert abs(work) < 1e-6  # J, where a rectified ripple would give 6
     expected = 0.5 * ((0.8 + 0.75) ** 2 + (0.2 + 0.15) ** 2 + 0.3**2)
     assert np.var(swing) == pytest.approx(expected, rel=1e-6)
+
+
+def test_harmonics_are_those_of_the_motor_s_position_and_repeat_with_it():
+    harmonics = ((0.8, 202.0, 0.4), (0.3, 404.0, 1.0))
+    plain = one_joint(elements=((0.5, 1e4, 1.0), (0.5, 1e3, 1.0)), drive=(1.0, 0.0, 1e-4))
+    table = np.hstack([plain.table, np.ravel(harmonics)[None]])
+    table[:, HARMONICS] = 2
+    joints = TrueJoints(table, 0.0, True, H)
+    assert joints.num_elements == 2
+    for q, G in ((0.3, 0.0), (0.3, 20.0), (-1.7, 0.0), (0.3 + 2.0 * np.pi, 0.0)):
+        bench = Bench(joints, M=1e12, q=q, G=G)
+        bench.tick()
+        motor = q + G * 1e-4  # the gear bends under the weight
+        expected = sum(A * math.sin(p * motor + phase) for A, p, phase in harmonics)
+        assert bench.signals[TAU_F, 0] == pytest.approx(expected, abs=1e-9)
 
 
 def test_friction_wanders_by_its_sd_and_forgets_in_its_time():
