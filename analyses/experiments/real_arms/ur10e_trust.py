@@ -10,7 +10,8 @@ same with the live prior, which is right about a force that is zero and so holds
 below `refreshed` those of the model whose friction was found again from the log's first
 REFRESH_SECONDS, over the rest of it; with a load, from those of the same motion's or day's log
 without. Below `widened`, where `estimate` says of a log that its friction is not the model's, the
-same with the drift that it then offers for the band.
+same with the drift, joint by joint, that it then allows for: the band of a whole log, which a
+controller that has read no second of it cannot have.
 
 **Rest** is where no joint has moved faster than REST_SPEED for .3 s, **reversal** where a joint
 turns round within .15 s, **sliding** all else.
@@ -110,7 +111,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
             begin += round(REFRESH_SECONDS / TIME_STEP)
             drift = _drift_told(recording, robot, model)
             if drift is not None and model.torque_error is not None:
-                wide = replace(model, torque_error=model.torque_error.with_drift(drift))
+                error = replace(model.torque_error, drift_shown=drift)
+                wide = replace(model, torque_error=error)
                 told = _log_metrics(recording, mass, robot, wide, MARGIN)
                 own["widened"] = {"drift": drift, **told}
         source = REFRESHED_BY.get(log.stem, log.stem)
@@ -127,8 +129,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
 
 
-def _drift_told(recording: Recording, robot: Robot, model: IdentifiedModel) -> float | None:
-    """What `estimate` offers as the band's drift after a contact-free log; None: nothing."""
+def _drift_told(recording: Recording, robot: Robot, model: IdentifiedModel) -> Array | None:
+    """(n,) drift that `estimate` allows for in the band of a contact-free log; None: nothing."""
     uniform = resampled(recording, TIME_STEP)
     config = WrenchEstimatorConfig(
         MomentumObserverConfig([K_0], TIME_STEP, "trapezoidal"),
@@ -139,7 +141,7 @@ def _drift_told(recording: Recording, robot: Robot, model: IdentifiedModel) -> f
     watch = FrictionWatch(model, estimator.chain, estimator.observer.pole, TIME_STEP)
     known = seen.fresh & ~uniform.dropout
     watch.add(uniform.t, uniform.q, uniform.v, seen.tau_ext, known, np.ones_like(known))
-    return watch.drift()
+    return watch.drifts()
 
 
 def _log_metrics(
@@ -230,14 +232,15 @@ def _notes(metrics: dict[str, Any]) -> list[str]:
             f"With friction found again from {REFRESH_SECONDS:g} s without contact: {renewed}."
         )
     told = "; ".join(
-        f"`{name}` {line(own['widened']['all']['inside_95_pct'])} ({own['widened']['drift']:.2f})"
+        f"`{name}` {line(own['widened']['all']['inside_95_pct'])} "
+        f"({line(100.0 * np.asarray(own['widened']['drift']))} %)"
         for name, own in moving.items()
         if "widened" in own
     )
     if told:
         notes.append(
-            "Where `estimate` says that friction is not the model's, with the drift it offers for "
-            f"the band: {told}."
+            "Where `estimate` says that friction is not the model's, with the drift of each joint "
+            f"that it finds in the log and allows for in the band: {told}."
         )
     if still:
         held = min(float(np.min(own["inside_95_pct"])) for own in still)
