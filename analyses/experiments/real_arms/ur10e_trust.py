@@ -30,6 +30,7 @@ import numpy as np
 from analyses.methods.arms.ur10e_logs import FOLDER, identify_ur10e
 from analyses.methods.calibration.friction_refreshing import refresh_model
 from analyses.methods.learning.identification_config import IdentificationConfig, RefreshConfig
+from analyses.methods.reading.drifted_band import covariance_about
 from analyses.methods.reading.friction_watch import FrictionWatch
 from analyses.methods.reading.known_payload import payload_reference
 from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
@@ -113,7 +114,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
             if drift is not None and model.torque_error is not None:
                 error = replace(model.torque_error, drift_shown=drift)
                 wide = replace(model, torque_error=error)
-                told = _log_metrics(recording, mass, robot, wide, MARGIN)
+                told = _log_metrics(recording, mass, robot, model, MARGIN, wide)
                 own["widened"] = {"drift": drift, **told}
         source = REFRESHED_BY.get(log.stem, log.stem)
         if source in renewed:
@@ -145,8 +146,14 @@ def _drift_told(recording: Recording, robot: Robot, model: IdentifiedModel) -> A
 
 
 def _log_metrics(
-    recording: Recording, mass: float, robot: Robot, model: IdentifiedModel, begin: int
+    recording: Recording,
+    mass: float,
+    robot: Robot,
+    model: IdentifiedModel,
+    begin: int,
+    wide: IdentifiedModel | None = None,
 ) -> dict[str, Any]:
+    """What `model` reads, with the band of `wide`, if given."""
     uniform = resampled(recording, TIME_STEP)
     found: dict[str, Any] = {}
     for method in ("force_only", "bayesian"):
@@ -167,10 +174,14 @@ def _log_metrics(
             ).p_EP
             J = jacobian_at(J, R_WE, point)
             truth = mass * payload_reference(robot, uniform, 5.0, point).direction
-        wrench, covariance, _, valid, _ = estimator.trusted.run(
-            estimator.trusted.initial_state(),
-            *(uniform.q, uniform.v, seen.tau_J - seen.tau_f, J, seen.tau_ext, seen.fresh),
-        )
+        log = (uniform.q, uniform.v, seen.tau_J - seen.tau_f, J, seen.tau_ext, seen.fresh)
+        reading = estimator.trusted
+        wrench, covariance, _, valid, _ = reading.run(reading.initial_state(), *log)
+        if wide is not None:
+            other = WrenchEstimator(robot, wide, config).trusted
+            assert other is not None
+            mean, covariance, _, still, _ = other.run(other.initial_state(), *log)
+            covariance, valid = covariance_about(wrench, mean, covariance), valid & still
         sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))[:, 3:]
         kept = ~uniform.dropout
         kept[:begin] = kept[-MARGIN:] = False

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analyses.methods.reading.contact_episodes import ContactEpisodes
+from analyses.methods.reading.drifted_band import with_band_of
 from analyses.methods.reading.estimate_config import (
     FLOOR_SHARE,
     PRIORS,
@@ -204,7 +205,6 @@ def estimate(
             )
         stated_error = model.torque_error.with_drift(settings.estimate.drift)
         model = replace(model, torque_error=stated_error)
-    known_model = model  # contact is judged by what was known before the log
     config, max_gap = settings.estimate.estimator, settings.estimate.max_gap
     if config.position_resolution is None:
         step = position_resolution(next(iter(read().chunks())).q)
@@ -225,12 +225,12 @@ def estimate(
     # A joint's friction is that of several motors where joints are coupled, and an observer of the
     # wrench leaves no friction in tau_ext.
     watches = not robot.is_coupled and (kind is None or kind.kernels.wrench is None)
-    passes, shown, error = 0.0, None, model.torque_error
+    passes, shown, error, wide = 0.0, None, model.torque_error, model
     if watches and settings.estimate.drift is None and model.provenance.logs and error is not None:
         part = _Part(progress, 0.0, 0.3, "looking at friction")
         shown, passes = _shown_drift(read(), robot, model, config, settings.estimate, part), 0.3
         if shown is not None:
-            model = replace(model, torque_error=replace(error, drift_shown=shown))
+            wide = replace(model, torque_error=replace(error, drift_shown=shown))
     if not _has_prior(config):
         part = _Part(progress, passes, passes + 0.3, "finding the prior")
         config, rule = _with_evidence(read(), robot, model, config, max_gap, part, warnings)
@@ -243,7 +243,7 @@ def estimate(
     config = _timed(config, first)
     detection = settings.estimate.detection
     samples = chain([first], chunks)
-    estimates = _estimates(settings.estimate, robot, model, known_model, config, samples)
+    estimates = _estimates(settings.estimate, robot, model, wide, config, samples)
     observer = make_observer(config.observer, robot.num_joints)
     summary = EstimateSummary(model.joint_names, model.validity, observer.settling_time)
     reference = settings.estimate.reference
@@ -421,25 +421,25 @@ def _estimates(
     settings: EstimateConfig,
     robot: Robot,
     model: IdentifiedModel,
-    known: IdentifiedModel,
+    wide: IdentifiedModel,
     config: WrenchEstimatorConfig,
     chunks: Iterable[Recording],
 ) -> Iterator[tuple[Recording, EstimateBatch, Detection, Array]]:
     """The log's samples, what is read of them, contact and tau_ext as a controller would see it.
 
-    The wrench is read by `model`, contact judged by `known`: they differ in the band alone.
+    Wrench and contact are those that `model` reads, the band is that of `wide`.
     """
+    models = [model] if wide is model else [model, wide]
     kind = _ENGINES[settings.engine]
-    engine = kind(robot, known, config, settings.detection)
-    reading = engine if model is known else kind(robot, model, config, settings.detection)
+    engine, *others = (kind(robot, own, config, settings.detection) for own in models)
     if not settings.smooth:
         for chunk in chunks:
             batch, found = engine.run(chunk.q, chunk.v, chunk.current)
-            if reading is not engine:
-                batch, _ = reading.run(chunk.q, chunk.v, chunk.current)
+            for other in others:
+                batch = with_band_of(batch, other.run(chunk.q, chunk.v, chunk.current)[0])
             yield chunk, batch, found, batch.tau_ext
         return
-    smoother = WrenchSmoother(WrenchEstimator(robot, model, config))
+    smoother, *wider = (WrenchSmoother(WrenchEstimator(robot, own, config)) for own in models)
     ahead: tuple[Recording, Detection, Array] | None = None
     for chunk in chunks:
         causal, found = engine.run(chunk.q, chunk.v, chunk.current)
@@ -448,12 +448,17 @@ def _estimates(
             whole, found = concatenated([ahead[0], chunk]), _joined(ahead[1], found)
             tau_ext = np.concatenate([ahead[2], tau_ext])
         ready = smoother.take(chunk.q, chunk.v, chunk.current)
+        for own in wider:
+            ready = with_band_of(ready, own.take(chunk.q, chunk.v, chunk.current))
         count = len(ready.valid)
         if count:
             yield whole[:count], ready, _part(found, slice(0, count)), tau_ext[:count]
         ahead = whole[count:], _part(found, slice(count, None)), tau_ext[count:]
     if ahead is not None:
-        yield ahead[0], smoother.finish(), *ahead[1:]
+        ready = smoother.finish()
+        for own in wider:
+            ready = with_band_of(ready, own.finish())
+        yield ahead[0], ready, *ahead[1:]
 
 
 def _joined(one: Detection, other: Detection) -> Detection:

@@ -146,7 +146,7 @@ class FrictionWatch:
         change = np.einsum("kjc,jc->kj", rows.sliding[:, :, :2], found.change[:, :2])
         added = np.sqrt(np.mean(change**2, axis=0))
         viscous = np.sqrt(np.mean(rows.viscous**2, axis=0))
-        return np.minimum(added / np.maximum(viscous, 1e-9), LARGEST_DRIFT)
+        return np.asarray(np.minimum(added / np.maximum(viscous, 1e-9), LARGEST_DRIFT))
 
     def _contact_free(self) -> ResidualRows | None:
         """The rows that are judged."""

@@ -97,11 +97,12 @@ def test_the_band_holds_what_the_log_shows_of_friction(
     assert "the stated band allows for what" in line and "% of the viscous torque" in line
     (line,) = (line for line in told.warnings if "until then" in line)
     assert "too narrow: --drift 0." in line
-    # Contact is judged by what was known before the log.
+    # What is read, and whether it is contact, is what was known before the log.
     columns = columns_of(6)
-    for name in ("contact_statistic", "contact", "misfit"):
+    for name in ("fx", "fy", "fz", "mx", "contact_statistic", "contact", "misfit"):
         k = columns.index(name)
         np.testing.assert_array_equal(table[:, k], usual[:, k])
+    assert (table[:, 7:13].mean(axis=0) > usual[:, 7:13].mean(axis=0)).all()
 
 
 def test_where_friction_is_the_models_the_band_is_too(
@@ -114,3 +115,14 @@ def test_where_friction_is_the_models_the_band_is_too(
     assert result.metrics()["drift_shown"] is None
     assert not any("until then" in line for line in result.warnings)
     np.testing.assert_array_equal(table, usual)
+
+
+def test_the_band_of_a_smoothed_reading_is_wider_too(
+    sts: Robot, model_file: Path, tmp_path: Path
+) -> None:
+    log = tmp_path / "log.csv"
+    write_recording(free_motion(sts, MORE), log)
+    _, table = read(log, model_file, tmp_path / "out", smooth=True)
+    _, usual = read(log, model_file, tmp_path / "told", smooth=True, drift=0.05)
+    np.testing.assert_array_equal(table[:, 1:7], usual[:, 1:7])
+    assert table[:, 7:10].mean() > 1.05 * usual[:, 7:10].mean()
