@@ -37,7 +37,7 @@ def free_motion(robot: Robot, more: Array) -> Recording:
     model = pinocchio.buildModelFromXML(robot.urdf_text)
     model.armature = np.asarray(robot.reflected_inertia)
     data = model.createData()
-    t = T * np.arange(ROWS)
+    t = np.asarray(T * np.arange(ROWS), float)
     rate = np.array([1.1, 1.3, 1.7, 1.9, 2.3, 2.9])
     phase = t[:, None] * rate + np.arange(6)
     q = robot.home + 0.3 * np.sin(phase)
