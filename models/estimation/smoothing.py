@@ -29,12 +29,8 @@ from models.arrays import Array, Flags
 from models.estimation.estimator import EstimateBatch, WrenchEstimator
 from models.identification.torque_error_model import TORQUE_ERROR_ROWS
 from models.observers.fixed_interval import NUM_KINDS, NUM_PERIOD, backward_log, forward_log
-from models.observers.kalman_observer import (
-    START_F,
-    KalmanObserver,
-    KalmanObserverConfig,
-    split_table,
-)
+from models.observers.kalman_kernels import START_F, split_table
+from models.observers.kalman_observer import KalmanObserver, KalmanObserverConfig
 from models.observers.observer import NUM_SIGNALS
 
 DRIFT_TIME = 600.0  # s

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from models.arrays import Array, Flags
-from models.observers.kalman_observer import (
+from models.observers.kalman_kernels import (
     KEPT_F,
     NOISE_F,
     PERIOD,

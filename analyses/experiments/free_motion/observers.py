@@ -10,7 +10,8 @@ Of each reading: error, lasting error (`bias_n`), the shift in time at which it 
 (`delay_s`, where the truth changes), what is faster than NOISE_CUTOFF in it (`noise_n`), and the
 share inside the stated 95 % band. By `force_only`, whose band holds the torque error alone; below
 `bayesian` the same with the live prior. `kalman-smoothed` is no observer: it knows what comes after
-each sample, too (`models.estimation.smoothing`).
+each sample, too (`models.estimation.smoothing`). Figure and notes judge valid samples. Where no
+observer's reading of a log is valid, they judge all its samples, and say so.
 
 Not blind: the kalman observer's bandwidth, its share of white noise and the super-twisting
 observer's rate were settled on the three fitted runs with pushes and slow forces put in. That
@@ -272,7 +273,8 @@ def _measured(scene: Scene, read: Read) -> dict[str, Any]:
     inside = np.abs(error) <= BAND * read.sd
     valid = kept & read.valid
     changes = bool(np.ptp(scene.truth, axis=0).any())
-    delay = _delay(scene.truth, read.force, np.flatnonzero(valid), step) if changes else None
+    rows = np.flatnonzero(valid if valid.any() else kept)
+    delay = _delay(scene.truth, read.force, rows, step) if changes else None
     return {
         "rmse_n": _rms(error[kept]),
         "bias_n": error[kept].mean(axis=0),
@@ -307,44 +309,69 @@ def total(own: Mapping[str, Any], key: str = "rmse_n") -> float:
     return float(np.linalg.norm(own[key]))
 
 
+def never_valid(metrics: Mapping[str, Any]) -> list[str]:
+    """The logs of which no observer's reading is ever valid."""
+    return [
+        log
+        for log in next(iter(metrics.values()))
+        if all(own[log]["valid_rmse_n"] is None for own in metrics.values())
+    ]
+
+
 def findings(metrics: Mapping[str, Any]) -> list[str]:
     """What the figures say, whatever they are; the first observer is the default."""
+    unread = never_valid(metrics)
+    read = [log for log in next(iter(metrics.values())) if log not in unread]
+    notes = _of_logs(metrics, read, "valid_", "where both are valid", "of the valid samples")
+    if unread:
+        notes.append(
+            f"No reading of {listed(f'`{log}`' for log in unread)} is valid by any observer: what "
+            "is said of them counts all samples, and so does the figure (hatched)."
+        )
+        notes += _of_logs(metrics, unread, "", "over all samples", "of all samples, none valid")
+    return notes
+
+
+def _of_logs(
+    metrics: Mapping[str, Any], logs: list[str], kind: str, where: str, what: str
+) -> list[str]:
+    """`findings` of some logs, by the figures that `kind` stands before."""
     default, *others = metrics
+    rmse, inside = f"{kind}rmse_n", f"{kind}inside_95_pct"
     notes = []
     for name in others:
+        judged = [
+            log
+            for log in logs
+            if metrics[name][log][rmse] is not None and metrics[default][log][rmse] is not None
+        ]
+        if not judged:
+            continue
         better = [
             log
-            for log, own in metrics[name].items()
-            if own["valid_rmse_n"] is not None
-            and metrics[default][log]["valid_rmse_n"] is not None
-            and total(own, "valid_rmse_n") < total(metrics[default][log], "valid_rmse_n")
+            for log in judged
+            if total(metrics[name][log], rmse) < total(metrics[default][log], rmse)
         ]
-        judged = [log for log, own in metrics[name].items() if own["valid_rmse_n"] is not None]
         notes.append(
-            f"`{name}` errs less than `{default}` where both are valid on {len(better)} of "
-            f"{len(judged)} logs"
+            f"`{name}` errs less than `{default}` {where} on {len(better)} of {len(judged)} logs"
             + (f": {listed(f'`{log}`' for log in better)}." if better else ".")
         )
-        pushes = [log for log in judged if log.endswith("-pushes")]
         parts = []
-        for log in pushes:
+        for log in judged:
             before, after = metrics[default][log], metrics[name][log]
-            parts.append(
-                f"{change_between(total(before, 'valid_rmse_n'), total(after, 'valid_rmse_n'))} "
-                f"error on `{log}`, delay {_milliseconds(after)} for {_milliseconds(before)} ms"
-            )
+            if log.endswith("-pushes"):
+                parts.append(
+                    f"{change_between(total(before, rmse), total(after, rmse))} error on `{log}`, "
+                    f"delay {_milliseconds(after)} for {_milliseconds(before)} ms"
+                )
         if parts:
             notes.append(f"`{name}` against `{default}`: {'; '.join(parts)}.")
     for name, own in metrics.items():
-        moving = [
-            figures["valid_inside_95_pct"]
-            for figures in own.values()
-            if figures["valid_inside_95_pct"] is not None
-        ]
-        if moving:
-            low, high = float(np.min(moving)), float(np.max(moving))
+        shares = [own[log][inside] for log in logs if own[log][inside] is not None]
+        if shares:
+            low, high = float(np.min(shares)), float(np.max(shares))
             notes.append(
-                f"The 95 % band of `{name}` holds {low:.0f} to {high:.0f} % of the valid samples, "
+                f"The 95 % band of `{name}` holds {low:.0f} to {high:.0f} % {what}, "
                 "log by log and axis by axis."
             )
     return notes
@@ -355,46 +382,43 @@ def _milliseconds(own: Mapping[str, Any]) -> str:
 
 
 def _summary_figure(metrics: Mapping[str, Any], out: Path) -> FigureFile:
-    named = next(iter(metrics.values()))
-    logs = [
-        log
-        for log in named
-        if any(own[log]["valid_rmse_n"] is not None for own in metrics.values())
-    ]
-    unread = [log for log in named if log not in logs]
+    logs, unread = list(next(iter(metrics.values()))), never_valid(metrics)
+    logs = [log for log in logs if log not in unread] + unread
     figure, axes = new_figure(1, 2, height=0.34 * len(logs) + 1.2)
     places = np.arange(len(logs))
     width = 0.8 / len(metrics)
     for i, (name, own) in enumerate(metrics.items()):
         shift = width * (i - 0.5 * (len(metrics) - 1))
-        errors = [
-            np.nan if own[log]["valid_rmse_n"] is None else total(own[log], "valid_rmse_n")
-            for log in logs
-        ]
-        shares = [
-            np.nan
-            if own[log]["valid_inside_95_pct"] is None
-            else float(np.mean(own[log]["valid_inside_95_pct"]))
-            for log in logs
-        ]
+        errors, shares = np.full(len(logs), np.nan), np.full(len(logs), np.nan)
+        for k, log in enumerate(logs):
+            kind = "" if log in unread else "valid_"
+            if own[log][f"{kind}rmse_n"] is not None:
+                errors[k] = total(own[log], f"{kind}rmse_n")
+                shares[k] = np.mean(own[log][f"{kind}inside_95_pct"])
         for panel, values in zip(axes[0], (errors, shares), strict=True):
-            panel.barh(places + shift, values, width, color=SERIES[i], label=name)
+            bars = panel.barh(places + shift, values, width, color=SERIES[i], label=name)
+            for bar, log in zip(bars, logs, strict=True):
+                if log in unread:
+                    bar.set(hatch="////", alpha=0.5, edgecolor="white", linewidth=0.0)
     left: Any = axes[0, 0]
     right: Any = axes[0, 1]
-    left.set_yticks(places, logs)
-    left.invert_yaxis()
-    left.set_xlabel("force error, RMSE of valid samples [N]")
+    left.set_yticks(places, [f"{log} *" if log in unread else log for log in logs])
+    left.set_ylim(len(logs) - 0.4, -0.6)
+    left.set_xlabel("force error, RMSE [N]")
     right.set_yticks(places, [""] * len(logs))
-    right.invert_yaxis()
+    right.set_ylim(left.get_ylim())
     right.axvspan(90.0, 98.0, alpha=0.2, lw=0)
-    right.set_xlim(50.0, 100.0)
+    lowest = min(bar.get_width() for bar in right.patches if np.isfinite(bar.get_width()))
+    right.set_xlim(min(50.0, 10.0 * np.floor(0.1 * lowest)), 100.0)
     right.set_xlabel("inside the 95 % band [%]")
     figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=4)
     path = Path("figures") / "observers.png"
     save_figure(figure, out / path)
-    caption = "Every observer on every log (force_only): error, and share inside."
+    caption = (
+        "Every observer on every log (force_only): error, and share inside, of the valid samples."
+    )
     if unread:
-        caption += f" Not drawn, as no observer's reading was valid: {', '.join(unread)}."
+        caption += f" Hatched (*): of all samples, as none is valid, on {listed(unread)}."
     return FigureFile(path, caption)
 
 

@@ -1,8 +1,20 @@
 """Experiment `observers`: pushes put in, the delay it finds, and what its notes say."""
 
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 
-from analyses.experiments.free_motion.observers import DELAYS, _delay, findings
+from analyses.experiments.free_motion.observers import (
+    DELAYS,
+    Read,
+    _delay,
+    _measured,
+    _summary_figure,
+    findings,
+    never_valid,
+)
 from analyses.methods.reading.put_in_pushes import push_forces, pushed
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.wrench import WrenchReconstructionConfig
@@ -53,10 +65,15 @@ def test_the_delay_is_that_of_the_reading() -> None:
     assert _delay(truth, late, np.arange(0), STEP) is None
 
 
-def _figures(rmse: float, inside: float, delay: float | None) -> dict[str, object]:
+def _figures(
+    rmse: float, inside: float, delay: float | None, valid: bool = True
+) -> dict[str, object]:
+    """Figures of all samples; those of the valid ones are half the error, or there are none."""
     return {
-        "valid_rmse_n": np.full(3, rmse),
-        "valid_inside_95_pct": np.full(3, inside),
+        "rmse_n": np.full(3, rmse if not valid else 2.0 * rmse),
+        "inside_95_pct": np.full(3, inside if not valid else inside - 20.0),
+        "valid_rmse_n": np.full(3, rmse) if valid else None,
+        "valid_inside_95_pct": np.full(3, inside) if valid else None,
         "delay_s": delay,
     }
 
@@ -70,3 +87,57 @@ def test_the_notes_say_what_the_figures_do() -> None:
     assert "`kalman` errs less than `momentum` where both are valid on 1 of 2 logs: `a`." in first
     assert "50 % more error on `b-pushes`, delay 20 for 35 ms" in second
     assert [note.split(" holds ")[1][:8] for note in bands] == ["92 to 95", "90 to 97"]
+
+
+def _never_valid() -> dict[str, dict[str, object]]:
+    return {
+        "momentum": {
+            "a": _figures(2.0, 95.0, None),
+            "hard-pushes": _figures(20.0, 99.0, 0.05, valid=False),
+        },
+        "kalman": {
+            "a": _figures(1.0, 97.0, None),
+            "hard-pushes": _figures(10.0, 56.0, 0.02, valid=False),
+        },
+    }
+
+
+def test_a_log_that_is_never_valid_is_judged_by_all_samples_and_the_notes_say_so() -> None:
+    metrics = _never_valid()
+    assert never_valid(metrics) == ["hard-pushes"]
+    text = " ".join(findings(metrics))
+    assert "both are valid on 1 of 1 logs: `a`." in text
+    assert "No reading of `hard-pushes` is valid by any observer" in text
+    assert "errs less than `momentum` over all samples on 1 of 1 logs: `hard-pushes`." in text
+    assert "50 % less error on `hard-pushes`, delay 20 for 50 ms" in text
+    assert "The 95 % band of `kalman` holds 97 to 97 % of the valid samples" in text
+    assert "The 95 % band of `kalman` holds 56 to 56 % of all samples, none valid" in text
+
+
+def test_a_log_that_one_observer_reads_validly_is_judged_by_its_valid_samples() -> None:
+    metrics = _never_valid()
+    metrics["kalman"]["hard-pushes"] = _figures(10.0, 56.0, 0.02)
+    assert never_valid(metrics) == []
+    assert "all samples" not in " ".join(findings(metrics))
+
+
+def test_the_figure_draws_and_marks_a_log_that_is_never_valid(tmp_path: Path) -> None:
+    (tmp_path / "figures").mkdir()
+    made = _summary_figure(_never_valid(), tmp_path)
+    assert (tmp_path / made.path).is_file()
+    assert "Hatched (*): of all samples, as none is valid, on hard-pushes." in made.caption
+    assert (
+        "Hatched"
+        not in _summary_figure({"momentum": {"a": _figures(2.0, 95.0, None)}}, tmp_path).caption
+    )
+
+
+def test_figures_of_a_log_that_is_never_valid_hold_a_delay() -> None:
+    N, n = 800, 6
+    force = push_forces(N, STEP, 30.0, 0.5, 1.0, np.random.default_rng(1))
+    zeros = np.zeros((N, n))
+    log = Recording(STEP * np.arange(N), zeros, zeros, zeros, source="never valid")
+    scene: Any = SimpleNamespace(recording=log, truth=force)
+    found = _measured(scene, Read(np.roll(force, 4, axis=0), np.ones((N, 3)), np.zeros(N, bool)))
+    assert found["valid_rmse_n"] is None
+    np.testing.assert_allclose(found["delay_s"], 0.04)

@@ -1,0 +1,445 @@
+"""Kernels of the Kalman observer: reading, measuring, a period, and what the torque error gives it.
+
+The equations are those of `models.observers.kalman_observer`, whose table and state these are.
+"""
+
+import numpy as np
+from numba import njit
+
+from models.arrays import Array
+from models.identification.torque_error_model import TORQUE_ERROR_ROWS, torque_sd_tick
+from models.observers.observer import (
+    CTV,
+    GRAVITY,
+    TAU_EXT,
+    TAU_F,
+    TAU_J,
+    TORQUE_SD,
+    Q,
+    V,
+)
+from models.observers.period_torque import arrived_momentum
+
+# Table: numbers, 6-vectors, n-vectors, an (n, n), and the torque error's own table, all flat.
+PERIOD, BEFORE, SETTLED, HAS_ERROR, GROSS, NUMBERS = range(6)
+KEPT_F, NOISE_F, START_F, SIXES = range(4)
+RATE_X, SMOOTH, WHITE, SLOW_VISCOUS, LASTING, ROUND, JOINTS = range(7)
+
+MOST_DOUBT = 1e4  # times that a gross innovation widens the variance
+# Status: this or less, one less for each sample lost in a row; this.
+_LOST, _RUNNING = 0.0, 1.0
+
+
+@njit(cache=True, error_model="numpy")
+def split_state(
+    flat: Array,
+    n: int,
+) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """x (N,), gain (N, n), P (N, N), C (N, n), status (2,), torque error's rows and s of the sample
+    before (zero: there was none) as (TORQUE_ERROR_ROWS + 1, n); N = 2 n + 6.
+
+    x = [p, F, x]; P, C and gain are those of the coming sample, before it is measured.
+    """
+    N = 2 * n + 6
+    a, b = N, N + N * n
+    c = b + N * N
+    d = c + N * n
+    e = d + 2
+    return (
+        flat[:a],
+        flat[a:b].reshape(N, n),
+        flat[b:c].reshape(N, N),
+        flat[c:d].reshape(N, n),
+        flat[d:e],
+        flat[e : e + (TORQUE_ERROR_ROWS + 1) * n].reshape(TORQUE_ERROR_ROWS + 1, n),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def split_table(
+    table: Array,
+    n: int,
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Numbers, 6-vectors, n-vectors, an (n, n) and the torque error's table of `table`."""
+    a = NUMBERS + 6 * SIXES
+    b = a + n * JOINTS
+    c = b + n * n
+    return (
+        table[:NUMBERS],
+        table[NUMBERS:a].reshape(SIXES, 6),
+        table[a:b].reshape(JOINTS, n),
+        table[b:c].reshape(n, n),
+        table[c:].reshape(n, (table.shape[0] - c) // n),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def sample_momentum(table: Array, signals: Array, i: int) -> float:
+    """y of joint i."""
+    y: float = arrived_momentum(0.5 * table[PERIOD], table[BEFORE], signals, i)
+    return y
+
+
+@njit(cache=True, error_model="numpy")
+def _is_measured(
+    table: Array,
+    status: Array,
+    signals: Array,
+) -> bool:
+    finite: bool = status[0] == _RUNNING
+    for i in range(signals.shape[1]):
+        finite = finite and np.isfinite(sample_momentum(table, signals, i))
+    return finite
+
+
+@njit(cache=True, error_model="numpy")
+def _read_force(
+    table: Array,
+    state: Array,
+    signals: Array,
+    wrench: Array,
+) -> bool:
+    """Writes F right after a sample; returns whether the sample was measured."""
+    n = signals.shape[1]
+    x, gain, _, _, status, _ = split_state(state.reshape(-1), n)
+    measured = _is_measured(table, status, signals)
+    for a in range(6):
+        wrench[a] = x[n + a]
+        if measured:
+            for i in range(n):
+                wrench[a] += gain[n + a, i] * (sample_momentum(table, signals, i) - x[i])
+    return measured
+
+
+@njit(cache=True, error_model="numpy")
+def kalman_output(table: Array, state: Array, signals: Array, J: Array) -> bool:
+    """Writes tau_ext = J^T F right after a sample; see `observer`."""
+    n = signals.shape[1]
+    wrench = np.empty(6)
+    measured = _read_force(table, state, signals, wrench)
+    status = split_state(state.reshape(-1), n)[4]
+    for i in range(n):
+        total = 0.0
+        for a in range(6):
+            total += J[a, i] * wrench[a]
+        signals[TAU_EXT, i] = total if np.isfinite(total) else 0.0
+    return bool(measured and status[1] >= table[SETTLED])
+
+
+@njit(cache=True, error_model="numpy")
+def kalman_wrench(
+    table: Array,
+    state: Array,
+    signals: Array,
+    J: Array,
+    wrench: Array,
+    covariance: Array,
+) -> None:
+    """Writes F (6,) and its covariance (6, 6) right after a sample; see `observer`."""
+    n = signals.shape[1]
+    measured = _read_force(table, state, signals, wrench)
+    _, gain, P, C, _, _ = split_state(state.reshape(-1), n)
+    slow = np.empty((6, n))
+    for a in range(6):
+        for m in range(n):
+            total = C[n + a, m]
+            if measured:
+                for i in range(n):
+                    total -= gain[n + a, i] * C[i, m]
+            slow[a, m] = total
+    for a in range(6):
+        for b in range(a + 1):
+            total = P[n + a, n + b]
+            if measured:  # (1 - gain H) P (1 - gain H)^T + gain R gain^T
+                for i in range(n):
+                    total -= gain[n + a, i] * P[i, n + b] + gain[n + b, i] * P[n + a, i]
+                    for k in range(n):
+                        total += gain[n + a, i] * gain[n + b, k] * P[i, k]
+                    total += gain[n + a, i] * gain[n + b, i] * _rounding(table, n, i)
+            for m in range(n):
+                total += slow[a, m] * slow[b, m]
+            covariance[a, b] = total
+            covariance[b, a] = total
+
+
+@njit(cache=True, error_model="numpy")
+def _rounding(
+    table: Array,
+    n: int,
+    i: int,
+) -> float:
+    rounding: float = table[NUMBERS + 6 * SIXES + ROUND * n + i]
+    return rounding
+
+
+@njit(cache=True, error_model="numpy")
+def kalman_update(table: Array, state: Array, signals: Array, J: Array) -> None:
+    """Takes a sample into `state`, in place; see `observer`.
+
+    A sample that is not finite is not measured; the one after it starts the momentum again.
+    """
+    n = signals.shape[1]
+    numbers, sixes, joints, mixing, error_table = split_table(table, n)
+    x, gain, P, C, status, error_rows = split_state(state.reshape(-1), n)
+    arrived = np.empty(n)
+    known = True  # what the coming period begins with
+    for i in range(n):
+        arrived[i] = sample_momentum(table, signals, i)
+        predicted = arrived[i] + signals[TAU_J, i] + signals[CTV, i] - signals[TAU_F, i]
+        known = known and np.isfinite(predicted)
+        for a in range(6):
+            known = known and np.isfinite(J[a, i])
+    if _is_measured(table, status, signals):
+        square = innovation_square(x, P, C, joints[ROUND], arrived)
+        measure(x, gain, P, C, joints[ROUND], arrived)
+        status[1] += 1.0
+        if square > numbers[GROSS]:
+            P *= min(square / numbers[GROSS], MOST_DOUBT)
+    if status[0] != _RUNNING:
+        for i in range(n):
+            x[i] = arrived[i]
+            P[i], P[:, i], C[i] = 0.0, 0.0, 0.0
+            P[i, i] = joints[ROUND, i]
+
+    smooth, white, slow, kept = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    error_parts(numbers, joints, error_table, error_rows, signals, smooth, white, slow, kept)
+    if known:
+        T = numbers[PERIOD]
+        for i in range(n):
+            u = signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i] + signals[TAU_J, i]
+            x[i] += T * u
+        renew(kept, mixing, x, P, C)
+        advance(T, J, smooth, white, slow, sixes, x, P, C)
+        find_gain(P, C, joints[ROUND], gain)
+        status[0] = _RUNNING
+    else:
+        for a in range(6):  # without a motion only time goes by
+            P[n + a, n + a] += sixes[NOISE_F, a]
+        status[0] = min(status[0], _LOST) - 1.0
+        if status[0] <= -numbers[SETTLED]:
+            begin(mixing, sixes, x, P, C)
+            status[1] = 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def begin(mixing: Array, sixes: Array, x: Array, P: Array, C: Array) -> None:
+    """Writes x, P and C of a filter that has read nothing yet."""
+    n = mixing.shape[0]
+    x[:], P[:], C[:] = 0.0, 0.0, 0.0
+    for a in range(6):
+        P[n + a, n + a] = sixes[START_F, a]
+    P[n + 6 :, n + 6 :] = mixing
+
+
+@njit(cache=True, error_model="numpy")
+def innovation_square(x: Array, P: Array, C: Array, rounding: Array, arrived: Array) -> float:
+    """|y - p|^2 over its covariance, of mean n."""
+    n = arrived.shape[0]
+    L, left = np.empty((n, n)), np.empty(n)
+    innovation_factor(P, C, rounding, L)
+    total = 0.0
+    for i in range(n):
+        left[i] = arrived[i] - x[i]
+        for k in range(i):
+            left[i] -= L[i, k] * left[k]
+        left[i] /= L[i, i]
+        total += left[i] * left[i]
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def innovation_factor(P: Array, C: Array, rounding: Array, L: Array) -> None:
+    """Writes the lower triangle L (n, n) of the coming innovation's covariance L L^T."""
+    n = L.shape[0]
+    for i in range(n):
+        for j in range(i + 1):
+            total = P[i, j] + (rounding[i] if i == j else 0.0)
+            for m in range(n):
+                total += C[i, m] * C[j, m]
+            for k in range(j):
+                total -= L[i, k] * L[j, k]
+            L[i, j] = np.sqrt(max(total, rounding[i])) if i == j else total / L[j, j]
+
+
+@njit(cache=True, error_model="numpy")
+def error_parts(
+    numbers: Array,
+    joints: Array,
+    error_table: Array,
+    rows: Array,
+    signals: Array,
+    smooth: Array,
+    white: Array,
+    slow: Array,
+    kept: Array,
+) -> None:
+    """Writes s (N m), the white noise's variance in a period (N^2 m^2 s^2), b (N m) and a_x.
+
+    `rows` (TORQUE_ERROR_ROWS + 1, n), the torque error's state and the s before, is changed.
+    """
+    n = signals.shape[1]
+    sd, stiction, load = np.empty(n), np.zeros(n), np.empty(n)
+    for i in range(n):
+        sd[i] = signals[TORQUE_SD, i]
+        load[i] = signals[TAU_J, i] - signals[TAU_F, i]
+    if numbers[HAS_ERROR] != 0.0:
+        own = rows[:TORQUE_ERROR_ROWS]
+        torque_sd_tick(error_table, own, signals[Q], signals[V], load, sd, stiction)
+    for i in range(n):
+        speed = signals[V, i] if np.isfinite(signals[V, i]) else 0.0
+        drift = joints[SLOW_VISCOUS, i] * speed
+        moving = max(sd[i] ** 2 - stiction[i] ** 2 - drift**2, 0.0)
+        slow[i] = drift + joints[LASTING, i] * np.sqrt(moving)
+        fading = joints[SMOOTH, i] * moving
+        smooth[i] = np.sqrt(fading + stiction[i] ** 2)
+        share = fading / (fading + stiction[i] ** 2) if fading > 0.0 else 0.0
+        kept[i] = np.exp(-share * joints[RATE_X, i] * numbers[PERIOD])
+        before = rows[TORQUE_ERROR_ROWS, i]
+        if before > 0.0 and smooth[i] > 0.0:
+            kept[i] *= min(smooth[i] / before, before / smooth[i])
+        rows[TORQUE_ERROR_ROWS, i] = smooth[i]
+        white[i] = joints[WHITE, i] * moving * numbers[PERIOD]
+
+
+@njit(cache=True, error_model="numpy")
+def measure(
+    x: Array,
+    gain: Array,
+    P: Array,
+    C: Array,
+    rounding: Array,
+    arrived: Array,
+) -> None:
+    """Takes y into x, P and C by the gain, in place (Joseph's form, as the gain is C's too)."""
+    N, n = gain.shape
+    innovation = np.empty(n)
+    for i in range(n):
+        innovation[i] = arrived[i] - x[i]
+    above, before = P[:n].copy(), C[:n].copy()
+    for a in range(N):
+        for i in range(n):
+            x[a] += gain[a, i] * innovation[i]
+    for a in range(N):
+        for m in range(n):
+            for i in range(n):
+                C[a, m] -= gain[a, i] * before[i, m]
+        for b in range(N):
+            for i in range(n):
+                P[a, b] -= gain[a, i] * above[i, b]
+    left = P[:, :n].copy()
+    for a in range(N):
+        for b in range(a + 1):
+            total = P[a, b]
+            for i in range(n):
+                total += gain[b, i] * (gain[a, i] * rounding[i] - left[a, i])
+            P[a, b] = total
+            P[b, a] = total
+
+
+@njit(cache=True, error_model="numpy")
+def renew(
+    kept: Array,
+    mixing: Array,
+    x: Array,
+    P: Array,
+    C: Array,
+) -> None:
+    """Renews the error's smooth part in x, P and C, in place."""
+    n = kept.shape[0]
+    first = n + 6
+    for i in range(n):
+        e = first + i
+        x[e] *= kept[i]
+        for m in range(n):
+            C[e, m] *= kept[i]
+        for b in range(P.shape[0]):
+            P[e, b] *= kept[i]
+        for b in range(P.shape[0]):
+            P[b, e] *= kept[i]
+    for i in range(n):
+        for j in range(n):
+            fade = (1.0 - kept[i] * kept[i]) * (1.0 - kept[j] * kept[j])
+            P[first + i, first + j] += mixing[i, j] * np.sqrt(fade)
+
+
+@njit(cache=True, error_model="numpy")
+def advance(
+    T: float,
+    J: Array,
+    smooth: Array,
+    white: Array,
+    slow: Array,
+    sixes: Array,
+    x: Array,
+    P: Array,
+    C: Array,
+) -> None:
+    """Takes x, P and C over a period, in place; u is added elsewhere."""
+    n = J.shape[1]
+    N = 2 * n + 6
+    for i in range(n):
+        e = n + 6 + i
+        s = T * smooth[i]
+        x[i] += s * x[e]
+        for b in range(N):
+            P[i, b] += s * P[e, b]
+        for m in range(n):
+            C[i, m] += s * C[e, m]
+        for a in range(6):
+            j = T * J[a, i]
+            x[i] += j * x[n + a]
+            for b in range(N):
+                P[i, b] += j * P[n + a, b]
+            for m in range(n):
+                C[i, m] += j * C[n + a, m]
+        C[i, i] += T * slow[i]
+    for b in range(N):
+        for i in range(n):
+            total = T * smooth[i] * P[b, n + 6 + i]
+            for a in range(6):
+                total += T * J[a, i] * P[b, n + a]
+            P[b, i] += total
+    for a in range(n, n + 6):
+        factor = sixes[KEPT_F, a - n]
+        x[a] *= factor
+        for m in range(n):
+            C[a, m] *= factor
+        for b in range(N):
+            P[a, b] *= factor
+        for b in range(N):
+            P[b, a] *= factor
+    for i in range(n):
+        P[i, i] += white[i]
+    for a in range(6):
+        P[n + a, n + a] += sixes[NOISE_F, a]
+    for a in range(N):
+        for b in range(a):
+            P[a, b] = 0.5 * (P[a, b] + P[b, a])
+            P[b, a] = P[a, b]
+
+
+@njit(cache=True, error_model="numpy")
+def find_gain(
+    P: Array,
+    C: Array,
+    rounding: Array,
+    gain: Array,
+) -> None:
+    """Writes the gain (N, n) of the coming sample."""
+    N, n = gain.shape
+    L = np.empty((n, n))
+    innovation_factor(P, C, rounding, L)
+    for a in range(N):
+        row = gain[a]
+        for i in range(n):
+            total = P[a, i]
+            for m in range(n):
+                total += C[a, m] * C[i, m]
+            for k in range(i):
+                total -= L[i, k] * row[k]
+            row[i] = total / L[i, i]
+        for i in range(n - 1, -1, -1):
+            total = row[i]
+            for k in range(i + 1, n):
+                total -= L[k, i] * row[k]
+            row[i] = total / L[i, i]
