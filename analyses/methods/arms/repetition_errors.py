@@ -81,7 +81,7 @@ def _after(first: Recording, second: Recording) -> Recording:
     """Two runs of one motion, the one after the other."""
     both = (first, second)
     return Recording(
-        t=np.arange(len(first.t) + len(second.t)) * first.time_step,
+        t=first.time_step * np.arange(len(first.t) + len(second.t), dtype=np.float64),
         q=np.vstack([log.q for log in both]),
         v=np.vstack([log.v for log in both]),
         current=np.vstack([log.current for log in both]),
