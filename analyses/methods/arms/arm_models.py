@@ -78,6 +78,7 @@ class ArmModels:
     # By law and K_0: variants of one estimator differ in what comes after
     _errors: dict[tuple[str, float], Array] = field(default_factory=dict, repr=False)
     _fits: dict[tuple[str, float], TorqueErrorModel] = field(default_factory=dict, repr=False)
+    _read: dict[tuple[str, float], list[HeldOutReading]] = field(default_factory=dict, repr=False)
     _digests: dict[str, str] = field(default_factory=dict, repr=False)
 
     def estimator(
@@ -143,6 +144,11 @@ class ArmModels:
         return np.vstack([own.tau_ext[_settled(log, K_0)] for own, log in readings])
 
     def _readings(self, law: str, K_0: float) -> list[HeldOutReading]:
+        if (law, K_0) not in self._read:
+            self._read[law, K_0] = self._read_anew(law, K_0)
+        return self._read[law, K_0]
+
+    def _read_anew(self, law: str, K_0: float) -> list[HeldOutReading]:
         config = WrenchEstimatorConfig(MomentumObserverConfig([K_0]))
         plain = replace(self.models[law], torque_error=None)
         estimator = WrenchEstimator(self.robot, plain, config)

@@ -7,9 +7,12 @@ import pytest
 from scipy.optimize import brentq, minimize
 
 from models.truth.joint_kernels import (
+    DAMPER,
     DAMPING,
     DEFLECTION,
     ELEMENTS,
+    END,
+    FORCE,
     HARMONICS,
     RATE,
     RISE,
@@ -24,6 +27,7 @@ from models.truth.joint_kernels import (
     encoder_reading,
     joint_tick,
     spring_torque,
+    tick_work,
     velocity_after,
 )
 from models.truth.true_joints import TrueJoints
@@ -74,7 +78,7 @@ class Bench:
         joint_tick(
             self.joints.table, H, self.M, zero, self.G, self.q, self.v,
             np.array([float(command)]), np.array([float(tau_ext)]), self.noise(),
-            self.state, after, self.signals,
+            self.state, after, self.signals, tick_work(self.state),
         )  # fmt: skip
         force = self.signals[TAU_J] + self.signals[TORQUE] + tau_ext - self.G
         self.v = self.v + H * force / self.M[0] if v is None else np.array([float(v)])
@@ -170,15 +174,22 @@ def test_friction_gives_no_more_than_its_springs_hold(seed):
     assert put_in > 1e-3
 
 
-def test_the_solver_finds_the_minimum_and_so_the_root():
+@pytest.mark.parametrize(("n", "K"), [(4, 3), (6, 3), (6, 2)])
+def test_the_solver_finds_the_minimum_and_so_the_root(n, K):
     rng = np.random.default_rng(8)
-    n, K = 4, 3
     B = rng.normal(size=(n, n))
     M, force, v = B @ B.T + 0.05 * np.eye(n), rng.normal(0, 30.0, n), rng.normal(0, 0.3, n)
     viscous, stiff = rng.uniform(0, 8, n), rng.uniform(1, 100, (K, n))
     high, low = rng.uniform(1, 8, (K, n)), -rng.uniform(1, 8, (K, n))
     before = rng.uniform(low, high)
-    at = velocity_after(M, H, force, v, viscous, stiff, before, low, high)
+    work = tick_work(np.empty((SLIPS + 3 * K, n)))
+    work[FORCE], work[DAMPER], work[-4 * K :] = (
+        force,
+        viscous,
+        np.vstack([stiff, before, low, high]),
+    )
+    velocity_after(n, K, M, H, v, work)
+    at = work[END].copy()
     slips = np.clip(before + stiff * at, low, high).sum(axis=0)
     residual = M @ (at - v) / H + slips + viscous * at - force
     np.testing.assert_allclose(residual, 0.0, atol=1e-9)  # of thousands of N m

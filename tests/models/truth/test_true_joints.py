@@ -31,6 +31,7 @@ from models.truth.joint_kernels import (
     VISCOUS,
     encoder_reading,
     joint_tick,
+    tick_work,
 )
 from models.truth.true_joints import TrueJoints
 from models.truth.true_robot import PLAIN, plain_truth
@@ -121,7 +122,7 @@ def test_a_push_that_bends_the_gears_leaves_the_motors_where_they_are(robot, sli
         after = np.empty_like(state)
         joint_tick(
             *(joints.table, 1e-3, M, zero, zero, q, v, zero, tau_ext),
-            *(np.zeros(2 * n), state, after, signals),
+            *(np.zeros(2 * n), state, after, signals, tick_work(state)),
         )
         v = v + 1e-3 * (signals[TAU_J] + signals[TORQUE] + tau_ext)
         q, state = q + 1e-3 * v, after
