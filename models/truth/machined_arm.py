@@ -17,6 +17,7 @@ from models.truth.joint_kernels import (
     SIGNALS,
     encoder_reading,
     joint_tick,
+    tick_work,
 )
 
 
@@ -124,6 +125,7 @@ def arm_drives(
         rows,
         drives[(SIGNALS + 1) * n :].reshape(state.shape[0] // n, n),
         signals,
+        tick_work(rows),
     )
     if sensor.shape[0] == 0:
         current[:] = signals[MOTOR_CURRENT]
