@@ -8,13 +8,13 @@ tau_ext has the covariance Sigma + J^T P J, and
 the size n on average. Sigma is that of the torque error model, with an error in proportion to what
 is read on top (`scale`). Where sqrt(D) is above BEYOND, the torque is further than that many sds
 from all that model and prior stand for. Nothing is known then of a wrench at E: a current has
-another sign or size than it should, the force acts far off E, or it is beyond what the arm is made
-for (BEYOND live sds are three times the rated payload's weight, for a force alone). Such a reading
-is not valid, nor are those after it until sqrt(D) has been below WITHIN for QUIET: a wrong signal
-crosses what it should be again and again.
+another sign or size than it should, the force acts far off E, or it is beyond what the arm is
+made for (BEYOND live sds are three times the rated payload's weight, for a force alone). Such a
+reading is not valid, nor are those after it until sqrt(D) has been below WITHIN for QUIET: a wrong
+signal crosses what it should be again and again.
 
-On the UR10e's three fitted runs sqrt(D) of valid readings is at most 2.6; the bounds were set there.
-With the current of one joint turned for a second, on one of them, the largest force error that
+On the UR10e's three fitted runs sqrt(D) of valid readings is at most 2.6; the bounds were set
+there. With the current of one joint turned for a second, on one of them, the largest force error that
 stays valid falls from 2,527 N to 336 N; what is left is no larger than a force that could be.
 """
 
