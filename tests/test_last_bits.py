@@ -22,10 +22,10 @@ from diagrams.machining import make_machining_path
 from diagrams.scenario import load_scenario
 from models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
 from models.estimation.point_of_action import find_point_of_action, jacobian_at
-from models.estimation.torque_error import TorqueError
 from models.files.configuration import load_configuration
 from models.files.task_files import task_file
 from models.friction.velocity_friction import CoulombViscous
+from models.identification.torque_error import TorqueError
 from models.motion.branches import all_branches
 from models.motion.inverse_kinematics import closed_form, follow_path, inverse_kinematics
 from models.motion.posture_map import best_postures

@@ -225,6 +225,7 @@ class WrenchEstimator:
                 self.observer.time_step,
                 resolution,
                 self.config.force_bandwidth_hz,
+                np.sqrt(np.diag(model.residual_covariance)),
             )
         # What the kernel of `step` is given at each tick, put together once.
         self._constants: list[Any] = [self.choice, *self.tables, self.observer_rows]

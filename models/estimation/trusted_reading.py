@@ -68,6 +68,7 @@ class TrustedReading:
         time_step: s.
         resolution: (n,) rad of the encoders; None: that of the logs that were fitted.
         force_bandwidth_hz: see `models.observers.lag`.
+        usual_sd: see `WrenchReconstruction`.
 
     Raises:
         ValueError: as `WrenchReconstruction` and `LagModel`.
@@ -82,10 +83,11 @@ class TrustedReading:
         time_step: float,
         resolution: ArrayLike | None,
         force_bandwidth_hz: float,
+        usual_sd: ArrayLike | None = None,
     ) -> None:
         self.error = error
         self.num_joints = n = error.num_joints
-        self.reconstruction = WrenchReconstruction(config, error.correlation)
+        self.reconstruction = WrenchReconstruction(config, error.correlation, usual_sd)
         rates = error.K_0 if K_0 is None else K_0
         self._table = error.table(friction, time_step, rates, resolution)
         self._lag = LagModel.of(K_0, n, time_step, force_bandwidth_hz, error.scale)

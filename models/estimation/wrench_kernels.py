@@ -22,8 +22,8 @@ _VALID_FORCE_SD, _VALID_MOMENT_SD, _MAX_PHANTOM, NUM_SETTINGS = range(6, 10)
 # Rows of the scratch array of `reconstruct`, (WORK_ROWS, max(n, 6)).
 _WHITE, _FACTOR, _INVERSE_FACTOR, _TURNED, _TURN, _MATRIX, _PLAIN = range(0, 42, 6)
 _SCRATCH, _FEIGNED, _VECTOR = 42, 48, 51
-_SD, _STICTION = _VECTOR + 3, _VECTOR + 4
-WORK_ROWS = _VECTOR + 5
+_SD, _STICTION, _WEIGHTS = range(_VECTOR + 3, _VECTOR + 6)
+WORK_ROWS = _VECTOR + 6
 _GRAM = _MATRIX  # of the posterior; the other methods keep their matrix there
 _BLOCK = 256  # samples a thread takes at a time
 _WELL_CONDITIONED = 1e9  # up to which elimination gives what singular values give
@@ -108,7 +108,10 @@ def _reading(
         _nothing(settings, wrench, covariance)
         return False
     method = int(settings[_METHOD])
-    if method in (FORCE_ONLY, BAYESIAN):
+    if method == FORCE_ONLY and table[2 * n + 1, 0] > 0.0:
+        _balanced(table, J, tau_ext, sd, stiction, wrench, covariance, work)
+        seen = True
+    elif method in (FORCE_ONLY, BAYESIAN):
         _posterior(table, J, tau_ext, sd, stiction, wrench, covariance, work)
         seen = True
     else:
@@ -252,6 +255,72 @@ def _posterior(
                 total += white[j] * table[j, k]
             gain[i, k] = total / sd[k]
     _feign(gain, stiction, work)
+
+
+@njit(cache=True, error_model="numpy")
+def _balanced(
+    table: Array,
+    J: Array,
+    tau_ext: Array,
+    sd: Array,
+    stiction: Array,
+    wrench: Array,
+    covariance: Array,
+    work: Array,
+) -> None:
+    """As `_posterior` of a point force, weighted by the geometric means of sds and usual sds.
+
+    Its covariance is not the inverse of the information that these weights claim but that of the
+    sample's own errors through the gain, and what the force's prior leaves unread.
+    """
+    n = J.shape[1]
+    settings, usual = table[2 * n], table[2 * n + 1]
+    weights, product = work[_WEIGHTS, :n], work[_TURNED : _TURNED + 6]
+    for k in range(n):
+        weights[k] = np.sqrt(sd[k] * usual[k])
+    whiten(table, J, tau_ext, weights, work)
+    own, plain = work[_TURN : _TURN + 6], work[_PLAIN : _PLAIN + 6]
+    gain, white = work[_SCRATCH : _SCRATCH + 6], work[_VECTOR, :n]
+    R = work[_INVERSE_FACTOR : _INVERSE_FACTOR + 6]
+    for i in range(6):
+        wrench[i] = 0.0
+        for k in range(n):
+            gain[i, k] = 0.0
+    for turn in range(2):  # what `valid` rests on first, then the reading
+        force_sd = settings[_VALID_FORCE_SD] if turn == 0 else settings[_FORCE_SD]
+        _posterior_covariance(0.0, force_sd, 3, own, work)
+        for k in range(n):  # R^T R S A by the factor, as in `_posterior`
+            for i in range(3, 6):
+                gain[i, k] = 0.0
+                for j in range(3, i + 1):
+                    gain[i, k] += R[i, j] * work[_WHITE + j, k]
+            for i in range(3, 6):
+                total = 0.0
+                for j in range(i, 6):
+                    total += R[j, i] * gain[j, k]
+                gain[i, k] = force_sd * force_sd * total
+        for i in range(3, 6):
+            for k in range(n):
+                white[k] = gain[i, k]
+            for k in range(n):
+                total = 0.0
+                for j in range(k, n):
+                    total += white[j] * table[j, k]
+                gain[i, k] = total / weights[k]
+        _passed_on(table, gain, sd, product, covariance)
+        for i in range(3, 6):
+            for j in range(3, 6):
+                for k in range(3, 6):
+                    covariance[i, j] += own[i, k] / force_sd * (own[j, k] / force_sd)
+        if turn == 0:
+            for i in range(6):
+                for j in range(6):
+                    plain[i, j] = covariance[i, j]
+            if _any(stiction):
+                _feign(gain[3:], stiction, work)
+    for i in range(3, 6):
+        for k in range(n):
+            wrench[i] += gain[i, k] * tau_ext[k]
 
 
 @njit(cache=True, error_model="numpy")

@@ -18,7 +18,8 @@ Where the numbers and the equations come from:
                   compensation", European J. Control 4, 1998, section 2: friction varies from
                   pass to pass; the process is the simplest one
     ripple        Tuttle, Seering, "A nonlinear model of a harmonic drive gear transmission", IEEE
-                  Trans. Robotics and Automation 12(3), 1996
+                  Trans. Robotics and Automation 12(3), 1996: periods of the motor's turn, twice a
+                  turn above all (the wave generator has two lobes), with neighbours
     elasticity    Spong, "Modeling and control of elastic joint robots", ASME J. Dyn. Syst. 109,
                   1987: its slow manifold
     cogging       Holtz, Springob, "Identification and compensation of torque ripple in
@@ -99,13 +100,21 @@ class WanderConfig:
 
 @dataclass
 class RippleConfig:
-    """What of the ripple grows with the load; its periods are `friction.ripple_periods`."""
+    """What of the ripple grows with the load; its periods are `friction.ripple_periods`.
+
+    And what is locked to the motor's position: a sum of harmonics, that repeats with the motion.
+    """
 
     load_share: list[float] = field(default_factory=list)  # N m per N m carried
     # Of a second ripple, of the gear's other wheel: N m, N m per N m carried, periods per turn
     second_amplitude: list[float] = field(default_factory=list)
     second_load_share: list[float] = field(default_factory=list)  # see second_amplitude
     second_periods: list[float] = field(default_factory=list)  # see second_amplitude
+    # Harmonics of the motor's position, by their periods per turn of the joint, any number of them;
+    # phases are the individual's
+    motor_periods: list[float] = field(default_factory=list)
+    # N m, a list of one number per joint for each of motor_periods
+    motor_amplitudes: list[list[float]] = field(default_factory=list)
 
 
 @dataclass

@@ -41,6 +41,7 @@ from models.truth.joint_kernels import (
     TORQUE,
     encoder_reading,
     joint_tick,
+    tick_work,
 )
 from models.truth.true_joints import TrueJoints
 from models.truth.true_robot import true_robot
@@ -238,6 +239,7 @@ def _run(
     tau_ext, vdot = np.zeros(n), np.empty(n)
     wrench = np.zeros(6)
     signals, after = np.empty((SIGNALS, n)), np.empty_like(state)
+    work = tick_work(state)
     motor_current = signals[MOTOR_CURRENT]
     bandwidth, noise_sd, resolution = sensor[0], sensor[1], sensor[2]
     for k in range(reference.shape[0]):
@@ -273,7 +275,9 @@ def _run(
         for i in range(n):
             command[i] = tau[i] / gain[i]
         gaussian_noise(seed + WANDER_STREAM, tick, draws)
-        joint_tick(table, time_step, M, Cv, G, q, v, command, tau_ext, draws, state, after, signals)
+        joint_tick(
+            table, time_step, M, Cv, G, q, v, command, tau_ext, draws, state, after, signals, work
+        )
         update_lag(bandwidth, time_step, motor_current, lagged)
         if tick % every == 0:
             row = tick // every
@@ -293,19 +297,21 @@ def _run(
         advance_integral(time_step, gains, effort_limit, q_read, wanted, tau, integral)
         for i in range(n):
             vdot[i] = signals[TAU_J, i] + tau_ext[i] + signals[TORQUE, i] - Cv[i] - G[i]
-        _step(M, time_step, vdot, q, v)
+        if n == 6:  # as in `joint_tick`
+            _step(6, M, time_step, vdot, q, v)
+        else:
+            _step(n, M, time_step, vdot, q, v)
         for i in range(state.shape[0]):
             for j in range(n):
                 state[i, j] = after[i, j]
 
 
-@njit(cache=True, error_model="numpy")
-def _step(M: Array, time_step: float, vdot: Array, q: Array, v: Array) -> None:
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _step(n: int, M: Array, time_step: float, vdot: Array, q: Array, v: Array) -> None:
     """Takes q and v of the links to the tick's end, in place: M (v+ - v) / h = `vdot`, the torques.
 
     M and `vdot` are overwritten.
     """
-    n = q.shape[0]
     factorise_in_place(M, n, 0.0)
     solve_factorised(M, n, vdot)
     for i in range(n):

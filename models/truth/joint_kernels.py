@@ -8,6 +8,7 @@ Friction is what slides, what flows and what depends on position, under the load
 of the tick before:
 
     tau_f = sum_k s_k + c v + (A + A_L |L|) sin(p q + phase) + ... + cogging
+            + sum_m A_m sin(p_m (q + d) + phase_m)               d: the gear's deflection, below
 
     s_k   <- clip(kept_k s_k + k_k h v, -w_k limit_-, w_k limit_+)      N m, in element k's spring
     limit = (coulomb + (stiction - coulomb) exp(-(v / v_s)^2)) (1 +- asymmetry)
@@ -68,18 +69,31 @@ MOVING = 0.05
 LEAST_WANDER = 0.2
 """Below this share of itself friction does not wander."""
 
-# Columns of the table; then (weight, stiffness, kept) for each slip element.
+# Columns of the table; then (weight, stiffness, kept) for each slip element, and (amplitude,
+# periods, phase) for each harmonic of the motor's position.
 STICTION, COULOMB, SPEED, VISCOUS, INVERSE_SATURATION, TEMPERATURE_SHARE = range(6)
 HEATING, INVERSE_TIME, FORWARDS, BACKWARDS, MOTORING, GENERATING = range(6, 12)
 RIPPLES = 12  # three of (amplitude, load share, periods, phase): gear, its other wheel, cogging
 GAIN, POLE, COMPLIANCE, FREQUENCY, RESOLUTION, VELOCITY_NOISE, VELOCITY_RESOLUTION = range(24, 31)
-WANDER_SD, WANDER_KEPT, MOVING_NOISE, ELEMENTS = range(31, 35)
+WANDER_SD, WANDER_KEPT, MOVING_NOISE, HARMONICS, ELEMENTS = range(31, 36)
 # Rows of the state; then three rows a slip element: torque of its spring before the last tick's
 # displacement, and its limits in that tick, N m.
 CURRENT, TRANSMITTED, RISE, DEFLECTION, RATE, EXTERNAL, WANDER, SLIPS = range(8)
 # Rows of what a tick gives.
 TAU_J, TORQUE, TAU_F, MOTOR_CURRENT = range(4)
 SIGNALS = 4
+# Rows of the work: torque that is not solved for, damper, velocity at the end, Newton's step and
+# trial, gradient, elements' curvature, right side; then two matrices of n rows, and of K rows each
+# the elements' stiffness, torque at rest, least and greatest torque.
+FORCE, DAMPER, END, STEP, TRIAL, GRADIENT, CURVATURE, RIGHT, MATRIX = range(9)
+
+
+@njit(cache=True, error_model="numpy")
+def tick_work(state: Array) -> Array:
+    """What `joint_tick` overwrites: made once, as memory that is come by takes time."""
+    n = state.shape[1]
+    K = (state.shape[0] - SLIPS) // 3
+    return np.empty((MATRIX + 2 * n + 4 * K, n))
 
 
 @njit(cache=True, error_model="numpy")
@@ -97,11 +111,12 @@ def joint_tick(
     state: Array,
     after: Array,
     signals: Array,
+    work: Array,
 ) -> None:
     """Single-sample kernel: one tick of all joints.
 
     Args:
-        table: (n, ELEMENTS + 3 K), see the columns above.
+        table: (n, ELEMENTS + 3 K + 3 H), see the columns above; H stands in HARMONICS.
         time_step: h, s.
         M, Cv, G: true rigid-body terms at q, v: kg m^2, N m, N m.
         q, v: (n,) of the links at the tick's beginning, rad, rad/s.
@@ -113,83 +128,125 @@ def joint_tick(
         signals: (SIGNALS, n), written: motor torque, the rest of the generalized force on the links
             (friction, ripple, cogging), true friction (minus the former), N m; motor current with
             the noise of its motion, A.
+        work: of `tick_work`, overwritten.
     """
     n = q.shape[0]
     K = (state.shape[0] - SLIPS) // 3
-    joint, slips = np.empty((2, n)), np.empty((4, K, n))  # few allocations: they take time
-    force, viscous = joint[0], joint[1]
-    stiff, before, low, high = slips[0], slips[1], slips[2], slips[3]
+    # The usual arm: of numbers that it knows the compiler makes a third less work, with equal bits.
+    if n == 6 and K == 3:
+        _tick(
+            6, 3, table, time_step, M, Cv, G, q, v, command, tau_ext, noise,
+            state, after, signals, work,
+        )  # fmt: skip
+    else:
+        _tick(
+            n, K, table, time_step, M, Cv, G, q, v, command, tau_ext, noise,
+            state, after, signals, work,
+        )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _tick(
+    n: int,
+    K: int,
+    table: Array,
+    time_step: float,
+    M: Array,
+    Cv: Array,
+    G: Array,
+    q: Array,
+    v: Array,
+    command: Array,
+    tau_ext: Array,
+    noise: Array,
+    state: Array,
+    after: Array,
+    signals: Array,
+    work: Array,
+) -> None:
+    """`joint_tick` of n joints with K slip elements each."""
+    stiff = MATRIX + 2 * n
+    before, low, high = stiff + K, stiff + 2 * K, stiff + 3 * K
     for i in range(n):
-        row = table[i]
-        pole = row[POLE]
+        pole = table[i, POLE]
         current = state[CURRENT, i]
         current = command[i] if math.isnan(current) else pole * current + (1 - pole) * command[i]
-        tau_J = row[GAIN] * current
+        tau_J = table[i, GAIN] * current
         load = state[TRANSMITTED, i]
         if math.isnan(load):
             load = G[i]
         after[CURRENT, i] = current
         rate = state[RATE, i]
         motor = v[i] + rate
-        noisy = row[MOVING_NOISE] * math.tanh(abs(motor) / MOVING) * noise[n + i]
+        noisy = table[i, MOVING_NOISE] * math.tanh(abs(motor) / MOVING) * noise[n + i]
         signals[TAU_J, i], signals[MOTOR_CURRENT, i] = tau_J, current + noisy
 
-        x = motor / row[SPEED]
-        kept = row[WANDER_KEPT]
-        wander = row[WANDER_SD] * noise[i]  # from the first tick on as far as ever
+        x = motor / table[i, SPEED]
+        kept = table[i, WANDER_KEPT]
+        wander = table[i, WANDER_SD] * noise[i]  # from the first tick on as far as ever
         if not math.isnan(state[WANDER, i]):
             wander = kept * state[WANDER, i] + math.sqrt(1.0 - kept * kept) * wander
         after[WANDER, i] = wander
         wander = max(1.0 + wander, LEAST_WANDER)
-        level = row[COULOMB] + (row[STICTION] - row[COULOMB]) * math.exp(-x * x)
+        level = table[i, COULOMB] + (table[i, STICTION] - table[i, COULOMB]) * math.exp(-x * x)
         level *= wander
-        ahead, behind = row[MOTORING], row[GENERATING]
+        ahead, behind = table[i, MOTORING], table[i, GENERATING]
         if load < 0.0:
             ahead, behind = behind, ahead
-        forwards = level * row[FORWARDS] + ahead * abs(load)
-        backwards = level * row[BACKWARDS] + behind * abs(load)
+        forwards = level * table[i, FORWARDS] + ahead * abs(load)
+        backwards = level * table[i, BACKWARDS] + behind * abs(load)
         for k in range(K):
-            weight = row[ELEMENTS + 3 * k]
-            stiff[k, i] = row[ELEMENTS + 3 * k + 1] * time_step
-            kept = row[ELEMENTS + 3 * k + 2]
-            before[k, i] = kept * spring_torque(table, time_step, state, i, k, v[i])
+            weight = table[i, ELEMENTS + 3 * k]
+            work[stiff + k, i] = table[i, ELEMENTS + 3 * k + 1] * time_step
+            kept = table[i, ELEMENTS + 3 * k + 2]
+            work[before + k, i] = kept * spring_torque(table, time_step, state, i, k, v[i])
             if kept > 0.0:
-                before[k, i] += stiff[k, i] * rate
-            high[k, i], low[k, i] = weight * forwards, -weight * backwards
-        viscous[i] = row[VISCOUS] * wander * math.exp(-row[TEMPERATURE_SHARE] * state[RISE, i])
-        viscous[i] /= 1.0 + abs(motor) * row[INVERSE_SATURATION]
+                work[before + k, i] += work[stiff + k, i] * rate
+            work[high + k, i], work[low + k, i] = weight * forwards, -weight * backwards
+        work[DAMPER, i] = (
+            table[i, VISCOUS] * wander * math.exp(-table[i, TEMPERATURE_SHARE] * state[RISE, i])
+        )
+        work[DAMPER, i] /= 1.0 + abs(motor) * table[i, INVERSE_SATURATION]
 
         position = 0.0
         for k in range(RIPPLES, RIPPLES + 12, 4):
-            amplitude = row[k] + row[k + 1] * abs(load)
-            position += amplitude * math.sin(row[k + 2] * q[i] + row[k + 3])
+            amplitude = table[i, k] + table[i, k + 1] * abs(load)
+            position += amplitude * math.sin(table[i, k + 2] * q[i] + table[i, k + 3])
+        count = int(table[i, HARMONICS])
+        if count > 0:
+            at = q[i] + deflection(table, i, state[DEFLECTION, i], G[i])
+            first = ELEMENTS + 3 * K
+            for k in range(first, first + 3 * count, 3):
+                position += table[i, k] * math.sin(table[i, k + 1] * at + table[i, k + 2])
         signals[TAU_F, i] = position
-        force[i] = tau_J + tau_ext[i] - Cv[i] - G[i] - position - viscous[i] * rate
+        work[FORCE, i] = tau_J + tau_ext[i] - Cv[i] - G[i] - position - work[DAMPER, i] * rate
 
-    v_end = velocity_after(M, time_step, force, v, viscous, stiff, before, low, high)
+    velocity_after(n, K, M, time_step, v, work)
     for i in range(n):
-        row = table[i]
         slip = 0.0
         for k in range(K):
-            s = min(max(before[k, i] + stiff[k, i] * v_end[i], low[k, i]), high[k, i])
-            after[SLIPS + 3 * k, i] = before[k, i]
-            after[SLIPS + 3 * k + 1, i] = low[k, i]
-            after[SLIPS + 3 * k + 2, i] = high[k, i]
+            s = min(
+                max(work[before + k, i] + work[stiff + k, i] * work[END, i], work[low + k, i]),
+                work[high + k, i],
+            )
+            after[SLIPS + 3 * k, i] = work[before + k, i]
+            after[SLIPS + 3 * k + 1, i] = work[low + k, i]
+            after[SLIPS + 3 * k + 2, i] = work[high + k, i]
             slip += s
-        motor = v_end[i] + state[RATE, i]
-        dissipative = slip + viscous[i] * motor
+        motor = work[END, i] + state[RATE, i]
+        dissipative = slip + work[DAMPER, i] * motor
         signals[TAU_F, i] += dissipative
         signals[TORQUE, i] = -signals[TAU_F, i]
         transmitted = signals[TAU_J, i] - signals[TAU_F, i]
         after[TRANSMITTED, i] = transmitted
-        heat = row[HEATING] * dissipative * motor
+        heat = table[i, HEATING] * dissipative * motor
         rise = state[RISE, i]
-        after[RISE, i] = rise + time_step * row[INVERSE_TIME] * (heat - rise)
+        after[RISE, i] = rise + time_step * table[i, INVERSE_TIME] * (heat - rise)
         after[EXTERNAL, i] = tau_ext[i]
         # Implicit in its own rate: stable at any step.
-        w = row[FREQUENCY] * time_step
+        w = table[i, FREQUENCY] * time_step
         d = deflection(table, i, state[DEFLECTION, i], G[i])
-        push = w * row[FREQUENCY] * (transmitted * row[COMPLIANCE] - d)
+        push = w * table[i, FREQUENCY] * (transmitted * table[i, COMPLIANCE] - d)
         rate = (state[RATE, i] + push) / (1.0 + 2.0 * DAMPING * w + w * w)
         after[RATE, i], after[DEFLECTION, i] = rate, d + time_step * rate
 
@@ -254,97 +311,77 @@ def encoder_reading(
             v_read[i] = np.rint(v_read[i] / step) * step
 
 
-@njit(cache=True, error_model="numpy")
-def velocity_after(
-    M: Array,
-    time_step: float,
-    force: Array,
-    v: Array,
-    viscous: Array,
-    stiff: Array,
-    before: Array,
-    low: Array,
-    high: Array,
-) -> Array:
-    """v+ (n,) at the tick's end: the equation at the top of this file.
+@njit(cache=True, error_model="numpy", forceinline=True)
+def velocity_after(n: int, K: int, M: Array, time_step: float, v: Array, work: Array) -> None:
+    """Writes v+ (n,) at the tick's end into row END: the equation at the top of this file.
 
     Args:
+        n, K: joints, and slip elements of each.
         M: (n, n) kg m^2.
-        force: (n,) N m, of all that is not solved for.
         v: (n,) at the beginning, rad/s.
-        viscous: (n,) N m s/rad.
-        stiff: (K, n) N m s/rad, torque per velocity of an element that does not slide.
-        before, low, high: (K, n) N m, torque of the elements at rest, and their limits.
+        work: of `tick_work`. Row FORCE: N m, of all that is not solved for; DAMPER: N m s/rad;
+            the last 4 K: torque per velocity of an element that does not slide, N m s/rad, torque
+            of the elements at rest, and their limits, N m. The others are overwritten.
     """
-    n = v.shape[0]
-    square, line = np.empty((2, n, n)), np.empty((5, n))
-    A, L = square[0], square[1]
-    b, step, trial, gradient, curvature = line[0], line[1], line[2], line[3], line[4]
+    L, step = work[MATRIX + n : MATRIX + 2 * n], work[STEP]
     for i in range(n):
-        b[i] = force[i]
+        work[RIGHT, i] = work[FORCE, i]
         for j in range(n):
-            A[i, j] = M[i, j] / time_step
-            b[i] += A[i, j] * v[j]
-        A[i, i] += viscous[i]
-    at = v.copy()
-    value = _potential(A, b, at, stiff, before, low, high, gradient, curvature)
+            work[MATRIX + i, j] = M[i, j] / time_step
+            work[RIGHT, i] += work[MATRIX + i, j] * v[j]
+        work[MATRIX + i, i] += work[DAMPER, i]
+        work[END, i] = v[i]
+    value = _potential(n, K, END, work)
     for _ in range(60):
         size = 0.0
         for i in range(n):
-            size = max(size, abs(gradient[i]) / (1.0 + abs(b[i])))
+            size = max(size, abs(work[GRADIENT, i]) / (1.0 + abs(work[RIGHT, i])))
         if not size > 1e-13:
             break
         for i in range(n):
             for j in range(i + 1):
-                L[i, j] = A[i, j]
-            L[i, i] += curvature[i]
-            step[i] = -gradient[i]
+                L[i, j] = work[MATRIX + i, j]
+            L[i, i] += work[CURVATURE, i]
+            step[i] = -work[GRADIENT, i]
         factorise_in_place(L, n, 0.0)
         solve_factorised(L, n, step)
         slope = 0.0
         for i in range(n):
-            slope += gradient[i] * step[i]
+            slope += work[GRADIENT, i] * step[i]
         share = 1.0
         for i in range(n):
-            trial[i] = at[i] + step[i]
-        lower = _potential(A, b, trial, stiff, before, low, high, gradient, curvature)
+            work[TRIAL, i] = work[END, i] + step[i]
+        lower = _potential(n, K, TRIAL, work)
         while lower > value + 1e-4 * share * slope + 1e-15 * abs(value) and share > 1e-6:
             share *= 0.5
             for i in range(n):
-                trial[i] = at[i] + share * step[i]
-            lower = _potential(A, b, trial, stiff, before, low, high, gradient, curvature)
+                work[TRIAL, i] = work[END, i] + share * step[i]
+            lower = _potential(n, K, TRIAL, work)
         for i in range(n):
-            at[i] = trial[i]
+            work[END, i] = work[TRIAL, i]
         value = lower
-    return at
 
 
-@njit(cache=True, error_model="numpy")
-def _potential(
-    A: Array,
-    b: Array,
-    v: Array,
-    stiff: Array,
-    before: Array,
-    low: Array,
-    high: Array,
-    gradient: Array,
-    curvature: Array,
-) -> float:
-    """Value at v; writes its gradient and the elements' part of its curvature, (n,) each."""
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _potential(n: int, K: int, at: int, work: Array) -> float:
+    """Value at the velocity in row `at`; writes its gradient and the elements' curvature."""
     value = 0.0
-    for i in range(v.shape[0]):
-        gradient[i] = -b[i]
-        for j in range(v.shape[0]):
-            gradient[i] += A[i, j] * v[j]
-        value += 0.5 * v[i] * (gradient[i] - b[i])
-        curvature[i] = 0.0
-        for k in range(stiff.shape[0]):
-            s = before[k, i] + stiff[k, i] * v[i]
-            held = min(max(s, low[k, i]), high[k, i])
+    stiff = MATRIX + 2 * n
+    before, low, high = stiff + K, stiff + 2 * K, stiff + 3 * K
+    for i in range(n):
+        v = work[at, i]
+        gradient = -work[RIGHT, i]
+        for j in range(n):
+            gradient += work[MATRIX + i, j] * work[at, j]
+        value += 0.5 * v * (gradient - work[RIGHT, i])
+        curvature = 0.0
+        for k in range(K):
+            s = work[before + k, i] + work[stiff + k, i] * v
+            held = min(max(s, work[low + k, i]), work[high + k, i])
             # The integral of clip(s) over v, from where the spring is relaxed.
-            value += held * (s - 0.5 * held) / stiff[k, i]
-            gradient[i] += held
+            value += held * (s - 0.5 * held) / work[stiff + k, i]
+            gradient += held
             if held == s:
-                curvature[i] += stiff[k, i]
+                curvature += work[stiff + k, i]
+        work[GRADIENT, i], work[CURVATURE, i] = gradient, curvature
     return value

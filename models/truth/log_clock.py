@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from numba import njit
 
 from models.arrays import Array
 from models.recordings.recording import Recording
@@ -25,14 +26,36 @@ def clocked(recording: Recording, clock: ClockConfig | None, seed: int) -> Recor
         return recording
     jitter = np.random.default_rng([seed, 23]).standard_normal(recording.num_samples)
     taken = recording.t + clock.jitter_sd * jitter
+    t = np.require(recording.t, float, ("C", "W"))
     return replace(
         recording,
-        q=_at(taken, recording.t, recording.q),
-        v=_at(taken, recording.t, recording.v),
-        current=_at(taken - clock.latency, recording.t, recording.current),
+        q=_at(taken, t, recording.q),
+        v=_at(taken, t, recording.v),
+        current=_at(taken - clock.latency, t, recording.current),
     )
 
 
 def _at(times: Array, t: Array, signal: Array) -> Array:
-    columns = [np.interp(times, t, signal[:, j]) for j in range(signal.shape[1])]
-    return np.stack(columns, axis=1)
+    """`signal` (T, n) of moments t (T,) at other times (N,): `np.interp`, column by column."""
+    out = np.empty((len(times), signal.shape[1]))
+    _interpolate(times, t, np.require(signal, float, ("C", "W")), out)
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def _interpolate(times: Array, t: Array, signal: Array, out: Array) -> None:
+    """Writes `out` (N, n). Each time is looked for from where the one before it was found."""
+    last, k = t.shape[0] - 1, 0
+    for i in range(times.shape[0]):
+        time = times[i]
+        while k < last and t[k + 1] <= time:
+            k += 1
+        while k > 0 and t[k] > time:
+            k -= 1
+        if time <= t[0] or k == last:
+            for j in range(signal.shape[1]):
+                out[i, j] = signal[k, j]
+            continue
+        step, past = t[k + 1] - t[k], time - t[k]
+        for j in range(signal.shape[1]):
+            out[i, j] = (signal[k + 1, j] - signal[k, j]) / step * past + signal[k, j]

@@ -36,6 +36,7 @@ from models.truth.joint_kernels import (
     FREQUENCY,
     GAIN,
     GENERATING,
+    HARMONICS,
     HEATING,
     INVERSE_SATURATION,
     INVERSE_TIME,
@@ -63,7 +64,7 @@ from models.truth.joint_kernels import (
 _PLACE = "simulated_truth.mechanisms"
 _LEAST = 1e-9  # N m s/rad per tick, so that no element is without any stiffness
 _BEARABLE = 0.2  # of a gear's deflection, that an element may take back in one tick
-_PHASES, _DAY = 17, 18  # streams of the individual's and the day's random numbers
+_PHASES, _DAY, _HARMONICS = 17, 18, 20  # streams of the individual's and the day's random numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +72,7 @@ class TrueJoints:
     """What `models.truth.joint_kernels` reads of a robot.
 
     Attributes:
-        table: (n, ELEMENTS + 3 K).
+        table: (n, ELEMENTS + 3 K + 3 H).
         start_rise: K, of the joints at the start.
         on_motor: whether the encoders sit on the motors, and so see the gears' deflection.
         time_step: s, of a tick.
@@ -90,7 +91,7 @@ class TrueJoints:
     @property
     def num_elements(self) -> int:
         """K."""
-        return int(self.table.shape[1] - ELEMENTS) // 3
+        return int(self.table.shape[1] - ELEMENTS) // 3 - int(self.table[0, HARMONICS])
 
     @property
     def compliance(self) -> Array:
@@ -231,6 +232,8 @@ class TrueJoints:
         table[:, VELOCITY_NOISE] = read.each(encoder, "velocity_noise_sd")
         table[:, VELOCITY_RESOLUTION] = read.each(encoder, "velocity_resolution")
         _pack_elements(table, slip, read, time_step)
+        table = np.hstack([table, _harmonics(ripple, config.individual, read)])
+        table[:, HARMONICS] = len(ripple.motor_periods)
         on_motor = elasticity.encoder == "motor"
         return cls(table, read.number(lubrication, "start_rise"), on_motor, time_step)
 
@@ -261,6 +264,25 @@ def _pack_elements(table: Array, slip: SlipConfig, read: "_Reader", time_step: f
         table[:, ELEMENTS + 3 * k + 2] = np.where(rigid & ~bent, 0.0, kept)
 
 
+def _harmonics(ripple: RippleConfig, individual: int, read: "_Reader") -> Array:
+    """(n, 3 H) amplitude N m, periods a turn of the joint and phase of each harmonic."""
+    periods = ripple.motor_periods
+    if not all(math.isfinite(value) and value > 0.0 for value in periods):
+        raise read.error(ripple, "motor_periods", f"{periods}", "numbers above 0")
+    amplitudes = ripple.motor_amplitudes
+    if len(amplitudes) != len(periods):
+        found, expected = f"{len(amplitudes)} lists", f"{len(periods)}, one a period"
+        raise read.error(ripple, "motor_amplitudes", found, expected)
+    n = read.num_joints
+    shape = (len(periods), n)
+    phases = np.random.default_rng([individual, _HARMONICS]).uniform(0.0, 2.0 * np.pi, shape)
+    columns = np.empty((n, 3 * len(periods)))
+    for k, row in enumerate(amplitudes):
+        columns[:, 3 * k] = read.numbers(ripple, "motor_amplitudes", row)
+        columns[:, 3 * k + 1], columns[:, 3 * k + 2] = periods[k], phases[k]
+    return columns
+
+
 def _inverse(values: Array) -> Array:
     """1 / values, and zero for zero."""
     return np.where(values > 0.0, 1.0 / np.where(values > 0.0, values, 1.0), 0.0)
@@ -272,8 +294,21 @@ class _Reader:
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
 
+    @property
+    def num_joints(self) -> int:
+        return self._robot.num_joints
+
     def each(self, config: Any, name: str, least: float = 0.0, below: float = math.inf) -> Array:
-        values: Sequence[float] = getattr(config, name)
+        return self.numbers(config, name, getattr(config, name), least, below)
+
+    def numbers(
+        self,
+        config: Any,
+        name: str,
+        values: Sequence[float],
+        least: float = 0.0,
+        below: float = math.inf,
+    ) -> Array:
         n = self._robot.num_joints
         if not values:
             return np.zeros(n)

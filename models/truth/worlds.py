@@ -201,6 +201,7 @@ class World:
                 load_share=times("ripple", "load_share"),
                 second_amplitude=times("ripple", "second_amplitude"),
                 second_load_share=times("ripple", "second_load_share"),
+                motor_amplitudes=lambda c: [scaled("ripple", row) for row in c.motor_amplitudes],
             ),
             elasticity=part(about.elasticity, stiffness=times("stiffness", "stiffness")),
             motor=part(

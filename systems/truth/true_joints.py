@@ -16,7 +16,13 @@ from models.arrays import Array
 from models.rigid_body.serial_chain import RigidBodyTerms
 from models.signals.gaussian_noise import gaussian_noise
 from models.truth.free_arm import VELOCITY_STREAM, WANDER_STREAM
-from models.truth.joint_kernels import EXTERNAL, SIGNALS, encoder_reading, joint_tick
+from models.truth.joint_kernels import (
+    EXTERNAL,
+    SIGNALS,
+    encoder_reading,
+    joint_tick,
+    tick_work,
+)
 from models.truth.true_joints import TrueJoints
 
 
@@ -57,6 +63,7 @@ class TrueJointsSystem(LeafSystem):
         self._seed = seed
         initial = joints.initial_state()
         self._shape = initial.shape
+        self._work = tick_work(initial)
         self._table = self.DeclareNumericParameter(BasicVector(joints.table.ravel()))
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._command = self.DeclareVectorInputPort("current_command", n)
@@ -110,6 +117,7 @@ class TrueJointsSystem(LeafSystem):
             state,
             after,
             signals,
+            self._work,
         )
         value.set_value((after, signals))
 

@@ -21,6 +21,7 @@ from analyses.output.outputs import json_text, plain_metrics
 from analyses.study.experiment import ExperimentContext
 from analyses.study.outcome import look_up
 from analyses.study.registry import REGISTRY
+from models.identification.repetition_error import RepetitionError
 
 MODULES = {
     module.EXPERIMENT.name: module
@@ -36,8 +37,9 @@ def known_arm(robot, seed=0, quick=False, progress=None):
     return ArmModels(robot, dict.fromkeys(LAWS, model), (held_out,))
 
 
-def sigma(robot, gains, seed=0, progress=None):
-    return [np.diag(robot.torque_per_ampere * robot.current_noise_sd) ** 2 for _ in gains]
+def known_errors(robot, K_0, *_):
+    noise, n = robot.torque_per_ampere * robot.current_noise_sd, robot.num_joints
+    return [RepetitionError(noise, np.eye(n), noise, np.zeros(n), gain) for gain in (None, K_0)]
 
 
 def run_small(name, out, monkeypatch):
@@ -45,7 +47,7 @@ def run_small(name, out, monkeypatch):
     if name.startswith("repeat-cycle"):
         monkeypatch.setattr(repeated_cycles, "ONE_WAY_QUICK", 0.8)
         monkeypatch.setattr(repeated_cycles, "task_path", known_path)
-        monkeypatch.setattr(repeated_cycles, "repetition_covariances", sigma)
+        monkeypatch.setattr(repeated_cycles, "repetition_errors", known_errors)
     else:
         monkeypatch.setattr(module, "ONE_WAY_QUICK", 0.8)
         monkeypatch.setattr(module, "identify_arm", known_arm)

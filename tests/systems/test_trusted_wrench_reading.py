@@ -131,10 +131,12 @@ def test_the_load_that_is_read_widens_the_band_alike(sts, model, log, fused):
     assert not np.allclose(batch.torque_sd, plain.run(plain.initial_state(), *log).torque_sd)
 
 
-def test_a_tick_and_a_log_read_the_same(sts, model, log):
-    estimator = WrenchEstimator(
-        sts, model, WrenchEstimatorConfig(MomentumObserverConfig([20.0], T))
+@pytest.mark.parametrize("method", ["bayesian", "force_only"])
+def test_a_tick_and_a_log_read_the_same(sts, model, log, method):
+    configuration = WrenchEstimatorConfig(
+        MomentumObserverConfig([20.0], T), WrenchReconstructionConfig(method)
     )
+    estimator = WrenchEstimator(sts, model, configuration)
     batch = estimator.run(estimator.initial_state(), *log)
     state = estimator.initial_state()
     ticks = [estimator.step(state, *row) for row in zip(*log, strict=True)]
@@ -142,6 +144,23 @@ def test_a_tick_and_a_log_read_the_same(sts, model, log):
         [tick.wrench for tick in ticks], batch.wrench, rtol=0.0, atol=1e-12 * 1e3
     )
     assert [bool(tick.valid) for tick in ticks] == batch.valid.tolist()
+
+
+def test_a_point_force_is_weighted_by_the_models_usual_errors_too(sts, model, log):
+    configuration = WrenchEstimatorConfig(
+        MomentumObserverConfig([20.0], T), WrenchReconstructionConfig("force_only")
+    )
+    usual = np.sqrt(np.diag(model.residual_covariance))
+    other = usual * np.where(np.arange(N) == 2, 9.0, 1.0)
+    first, second = (
+        one.run(one.initial_state(), *log)
+        for one in (
+            WrenchEstimator(sts, own, configuration)
+            for own in (model, replace(model, residual_covariance=np.diag(other**2)))
+        )
+    )
+    assert np.abs(first.wrench - second.wrench).max() > 0.1
+    np.testing.assert_array_equal(first.torque_sd, second.torque_sd)
 
 
 @pytest.mark.parametrize("fused", [False, True])

@@ -185,16 +185,18 @@ def findings(metrics: dict[str, Any]) -> list[str]:
         f"({change_between(before['rmse_y_n'], filtered)}) and by {ours['rmse_y_n']:.2f} N on the "
         "path found here, read `bayesian`.",
         "The stated band comes from two periods of an excitation trajectory (torque of the one "
-        "minus the other's), not from this run: it holds "
+        "minus the other's) and from where both cycles' encoders say that a joint may carry "
+        "another friction than a cycle ago (models/identification/repetition_error.py): it holds "
         f"{100 * before['share_in_95_band']:.0f} % (initial), "
         f"{100 * after['share_in_95_band']:.0f} % (optimised) and "
         f"{100 * ours['share_in_95_band']:.0f} % (ours) of the samples at 95 %.",
         "A joint at rest carries whatever it stopped with, within its stiction: that does not "
         "repeat. Joint 4 rests on the optimised path; behind K_0 eq. 4 reads "
-        f"{resting:.3f} N m RMS there, {stated:.3f} N m are stated. `force_only`, which must read "
-        f"it as a force, is in its 95 % band for {100 * force_only:.0f} % of the samples, "
-        f"`bayesian`, which may call it a moment, for {100 * others:.0f} %.",
-        "`semi-parametric` has no place here: no friction model takes part in eq. 4.",
+        f"{resting:.3f} N m RMS there, {stated:.3f} N m are stated for noise alone. `force_only`, "
+        "which must read it as a force, is in its 95 % band for "
+        f"{100 * force_only:.0f} % of the samples, `bayesian`, which may call it a moment, for "
+        f"{100 * others:.0f} %.",
+        "`semi-parametric` has no place here: no friction model takes part in what eq. 4 reads.",
     ]
 
 

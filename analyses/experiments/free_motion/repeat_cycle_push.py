@@ -115,13 +115,17 @@ def findings(metrics: dict[str, Any], from_turn: Mapping[str, float]) -> list[st
         f"The largest error is {from_turn[BEFORE]:.1f} s (initial) and {from_turn[AFTER]:.1f} s "
         "(optimised) from where the arm turns round: there its joints creep, and a push decides "
         "when and which way friction points. Such points may be what the article removed.",
-        "A push also changes friction, which the first cycle's torque does not know: the true "
-        "arm's grows with the load, and a joint near rest carries part of a push within its "
-        "stiction. The stated band leaves both out, and holds the lag behind K_0; inside are "
+        "A push also changes friction, which the first cycle's torque does not know: a slow joint "
+        "is led the other way for a while, and friction grows with the load. The stated band "
+        "follows both, from both cycles' encoders and the Coulomb friction of a model "
+        "(models/identification/repetition_error.py), and the lag behind K_0: inside are "
         f"{100 * before['share_in_95_band']:.0f} % (initial), "
         f"{100 * after['share_in_95_band']:.0f} % (optimised) and "
         f"{100 * ours['share_in_95_band']:.0f} % (path found here, K_0 = 20, bayesian) of the "
-        "samples at 95 %.",
+        "samples at 95 %. `bayesian` and `force_only` weigh joints by it: on the optimised path "
+        f"Y errs by {metrics['optimised_bayesian']['rmse_y_n']:.2f} and "
+        f"{metrics['optimised_force_only']['rmse_y_n']:.2f} N, `inverse` by "
+        f"{filtered['rmse_y_n']:.2f} N behind the same K_0.",
         f"The sensor itself is {metrics['sensor']['rmse_y_n']:.2f} N RMS off the true force in Y: "
         "noise, and the lag of its 18 Hz low-pass.",
     ]

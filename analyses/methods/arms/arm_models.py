@@ -19,11 +19,11 @@ over their samples slower than the task's planned motion:
     sd_j        = RMS of tau_ext_j where |v_j| <= speed, about zero: a lasting error is an error
     Sigma_tau   = D R D,  D = diag(sd),  R = the outputs' correlations (about zero) over all samples
 
-Nothing of it comes from a task's run. For eq. 4, where the first cycle's torque stands for the
-model, the same is found from two periods of an excitation: torque of the one minus the other's.
+Nothing of it comes from a task's run. Eq. 4, where the first cycle's torque stands for the model,
+has an error of its own: `analyses.methods.arms.repetition_errors`.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
@@ -32,10 +32,9 @@ import numpy as np
 from analyses.methods.arms.friction_reversal import reversal_recordings, separate_recordings
 from analyses.methods.arms.semi_parametric import POSTURES, semi_parametric_model
 from analyses.methods.arms.simulated_identification import CONFIG, identify_simulated_arm
-from analyses.methods.arms.simulated_logs import PERIODS, simulate_excitation, stored_excitation
+from analyses.methods.arms.simulated_logs import PERIODS
 from analyses.methods.learning.friction_training import TrainingConfig
 from analyses.methods.learning.identification import identify
-from analyses.methods.reading.repetition import repetition_torque
 from analyses.study.shared_results import digest, shared
 from models.arrays import Array, Flags
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
@@ -79,6 +78,7 @@ class ArmModels:
     # By law and K_0: variants of one estimator differ in what comes after
     _errors: dict[tuple[str, float], Array] = field(default_factory=dict, repr=False)
     _fits: dict[tuple[str, float], TorqueErrorModel] = field(default_factory=dict, repr=False)
+    _read: dict[tuple[str, float], list[HeldOutReading]] = field(default_factory=dict, repr=False)
     _digests: dict[str, str] = field(default_factory=dict, repr=False)
 
     def estimator(
@@ -144,6 +144,11 @@ class ArmModels:
         return np.vstack([own.tau_ext[_settled(log, K_0)] for own, log in readings])
 
     def _readings(self, law: str, K_0: float) -> list[HeldOutReading]:
+        if (law, K_0) not in self._read:
+            self._read[law, K_0] = self._read_anew(law, K_0)
+        return self._read[law, K_0]
+
+    def _read_anew(self, law: str, K_0: float) -> list[HeldOutReading]:
         config = WrenchEstimatorConfig(MomentumObserverConfig([K_0]))
         plain = replace(self.models[law], torque_error=None)
         estimator = WrenchEstimator(self.robot, plain, config)
@@ -236,23 +241,3 @@ def covariance_at_speed(tau_ext: Array, v: Array, speed: float) -> Array:
     moment = tau_ext.T @ tau_ext
     scale = np.sqrt(np.diag(moment))
     return np.asarray(np.outer(sd, sd) * moment / np.outer(scale, scale))
-
-
-def repetition_covariances(
-    robot: Robot,
-    gains: Sequence[float | None],
-    seed: int = 0,
-    progress: ProgressCallback = lambda fraction, what: None,
-) -> list[Array]:
-    """Sigma_tau (n, n) of eq. 4 in (N m)^2, behind each K_0 (1/s; None: raw).
-
-    From two periods of excitation 1, whose start (a quarter of a period) is left out.
-    """
-    excitation = stored_excitation(robot, 1)
-    log = simulate_excitation(robot, excitation, 2, 2 * seed, "excitation 1", progress)
-    period = round(excitation.period / log.recording.time_step)
-    out = []
-    for K_0 in gains:
-        tau_ext = repetition_torque(log.recording, robot, period, K_0)[period // 4 :]
-        out.append(np.asarray(tau_ext.T @ tau_ext / len(tau_ext)))
-    return out

@@ -10,7 +10,7 @@ has the least predicted sd,
 
 over the place of the path's middle, the tilt of its normal and the path's direction, with c the
 feed's direction and the normal, v the planned joint speeds and Sigma_tau(v) = diag(sd(v)^2) of
-`models.estimation.torque_error`. All of it is known before the task: the identified model, the
+`models.identification.torque_error`. All of it is known before the task: the identified model, the
 observer's output along held-out contact-free logs, the planned path. Turning the cell about the
 first axis changes nothing, so that the path's middle lies straight ahead.
 
@@ -31,8 +31,8 @@ from diagrams.distances.clearance import Clearance, workpiece_clearance
 from diagrams.scenario import BladeConfig, PlateConfig, Scenario, load_scenario
 from diagrams.workpiece import pose_of_workpiece, surface_of
 from models.arrays import Array
-from models.estimation.torque_error import TorqueError
 from models.files.input_error import InputError
+from models.identification.torque_error import TorqueError
 from models.motion.branches import all_branches
 from models.motion.inverse_kinematics import follow_path
 from models.motion.surface_path import SurfacePath

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analyses.methods.arms.arm_models import repetition_covariances
+from analyses.methods.arms.repetition_errors import repetition_errors
 from analyses.methods.arms.simulated_logs import ROBOT
 from analyses.methods.reading.force_errors import (
     ForceReading,
@@ -24,6 +24,7 @@ from analyses.methods.runs.task_runs import (
     PATHS,
     RepetitionReader,
     TaskRun,
+    highest_speed,
     on_path,
     read_repetition,
     run_task,
@@ -89,7 +90,7 @@ class RepeatedCycles:
         runs: by path.
         readings: by variant.
         scenario: as run, on the initial path.
-        torque_sd: (n,) N m of eq. 4, raw, as the identification's excitation says.
+        torque_sd: (n,) N m of eq. 4 by noise alone, raw, as an excitation shows it.
         filtered_torque_sd: (n,) N m, the same behind K_0.
         filtered_torque_rms: (n,) N m by path, what eq. 4 behind K_0 reads in the second cycle.
     """
@@ -106,22 +107,27 @@ def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCyc
     """Simulates two cycles on each path, and reads the second one with every variant."""
     robot = context.robot(ROBOT)
     scenario = task_scenario(scenario_name, context.seed, ONE_WAY_QUICK if context.quick else None)
-    covariances = repetition_covariances(
-        robot, (None, K_0), context.seed, lambda share, what: context.progress(0.05 * share, what)
-    )
-    sigma = dict(zip((None, K_0), covariances, strict=True))
     motion = scenario.motion
     assert isinstance(motion, LineMotion)
     period = round(2 * motion.one_way / scenario.time_step)
+    scenarios = {path: on_path(scenario, robot, *task_path(robot, path)) for path in PATHS}
+    learnt = repetition_errors(
+        robot,
+        K_0,
+        highest_speed(list(scenarios.values()), robot),
+        context.seed,
+        context.quick,
+        lambda share, what: context.progress(0.05 * share, what),
+    )
+    errors = {error.K_0: error for error in learnt}
     runs: dict[str, TaskRun] = {}
     readings: dict[str, ForceReading] = {}
     torque_rms: dict[str, Array] = {}
-    for k, path in enumerate(PATHS):
+    for k, (path, moved) in enumerate(scenarios.items()):
 
         def told(share: float, what: str, k: int = k) -> None:
             context.progress(0.05 + 0.85 * (k + share) / len(PATHS), what)
 
-        moved = on_path(scenario, robot, *task_path(robot, path))
         run = run_task(moved, robot, path, told).between(motion.lead_in)
         runs[path] = run
         torque = repetition_torque(run.recording, robot, period, K_0)
@@ -132,15 +138,17 @@ def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCyc
             config = WrenchReconstructionConfig(variant.method).with_prior(
                 *live_prior(robot.payload)
             )
-            reconstruction = WrenchReconstruction(config, sigma[variant.K_0])
-            readers.append(RepetitionReader(variant.label, reconstruction, variant.K_0))
+            error = errors[variant.K_0]
+            reconstruction = WrenchReconstruction(config, error.correlation)
+            readers.append(RepetitionReader(variant.label, reconstruction, error))
         for variant, reading in zip(
             here, read_repetition(run, robot, period, readers), strict=True
         ):
             readings[variant.key] = reading
     ordered = {variant.key: readings[variant.key] for variant in VARIANTS}
-    sd, filtered_sd = (np.sqrt(np.diag(sigma[gain])) for gain in (None, K_0))
-    return RepeatedCycles(runs, ordered, scenario, sd, filtered_sd, torque_rms)
+    return RepeatedCycles(
+        runs, ordered, scenario, errors[None].noise, errors[K_0].noise, torque_rms
+    )
 
 
 def cycle_metrics(cycles: RepeatedCycles) -> dict[str, Any]:

@@ -38,10 +38,11 @@ from diagrams.scenario import LineMotion, Scenario, load_scenario, make_trajecto
 from models.arrays import Array
 from models.control.wrench_script import HandPush, WrenchSegment
 from models.estimation.estimator import WrenchEstimator
-from models.estimation.wrench import WrenchReconstruction
+from models.estimation.wrench import WrenchEstimate, WrenchReconstruction
 from models.identification.identified_model import IdentifiedModel
+from models.identification.repetition_error import RepetitionError
 from models.motion.paths import JointTrajectory, StraightPath
-from models.observers.lag import LagModel, lag_log
+from models.observers.lag_power import LagPower
 from models.recordings.recording import Recording
 from models.rigid_body.serial_chain import SerialChain
 from models.robot.robot import Robot
@@ -306,13 +307,13 @@ class RepetitionReader:
 
     Attributes:
         name: of the reading.
-        reconstruction: with the covariance of the repetition's error.
-        K_0: as `repetition_torque`; the stated sds hold its lag behind a force of HAND_HZ.
+        reconstruction: with the correlation of the error.
+        error: of eq. 4; the stated sds hold the lag of its K_0 behind a force of HAND_HZ.
     """
 
     name: str
     reconstruction: WrenchReconstruction
-    K_0: float | None = None
+    error: RepetitionError
 
 
 def read_repetition(
@@ -325,29 +326,37 @@ def read_repetition(
         period: samples of a cycle.
         readers: each gives a reading.
     """
-    gains = {reader.K_0 for reader in readers}
-    tau_ext = {K_0: repetition_torque(run.recording, robot, period, K_0) for K_0 in gains}
-    step = run.recording.time_step
-    lags = [
-        LagModel.of(own.K_0, robot.num_joints, step, 0.0 if own.K_0 is None else HAND_HZ, 0.0)
-        for own in readers
-    ]
-    slow = np.full((len(readers), 6), np.nan)
-    q, t = run.recording.q[period:], run.recording.t[period:]
+    log, step = run.recording, run.recording.time_step
+    errors = {reader.error.K_0: reader.error for reader in readers}
+    tau_ext = {K_0: repetition_torque(log, robot, period, K_0) for K_0 in errors}
+    torque_sd = {
+        K_0: own.sd(log.q, log.v, tau_ext[K_0], period, step) for K_0, own in errors.items()
+    }
+    lags = [LagPower.of(own.error.K_0, step, HAND_HZ) for own in readers]
+    late = [lag.initial_state() for lag in lags]
+    q, t = log.q[period:], log.t[period:]
     force, sd = np.empty((2, len(readers), len(q), 3))
     for start in range(0, len(q), _BLOCK):
         rows = slice(start, start + _BLOCK)
         J = np.asarray(robot.chain.jacobian(q[rows]))
         for k, (own, lag) in enumerate(zip(readers, lags, strict=True)):
-            tau = tau_ext[own.K_0][rows]
-            part = own.reconstruction.reconstruct(J, tau, J_now=J[:0])  # the run has conditions
-            lag_log(lag.settings, slow[k], part.wrench, part.valid, part.covariance)
+            K_0 = own.error.K_0
+            tau = tau_ext[K_0][rows]
+            part = _reconstructed(own, J, tau, torque_sd[K_0][rows])
+            if K_0 is not None:
+                still = _reconstructed(own, J, tau, np.broadcast_to(own.error.noise, tau.shape))
+                noise = np.diagonal(still.covariance, axis1=1, axis2=2)
+                lag.add(late[k], part.wrench, noise, part.covariance)
             force[k, rows] = part.wrench[:, 3:]
             sd[k, rows] = np.sqrt(np.diagonal(part.covariance, axis1=1, axis2=2)[:, 3:])
     return [
         ForceReading(own.name, t - t[0], force[k], sd[k], run.reference[period:])
         for k, own in enumerate(readers)
     ]
+
+
+def _reconstructed(own: RepetitionReader, J: Array, tau: Array, sd: Array) -> WrenchEstimate:
+    return own.reconstruction.reconstruct(J, tau, sd, J_now=J[:0])  # the run has conditions
 
 
 def highest_speed(scenarios: Sequence[Scenario], robot: Robot) -> float:

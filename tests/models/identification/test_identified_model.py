@@ -145,6 +145,7 @@ def put(*keys, value):
         (put("reflected_inertia", 2, value=float("inf")), "reflected_inertia"),
         (put("inertial_parameters", 1, 3, value=float("nan")), "inertial_parameters[1][3]"),
         (put("reflected_inertia", value=[1.0]), "expected 6 numbers, found 1"),
+        (put("reflected_inertia", 2, value=1e308), "reflected_inertia"),  # overflows where squared
         (put("inertial_parameters", 0, value=[1.0]), "rows of unequal length"),
         (put("residual_covariance", 0, 0, value=-1.0), "positive definite"),
         (put("residual_covariance", 0, 1, value=50.0), "symmetric"),

@@ -165,7 +165,7 @@ def test_velocity_against_position(
     _refused(replace(log, v=change(log.v)), *words, *robot_words, num_chunks=num_chunks)
 
 
-@pytest.mark.parametrize("duration", [0.3, 0.5, 0.9])
+@pytest.mark.parametrize("duration", [0.2, 0.3, 0.5, 0.9])
 def test_one_wrong_velocity_shows_in_a_log_of_parts_of_a_second(duration: float) -> None:
     log = _log(duration)
     _check_plausible(log, _robot())

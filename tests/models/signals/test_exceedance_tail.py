@@ -6,6 +6,7 @@ from scipy.stats import chi, genpareto
 
 from models.signals.exceedance_tail import (
     GAP,
+    SHAPE_SD,
     ExceedanceTail,
     fit_exceedances,
     gaussian_tail,
@@ -64,6 +65,20 @@ def test_a_shape_is_believed_as_far_as_the_excursions_show_it():
     few = fit_exceedances([spaced(rng, rng.permutation(draws))], T)
     assert alone > 0.15
     assert few.shape < 0.5 * alone
+
+
+def test_shape_and_scale_are_the_most_likely_ones_of_a_shape_known_within_its_sd():
+    draws = 1.0 + genpareto.ppf((np.arange(400) + 0.5) / 400, 0.3)
+    tail = fit_exceedances([spaced(np.random.default_rng(6), draws)], T)
+    excess = draws[draws > tail.level] - tail.level
+    shapes, scales = np.linspace(0.01, 0.5, 50), np.geomspace(0.5, 2.0, 60) * tail.scale
+    cost = [
+        [0.5 * (c / SHAPE_SD) ** 2 - genpareto.logpdf(excess, c, scale=s).sum() for s in scales]
+        for c in shapes
+    ]
+    best = np.unravel_index(np.argmin(cost), (50, 60))
+    assert tail.shape == pytest.approx(shapes[best[0]], abs=0.01)  # a step of the grid
+    assert tail.scale == pytest.approx(scales[best[1]], rel=0.025)
 
 
 def test_few_excursions_widen_the_tail_and_too_few_say_nothing():

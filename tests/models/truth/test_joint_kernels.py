@@ -7,9 +7,13 @@ import pytest
 from scipy.optimize import brentq, minimize
 
 from models.truth.joint_kernels import (
+    DAMPER,
     DAMPING,
     DEFLECTION,
     ELEMENTS,
+    END,
+    FORCE,
+    HARMONICS,
     RATE,
     RISE,
     SIGNALS,
@@ -23,6 +27,7 @@ from models.truth.joint_kernels import (
     encoder_reading,
     joint_tick,
     spring_torque,
+    tick_work,
     velocity_after,
 )
 from models.truth.true_joints import TrueJoints
@@ -73,7 +78,7 @@ class Bench:
         joint_tick(
             self.joints.table, H, self.M, zero, self.G, self.q, self.v,
             np.array([float(command)]), np.array([float(tau_ext)]), self.noise(),
-            self.state, after, self.signals,
+            self.state, after, self.signals, tick_work(self.state),
         )  # fmt: skip
         force = self.signals[TAU_J] + self.signals[TORQUE] + tau_ext - self.G
         self.v = self.v + H * force / self.M[0] if v is None else np.array([float(v)])
@@ -169,15 +174,22 @@ def test_friction_gives_no_more_than_its_springs_hold(seed):
     assert put_in > 1e-3
 
 
-def test_the_solver_finds_the_minimum_and_so_the_root():
+@pytest.mark.parametrize(("n", "K"), [(4, 3), (6, 3), (6, 2)])
+def test_the_solver_finds_the_minimum_and_so_the_root(n, K):
     rng = np.random.default_rng(8)
-    n, K = 4, 3
     B = rng.normal(size=(n, n))
     M, force, v = B @ B.T + 0.05 * np.eye(n), rng.normal(0, 30.0, n), rng.normal(0, 0.3, n)
     viscous, stiff = rng.uniform(0, 8, n), rng.uniform(1, 100, (K, n))
     high, low = rng.uniform(1, 8, (K, n)), -rng.uniform(1, 8, (K, n))
     before = rng.uniform(low, high)
-    at = velocity_after(M, H, force, v, viscous, stiff, before, low, high)
+    work = tick_work(np.empty((SLIPS + 3 * K, n)))
+    work[FORCE], work[DAMPER], work[-4 * K :] = (
+        force,
+        viscous,
+        np.vstack([stiff, before, low, high]),
+    )
+    velocity_after(n, K, M, H, v, work)
+    at = work[END].copy()
     slips = np.clip(before + stiff * at, low, high).sum(axis=0)
     residual = M @ (at - v) / H + slips + viscous * at - force
     np.testing.assert_allclose(residual, 0.0, atol=1e-9)  # of thousands of N m
@@ -340,6 +352,21 @@ def test_a_ripple_gives_nothing_over_a_turn_under_a_constant_load():
     assert abs(work) < 1e-6  # J, where a rectified ripple would give 6
     expected = 0.5 * ((0.8 + 0.75) ** 2 + (0.2 + 0.15) ** 2 + 0.3**2)
     assert np.var(swing) == pytest.approx(expected, rel=1e-6)
+
+
+def test_harmonics_are_those_of_the_motor_s_position_and_repeat_with_it():
+    harmonics = ((0.8, 202.0, 0.4), (0.3, 404.0, 1.0))
+    plain = one_joint(elements=((0.5, 1e4, 1.0), (0.5, 1e3, 1.0)), drive=(1.0, 0.0, 1e-4))
+    table = np.hstack([plain.table, np.ravel(harmonics)[None]])
+    table[:, HARMONICS] = 2
+    joints = TrueJoints(table, 0.0, True, H)
+    assert joints.num_elements == 2
+    for q, G in ((0.3, 0.0), (0.3, 20.0), (-1.7, 0.0), (0.3 + 2.0 * np.pi, 0.0)):
+        bench = Bench(joints, M=1e12, q=q, G=G)
+        bench.tick()
+        motor = q + G * 1e-4  # the gear bends under the weight
+        expected = sum(A * math.sin(p * motor + phase) for A, p, phase in harmonics)
+        assert bench.signals[TAU_F, 0] == pytest.approx(expected, abs=1e-9)
 
 
 def test_friction_wanders_by_its_sd_and_forgets_in_its_time():

@@ -31,3 +31,14 @@ def test_jitter_moves_a_whole_row_by_the_stated_sd():
     np.testing.assert_allclose((found.current - LOG.current)[inner, 1], 8.0 * moved, atol=1e-12)
     np.testing.assert_array_equal(found.t, LOG.t)
     np.testing.assert_array_equal(clocked(LOG, ClockConfig(jitter_sd=2e-4), 7).q, found.q)
+
+
+def test_rows_are_interpolated_as_numpy_does_it_to_the_bit():
+    rng = np.random.default_rng(3)
+    signal = rng.standard_normal((len(T), 3)).cumsum(axis=0)
+    log = Recording(t=T, q=signal, v=signal, current=signal, source="walk")
+    jitter = np.random.default_rng([5, 23]).standard_normal(len(T))
+    found = clocked(log, ClockConfig(latency=2.5e-3, jitter_sd=4e-4), 5)
+    for times, own in ((T + 4e-4 * jitter, found.q), (T + 4e-4 * jitter - 2.5e-3, found.current)):
+        expected = [np.interp(times, T, column) for column in signal.T]
+        np.testing.assert_array_equal(own, np.stack(expected, axis=1))

@@ -18,16 +18,20 @@ from models.robot.truth_config import (
 )
 from models.truth.joint_kernels import (
     COULOMB,
+    ELEMENTS,
     GAIN,
+    HARMONICS,
     POLE,
     RIPPLES,
     SIGNALS,
+    SLIPS,
     STICTION,
     TAU_J,
     TORQUE,
     VISCOUS,
     encoder_reading,
     joint_tick,
+    tick_work,
 )
 from models.truth.true_joints import TrueJoints
 from models.truth.true_robot import PLAIN, plain_truth
@@ -81,6 +85,21 @@ def test_arms_differ_in_their_phases(robot):
     assert np.all(tables[0][:, RIPPLES + 3] != tables[1][:, RIPPLES + 3])
 
 
+def test_harmonics_stand_behind_the_slip_elements(robot):
+    slip = SlipConfig([1e-3] * 6, [0.5, 0.5], [1.0, 2.0], [9.0, 9.0])
+    ripple = RippleConfig(motor_periods=[202.0, 404.0], motor_amplitudes=[[0.1] * 6, [0.2] * 6])
+    joints = TrueJoints.of(with_mechanisms(robot, slip=slip, ripple=ripple), 1e-3)
+    assert joints.num_elements == 2 and joints.initial_state().shape == (SLIPS + 6, 6)
+    rows = joints.table[:, ELEMENTS + 6 :].reshape(6, 2, 3)
+    np.testing.assert_array_equal(rows[:, :, :2], np.tile([[0.1, 202.0], [0.2, 404.0]], (6, 1, 1)))
+    assert len(np.unique(rows[:, :, 2])) == 12  # phases of their own
+    other = with_mechanisms(robot, slip=slip, ripple=ripple, individual=1)
+    assert np.all(TrueJoints.of(other, 1e-3).table[:, -1] != joints.table[:, -1])
+    without = TrueJoints.of(with_mechanisms(robot, slip=slip, ripple=RippleConfig()), 1e-3).table
+    kept = np.delete(joints.table[:, : ELEMENTS + 6], HARMONICS, axis=1)
+    np.testing.assert_array_equal(kept, np.delete(without, HARMONICS, axis=1))
+
+
 def test_an_encoder_on_the_link_sees_no_deflection(robot):
     gears = ElasticityConfig([1e4] * 6)
     assert np.all(TrueJoints.of(with_mechanisms(robot, elasticity=gears), 1e-3).compliance == 1e-4)
@@ -103,7 +122,7 @@ def test_a_push_that_bends_the_gears_leaves_the_motors_where_they_are(robot, sli
         after = np.empty_like(state)
         joint_tick(
             *(joints.table, 1e-3, M, zero, zero, q, v, zero, tau_ext),
-            *(np.zeros(2 * n), state, after, signals),
+            *(np.zeros(2 * n), state, after, signals, tick_work(state)),
         )
         v = v + 1e-3 * (signals[TAU_J] + signals[TORQUE] + tau_ext)
         q, state = q + 1e-3 * v, after
@@ -125,6 +144,15 @@ def test_a_push_that_bends_the_gears_leaves_the_motors_where_they_are(robot, sli
         ({"lubrication": LubricationConfig(time_constant=0.0)}, "lubrication.time_constant"),
         ({"elasticity": ElasticityConfig(encoder="both")}, "elasticity.encoder"),
         ({"motor": MotorConfig([float("nan")] * 6)}, "motor.torque_factor"),
+        ({"ripple": RippleConfig(motor_periods=[202.0])}, "ripple.motor_amplitudes: 0 lists"),
+        (
+            {"ripple": RippleConfig(motor_periods=[202.0], motor_amplitudes=[[1.0] * 5])},
+            "ripple.motor_amplitudes: 5 numbers",
+        ),
+        (
+            {"ripple": RippleConfig(motor_periods=[-1.0], motor_amplitudes=[[1.0] * 6])},
+            "ripple.motor_periods",
+        ),
     ],
 )
 def test_what_is_out_of_range_is_named(robot, mechanism, place):

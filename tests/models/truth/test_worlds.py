@@ -103,6 +103,19 @@ def test_a_world_changes_the_truth_and_nothing_else():
     np.testing.assert_array_equal(robot.torque_per_ampere, sts.torque_per_ampere)
 
 
+def test_harmonics_of_the_motor_grow_with_the_ripple():
+    about = Robot.load("sts_sre4_600").config.simulated_truth
+    ripple = dataclasses.replace(
+        about.mechanisms.ripple, motor_periods=[202.0], motor_amplitudes=[[0.1, 0.2]]
+    )
+    mechanisms = dataclasses.replace(about.mechanisms, ripple=ripple)
+    world = draw_world(0, 4)
+    drawn = world.truth(dataclasses.replace(about, mechanisms=mechanisms), 6).mechanisms.ripple
+    factor = world.factors["ripple"][0]
+    assert factor != 1.0 and drawn.motor_periods == [202.0]
+    np.testing.assert_allclose(drawn.motor_amplitudes, [[0.1 * factor, 0.2 * factor]], rtol=1e-12)
+
+
 def test_what_is_off_stays_off():
     about = SimulatedTruthConfig(JointFrictionConfig(coulomb=[1.0, 2.0], stiction=[1.5, 2.0]))
     truth = draw_world(0, 0).truth(about, 2)

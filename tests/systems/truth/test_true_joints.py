@@ -9,7 +9,7 @@ from pydrake.systems.framework import DiagramBuilder
 from models.robot.robot import Robot
 from models.signals.gaussian_noise import gaussian_noise
 from models.truth.free_arm import VELOCITY_STREAM, WANDER_STREAM
-from models.truth.joint_kernels import EXTERNAL, SIGNALS, encoder_reading, joint_tick
+from models.truth.joint_kernels import EXTERNAL, SIGNALS, encoder_reading, joint_tick, tick_work
 from models.truth.true_joints import TrueJoints
 from systems.truth.true_joints import TrueJointsSystem
 
@@ -45,7 +45,7 @@ def by_kernel(joints, terms, state, tau_ext, tick=0):
     gaussian_noise(7 + WANDER_STREAM, tick, noise)
     joint_tick(
         joints.table, 1e-3, terms.M, terms.Cv, terms.G, terms.q, terms.v, COMMAND,
-        tau_ext, noise, state, after, signals,
+        tau_ext, noise, state, after, signals, tick_work(state),
     )  # fmt: skip
     return after, signals
 

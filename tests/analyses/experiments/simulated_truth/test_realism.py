@@ -26,4 +26,10 @@ def test_the_simulated_arm_errs_as_the_real_one(data_holding, tmp_path):
     # Chance alone keeps some of the numbers apart, but not most of them
     assert 60.0 < metrics["within_25_pct"]["two_simulated_share_pct"] < 100.0
     assert metrics["residual_all_nm"]["two_simulated_ratio"] != [1.0] * 6
+    listed = [one.get("told_apart_joints", []) for one in metrics.values()]
+    within = metrics["within_25_pct"]
+    assert within["told_apart_numbers"] == sum(map(len, listed))
+    # What is told apart is among what is off by more than 25 %
+    off = (1.0 - within["share_pct"] / 100.0) * within["numbers"]
+    assert 0 < within["told_apart_numbers"] <= round(off)
     assert (tmp_path / "figures" / "realism.png").is_file()

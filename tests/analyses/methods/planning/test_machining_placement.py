@@ -20,7 +20,7 @@ from diagrams.distances.clearance import workpiece_clearance
 from diagrams.machining import make_machining_path
 from diagrams.scenario import load_scenario
 from diagrams.workpiece import pose_of_workpiece, surface_of
-from models.estimation.torque_error import TorqueError
+from models.identification.torque_error import TorqueError
 from models.motion.surface_path import SurfacePath
 
 MOVING = np.array([1.54, 1.90, 0.70, 0.32, 0.28, 0.12])  # N m, as identified arms have it

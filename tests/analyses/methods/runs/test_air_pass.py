@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from analyses.methods.runs import air_pass
 from analyses.methods.runs.air_pass import (
     REST,
     AirPass,
+    learn_air_passes,
     learn_error,
     record_air_pass,
     teach,
@@ -121,6 +123,28 @@ def test_what_is_left_on_a_second_pass_is_stated(sts_reversed, model, passes):
     # 90 to 99 % of each joint's samples; of a constant sd as small at steady feed a third.
     assert np.all(inside.mean(axis=0) > 0.85)
     assert np.all(np.median(sd[work], axis=0) < np.sqrt(np.mean(left["high"][work] ** 2, axis=0)))
+
+
+def test_the_second_pass_is_as_high_again_and_of_other_noise(
+    sts_reversed, model, passes, monkeypatch
+):
+    scenario, plan, flown = passes
+    seeds, heights = [], []
+
+    def fly(scenario, robot, motion, seed, progress):
+        seeds.append(seed)
+        return flown[LOW][1]
+
+    def raised(robot, trajectory, height):
+        heights.append(height)
+        return flown[LOW][0]
+
+    monkeypatch.setattr(air_pass, "record_air_pass", fly)
+    monkeypatch.setattr(air_pass, "raised_motion", raised)
+    learn_air_passes(scenario, sts_reversed, model, plan, seed=7)
+    assert seeds[0] == 7 and seeds[1] != 7
+    height = scenario.machining.air_pass
+    assert heights == [height, 2.0 * height]
 
 
 def test_friction_that_remembers_counts_through_the_turn(sts_reversed, model, passes):

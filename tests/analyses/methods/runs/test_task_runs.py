@@ -22,7 +22,15 @@ from diagrams.scenario import LineMotion, make_trajectory
 from models.estimation.estimator import WrenchEstimator
 from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
 from models.identification.identified_model import IdentifiedModel
+from models.identification.repetition_error import RepetitionError
 from models.recordings.recording import Recording
+
+
+def repetition_error(n, level=0.0, K_0=None):
+    """Noise of .1 N m, and friction of `level` N m."""
+    return RepetitionError(
+        np.full(n, 0.1), np.eye(n), np.full(n, level), np.zeros(n), K_0, read_load=0.0
+    )
 
 
 @pytest.fixture(scope="module")
@@ -133,7 +141,7 @@ def test_eq_4_reads_the_wrench_that_the_second_cycle_adds(sts_reversed):
     run = Run()
     run.recording, run.reference = recording, np.tile(F[3:], (2 * period, 1))
     inverse = WrenchReconstruction(WrenchReconstructionConfig("inverse"), np.eye(n))
-    reader = RepetitionReader("eq. 4", inverse)
+    reader = RepetitionReader("eq. 4", inverse, repetition_error(n))
     (reading,) = read_repetition(run, sts_reversed, period, [reader])
     np.testing.assert_allclose(reading.error, 0.0, atol=1e-8)  # rounding at JCN of some tens
     assert reading.t[0] == 0.0
@@ -148,3 +156,30 @@ def test_the_low_pass_of_eq_4_is_the_observers(sts_reversed):
     recording = Recording(t=t, q=0 * tau, v=0 * tau, current=tau / drive, source="made")
     read = repetition_torque(recording, sts_reversed, period, K_0)
     np.testing.assert_allclose(read[:, 0], -np.expm1(-K_0 * (t[:period] + 1e-3)), atol=1e-12)
+
+
+@pytest.mark.parametrize("K_0", [None, 20.0])
+def test_the_band_of_eq_4_widens_where_a_push_leads_a_joint_the_other_way(sts_reversed, K_0):
+    period, n = 1000, sts_reversed.num_joints
+    t = np.arange(2 * period) / 1000.0
+    q = np.tile(sts_reversed.home, (2 * period, 1))
+    q[:, 0] += 0.01 * np.sin(2.0 * np.pi * t)
+    q[period + 300 : period + 350, 0] += np.linspace(0.0, 0.01, 50)  # against its motion
+    recording = Recording(t=t, q=q, v=np.gradient(q, 1e-3, axis=0), current=0.0 * q, source="made")
+
+    class Run:
+        pass
+
+    run = Run()
+    run.recording, run.reference = recording, np.zeros((2 * period, 3))
+    inverse = WrenchReconstruction(WrenchReconstructionConfig("inverse"), np.eye(n))
+    readers = [
+        RepetitionReader("eq. 4", inverse, repetition_error(n, level, K_0)) for level in (0.0, 3.0)
+    ]
+    still, moved = read_repetition(run, sts_reversed, period, readers[:1]) + read_repetition(
+        run, sts_reversed, period, readers[1:]
+    )
+    # Where the log begins unwound the low-pass still has a hundredth of it.
+    np.testing.assert_allclose(moved.sd[150:300], still.sd[150:300], rtol=1e-3)
+    assert (moved.sd[349] > 1.5 * still.sd[349]).any()
+    assert (moved.sd >= still.sd - 1e-12).all()

@@ -3,7 +3,7 @@ import itertools
 import numpy as np
 import pytest
 
-from models.estimation.torque_error import EDGES, FEWEST, TorqueError
+from models.identification.torque_error import EDGES, FEWEST, TorqueError
 
 BREAKAWAY = np.array([6.0, 3.0])
 

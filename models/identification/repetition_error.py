@@ -1,0 +1,193 @@
+"""How far eq. 4 may be from the external torque, joint by joint: what a cycle does not repeat.
+
+Eq. 4 takes the torque of one period ago for what the motors give without contact. What it reads is
+wrong by what differs between the two cycles beside the contact:
+
+    sd^2 = noise^2 + slip^2 + (read_load tau_ext)^2
+
+**noise** is that of the currents, and friction that wanders; two contact-free periods of another
+motion show it.
+
+**slip** is friction that a push turns round. A drive gives way to a push by some tenths of a
+milliradian: a joint that moves slowly, or rests, is led the other way for a while, and its friction
+is then not that of a cycle ago. Both cycles' encoders show where: with the slip
+
+    z <- clip(z + dq / reach, -1, 1)
+
+friction is level z to a first approximation, and the cycles differ by LP(level (z_before - z_now)),
+with LP the low-pass that eq. 4's torque has passed. Where the cycles move alike it vanishes,
+through turns as well. No log of the arm tells `reach` sharply, and a real joint has elements of
+several: slip^2 is the mean over REACHES, half a decade apart.
+
+**read_load** states friction that grows with the load, N m per N m; no contact-free log has it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+from scipy.signal import lfilter
+
+from models.arrays import Array
+from models.friction.slip_elements import within_rounding
+from models.identification.torque_error_model import BEYOND_LOAD
+
+# rad (m); settled on one run of the simulated arm, pushed along the initial path
+REACHES = (1e-5, 3e-5, 1e-4)
+
+
+@dataclass(frozen=True, eq=False)
+class RepetitionError:
+    """The constants of this module for eq. 4 behind one low-pass, of an arm with n joints.
+
+    Attributes:
+        noise: (n,) N m, above 0.
+        correlation: (n, n) between the joints' errors.
+        level: (n,) N m, friction of a slow joint.
+        resolution: (n,) rad, the step of the encoders; 0: none that counts.
+        K_0: 1/s of the low-pass; None: raw, as eq. 4 stands.
+        read_load: N m per N m that is read.
+
+    Raises:
+        ValueError: shapes that disagree, a number that is negative or not finite.
+    """
+
+    noise: Array
+    correlation: Array
+    level: Array
+    resolution: Array
+    K_0: float | None = None
+    read_load: float = BEYOND_LOAD
+
+    def __post_init__(self) -> None:
+        n = np.size(self.noise)
+        for own in fields(self):
+            value = getattr(self, own.name)
+            if own.name == "K_0" and value is None:
+                continue
+            value = np.asarray(value, float)
+            shape = {"correlation": (n, n), "K_0": (), "read_load": ()}.get(own.name, (n,))
+            if value.shape != shape:
+                raise ValueError(f"{own.name}: expected shape {shape}, found {value.shape}")
+            if not np.isfinite(value).all():
+                raise ValueError(f"{own.name}: expected finite numbers")
+            if own.name != "correlation" and (value < 0.0).any():
+                raise ValueError(f"{own.name}: expected zero or more")
+        if not (self.noise > 0.0).all():
+            raise ValueError("noise: expected numbers above zero")
+
+    def sd(
+        self, q: ArrayLike, v: ArrayLike, tau_ext: ArrayLike, period: int, time_step: float
+    ) -> Array:
+        """The sds (T - period, n) in N m of what eq. 4 reads from the second cycle on.
+
+        Args:
+            q, v: (T, n) rad and rad/s, of all cycles, the first among them.
+            tau_ext: (T - period, n) N m, as eq. 4 reads it behind K_0.
+            period: samples of a cycle.
+            time_step: s.
+
+        Raises:
+            ValueError: shapes that disagree.
+        """
+        q, v = (np.require(x, float, ("C", "W")) for x in (q, v))
+        tau_ext = np.asarray(tau_ext, float)
+        n = len(self.noise)
+        if q.ndim != 2 or q.shape != v.shape or q.shape[1] != n or not 0 < period < len(q):
+            raise ValueError(f"eq. 4: expected q and v (T, {n}), T above the period")
+        if tau_ext.shape != (len(q) - period, n):
+            raise ValueError(f"eq. 4: tau_ext must be {(len(q) - period, n)}, not {tau_ext.shape}")
+        variance = self.noise**2 + (self.read_load * tau_ext) ** 2
+        variance += self._slip_power(q, v, period, time_step)
+        return np.asarray(np.sqrt(variance))
+
+    def _slip_power(self, q: Array, v: Array, period: int, time_step: float) -> Array:
+        """(T - period, n) slip^2, (N m)^2."""
+        power = np.zeros((len(q) - period, q.shape[1]))
+        z = np.empty_like(q)
+        for reach in REACHES:
+            slip_along(q, v, 0.5 * np.asarray(self.resolution, float), time_step, reach, z)
+            torque = self.level * (z[:-period] - z[period:])
+            if self.K_0 is not None:
+                pole = np.exp(-self.K_0 * time_step)
+                torque = lfilter([1.0 - pole], [1.0, -pole], torque, axis=0)
+            power += torque**2 / len(REACHES)
+        return power
+
+
+def fit_repetition_errors(
+    raw: Array,
+    filtered: Array,
+    v: Array,
+    speed: float,
+    level: Array,
+    resolution: Array,
+    K_0: float,
+    fewest: int = 200,
+) -> tuple[RepetitionError, RepetitionError]:
+    """From eq. 4 along two contact-free periods: its error as it stands, and behind a low-pass.
+
+    White noise of the currents depends on whether a joint moves fast: it is that of samples as slow
+    as the task, raw less filtered. What is left behind the low-pass is slow: so few samples hold
+    too few independent ones of it, and all count.
+
+    Args:
+        raw: (N, n) N m, as eq. 4 stands.
+        filtered: (N, n) N m, behind K_0.
+        v: (N, n) rad/s.
+        speed: rad/s, the highest planned joint speed of the task.
+        level: (n,) N m, friction of a slow joint.
+        resolution: (n,) rad, of the encoders.
+        K_0: 1/s.
+        fewest: samples that count as slow at least: the slowest.
+
+    Raises:
+        ValueError: shapes that disagree, fewer than two samples.
+    """
+    if not (raw.shape == filtered.shape == v.shape and raw.ndim == 2 and len(raw) > 1):
+        raise ValueError("eq. 4: expected raw, filtered and v (N, n)")
+    fast = np.abs(v)
+    rank = min(fewest, len(v)) - 1
+    slow = fast <= np.maximum(speed, np.partition(fast, rank, axis=0)[rank])
+    lasting = np.mean(filtered**2, axis=0)
+    white = ((raw**2 - filtered**2) * slow).sum(axis=0) / slow.sum(axis=0)
+    noises = np.sqrt(lasting + np.maximum(white, 0.0)), np.sqrt(lasting)
+    gains: Sequence[float | None] = (None, K_0)
+    first, second = (
+        RepetitionError(noise, _correlation(errors), level, resolution, gain)
+        for noise, errors, gain in zip(noises, (raw, filtered), gains, strict=True)
+    )
+    return first, second
+
+
+def _correlation(errors: Array) -> Array:
+    """(n, n) about zero."""
+    moment = errors.T @ errors
+    size = np.sqrt(np.diag(moment))
+    return np.asarray(moment / np.outer(size, size))
+
+
+@njit(cache=True, error_model="numpy")
+def slip_along(
+    q: Array, v: Array, half_step: Array, time_step: float, reach: float, z: Array
+) -> None:
+    """Writes the slip of every joint along a log that begins unwound; see the module.
+
+    Args:
+        q, v: (T, n) rad and rad/s; a sample that is not finite leaves the slip as it was.
+        half_step: (n,) rad, half the encoders' steps.
+        time_step: s.
+        reach: rad.
+        z: (T, n), written, -1 to 1.
+    """
+    for i in range(q.shape[1]):
+        position, own = np.nan, 0.0
+        for k in range(q.shape[0]):
+            now = within_rounding(position, q[k, i], v[k, i], half_step[i], time_step)
+            if np.isfinite(now):
+                if np.isfinite(position):
+                    own = min(max(own + (now - position) / reach, -1.0), 1.0)
+                position = now
+            z[k, i] = own

@@ -1,0 +1,150 @@
+"""What a cycle does not repeat: closed forms of the slip, and noise that is told from its speed."""
+
+import numpy as np
+import pytest
+
+from models.identification.repetition_error import (
+    REACHES,
+    RepetitionError,
+    fit_repetition_errors,
+    slip_along,
+)
+
+STEP = 1e-3
+NOISE, LEVEL = np.array([0.3, 0.4]), np.array([5.0, 2.0])
+
+
+def error(K_0=None, read_load=0.0, resolution=(0.0, 0.0)):
+    return RepetitionError(NOISE, np.eye(2), LEVEL, np.array(resolution), K_0, read_load)
+
+
+def there_and_back(N=1000, width=0.01):
+    """(N, 2) q of a cycle that goes forward for its first half, and v."""
+    phase = np.arange(N) * 2.0 * np.pi / N
+    q = np.stack([width * (1.0 - np.cos(phase)), 0.5 * width * (1.0 - np.cos(phase))], axis=1)
+    return q, np.gradient(q, STEP, axis=0)
+
+
+def test_cycles_that_move_alike_have_noise_alone_through_their_turns_as_well():
+    q, v = there_and_back()
+    q, v = np.tile(q, (3, 1)), np.tile(v, (3, 1))  # the lead-in first: both cycles begin alike
+    sd = error().sd(q, v, np.zeros((2000, 2)), 1000, STEP)
+    np.testing.assert_allclose(sd[1000:], np.tile(NOISE, (1000, 1)), rtol=1e-12)
+
+
+def test_a_joint_that_is_led_the_other_way_may_be_wrong_by_twice_its_level():
+    q, v = there_and_back()
+    other = q.copy()
+    other[:500, 0] = q[0, 0] - q[:500, 0]  # joint 1 backwards; joint 2 as before
+    both = np.vstack([q, other])
+    sd = error().sd(both, np.vstack([v, v]), np.zeros((1000, 2)), 1000, STEP)
+    # Well after the start, all elements of either cycle slide.
+    np.testing.assert_allclose(sd[200:490, 0], np.hypot(NOISE[0], 2.0 * LEVEL[0]), rtol=1e-9)
+    np.testing.assert_allclose(sd[200:490, 1], NOISE[1], rtol=1e-9)
+
+
+def test_within_its_reach_a_joint_is_wrong_in_proportion_to_its_displacement():
+    still = np.zeros((10, 2))
+    moved = still.copy()
+    moved[4:] = 2e-5  # beyond the first reach, within the others
+    sd = error().sd(np.vstack([still, moved]), np.zeros((20, 2)), np.zeros((10, 2)), 10, STEP)
+    share = np.mean([1.0, (2.0 / 3.0) ** 2, 0.2**2])  # of 1e-5, 3e-5 and 1e-4
+    np.testing.assert_allclose(sd[4:], np.sqrt(NOISE**2 + LEVEL**2 * share) * np.ones((6, 1)))
+    np.testing.assert_allclose(sd[:4], NOISE * np.ones((4, 1)))
+
+
+def test_behind_a_low_pass_slip_fades_in_as_the_torque_does():
+    K_0 = 20.0
+    still = np.zeros((200, 2))
+    moved = still.copy()
+    moved[100:] = 1.0  # far beyond every reach
+    q = np.vstack([still, moved])
+    sd = error(K_0).sd(q, 0.0 * q, np.zeros((200, 2)), 200, STEP)
+    rise = -np.expm1(-K_0 * STEP * np.arange(1, 101))
+    expected = np.sqrt(NOISE**2 + (LEVEL * rise[:, np.newaxis]) ** 2)
+    np.testing.assert_allclose(sd[100:], expected, rtol=1e-9)
+
+
+def test_the_load_that_is_read_widens_the_joint_that_carries_it():
+    q = np.zeros((20, 2))
+    tau = np.zeros((10, 2))
+    tau[:, 1] = -8.0
+    sd = error(read_load=0.05).sd(q, q, tau, 10, STEP)
+    np.testing.assert_allclose(sd[0], [NOISE[0], np.hypot(NOISE[1], 0.4)])
+
+
+def test_an_encoder_that_flickers_between_two_steps_at_rest_turns_nothing_round():
+    rng = np.random.default_rng(3)
+    step = 1e-4
+    q = step * rng.integers(0, 2, (400, 2)).astype(float)
+    known = error(resolution=(step, step)).sd(q, 0.0 * q, np.zeros((200, 2)), 200, STEP)
+    # The first steps of all say where between them the joint rests.
+    np.testing.assert_allclose(known[20:], NOISE * np.ones((180, 1)), rtol=1e-9)
+    fooled = error().sd(q, 0.0 * q, np.zeros((200, 2)), 200, STEP)
+    assert fooled[20:].mean() > 2.0 * known[20:].mean()
+
+
+def test_a_sample_that_is_not_finite_leaves_the_slip_as_it_was():
+    q = np.cumsum(np.full((8, 1), 4e-6), axis=0)
+    z, whole = np.empty_like(q), np.empty_like(q)
+    slip_along(q, 0.0 * q, np.zeros(1), STEP, REACHES[1], whole)
+    broken = q.copy()
+    broken[3] = np.nan
+    slip_along(broken, 0.0 * q, np.zeros(1), STEP, REACHES[1], z)
+    assert z[3] == whole[2]
+    np.testing.assert_allclose(z[4:], whole[4:], rtol=1e-9)
+
+
+def test_white_noise_is_that_of_slow_samples_and_what_is_slow_that_of_all():
+    rng = np.random.default_rng(5)
+    N = 40_000
+    v = np.where(np.arange(N)[:, np.newaxis] % 4 == 0, 0.01, 1.0) * np.ones((1, 2))
+    white = np.where(v < 0.05, 0.3, 0.9) * rng.normal(size=(N, 2))
+    slow = 0.2 * rng.normal(size=(N, 1)) * np.ones((1, 2))  # alike on both joints
+    raw, filtered = fit_repetition_errors(
+        slow + white, slow, v, 0.05, LEVEL, np.zeros(2), 20.0, fewest=10
+    )
+    np.testing.assert_allclose(raw.noise, np.hypot(0.2, 0.3), rtol=0.03)  # 10,000 samples: .7 %
+    np.testing.assert_allclose(filtered.noise, 0.2, rtol=0.03)
+    assert (raw.K_0, filtered.K_0) == (None, 20.0)
+    assert filtered.correlation[0, 1] == pytest.approx(1.0)
+    # 0.04 of 0.04 + a quarter of 0.09 and three of 0.81
+    assert raw.correlation[0, 1] == pytest.approx(0.04 / (0.04 + 0.63), abs=0.02)
+
+
+def test_with_few_slow_samples_the_slowest_count():
+    rng = np.random.default_rng(6)
+    v = np.linspace(0.1, 2.0, 1000)[:, np.newaxis]
+    white = np.where(v < 0.2, 0.1, 1.0) * rng.normal(size=(1000, 1))
+    raw, _ = fit_repetition_errors(
+        white, 0.0 * white + 1e-3, v, 0.01, LEVEL[:1], np.zeros(1), 20.0, fewest=50
+    )
+    assert raw.noise[0] == pytest.approx(0.1, rel=0.3)  # 50 samples: 10 %
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("noise", np.zeros(2)),
+        ("noise", np.array([1.0, np.nan])),
+        ("level", -LEVEL),
+        ("level", np.ones(3)),
+        ("correlation", np.eye(3)),
+        ("K_0", -1.0),
+        ("read_load", np.inf),
+    ],
+)
+def test_numbers_that_make_no_sense_are_refused(name, value):
+    parts = {"noise": NOISE, "correlation": np.eye(2), "level": LEVEL, "resolution": np.zeros(2)}
+    with pytest.raises(ValueError, match=name):
+        RepetitionError(**{**parts, name: value})
+
+
+def test_shapes_that_disagree_are_refused():
+    q = np.zeros((20, 2))
+    with pytest.raises(ValueError, match="period"):
+        error().sd(q, q, np.zeros((10, 2)), 20, STEP)
+    with pytest.raises(ValueError, match="tau_ext"):
+        error().sd(q, q, np.zeros((11, 2)), 10, STEP)
+    with pytest.raises(ValueError, match="raw"):
+        fit_repetition_errors(q, q[:5], q, 0.1, LEVEL, np.zeros(2), 20.0)
