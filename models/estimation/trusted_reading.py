@@ -4,8 +4,7 @@
     J as the observer saw it (`models.observers.lag`) --------------+-> wrench, covariance, valid
     tau_ext ---------------------------------------------------------+   + lag and scale
 
-A reading that no wrench at E explains is not valid (`models.observers.explained_torque`).
-
+Not valid is what no wrench at E explains (`models.observers.explained_torque`).
 For models that have a torque error; others read with one covariance for rest and motion alike.
 """
 
@@ -92,9 +91,7 @@ class TrustedReading:
         self._table = error.table(friction, time_step, rates, resolution)
         self._lag = LagModel.of(K_0, n, time_step, force_bandwidth_hz, error.scale)
         self._slow_rows = -(-_SLOW_SIZE // n)
-        live = [
-            np.inf if sd is None else sd for sd in (config.live_moment_sd, config.live_force_sd)
-        ]
+        live = config.live_moment_sd, config.live_force_sd
         self._explained = explained_table(error.correlation, *live, error.scale, time_step)
         self.tables = (  # of `trusted_reading_tick`
             self._table,

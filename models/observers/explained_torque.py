@@ -14,8 +14,8 @@ reading is not valid, nor are those after it until sqrt(D) has been below WITHIN
 signal crosses what it should be again and again.
 
 On the UR10e's three fitted runs sqrt(D) of valid readings is at most 2.6; the bounds were set
-there. With the current of one joint turned for a second, on one of them, the largest force error that
-stays valid falls from 2,527 N to 336 N; what is left is no larger than a force that could be.
+there. With the current of one joint turned for a second, on one of them, the largest force error
+that stays valid falls from 2,527 N to 336 N; what is left is no larger than a force could be.
 """
 
 import numpy as np
@@ -34,17 +34,21 @@ _MOMENT_VARIANCE, _FORCE_VARIANCE, _SCALE2, _PERIOD, _NUMBERS = range(5)
 
 
 def explained_table(
-    correlation: ArrayLike, moment_sd: float, force_sd: float, scale: float, time_step: float
+    correlation: ArrayLike,
+    moment_sd: float | None,
+    force_sd: float | None,
+    scale: float,
+    time_step: float,
 ) -> Array:
     """Returns the constants that the kernels read.
 
     Args:
         correlation: (n, n) of the joints' errors.
-        moment_sd, force_sd: N m and N of the live prior.
+        moment_sd, force_sd: N m and N of the live prior; None: nothing is known.
         scale: share of what is read.
         time_step: s.
     """
-    sds = [min(float(sd), _LARGEST_SD) for sd in (moment_sd, force_sd)]
+    sds = [_LARGEST_SD if sd is None else min(sd, _LARGEST_SD) for sd in (moment_sd, force_sd)]
     numbers = [sds[0] ** 2, sds[1] ** 2, scale**2, time_step]
     return np.concatenate([numbers, np.asarray(correlation, float).ravel()])
 
