@@ -18,11 +18,16 @@ from pydrake.systems.primitives import (
 from pydrake.trajectories import PiecewisePolynomial
 
 from diagrams.estimator import add_estimator
-from diagrams.machining import add_machining_reference, make_machining_path
+from diagrams.machining import (
+    add_machining_controller,
+    add_machining_reference,
+    make_machining_path,
+)
 from diagrams.pages.run_page import add_wrench_arrows
 from diagrams.robot_cell import RobotCell, make_robot_cell
 from diagrams.scenario import ForceSetpoint, Scenario, check_scenario, make_trajectory
 from models.arrays import Array
+from models.estimation.estimator import WrenchEstimator
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
 from models.machining.air_pass import TaughtTorque
@@ -32,10 +37,14 @@ from models.robot.motors import motor_gain
 from models.robot.robot import Robot
 from systems.impedance_controller import ImpedanceConfig, ImpedanceController
 from systems.joint_tracking_controller import JointTrackingController
+from systems.machining.machining_controller import MachiningController
 from systems.path_reference import PathReference
 from systems.pose_reference import PoseReference
 from systems.rigid_body_terms import RigidBodyTermsSystem
 from systems.taught_torque import TaughtTorqueSource
+
+_READINGS = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
+_PASS = ("reference", "force_setpoint", "phase", "fault", "progress", "feed_time", "pose_error")
 
 
 @dataclass(frozen=True)
@@ -45,8 +54,9 @@ class ClosedLoop:
     Attributes:
         diagram: everything; the subsystems are named robot_cell, estimator, controller, ...
         cell: the robot cell.
-        estimator: the estimator's diagram; None in a loop without one.
-        controller: JointTrackingController or ImpedanceController.
+        estimator: the estimator's diagram; None in a loop without one, or where it is in the
+            MachiningController.
+        controller: JointTrackingController, ImpedanceController or MachiningController.
         trajectory: the reference motion of the joints.
         log: what happened, one entry a tick; `signals` says where in an entry each signal is.
         signals: columns of the log by the name of the signal.
@@ -82,6 +92,7 @@ def make_closed_loop(
     taught: TaughtTorque | None = None,
     fused: bool = False,
     estimator_model: IdentifiedModel | None = None,
+    log_period: float | None = None,
 ) -> ClosedLoop:
     """Builds the loop of a scenario. Controller and estimator know `model`, never the truth.
 
@@ -107,8 +118,11 @@ def make_closed_loop(
         with_estimator: without it the tracking controller has the model's terms from a block of
             their own, and there is no tau_ext, wrench, covariance, condition_number and valid: for
             the motion alone, in two thirds of the time.
-        fused: whether the estimator is one block instead of its stages: the same numbers, sooner.
+        fused: whether the estimator is one block instead of its stages; in machining together with
+            reference and controller: the same numbers, sooner.
         estimator_model: what the estimator knows, and hands on as terms; None: `model`.
+        log_period: s, between two entries of the log, a whole number of ticks; None: every tick.
+            What nobody but the log asks for is computed then alone.
 
     Raises:
         ValueError: no estimator for impedance control or a drawing, which need its wrench; taught
@@ -125,19 +139,24 @@ def make_closed_loop(
         trajectory = trajectory or make_trajectory(scenario, robot)
         q_0 = trajectory.q[0]
     builder = DiagramBuilder()
-    cell = make_robot_cell(scenario, robot, q_0, meshcat)
+    cell = make_robot_cell(scenario, robot, q_0, meshcat, fused=fused)
     builder.AddSystem(cell.diagram)
     out = cell.diagram.GetOutputPort
-    estimator = None
-    if with_estimator:
+    config = replace(
+        scenario.estimator,
+        observer=replace(scenario.estimator.observer, time_step=scenario.time_step),
+    )
+    estimator, terms = None, None
+    readings: dict[str, OutputPort] = {}
+    in_one = fused and with_estimator and machining_path is not None
+    if in_one:
+        pass
+    elif with_estimator:
         estimator = add_estimator(
             builder,
             robot,
             estimator_model or model,
-            replace(
-                scenario.estimator,
-                observer=replace(scenario.estimator.observer, time_step=scenario.time_step),
-            ),
+            config,
             q=out("q"),
             v=out("v"),
             current=out("current"),
@@ -145,6 +164,7 @@ def make_closed_loop(
             fused=fused,
         )
         terms = estimator.GetOutputPort("terms")
+        readings = {name: estimator.GetOutputPort(name) for name in _READINGS}
     elif isinstance(scenario.controller, ImpedanceConfig) or meshcat is not None:
         raise ValueError("closed loop: impedance control and drawings need the estimator")
     else:
@@ -154,7 +174,17 @@ def make_closed_loop(
             builder.Connect(out(name), model_terms.GetInputPort(name))
         terms = model_terms.get_output_port()
     signals: dict[str, OutputPort] = {}
-    if isinstance(scenario.controller, ImpedanceConfig):
+    controller: LeafSystem
+    if in_one:
+        assert machining_path is not None
+        read_by = WrenchEstimator(robot, estimator_model or model, config)
+        controller, parts = _add_machining_controller(
+            builder, scenario, robot, model, machining_path, read_by, taught, cell
+        )
+        tau_command, terms = parts["tau_command"], controller.GetOutputPort("terms")
+        readings = {name: parts[name] for name in _READINGS}
+        signals |= {name: parts[name] for name in _PASS}
+    elif isinstance(scenario.controller, ImpedanceConfig):
         assert estimator is not None
         feedback = out("ft_wrench") if uses_sensor(scenario) else estimator.GetOutputPort("wrench")
         if machining_path is not None:
@@ -180,6 +210,7 @@ def make_closed_loop(
         )
         reference = builder.AddNamedSystem("path_reference", PathReference(trajectory))
         signals["reference"] = reference.get_output_port()
+        assert terms is not None
         builder.Connect(terms, controller.GetInputPort("terms"))
         builder.Connect(reference.get_output_port(), controller.GetInputPort("reference"))
         tau_command = controller.GetOutputPort("tau_command")
@@ -197,20 +228,18 @@ def make_closed_loop(
     for name in ("q", "v", "current", "tau_ext_true", "wrench_true", "ft_wrench", *also_log):
         if cell.diagram.HasOutputPort(name):
             signals[name] = out(name)
-    if estimator is not None:
-        for name in ("tau_ext", "wrench", "covariance", "condition_number", "valid"):
-            signals[name] = estimator.GetOutputPort(name)
+    signals |= readings
     if log_only is not None:
         signals = {name: signals[name] for name in log_only}
-    log, columns = _add_log(builder, signals, scenario.time_step)
-    if meshcat is not None and estimator is not None:
+    log, columns = _add_log(builder, signals, log_period or scenario.time_step)
+    if meshcat is not None and terms is not None:
         add_wrench_arrows(
             builder,
             meshcat,
             terms,
             {
                 "force true": out("wrench_true"),
-                "force estimated": estimator.GetOutputPort("wrench"),
+                "force estimated": readings["wrench"],
             },
             scenario.recording.fps,
             scenario.recording.metres_per_newton,
@@ -218,6 +247,40 @@ def make_closed_loop(
     diagram = builder.Build()
     diagram.set_name("closed_loop")
     return ClosedLoop(diagram, cell, estimator, controller, trajectory, log, columns)
+
+
+def _add_machining_controller(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    robot: Robot,
+    model: IdentifiedModel,
+    plan: MachiningPath,
+    estimator: WrenchEstimator,
+    taught: TaughtTorque | None,
+    cell: RobotCell,
+) -> tuple[MachiningController, dict[str, OutputPort]]:
+    assert scenario.machining is not None and isinstance(scenario.controller, ImpedanceConfig)
+    out = cell.diagram.GetOutputPort
+    controller, parts = add_machining_controller(
+        builder,
+        robot,
+        model,
+        replace(plan, steady=_trusted(plan, taught)),
+        scenario.machining.phases,
+        scenario.controller,
+        estimator,
+        {name: out(name) for name in ("q", "v", "current")},
+        out("ft_wrench") if uses_sensor(scenario) else None,
+        taught,
+        reads_at_rest=uses_sensor(scenario),
+    )
+    _check_damping(controller.impedance, robot, plan.q_start)
+    return controller, parts
+
+
+def _trusted(plan: MachiningPath, taught: TaughtTorque | None) -> Array:
+    """(T,) 1 where the estimate may be fed back: force feedback counts where the lesson does."""
+    return plan.steady if taught is None else taught.steady_at(plan.trajectory.t)
 
 
 def _add_machining(
@@ -231,13 +294,11 @@ def _add_machining(
     taught: TaughtTorque | None,
 ) -> dict[str, OutputPort]:
     assert scenario.machining is not None
-    # Force feedback counts where the lesson does.
-    trusted = plan.steady if taught is None else taught.steady_at(plan.trajectory.t)
     signals = add_machining_reference(
         builder,
         robot,
         model,
-        replace(plan, steady=trusted),
+        replace(plan, steady=_trusted(plan, taught)),
         scenario.machining.phases,
         scenario.time_step,
         estimator.GetOutputPort("terms"),
@@ -300,16 +361,7 @@ def _add_impedance(
         model.friction.feedforward, robot.effort_limit, scenario.time_step, config
     )
     builder.AddNamedSystem("controller", controller)
-    # By the stated inertias: those of a wrist, where rotors count most, are identified poorly.
-    start = robot.chain.terms(q_0, np.zeros(robot.num_joints))
-    share = controller.damping_per_tick(start.M, start.J, start.R_WE)
-    if share > 1.0:
-        raise InputError(
-            "scenario",
-            "controller.damping",
-            f"takes off {share:.1f} times the tool's velocity in one time step: it would chatter",
-            "lower the damping (for a light wrist the rotational one), or the time_step",
-        )
+    _check_damping(controller, robot, q_0)
     # The pose is known from the joints' reference: it need not be in the log.
     builder.Connect(signals.pop("pose_reference"), controller.GetInputPort("pose_reference"))
     builder.Connect(signals["reference"], controller.GetInputPort("reference"))
@@ -327,15 +379,29 @@ def _add_impedance(
     return controller, action.get_output_port(0)
 
 
+def _check_damping(controller: ImpedanceController, robot: Robot, q: Array) -> None:
+    """Raises InputError where the damper would chatter at q."""
+    # By the stated inertias: those of a wrist, where rotors count most, are identified poorly.
+    start = robot.chain.terms(q, np.zeros(robot.num_joints))
+    share = controller.damping_per_tick(start.M, start.J, start.R_WE)
+    if share > 1.0:
+        raise InputError(
+            "scenario",
+            "controller.damping",
+            f"takes off {share:.1f} times the tool's velocity in one time step: it would chatter",
+            "lower the damping (for a light wrist the rotational one), or the time_step",
+        )
+
+
 def _add_log(
-    builder: DiagramBuilder, signals: dict[str, OutputPort], time_step: float
+    builder: DiagramBuilder, signals: dict[str, OutputPort], period: float
 ) -> tuple[VectorLogSink, dict[str, slice]]:
     """One sink for all signals: a sink each would be as many events at every tick."""
     sizes = [port.size() for port in signals.values()]
     together = builder.AddNamedSystem("signals", Multiplexer(sizes))
     for i, port in enumerate(signals.values()):
         builder.Connect(port, together.get_input_port(i))
-    log = LogVectorOutput(together.get_output_port(), builder, time_step)
+    log = LogVectorOutput(together.get_output_port(), builder, period)
     log.set_name("log")
     ends = np.cumsum(sizes)
     starts = ends - sizes

@@ -17,15 +17,8 @@ def export_measured_current(
         scenario: says whether there is noise, and its seed.
         current: of the motors, (n,) A.
     """
-    if scenario.current_noise:
-        sensor = MotorCurrentSensor(
-            robot.num_joints,
-            scenario.time_step,
-            robot.current_bandwidth,
-            robot.current_noise_sd,
-            robot.current_resolution,
-            scenario.seed,
-        )
+    sensor = drives_sensor(scenario, robot)
+    if sensor is not None:
         builder.AddNamedSystem("current_sensor", sensor)
         builder.Connect(current, sensor.GetInputPort("current_true"))
         builder.ExportOutput(sensor.GetOutputPort("current"), "current")
@@ -33,3 +26,17 @@ def export_measured_current(
         ideal = builder.AddNamedSystem("current_sensor", PassThrough(robot.num_joints))
         builder.Connect(current, ideal.get_input_port())
         builder.ExportOutput(ideal.get_output_port(), "current")
+
+
+def drives_sensor(scenario: Scenario, robot: Robot) -> MotorCurrentSensor | None:
+    """The robot's sensors of current, with the scenario's seed; None without noise."""
+    if not scenario.current_noise:
+        return None
+    return MotorCurrentSensor(
+        robot.num_joints,
+        scenario.time_step,
+        robot.current_bandwidth,
+        robot.current_noise_sd,
+        robot.current_resolution,
+        scenario.seed,
+    )

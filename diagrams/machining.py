@@ -1,6 +1,7 @@
 """Machining in the closed loop: the pass that a scenario asks for, and its reference."""
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
@@ -10,9 +11,11 @@ from diagrams.robot_cell import tip_radius
 from diagrams.scenario import MachiningConfig, Scenario
 from diagrams.workpiece import pose_of_workpiece, surface_of
 from models.arrays import Array
+from models.estimation.estimator import WrenchEstimator
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.files.input_error import InputError
 from models.identification.identified_model import IdentifiedModel
+from models.machining.air_pass import TaughtTorque
 from models.machining.machining_path import MachiningPath, check_curvature, plan_machining
 from models.machining.machining_phases import RAMP, PhasesConfig
 from models.motion.branches import all_branches
@@ -22,7 +25,10 @@ from models.motion.redundancy import RedundancyProblem, best_on_grid, candidates
 from models.motion.surface_path import SurfacePath
 from models.rigid_body.ties import better
 from models.robot.robot import Robot
+from systems.impedance_controller import ImpedanceConfig, ImpedanceController
+from systems.machining.machining_controller import MachiningController
 from systems.machining.machining_reference import MachiningReference
+from systems.wrench_estimator import WrenchEstimatorSystem
 
 NUM_ANGLES = 36
 _MAX_STEP = math.radians(8.0)  # of a joint from one sample to the next
@@ -186,3 +192,49 @@ def add_machining_reference(
     split = builder.AddNamedSystem("machining_plan", Demultiplexer(list(sizes.values())))
     builder.Connect(leader.get_output_port(), split.get_input_port())
     return {name: split.get_output_port(i) for i, name in enumerate(sizes)}
+
+
+def add_machining_controller(
+    builder: DiagramBuilder,
+    robot: Robot,
+    model: IdentifiedModel,
+    plan: MachiningPath,
+    phases: PhasesConfig,
+    config: ImpedanceConfig,
+    estimator: WrenchEstimator,
+    measured: Mapping[str, OutputPort],
+    feedback: OutputPort | None,
+    taught: TaughtTorque | None,
+    reads_at_rest: bool,
+) -> tuple[MachiningController, dict[str, OutputPort]]:
+    """Adds a MachiningController and takes its port apart; returns it and the parts by their names.
+
+    Args:
+        model: of reference and controller; the estimator has its own.
+        measured: q, v and current.
+        feedback: a sensor's wrench; None: the estimate is fed back.
+        reads_at_rest: whether what is fed back is right where joints rest.
+
+    Raises:
+        ValueError: an air pass for an observer that reads the wrench itself; as
+            MachiningController.
+    """
+    if taught is not None and estimator.observed_size:
+        raise ValueError("an observer that reads the wrench itself has no use for an air pass")
+    period = estimator.observer.time_step
+    block = MachiningController(
+        MachiningReference(robot, model.chain(robot), plan, phases, period, reads_at_rest),
+        WrenchEstimatorSystem(estimator, taught is not None),
+        ImpedanceController(model.friction.feedforward, robot.effort_limit, period, config),
+        taught,
+        period,
+        feedback is not None,
+    )
+    builder.AddNamedSystem("controller", block)
+    for name, port in measured.items():
+        builder.Connect(port, block.GetInputPort(name))
+    if feedback is not None:
+        builder.Connect(feedback, block.GetInputPort("wrench"))
+    split = builder.AddNamedSystem("action", Demultiplexer(list(block.sizes.values())))
+    builder.Connect(block.GetOutputPort("action"), split.get_input_port())
+    return block, {name: split.get_output_port(i) for i, name in enumerate(block.sizes)}

@@ -33,9 +33,10 @@ from pydrake.systems.primitives import (
     Saturation,
 )
 
-from diagrams.current_sensor import export_measured_current
+from diagrams.current_sensor import drives_sensor, export_measured_current
 from diagrams.scenario import BladeConfig, PlateConfig, Scenario
 from diagrams.truth.hard_joints import add_hard_joints, connect_hard_joints, hard_joints
+from diagrams.truth.machined_arm import add_machined_arm
 from diagrams.workpiece import (
     add_blade,
     add_plate,
@@ -50,14 +51,16 @@ from models.friction.true_friction import DryFriction
 from models.machining.machining_process import MachiningProcess
 from models.robot.motors import motor_gain
 from models.robot.robot import Robot, RobotInPlant
+from models.truth.true_joints import TrueJoints
 from models.truth.true_robot import true_robot
-from systems.environment_truth import EnvironmentTruth
 from systems.external_wrench_source import ExternalWrenchSource
 from systems.force_torque_sensor import ForceTorqueSensor
 from systems.free_joint_friction import FreeJointFriction
 from systems.joint_friction import JointFriction, add_holding_actuators
 from systems.machining.machining_process import MachiningProcessSystem
 from systems.rigid_body_terms import RigidBodyTermsSystem
+from systems.truth.environment_truth import EnvironmentTruth
+from systems.truth.machined_arm import MachinedArm
 
 FLOOR_STIFFNESS = 1e6  # N/m
 _FLOOR_COLOUR = np.array([0.86, 0.87, 0.88, 1.0])
@@ -88,6 +91,7 @@ def make_robot_cell(
     q_0: ArrayLike,
     meshcat: Meshcat | None = None,
     with_brakes: bool | None = None,
+    fused: bool = False,
 ) -> RobotCell:
     """Builds the true robot with its tool, drives, sensors and surroundings.
 
@@ -114,6 +118,8 @@ def make_robot_cell(
         with_brakes: whether dry friction is solved by the plant together with contact
             (`JointFriction`), or without it (`FreeJointFriction`), which is faster and the same
             where nothing touches; by default with brakes where there is something to touch.
+        fused: whether machining, joints and sensors are one block where they can be: with the
+            mechanisms of real joints and without a scripted wrench. The same numbers, sooner.
 
     Raises:
         InputError: a sensor without a tool to sit on, or true friction out of range.
@@ -147,6 +153,46 @@ def make_robot_cell(
     if scene_graph is not None:
         _prepare_contact(plant, scene_graph, parts, scenario)
 
+    script = WrenchScript(scenario.wrench, scenario.seed, "scenario")
+    if fused and joints is not None and scenario.machining is not None and not script.segments:
+        sensor = _force_torque_sensor(plant, parts, scenario, robot)
+        block = MachinedArm(
+            true.chain,
+            joints,
+            scenario.seed,
+            _environment_truth(scenario, robot, plant, parts),
+            _machining_process(scenario, plant, parts, scripted=False),
+            drives_sensor(scenario, robot),
+            sensor,
+            scenario.seed,
+        )
+        add_machined_arm(builder, robot, plant, parts, block, sensor is not None)
+    else:
+        _add_blocks(
+            builder, scenario, robot, true, plant, parts, joints, friction, script, with_brakes
+        )
+    if meshcat is not None and scene_graph is not None:
+        parameters = MeshcatVisualizerParams(publish_period=1.0 / scenario.recording.fps)
+        MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, parameters)
+    diagram = builder.Build()
+    diagram.set_name("robot_cell")
+    return RobotCell(diagram, plant, parts, friction, script)
+
+
+def _add_blocks(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    robot: Robot,
+    true: Robot,
+    plant: MultibodyPlant,
+    parts: RobotInPlant,
+    joints: TrueJoints | None,
+    friction: DryFriction | None,
+    script: WrenchScript,
+    with_brakes: bool,
+) -> None:
+    """Joints, sensors and surroundings, each in a block of its own; exports their ports."""
+    touches = scenario.workpiece is not None or scenario.floor
     n = robot.num_joints
     state = plant.get_state_output_port(parts.model_instance)
     split = builder.AddNamedSystem("encoders", Demultiplexer([n, n]))
@@ -163,7 +209,6 @@ def make_robot_cell(
         builder.ExportOutput(tau_J, "tau_J_true")
     else:
         block = add_hard_joints(builder, scenario, joints, touches)
-    script = WrenchScript(scenario.wrench, scenario.seed, "scenario")
     tau_ext = _add_environment(builder, scenario, robot, plant, parts, script, terms, touches)
     if joints is not None:
         connect_hard_joints(
@@ -185,14 +230,34 @@ def make_robot_cell(
                 block.GetOutputPort("torque"), plant.get_applied_generalized_force_input_port()
             )
             builder.ExportOutput(block.GetOutputPort("tau_f_true"), "tau_f_true")
-    if scenario.force_torque_sensor is not None:
-        _add_force_torque_sensor(builder, plant, parts, scenario, robot, terms.get_output_port())
-    if meshcat is not None and scene_graph is not None:
-        parameters = MeshcatVisualizerParams(publish_period=1.0 / scenario.recording.fps)
-        MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, parameters)
-    diagram = builder.Build()
-    diagram.set_name("robot_cell")
-    return RobotCell(diagram, plant, parts, friction, script)
+    _add_force_torque_sensor(builder, plant, parts, scenario, robot, terms.get_output_port())
+
+
+def _environment_truth(
+    scenario: Scenario, robot: Robot, plant: MultibodyPlant, parts: RobotInPlant
+) -> EnvironmentTruth:
+    tool = tool_body(plant, parts)
+    geometries = plant.GetCollisionGeometriesForBody(tool)
+    radius = tip_radius(robot) if scenario.machining is not None else 0.0
+    return EnvironmentTruth(len(parts.actuators), tool.index(), geometries, radius)
+
+
+def _machining_process(
+    scenario: Scenario, plant: MultibodyPlant, parts: RobotInPlant, scripted: bool
+) -> MachiningProcessSystem:
+    assert scenario.machining is not None and scenario.workpiece is not None
+    ends = (scenario.machining.start, scenario.machining.end)
+    return MachiningProcessSystem(
+        MachiningProcess(
+            scenario.machining.process,
+            contact=process_contact(scenario.workpiece, ends),
+            time_step=scenario.time_step,
+        ),
+        tool_body(plant, parts).index(),
+        _p_BE(plant, parts),
+        scenario.time_step,
+        scripted,
+    )
 
 
 def _add_environment(
@@ -216,31 +281,15 @@ def _add_environment(
     source = builder.AddNamedSystem(
         "external_wrench", ExternalWrenchSource(script, tool.index(), _p_BE(plant, parts))
     )
-    geometries = plant.GetCollisionGeometriesForBody(tool)
-    radius = tip_radius(robot) if scenario.machining is not None else 0.0
-    truth = builder.AddNamedSystem("truth", EnvironmentTruth(n, tool.index(), geometries, radius))
+    truth = builder.AddNamedSystem("truth", _environment_truth(scenario, robot, plant, parts))
     # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
     parts_of_truth = builder.AddNamedSystem("truth_parts", Demultiplexer(truth.sizes(n)))
     builder.Connect(truth.GetOutputPort("truth"), parts_of_truth.get_input_port())
     wrench_true, tau_ext_true, contact = (parts_of_truth.get_output_port(i) for i in range(3))
     applied, forces = source.GetOutputPort("wrench_true"), source.GetOutputPort("spatial_forces")
     if scenario.machining is not None:
-        assert scenario.workpiece is not None
         process = builder.AddNamedSystem(
-            "process",
-            MachiningProcessSystem(
-                MachiningProcess(
-                    scenario.machining.process,
-                    contact=process_contact(
-                        scenario.workpiece, (scenario.machining.start, scenario.machining.end)
-                    ),
-                    time_step=scenario.time_step,
-                ),
-                tool.index(),
-                _p_BE(plant, parts),
-                scenario.time_step,
-                scripted=bool(script.segments),
-            ),
+            "process", _machining_process(scenario, plant, parts, bool(script.segments))
         )
         builder.Connect(terms, process.GetInputPort("terms"))
         builder.Connect(contact, process.GetInputPort("contact"))
@@ -439,17 +488,12 @@ def _add_friction(
     builder.ExportOutput(block.GetOutputPort("tau_f_true"), "tau_f_true")
 
 
-def _add_force_torque_sensor(
-    builder: DiagramBuilder,
-    plant: MultibodyPlant,
-    parts: RobotInPlant,
-    scenario: Scenario,
-    robot: Robot,
-    terms: OutputPort,
-) -> None:
+def _force_torque_sensor(
+    plant: MultibodyPlant, parts: RobotInPlant, scenario: Scenario, robot: Robot
+) -> ForceTorqueSensor | None:
     config = scenario.force_torque_sensor
     if config is None:
-        return
+        return None
     if parts.tool_weld is None:
         raise InputError(
             "scenario",
@@ -458,19 +502,30 @@ def _add_force_torque_sensor(
             "add a tool to robot.yaml, or leave the sensor out",
         )
     noisy = config.force_noise_sd > 0 or config.moment_noise_sd > 0
-    sensor = builder.AddNamedSystem(
-        "force_torque_sensor",
-        ForceTorqueSensor(
-            plant,
-            parts.tool_weld,
-            parts.frame_E,
-            config,
-            robot.num_joints,
-            scenario.time_step,
-            # Another stream than the drives': the same number would make the two noises one.
-            scenario.seed + 2**32 if noisy else None,
-        ),
+    return ForceTorqueSensor(
+        plant,
+        parts.tool_weld,
+        parts.frame_E,
+        config,
+        robot.num_joints,
+        scenario.time_step,
+        # Another stream than the drives': the same number would make the two noises one.
+        scenario.seed + 2**32 if noisy else None,
     )
+
+
+def _add_force_torque_sensor(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    parts: RobotInPlant,
+    scenario: Scenario,
+    robot: Robot,
+    terms: OutputPort,
+) -> None:
+    sensor = _force_torque_sensor(plant, parts, scenario, robot)
+    if sensor is None:
+        return
+    builder.AddNamedSystem("force_torque_sensor", sensor)
     for name, port in (
         ("reaction_forces", plant.get_reaction_forces_output_port()),
         ("terms", terms),

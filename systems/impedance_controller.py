@@ -147,12 +147,12 @@ class ImpedanceController(LeafSystem):
         if not np.all(np.isfinite(gains)) or min(gains) < 0.0:
             raise InputError("impedance", "force", f"gains {gains}, expected 0 or more")
 
-        self._stiffness = self.DeclareNumericParameter(
-            BasicVector(_matrix(config.stiffness, "stiffness").ravel())
-        )
+        stiffness = _matrix(config.stiffness, "stiffness")
         self._default_damping = _matrix(config.damping, "damping")
-        self._damping = self.DeclareNumericParameter(BasicVector(self._default_damping.ravel()))
-        self._force_gains = self.DeclareNumericParameter(BasicVector(gains))
+        self._default_gains = (stiffness.ravel(), self._default_damping.ravel(), np.array(gains))
+        self._stiffness, self._damping, self._force_gains = (
+            self.DeclareNumericParameter(BasicVector(values)) for values in self._default_gains
+        )
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._pose_reference = self.DeclareVectorInputPort("pose_reference", POSE_REFERENCE_SIZE)
         self._reference = self.DeclareVectorInputPort("reference", 3 * n)
@@ -205,12 +205,37 @@ class ImpedanceController(LeafSystem):
         indices = (self._stiffness, self._damping, self._force_gains)
         value.set_value(tuple(context.get_numeric_parameter(i).CopyToVector() for i in indices))
 
-    def _calc_action(self, context: Context, output: BasicVector) -> None:
-        terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        has_reference, has_force = self._reference.HasValue(context), self._has_force
+    @property
+    def default_gains(self) -> tuple[Array, Array, Array]:
+        """Stiffness, damping and force gains as they were given, whatever a context holds."""
+        return self._default_gains
+
+    def write_action(
+        self,
+        gains: tuple[Array, Array, Array],
+        terms: RigidBodyTerms,
+        pose_reference: Array,
+        reference: Array,
+        presses: bool,
+        feedback_valid: bool,
+        setpoint: float,
+        wrench: Array,
+        integral: float,
+        action: Array,
+    ) -> None:
+        """Writes the port `action` of a tick.
+
+        Args:
+            gains: stiffness, damping, force gains.
+            terms: of the model.
+            pose_reference, reference, wrench: as the ports; zeros where there is none.
+            presses, feedback_valid: whether force is controlled, and by the feedback.
+            setpoint: N.
+            integral: N s, the state.
+        """
         impedance_action(
             self._in_E,
-            *cast(tuple[Array, Array, Array], self._gains.Eval(context)),
+            *gains,
             self._direction,
             self._direction_in_E,
             self._time_step,
@@ -226,9 +251,24 @@ class ImpedanceController(LeafSystem):
             terms.p_WE,
             terms.V_WE,
             terms.v,
+            pose_reference,
+            reference,
+            self._has_force,
+            presses,
+            feedback_valid,
+            setpoint,
+            wrench,
+            integral,
+            action,
+        )
+
+    def _calc_action(self, context: Context, output: BasicVector) -> None:
+        has_reference, has_force = self._reference.HasValue(context), self._has_force
+        self.write_action(
+            cast(tuple[Array, Array, Array], self._gains.Eval(context)),
+            cast(RigidBodyTerms, self._terms.Eval(context)),
             self._pose_reference.Eval(context),
             self._reference.Eval(context) if has_reference else self._at_rest,
-            has_force,
             self._presses(context),
             _is_on(self._feedback_valid, context),
             self._force_setpoint.Eval(context)[0] if has_force else 0.0,

@@ -94,7 +94,8 @@ class WrenchEstimatorSystem(LeafSystem):
         self._check = estimator.check
         if self._check is not None:
             initial = np.vstack([initial, self._check.initial_state()])
-        state: DiscreteStateIndex = self.DeclareDiscreteState(initial.ravel())
+        self._initial = initial.ravel()
+        state: DiscreteStateIndex = self.DeclareDiscreteState(self._initial)
         self.DeclarePeriodicDiscreteUpdateEvent(estimator.observer.time_step, 0.0, self._update)
         self._tables = self.DeclareCacheEntry(
             "estimator tables",
@@ -153,6 +154,11 @@ class WrenchEstimatorSystem(LeafSystem):
         self._checked = np.zeros((3, n))
         self._given = np.zeros((3, n))
         self._scratch = np.empty(scratch_size(n))
+
+    @property
+    def estimator(self) -> WrenchEstimator:
+        """Robot, model and configuration."""
+        return self._estimator
 
     @property
     def reading_sizes(self) -> list[int]:
@@ -216,18 +222,38 @@ class WrenchEstimatorSystem(LeafSystem):
         )
         value.set_value(tables)
 
-    def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        tables: EstimatorTables = self._tables.EvalAbstract(context).get_value()
-        if self._planned:
-            friction_torque(
-                tables.friction, self._v_planned.Eval(context), self._known[KNOWN_TAU_F]
-            )
-        if self._taught:
-            self._known[KNOWN_CORRECTION] = self._correction.Eval(context)
-            self._known[KNOWN_COUNTS] = self._counts.Eval(context)[0]
-        state = context.get_discrete_state_vector().value()
-        q, v = self._q.Eval(context), self._v.Eval(context)
-        current = self._current.Eval(context) if self._reads_current else self._unread
+    def initial_state(self) -> Array:
+        """Flat: before the first sample."""
+        return self._initial.copy()
+
+    def default_tables(self) -> EstimatorTables:
+        """The constants of the estimator as it was given, whatever a context holds."""
+        return self._estimator.tables
+
+    def read(
+        self,
+        tables: EstimatorTables,
+        state: Array,
+        q: Array,
+        v: Array,
+        current: Array,
+        taught: tuple[Array, Array, float] | None,
+        reading: Array,
+    ) -> None:
+        """The first half of a tick: writes the port `reading` of a sample; `state` stays.
+
+        Args:
+            tables: constants.
+            state: flat.
+            q, v, current: (n,); current counts where the observer reads the present torque.
+            taught: tau_correction (n,), v_planned (n,) and counts; None where nothing is taught.
+        """
+        if taught is not None:
+            correction, v_planned, counts = taught
+            if self._planned:
+                friction_torque(tables.friction, v_planned, self._known[KNOWN_TAU_F])
+            self._known[KNOWN_CORRECTION] = correction
+            self._known[KNOWN_COUNTS] = counts
         if self._check is not None:
             checked, memory = self._checked, self._memory(state)
             table, T = self._check.table, self._estimator.observer.time_step
@@ -236,15 +262,7 @@ class WrenchEstimatorSystem(LeafSystem):
                 check_current(table, memory, T, current, checked)
                 current = checked[2]
             q, v = checked[0], checked[1]
-        sample = (
-            state[: self._end],
-            q,
-            v,
-            current,
-            self._known,
-            output.get_mutable_value(),
-            self._scratch,
-        )
+        sample = (state[: self._end], q, v, current, self._known, reading, self._scratch)
         if self._trusted is None:
             tick_output(self._choice, *tables, self._rows, *sample)
         else:
@@ -257,22 +275,62 @@ class WrenchEstimatorSystem(LeafSystem):
                 *sample,
             )
 
-    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        tables: EstimatorTables = self._tables.EvalAbstract(context).get_value()
+    def take(
+        self,
+        tables: EstimatorTables,
+        state: Array,
+        q: Array,
+        v: Array,
+        current: Array,
+        reading: Array,
+    ) -> None:
+        """The second half: takes the sample into `state`.
+
+        Args:
+            reading: what `read` wrote of the same sample.
+            others: as `read`.
+        """
         parts = (self._choice, tables.drives, tables.slip, tables.observer, self._rows)
-        state, current = discrete_state.get_mutable_value(), self._current.Eval(context)
-        reading = self._reading.Eval(context)
         if self._check is not None:
             given = self._given
-            given[0], given[1], given[2] = self._q.Eval(context), self._v.Eval(context), current
+            given[0], given[1], given[2] = q, v, current
             period = self._estimator.observer.time_step
             check_sample(self._check.table, self._memory(state), period, given, self._checked)
             current = self._checked[2]
+        # Of `known` an update asks no more than how many rows it has.
         sample = (state[: self._end], current, self._known, reading)
         if self._trusted is None:
             tick_update(*parts, *sample)
         else:
             trusted_update(*parts, self._tick_rows, *sample)
+
+    def _calc_reading(self, context: Context, output: BasicVector) -> None:
+        taught = None
+        if self._taught:
+            taught = (
+                self._correction.Eval(context),
+                self._v_planned.Eval(context),
+                self._counts.Eval(context)[0],
+            )
+        self.read(
+            self._tables.EvalAbstract(context).get_value(),
+            context.get_discrete_state_vector().value(),
+            self._q.Eval(context),
+            self._v.Eval(context),
+            self._current.Eval(context) if self._reads_current else self._unread,
+            taught,
+            output.get_mutable_value(),
+        )
+
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        self.take(
+            self._tables.EvalAbstract(context).get_value(),
+            discrete_state.get_mutable_value(),
+            self._q.Eval(context),
+            self._v.Eval(context),
+            self._current.Eval(context),
+            self._reading.Eval(context),
+        )
 
     def _memory(self, state: Array) -> Array:
         """The state's rows of the check of samples."""

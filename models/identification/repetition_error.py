@@ -5,8 +5,8 @@ wrong by what differs between the two cycles beside the contact:
 
     sd^2 = noise^2 + slip^2 + (read_load tau_ext)^2
 
-**noise** is that of the currents, and friction that wanders; two contact-free periods of another
-motion show it.
+**noise** is that of the currents, and friction that wanders; another motion shows it, done twice
+without contact, as slow as the task.
 
 **slip** is friction that a push turns round. A drive gives way to a push by some tenths of a
 milliradian: a joint that moves slowly, or rests, is led the other way for a while, and its friction
@@ -22,7 +22,6 @@ several: slip^2 is the mean over REACHES, half a decade apart.
 **read_load** states friction that grows with the load, N m per N m; no contact-free log has it.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -117,49 +116,19 @@ class RepetitionError:
         return power
 
 
-def fit_repetition_errors(
-    raw: Array,
-    filtered: Array,
-    v: Array,
-    speed: float,
-    level: Array,
-    resolution: Array,
-    K_0: float,
-    fewest: int = 200,
-) -> tuple[RepetitionError, RepetitionError]:
-    """From eq. 4 along two contact-free periods: its error as it stands, and behind a low-pass.
-
-    White noise of the currents depends on whether a joint moves fast: it is that of samples as slow
-    as the task, raw less filtered. What is left behind the low-pass is slow: so few samples hold
-    too few independent ones of it, and all count.
+def repetition_error(
+    errors: Array, level: Array, resolution: Array, K_0: float | None = None
+) -> RepetitionError:
+    """From what eq. 4 reads along motion that is done twice without contact, as slow as the task.
 
     Args:
-        raw: (N, n) N m, as eq. 4 stands.
-        filtered: (N, n) N m, behind K_0.
-        v: (N, n) rad/s.
-        speed: rad/s, the highest planned joint speed of the task.
+        errors: (N, n) N m, behind K_0.
         level: (n,) N m, friction of a slow joint.
         resolution: (n,) rad, of the encoders.
-        K_0: 1/s.
-        fewest: samples that count as slow at least: the slowest.
-
-    Raises:
-        ValueError: shapes that disagree, fewer than two samples.
+        K_0: 1/s; None: raw.
     """
-    if not (raw.shape == filtered.shape == v.shape and raw.ndim == 2 and len(raw) > 1):
-        raise ValueError("eq. 4: expected raw, filtered and v (N, n)")
-    fast = np.abs(v)
-    rank = min(fewest, len(v)) - 1
-    slow = fast <= np.maximum(speed, np.partition(fast, rank, axis=0)[rank])
-    lasting = np.mean(filtered**2, axis=0)
-    white = ((raw**2 - filtered**2) * slow).sum(axis=0) / slow.sum(axis=0)
-    noises = np.sqrt(lasting + np.maximum(white, 0.0)), np.sqrt(lasting)
-    gains: Sequence[float | None] = (None, K_0)
-    first, second = (
-        RepetitionError(noise, _correlation(errors), level, resolution, gain)
-        for noise, errors, gain in zip(noises, (raw, filtered), gains, strict=True)
-    )
-    return first, second
+    noise = np.sqrt(np.mean(errors**2, axis=0))
+    return RepetitionError(noise, _correlation(errors), level, resolution, K_0)
 
 
 def _correlation(errors: Array) -> Array:

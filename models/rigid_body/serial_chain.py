@@ -394,22 +394,26 @@ class SerialChain:
             q,
             v,
         )
+        self.write_terms(result)
+        return result
+
+    def write_terms(self, terms: RigidBodyTerms) -> None:
+        """Writes every term at its own q and v, which are (n,): without new memory, for a tick."""
         all_terms(
             self.table,
-            q,
-            v,
-            result.momentum,
-            result.CTv,
-            result.Cv,
-            result.G,
-            result.M,
-            result.J,
-            result.R_WE,
-            result.p_WE,
-            result.V_WE,
+            terms.q,
+            terms.v,
+            terms.momentum,
+            terms.CTv,
+            terms.Cv,
+            terms.G,
+            terms.M,
+            terms.J,
+            terms.R_WE,
+            terms.p_WE,
+            terms.V_WE,
             self._scratch,
         )
-        return result
 
     def _rows(self, *signals: ArrayLike) -> tuple[tuple[int, ...], list[Array]]:
         """The leading shape, and each signal as a contiguous (N, n) array."""

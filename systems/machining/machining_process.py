@@ -80,7 +80,8 @@ class MachiningProcessSystem(LeafSystem):
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._contact = self.DeclareVectorInputPort("contact", NORMAL_SIZE)
         self._applied: InputPort | None = None
-        self._state = DiscreteStateIndex(self.DeclareDiscreteState(process.initial_state))
+        self._initial = process.initial_state
+        self._state = DiscreteStateIndex(self.DeclareDiscreteState(self._initial))
         own = DiscreteStateIndex(self.DeclareDiscreteState(6))
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
         prerequisites = {self.discrete_state_ticket(own)}
@@ -110,27 +111,20 @@ class MachiningProcessSystem(LeafSystem):
         own = context.get_discrete_state(1).value()
         output.SetFromVector(self._applied.Eval(context) + own)
 
-    def _add_unbalance(self, context: Context, wrench: Array) -> None:
-        R_WE = cast(RigidBodyTerms, self._terms.Eval(context)).R_WE
-        add_unbalance_force(self._table, context.get_time(), R_WE, wrench[3:])
+    @property
+    def initial_state(self) -> Array:
+        """The law's state before the first tick, without the wrench that it gives."""
+        return self._initial.copy()
 
-    def _calc_unbalance(self, context: Context, output: BasicVector) -> None:
-        wrench = np.zeros(6)
-        self._add_unbalance(context, wrench)
-        output.SetFromVector(wrench)
+    def advance(self, t: float, contact: Array, V_WE: Array, p_WE: Array, state: Array) -> None:
+        """Takes the tick that begins at t into the law's state.
 
-    def _calc_spatial_forces(self, context: Context, output: AbstractValue) -> None:
-        wrench = self._wrench.Eval(context).copy()
-        self._add_unbalance(context, wrench)
-        self._at_E.F_Bq_W = SpatialForce(wrench)
-        output.set_value([self._at_E])
-
-    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        contact = self._contact.Eval(context)
-        state = discrete_state.get_mutable_value(self._state)
+        Args:
+            contact: as the port.
+            V_WE, p_WE: of the true robot.
+        """
         if self._variations is None:
-            advance_process(self._table, self._time_step, contact, terms.V_WE, state)
+            advance_process(self._table, self._time_step, contact, V_WE, state)
         else:
             advance_varying_process(
                 self._table,
@@ -140,10 +134,39 @@ class MachiningProcessSystem(LeafSystem):
                 self._variations.pose,
                 self._variations.ends,
                 self._time_step,
-                context.get_time(),
+                t,
                 contact,
-                terms.V_WE,
-                terms.p_WE,
+                V_WE,
+                p_WE,
                 state,
             )
+
+    def add_unbalance(self, t: float, R_WE: Array, wrench: Array) -> None:
+        """Adds the spindle's force at time t to a wrench (6,)."""
+        add_unbalance_force(self._table, t, R_WE, wrench[3:])
+
+    def applied_at_E(self, wrench: Array) -> list[ExternallyAppliedSpatialForce]:
+        """The port `spatial_forces` of a wrench (6,); valid until the next call."""
+        self._at_E.F_Bq_W = SpatialForce(wrench)
+        return [self._at_E]
+
+    def _add_unbalance(self, context: Context, wrench: Array) -> None:
+        R_WE = cast(RigidBodyTerms, self._terms.Eval(context)).R_WE
+        self.add_unbalance(context.get_time(), R_WE, wrench)
+
+    def _calc_unbalance(self, context: Context, output: BasicVector) -> None:
+        wrench = np.zeros(6)
+        self._add_unbalance(context, wrench)
+        output.SetFromVector(wrench)
+
+    def _calc_spatial_forces(self, context: Context, output: AbstractValue) -> None:
+        wrench = self._wrench.Eval(context).copy()
+        self._add_unbalance(context, wrench)
+        output.set_value(self.applied_at_E(wrench))
+
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        state = discrete_state.get_mutable_value(self._state)
+        t, contact = context.get_time(), self._contact.Eval(context)
+        self.advance(t, contact, terms.V_WE, terms.p_WE, state)
         discrete_state.get_mutable_value(1)[3:] = state[FORCE]

@@ -11,6 +11,7 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
+from models.arrays import Array
 from models.machining.machining_path import MachiningPath
 from models.machining.machining_phases import PhasesConfig, initial_state
 from models.machining.machining_reference import advance_reference, machining_reference
@@ -85,8 +86,8 @@ class MachiningReference(LeafSystem):
         self._wrench = self.DeclareVectorInputPort("wrench", 6)
         self._phases = int(self.DeclareDiscreteState(initial_state()))
         R_WD, p_WD = chain.pose(plan.q_start)
-        anchor = np.concatenate([R_WD.ravel(), p_WD, -R_WD[:, 2]])
-        self._anchor = int(self.DeclareDiscreteState(anchor))
+        self._start = np.concatenate([R_WD.ravel(), p_WD, -R_WD[:, 2]])
+        self._anchor = int(self.DeclareDiscreteState(self._start))
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
         self._plan = self.DeclareVectorOutputPort(
             "plan",
@@ -110,8 +111,20 @@ class MachiningReference(LeafSystem):
             "feedback_valid": 1,
         }
 
-    def _calc_plan(self, context: Context, output: BasicVector) -> None:
-        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+    @property
+    def initial_state(self) -> Array:
+        """(7 + 15,) both states, before the first tick."""
+        return np.concatenate([initial_state(), self._start])
+
+    def write_plan(
+        self, t: float, phases: Array, anchor: Array, q: Array, J: Array, plan: Array
+    ) -> None:
+        """Writes the port `plan` at time t (s).
+
+        Args:
+            phases, anchor: (7,), (15,) the states.
+            q, J: (n,), (6, n) of the model.
+        """
         machining_reference(
             self._phases_table,
             self._table,
@@ -120,18 +133,31 @@ class MachiningReference(LeafSystem):
             self._setpoint,
             self._trusted,
             self._pushes_on,
-            context.get_time(),
-            context.get_discrete_state(self._phases).value(),
-            context.get_discrete_state(self._anchor).value(),
-            terms.q,
-            terms.J,
+            t,
+            phases,
+            anchor,
+            q,
+            J,
             self._scratch,
-            output.get_mutable_value(),
+            plan,
         )
 
-    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        # It starts from what it is now.
+    def advance(
+        self,
+        t: float,
+        q: Array,
+        R_WE: Array,
+        p_WE: Array,
+        wrench: Array,
+        phases: Array,
+        anchor: Array,
+    ) -> None:
+        """Takes the tick that begins at t into `phases` and `anchor`.
+
+        Args:
+            q, R_WE, p_WE: (n,), (3, 3), (3,) of the model.
+            wrench: (6,) the force feedback.
+        """
         advance_reference(
             self._phases_table,
             self._lower,
@@ -141,6 +167,30 @@ class MachiningReference(LeafSystem):
             self._trusted,
             self._pushes_on,
             self._time_step,
+            t,
+            q,
+            R_WE,
+            p_WE,
+            wrench,
+            phases,
+            anchor,
+        )
+
+    def _calc_plan(self, context: Context, output: BasicVector) -> None:
+        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        self.write_plan(
+            context.get_time(),
+            context.get_discrete_state(self._phases).value(),
+            context.get_discrete_state(self._anchor).value(),
+            terms.q,
+            terms.J,
+            output.get_mutable_value(),
+        )
+
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        # It starts from what it is now.
+        self.advance(
             context.get_time(),
             terms.q,
             terms.R_WE,

@@ -184,8 +184,8 @@ def findings(metrics: dict[str, Any]) -> list[str]:
         f"Behind the observer's low-pass (K_0 = 20) Y errs on the initial path by {filtered:.2f} N "
         f"({change_between(before['rmse_y_n'], filtered)}) and by {ours['rmse_y_n']:.2f} N on the "
         "path found here, read `bayesian`.",
-        "The stated band comes from two periods of an excitation trajectory (torque of the one "
-        "minus the other's) and from where both cycles' encoders say that a joint may carry "
+        "The stated band comes from slow motion that is done twice (torque of the one run minus "
+        "the other's) and from where both cycles' encoders say that a joint may carry "
         "another friction than a cycle ago (models/identification/repetition_error.py): it holds "
         f"{100 * before['share_in_95_band']:.0f} % (initial), "
         f"{100 * after['share_in_95_band']:.0f} % (optimised) and "

@@ -24,7 +24,6 @@ from analyses.methods.runs.task_runs import (
     PATHS,
     RepetitionReader,
     TaskRun,
-    highest_speed,
     on_path,
     read_repetition,
     run_task,
@@ -90,7 +89,7 @@ class RepeatedCycles:
         runs: by path.
         readings: by variant.
         scenario: as run, on the initial path.
-        torque_sd: (n,) N m of eq. 4 by noise alone, raw, as an excitation shows it.
+        torque_sd: (n,) N m of eq. 4 by noise alone, raw, as slow motion shows it.
         filtered_torque_sd: (n,) N m, the same behind K_0.
         filtered_torque_rms: (n,) N m by path, what eq. 4 behind K_0 reads in the second cycle.
     """
@@ -110,11 +109,9 @@ def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCyc
     motion = scenario.motion
     assert isinstance(motion, LineMotion)
     period = round(2 * motion.one_way / scenario.time_step)
-    scenarios = {path: on_path(scenario, robot, *task_path(robot, path)) for path in PATHS}
     learnt = repetition_errors(
         robot,
-        K_0,
-        highest_speed(list(scenarios.values()), robot),
+        (None, K_0),
         context.seed,
         context.quick,
         lambda share, what: context.progress(0.05 * share, what),
@@ -123,11 +120,12 @@ def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCyc
     runs: dict[str, TaskRun] = {}
     readings: dict[str, ForceReading] = {}
     torque_rms: dict[str, Array] = {}
-    for k, (path, moved) in enumerate(scenarios.items()):
+    for k, path in enumerate(PATHS):
 
         def told(share: float, what: str, k: int = k) -> None:
             context.progress(0.05 + 0.85 * (k + share) / len(PATHS), what)
 
+        moved = on_path(scenario, robot, *task_path(robot, path))
         run = run_task(moved, robot, path, told).between(motion.lead_in)
         runs[path] = run
         torque = repetition_torque(run.recording, robot, period, K_0)

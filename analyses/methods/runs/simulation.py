@@ -436,6 +436,7 @@ def simulate(
         trajectory=trajectory,
         machining_path=plan,
         taught=taught,
+        fused=graph is None,  # a drawing shows the blocks
         estimator_model=reads,
     )
     files: list[Path] = []

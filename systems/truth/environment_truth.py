@@ -15,6 +15,7 @@ from models.rigid_body.serial_chain import RigidBodyTerms
 from models.signals.tool_contact import CONTACT_SIZE, NORMAL_SIZE, add_contact, sum_with_contact
 
 _NO_MOMENT = np.zeros(3)
+_Pose = tuple[Array, Array, float]  # p_WE, R_WE and the tip's radius
 
 
 class EnvironmentTruth(LeafSystem):
@@ -88,23 +89,44 @@ class EnvironmentTruth(LeafSystem):
         """The parts of `truth`, in their order."""
         return 6, num_joints, NORMAL_SIZE
 
+    def write_truth(
+        self,
+        results: ContactResults | None,
+        applied: Array,
+        tau_contact: Array,
+        J: Array,
+        R_WE: Array,
+        p_WE: Array,
+        truth: Array,
+    ) -> None:
+        """Writes the port `truth`.
+
+        Args:
+            results: of the plant; None: nothing to touch.
+            applied, tau_contact: (6,), (n,).
+            J, R_WE, p_WE: of the true robot.
+        """
+        contact = np.zeros(CONTACT_SIZE)
+        if results is not None:
+            pose = (p_WE, R_WE, self._tip_radius)
+            self._add_points(results, pose, contact)
+            self._add_patches(results, pose, contact)
+        sum_with_contact(applied, contact, J, tau_contact, truth)
+
     def _calc_truth(self, context: Context, output: BasicVector) -> None:
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        contact = np.zeros(CONTACT_SIZE)
-        if self._results.HasValue(context):
-            results = cast(ContactResults, self._results.Eval(context))
-            self._add_points(results, terms, contact)
-            self._add_patches(results, terms, contact)
-        torque = self._tau_contact
-        sum_with_contact(
+        torque, results = self._tau_contact, self._results
+        self.write_truth(
+            cast(ContactResults, results.Eval(context)) if results.HasValue(context) else None,
             self._applied.Eval(context),
-            contact,
-            terms.J,
             torque.Eval(context) if torque.HasValue(context) else self._no_torque,
+            terms.J,
+            terms.R_WE,
+            terms.p_WE,
             output.get_mutable_value(),
         )
 
-    def _add_points(self, results: ContactResults, terms: RigidBodyTerms, contact: Array) -> None:
+    def _add_points(self, results: ContactResults, pose: _Pose, contact: Array) -> None:
         for i in range(results.num_point_pair_contacts()):
             point = results.point_pair_contact_info(i)
             if int(point.bodyB_index()) == self._tool_body:
@@ -113,10 +135,9 @@ class EnvironmentTruth(LeafSystem):
                 force = -point.contact_force()
             else:
                 continue
-            p_WC = point.contact_point()
-            self._add(terms, force, _NO_MOMENT, p_WC, contact)
+            add_contact(*pose, force, _NO_MOMENT, point.contact_point(), contact)
 
-    def _add_patches(self, results: ContactResults, terms: RigidBodyTerms, contact: Array) -> None:
+    def _add_patches(self, results: ContactResults, pose: _Pose, contact: Array) -> None:
         for i in range(results.num_hydroelastic_contacts()):
             patch = results.hydroelastic_contact_info(i)
             surface = patch.contact_surface()
@@ -125,12 +146,7 @@ class EnvironmentTruth(LeafSystem):
                 wrench = -wrench
             elif surface.id_M() not in self._tool_geometries:
                 continue
-            self._add(terms, wrench[3:], wrench[:3], surface.centroid(), contact)
-
-    def _add(
-        self, terms: RigidBodyTerms, force: Array, moment: Array, p_WC: Array, contact: Array
-    ) -> None:
-        add_contact(terms.p_WE, terms.R_WE, self._tip_radius, force, moment, p_WC, contact)
+            add_contact(*pose, wrench[3:], wrench[:3], surface.centroid(), contact)
 
     def _calc_wrench_true(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._truth.Eval(context)[:6])

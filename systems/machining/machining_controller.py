@@ -1,0 +1,182 @@
+"""Reference, estimator and controller of machining in one block."""
+
+import numpy as np
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+from models.arrays import Array
+from models.machining.air_pass import TaughtTorque, taught_tick
+from models.rigid_body.serial_chain import SerialChain
+from systems.impedance_controller import ImpedanceController
+from systems.machining.machining_reference import MachiningReference
+from systems.wrench_estimator import WrenchEstimatorSystem
+
+_POSE_SIZE = 12
+
+
+class MachiningController(LeafSystem):
+    """What machines with an arm, between its encoders and its drives, in two calls a tick.
+
+    It does what these blocks do when they are connected to each other: `MachiningReference`,
+    `WrenchEstimatorSystem`, `ImpedanceController` and, where an air pass taught something,
+    `TaughtTorqueSource`. It asks them for their halves of a tick in turn, so that the numbers are
+    theirs to the last bit. Parameters cannot be changed: those of the blocks are taken.
+
+                    +---------------------+ --> action
+      q        -->  |                     |
+      v        -->  | MachiningController | --> terms
+      current  -->  |                     |
+      wrench   -->  |                     |
+                    +---------------------+
+
+    Inputs:  q, v     (n,) rad, rad/s, as they are read
+             current  (n,) A, as the drives report it
+             wrench   (6,) F_E_W of a sensor, environment on robot, rotation first; with
+                      reads_sensor only: else the estimate is fed back
+    Outputs: action   tau_command (n,), N m, and all that is known with it, one after another, in
+                      one port; Drake's Demultiplexer splits it with `sizes`
+             terms    RigidBodyTerms (abstract) of the model, for pictures
+    State:   that of the estimator, of the reference (7 + 15), of the controller (1), flat
+
+    Args:
+        reference, estimator, controller: blocks that stand in no diagram.
+        chain: the estimator's model.
+        taught: of an air pass along the reference's path.
+        time_step: s.
+        reads_sensor: whether force control feeds back a sensor's wrench.
+
+    Raises:
+        ValueError: an observer that reads the present torque, which only the command makes.
+    """
+
+    def __init__(
+        self,
+        reference: MachiningReference,
+        estimator: WrenchEstimatorSystem,
+        controller: ImpedanceController,
+        taught: TaughtTorque | None,
+        time_step: float,
+        reads_sensor: bool,
+    ) -> None:
+        LeafSystem.__init__(self)
+        if estimator.estimator.observer.reads_present_torque:
+            raise ValueError("machining: an observer that reads the present torque closes a loop")
+        self._reference, self._estimator, self._controller = reference, estimator, controller
+        self._chain: SerialChain = estimator.estimator.chain
+        self._n = n = self._chain.num_joints
+        self._tables, self._gains = estimator.default_tables(), controller.default_gains
+        self._taught: tuple[Array, Array, float] | None = None
+        if taught is not None:
+            assert taught.steady is not None
+            self._taught = (taught.tau_ext, taught.steady, float(taught.t[1]))
+        self._q, self._v, self._current = (
+            self.DeclareVectorInputPort(name, n) for name in ("q", "v", "current")
+        )
+        self._wrench = self.DeclareVectorInputPort("wrench", 6) if reads_sensor else None
+        memory = estimator.initial_state()
+        self._estimator_end = len(memory)
+        self._phases_end = self._estimator_end + 7
+        initial = np.concatenate([memory, reference.initial_state, np.zeros(1)])
+        state = self.DeclareDiscreteState(initial)
+        self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
+        motion = {self._q.ticket(), self._v.ticket()}
+        known = motion | {self.time_ticket(), self.discrete_state_ticket(state)}
+        if self._wrench is not None:
+            known.add(self._wrench.ticket())
+        self._plan = reference.sizes(n)
+        sizes = self.sizes
+        ends = dict(zip(sizes, np.cumsum(list(sizes.values())).tolist(), strict=True))
+        self._size = ends["pose"]
+        self._integral_at = ends["integral"] - 1
+        self._plan_from, self._plan_to = ends["integral"], ends["feedback_valid"]
+        self._pose_from, self._reference_from = ends["integral"], ends["pose_reference"]
+        self._reference_to = ends["reference"]
+        self._wrench_at = slice(ends["tau_ext"], ends["wrench"])
+        self._reading_at = slice(ends["feedback_valid"], ends["rest"])
+        self._pose_at = ends["rest"]
+        self._action = self.DeclareVectorOutputPort("action", self._size, self._calc_action, known)
+        self.DeclareAbstractOutputPort(
+            "terms", lambda: AbstractValue.Make(object()), self._calc_terms, motion
+        )
+        # Memory that is settled once; nothing in it outlives a call.
+        self._terms = self._chain.terms(np.zeros(n), np.zeros(n))
+        self._lesson = np.zeros(n + 1)
+        self._unread = np.zeros(n)
+
+    @property
+    def impedance(self) -> ImpedanceController:
+        """The controller in it."""
+        return self._controller
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """The parts of `action`, in their order: ports of the blocks, then the pose of E."""
+        torque, error, integral = self._controller.sizes(self._n)
+        reading = dict(
+            zip(
+                ("tau_ext", "wrench", "covariance", "condition_number", "valid", "rest"),
+                self._estimator.reading_sizes,
+                strict=True,
+            )
+        )
+        action = {"tau_command": torque, "pose_error": error, "integral": integral}
+        return action | self._plan | reading | {"pose": _POSE_SIZE}
+
+    def _calc_action(self, context: Context, output: BasicVector) -> None:
+        state, out = context.get_discrete_state_vector().value(), output.get_mutable_value()
+        q, v = self._q.Eval(context), self._v.Eval(context)
+        terms = self._terms
+        terms.q[:], terms.v[:] = q, v
+        self._chain.write_terms(terms)
+        plan, reading = out[self._plan_from : self._plan_to], out[self._reading_at]
+        end, anchor = self._estimator_end, self._phases_end
+        self._reference.write_plan(
+            context.get_time(), state[end:anchor], state[anchor:-1], q, terms.J, plan
+        )
+        reference = out[self._reference_from : self._reference_to]
+        taught, n = None, self._n
+        if self._taught is not None:
+            lesson = self._lesson
+            taught_tick(*self._taught, plan[-2], lesson)
+            taught = (lesson[:n], reference[n : 2 * n], lesson[n])
+        self._estimator.read(self._tables, state[:end], q, v, self._unread, taught, reading)
+        self._controller.write_action(
+            self._gains,
+            terms,
+            out[self._pose_from : self._reference_from],
+            reference,
+            bool(plan[-6] > 0.5),
+            bool(plan[-1] > 0.5),
+            plan[-7],
+            out[self._wrench_at] if self._wrench is None else self._wrench.Eval(context),
+            state[-1],
+            out[: self._plan_from],
+        )
+        pose = out[self._pose_at :]
+        pose[:9], pose[9:] = terms.R_WE.ravel(), terms.p_WE
+
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        action, state = self._action.Eval(context), discrete_state.get_mutable_value()
+        q, end, anchor = self._q.Eval(context), self._estimator_end, self._phases_end
+        self._estimator.take(
+            self._tables,
+            state[:end],
+            q,
+            self._v.Eval(context),
+            self._current.Eval(context),
+            action[self._reading_at],
+        )
+        pose = action[self._pose_at :]
+        self._reference.advance(
+            context.get_time(),
+            q,
+            pose[:9].reshape(3, 3),
+            pose[9:],
+            action[self._wrench_at] if self._wrench is None else self._wrench.Eval(context),
+            state[end:anchor],
+            state[anchor:-1],
+        )
+        state[-1] = action[self._integral_at]
+
+    def _calc_terms(self, context: Context, output: Value) -> None:
+        output.set_value(self._chain.terms(self._q.Eval(context), self._v.Eval(context)))

@@ -1,0 +1,232 @@
+"""The true arm at machining in one block."""
+
+from typing import cast
+
+import numpy as np
+from pydrake.common.value import AbstractValue, Value
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import ContactResults, ExternallyAppliedSpatialForce
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+from models.arrays import Array
+from models.machining.machining_process import FORCE
+from models.rigid_body.chain_kernels import SCRATCH_COLUMNS
+from models.rigid_body.serial_chain import SerialChain
+from models.signals.current_measurement import update_lag
+from models.truth.free_arm import VELOCITY_STREAM, WANDER_STREAM
+from models.truth.joint_kernels import EXTERNAL, MOTOR_CURRENT, SIGNALS
+from models.truth.machined_arm import arm_drives, arm_motion, motion_size
+from models.truth.true_joints import TrueJoints
+from systems.force_torque_sensor import ForceTorqueSensor
+from systems.gaussian_noise_source import tick_of
+from systems.machining.machining_process import MachiningProcessSystem
+from systems.motor_current_sensor import MotorCurrentSensor
+from systems.truth.environment_truth import EnvironmentTruth
+
+
+class MachinedArm(LeafSystem):
+    """What is true of an arm at machining besides its plant, in five calls a tick.
+
+    It does what these blocks do when they are connected to each other: `RigidBodyTermsSystem` of
+    the true robot, `TrueJointsSystem`, `MotorCurrentSensor`, `EnvironmentTruth`,
+    `MachiningProcessSystem` and `ForceTorqueSensor`, by the same kernels in the same order, so that
+    the numbers are theirs to the last bit. Parameters cannot be changed: those of the blocks are
+    taken.
+
+                          +-------------+ --> motion
+      state           --> |             |
+      current_command --> |             | --> drives
+      contact_results --> | MachinedArm | --> spatial_forces
+      tau_contact     --> |             |
+      reaction_forces --> |             | --> truth
+      vdot            --> |             |
+                          +-------------+ --> wrench_unbalance
+
+    Inputs:  state             (2n,) q and v of the links, of the plant
+             current_command   (n,) A, within the drives' limits
+             contact_results, tau_contact, reaction_forces, vdot  of the plant
+    Outputs: motion            q and v as they are read (n,), the rigid-body terms, and the wrench
+                               of the force/torque sensor (6,)
+             drives            (5n + ...,) signals of TrueJointsSystem, current as it is reported,
+                               and the joints' state at the tick's end
+             spatial_forces    list of one ExternallyAppliedSpatialForce (abstract)
+             truth             (6 + n + 4,) of EnvironmentTruth
+             wrench_unbalance  (6,) of MachiningProcessSystem
+    State:   of the joints, the current sensor (n,), the process, its wrench (6,), the force/torque
+             sensor, flat
+
+    Args:
+        chain: of the true robot.
+        joints: the true joints.
+        seed: of the velocities' noise and of what friction wanders by.
+        truth, process: blocks that stand in no diagram.
+        current: the same, with its seed; None: the true current is reported.
+        sensor: the same; None: there is none, and motion holds zeros.
+        sensor_seed: of the current's noise.
+    """
+
+    def __init__(
+        self,
+        chain: SerialChain,
+        joints: TrueJoints,
+        seed: int,
+        truth: EnvironmentTruth,
+        process: MachiningProcessSystem,
+        current: MotorCurrentSensor | None,
+        sensor: ForceTorqueSensor | None,
+        sensor_seed: int,
+    ) -> None:
+        LeafSystem.__init__(self)
+        n = joints.num_joints
+        self._n, self._joints, self._time_step = n, joints, joints.time_step
+        self._truth_of, self._process, self._sensor = truth, process, sensor
+        self._table, self._chain = joints.table, np.ascontiguousarray(chain.table)
+        self._current_table = np.empty((0, n)) if current is None else current.default_table
+        self._seeds = (seed + WANDER_STREAM, sensor_seed)
+        self._velocity_seed = seed + VELOCITY_STREAM
+        self._x = self.DeclareVectorInputPort("state", 2 * n)
+        self._command = self.DeclareVectorInputPort("current_command", n)
+        self._results = self.DeclareAbstractInputPort("contact_results", Value[ContactResults]())
+        self._tau_contact = self.DeclareVectorInputPort("tau_contact", n)
+        self._reactions = self.DeclareAbstractInputPort(
+            "reaction_forces", Value[list[SpatialForce]]()
+        )
+        self._vdot = self.DeclareVectorInputPort("vdot", n)
+        parts = {
+            "joints": joints.initial_state().ravel(),
+            "lagged": np.full(n, np.nan),
+            "process": process.initial_state,
+            "own": np.zeros(6),
+            "sensor": np.zeros(6),
+            "filter": np.zeros(0 if sensor is None else sensor.memory_size),
+        }
+        ends = np.cumsum([len(part) for part in parts.values()]).tolist()
+        starts = [0, *ends[:-1]]
+        self._of_joints, self._lagged, self._of_process, self._own, self._wrench, self._filter = (
+            slice(*pair) for pair in zip(starts, ends, strict=True)
+        )
+        state = self.DeclareDiscreteState(np.concatenate(list(parts.values())))
+        self.DeclarePeriodicDiscreteUpdateEvent(self._time_step, 0.0, self._update)
+        memory = self.discrete_state_ticket(state)
+        known = {self._x.ticket(), self.time_ticket(), memory}
+        self._motion = self.DeclareVectorOutputPort(
+            "motion", sum(self.motion_sizes), self._calc_motion, known
+        )
+        self._drives = self.DeclareVectorOutputPort(
+            "drives", sum(self.drive_sizes), self._calc_drives, known | {self._command.ticket()}
+        )
+        self.DeclareAbstractOutputPort(
+            "spatial_forces",
+            Value[list[ExternallyAppliedSpatialForce]],
+            self._calc_spatial_forces,
+            known,
+        )
+        met = {self._x.ticket(), memory, self._results.ticket(), self._tau_contact.ticket()}
+        self._truth = self.DeclareVectorOutputPort(
+            "truth", sum(EnvironmentTruth.sizes(n)), self._calc_truth, met | {self.time_ticket()}
+        )
+        self.DeclareVectorOutputPort("wrench_unbalance", 6, self._calc_unbalance, known)
+        # Memory that is settled once; nothing in it outlives a call.
+        self._scratch = np.empty((n, SCRATCH_COLUMNS))
+
+    @property
+    def motion_sizes(self) -> list[int]:
+        """Of q, v, the rigid-body terms and the sensor's wrench in `motion`."""
+        n = self._n
+        return [n, n, motion_size(n) - 2 * n, 6]
+
+    @property
+    def drive_sizes(self) -> list[int]:
+        """Of the four signals of the joints, the reported current and the rest in `drives`."""
+        rest = self._of_joints.stop
+        return [self._n] * (SIGNALS + 1) + [rest]
+
+    def _calc_motion(self, context: Context, output: BasicVector) -> None:
+        state, out = context.get_discrete_state_vector().value(), output.get_mutable_value()
+        arm_motion(
+            self._chain,
+            self._table,
+            self._joints.on_motor,
+            self._velocity_seed,
+            tick_of(context.get_time(), self._time_step),
+            self._x.Eval(context),
+            state[self._of_joints],
+            self._scratch,
+            out[:-6],
+        )
+        out[-6:] = state[self._wrench]
+
+    def _calc_drives(self, context: Context, output: BasicVector) -> None:
+        state = context.get_discrete_state_vector().value()
+        arm_drives(
+            self._table,
+            self._current_table,
+            self._time_step,
+            *self._seeds,
+            tick_of(context.get_time(), self._time_step),
+            self._x.Eval(context),
+            self._motion.Eval(context),
+            self._command.Eval(context),
+            state[self._of_joints],
+            state[self._lagged],
+            output.get_mutable_value(),
+        )
+
+    def _tool(self, motion: Array) -> tuple[Array, Array, Array, Array]:
+        """J, R_WE, p_WE and V_WE of what `arm_motion` wrote."""
+        end = len(motion) - 6
+        R, J = end - 18, end - 18 - 6 * self._n
+        return (
+            motion[J:R].reshape(6, -1),
+            motion[R : R + 9].reshape(3, 3),
+            motion[R + 9 : R + 12],
+            motion[R + 12 : end],
+        )
+
+    def _unbalanced(self, context: Context, wrench: Array) -> Array:
+        _, R_WE, _, _ = self._tool(self._motion.Eval(context))
+        self._process.add_unbalance(context.get_time(), R_WE, wrench)
+        return wrench
+
+    def _calc_unbalance(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._unbalanced(context, np.zeros(6)))
+
+    def _calc_spatial_forces(self, context: Context, output: AbstractValue) -> None:
+        own = context.get_discrete_state_vector().value()[self._own]
+        output.set_value(self._process.applied_at_E(self._unbalanced(context, own.copy())))
+
+    def _calc_truth(self, context: Context, output: BasicVector) -> None:
+        J, R_WE, p_WE, _ = self._tool(self._motion.Eval(context))
+        self._truth_of.write_truth(
+            cast(ContactResults, self._results.Eval(context)),
+            context.get_discrete_state_vector().value()[self._own],
+            self._tau_contact.Eval(context),
+            J,
+            R_WE,
+            p_WE,
+            output.get_mutable_value(),
+        )
+
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        n, t, state = self._n, context.get_time(), discrete_state.get_mutable_value()
+        truth, drives = self._truth.Eval(context), self._drives.Eval(context)
+        J, R_WE, p_WE, V_WE = self._tool(self._motion.Eval(context))
+        state[self._of_joints] = drives[(SIGNALS + 1) * n :]
+        state[EXTERNAL * n : (EXTERNAL + 1) * n] = truth[6 : 6 + n]
+        if len(self._current_table):
+            current = drives[MOTOR_CURRENT * n : (MOTOR_CURRENT + 1) * n]
+            update_lag(self._current_table[0], self._time_step, current, state[self._lagged])
+        process = state[self._of_process]
+        self._process.advance(t, truth[6 + n :], V_WE, p_WE, process)
+        state[self._own][3:] = process[FORCE]
+        if self._sensor is not None:
+            self._sensor.measure(
+                (J, R_WE, V_WE),
+                self._x.Eval(context)[n:],
+                self._vdot.Eval(context),
+                self._reactions.Eval(context),
+                self._sensor.default_noise_sd,
+                self._sensor.own_noise(t),
+                state[self._wrench],
+                state[self._filter],
+            )

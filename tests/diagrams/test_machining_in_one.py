@@ -1,0 +1,252 @@
+"""Machining in two blocks: the numbers of the chain of blocks, in fewer calls into Python."""
+
+import collections
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from diagrams.closed_loop import make_closed_loop
+from diagrams.machining import make_machining_path
+from diagrams.scenario import HoldMotion, Scenario, load_scenario
+from models.control.wrench_script import WrenchStep
+from models.files.input_error import InputError
+from models.friction.presliding_friction import PreslidingFriction
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.identification.identified_model import IdentifiedModel
+from models.identification.torque_error_model import TorqueErrorModel
+from models.machining.air_pass import TaughtTorque
+from models.machining.machining_phases import Phase
+from models.observers.kalman_observer import KalmanObserverConfig
+from models.observers.momentum_observer import MomentumObserverConfig
+from models.robot.robot import Robot
+from models.truth.true_robot import plain_truth
+from systems.force_torque_sensor import ForceTorqueSensorConfig
+
+SYSTEMS = str(Path(sys.modules[MomentumObserverConfig.__module__].__file__).parents[2] / "systems")
+SHORT = {
+    "standoff": 0.0012,
+    "search": 0.001,
+    "rise": 0.02,
+    "settle": 0.01,
+    "release": 0.02,
+    "lift": 0.002,
+}
+
+
+@pytest.fixture(scope="module")
+def hard():
+    """The arm with the mechanisms of real joints."""
+    return Robot.load("sts_sre4_600")
+
+
+def short(name):
+    scenario = load_scenario(name)
+    machining = scenario.machining
+    phases = replace(machining.phases, **SHORT)
+    return replace(scenario, machining=replace(machining, one_way=0.5, phases=phases))
+
+
+def plain_model(robot):
+    law = CoulombViscous(robot.truth.stiction, robot.truth.viscous, np.zeros(6))
+    return replace(IdentifiedModel.nominal(robot), friction=SemiParametricFriction(law))
+
+
+def knowing_model(robot):
+    """With friction that has a memory and a torque error, as an air pass leaves it."""
+    ones = np.ones(6)
+    law = CoulombViscous(robot.truth.stiction, robot.truth.viscous, np.zeros(6))
+    friction = PreslidingFriction(
+        SemiParametricFriction(CoulombViscous(0.0 * ones, law.viscous, 0.1 * ones)),
+        coulomb=law.coulomb,
+        stribeck=ones,
+        stribeck_velocity=0.1 * ones,
+        load=0.02 * ones,
+        cubic=0.2 * ones,
+        weight=np.ones((6, 1)),
+        displacement=np.full((6, 1), 1e-3),
+    )
+    error = TorqueErrorModel(
+        constant=0.3 * ones,
+        speed=0.2 * ones,
+        load=0.02 * ones,
+        acceleration=0.01 * ones,
+        reversal=0.3 * ones,
+        correlation=0.1 + 0.9 * np.eye(6),
+        correlation_time=0.3 * ones,
+        lasting=0.1 * ones,
+        fitted_speed=1.5 * ones,
+        fitted_load=30.0 * ones,
+        K_0=20.0 * ones,
+        resolution=1e-4 * ones,
+    )
+    return replace(IdentifiedModel.nominal(robot), friction=friction, torque_error=error)
+
+
+def lesson(plan):
+    rng = np.random.default_rng(3)
+    t = plan.trajectory.t
+    return TaughtTorque(t, rng.normal(size=(len(t), 6)), (rng.random(len(t)) < 0.8).astype(float))
+
+
+def run(scenario, robot, fused, duration=0.5, **options):
+    loop = make_closed_loop(scenario, robot, fused=fused, also_log=("tau_f_true",), **options)
+    simulator = Simulator(loop.diagram)
+    simulator.AdvanceTo(duration)
+    return loop.logged(simulator.get_context())[1], loop
+
+
+@pytest.mark.parametrize(
+    ("name", "knows", "varied"),
+    [
+        ("Polishing", False, {}),
+        ("PolishingSensorless", True, {}),
+        ("GrindingSensorless", False, {}),
+        ("Grinding", True, {}),
+        ("Polishing", False, {"current_noise": False, "friction": "coulomb_viscous"}),
+        ("Polishing", False, {"wrench": [WrenchStep(0.1, 0.2, [3.0, 0.0, 0.0])]}),
+        ("PolishingSensorless", False, {"force_torque_sensor": None, "current_noise": False}),
+        (
+            "Polishing",
+            False,
+            {"force_torque_sensor": ForceTorqueSensorConfig(cutoff=20.0), "seed": 5},
+        ),
+    ],
+)
+def test_two_blocks_give_the_numbers_of_many(hard, name, knows, varied):
+    """To the last bit, from the approach over touch and work to the lift."""
+    scenario = replace(short(name), **varied)
+    plan = make_machining_path(scenario, hard)
+    model = plain_model(hard)
+    options = {"model": model, "machining_path": plan}
+    if knows:
+        options |= {"taught": lesson(plan), "estimator_model": knowing_model(hard)}
+    one, loop = run(scenario, hard, True, **options)
+    many, chain = run(scenario, hard, False, **options)
+    assert loop.diagram.HasSubsystemNamed("machining_reference") is False
+    assert chain.diagram.HasSubsystemNamed("machining_reference") is True
+    assert one.keys() == many.keys()
+    for signal, values in one.items():
+        np.testing.assert_array_equal(values, many[signal], err_msg=signal)
+    assert Phase.WORK in one["phase"]
+    assert np.abs(one["wrench_true"]).max() > 5.0
+
+
+def test_other_observers_fit_in_as_well(hard):
+    scenario = short("Polishing")
+    observer = KalmanObserverConfig()
+    scenario = replace(scenario, estimator=replace(scenario.estimator, observer=observer))
+    plan = make_machining_path(scenario, hard)
+    options = {"model": plain_model(hard), "machining_path": plan, "duration": 0.15}
+    one, many = (run(scenario, hard, fused, **options)[0] for fused in (True, False))
+    for signal, values in one.items():
+        np.testing.assert_array_equal(values, many[signal], err_msg=signal)
+
+
+def test_without_mechanisms_the_arm_is_many_blocks_and_the_controller_one(hard):
+    scenario, robot = short("Polishing"), plain_truth(hard)
+    plan = make_machining_path(scenario, robot)
+    options = {"model": plain_model(robot), "machining_path": plan, "duration": 0.1}
+    (one, loop), (many, _) = (run(scenario, robot, fused, **options) for fused in (True, False))
+    assert not loop.cell.diagram.HasSubsystemNamed("machined_arm")
+    for signal, values in one.items():
+        np.testing.assert_array_equal(values, many[signal], err_msg=signal)
+
+
+def test_damping_that_chatters_is_refused_as_of_the_blocks(hard):
+    scenario = short("Polishing")
+    controller = replace(scenario.controller, damping=np.array([700.0, 700, 400, 300, 300, 300]))
+    scenario = replace(scenario, controller=controller)
+    plan = make_machining_path(scenario, hard)
+    with pytest.raises(InputError, match="chatter"):
+        make_closed_loop(scenario, hard, plain_model(hard), machining_path=plan, fused=True)
+
+
+def calls_of(simulator, until):
+    """How often each block is called from Drake up to then."""
+    calls = collections.Counter()
+
+    def watch(frame, event, _):
+        code = frame.f_code
+        name = code.co_name
+        ours = event == "call" and code.co_filename.startswith(SYSTEMS)
+        if ours and (name.startswith("_calc") or name == "_update"):
+            calls[type(frame.f_locals["self"]).__name__, name] += 1
+
+    sys.setprofile(watch)
+    try:
+        simulator.AdvanceTo(until)
+    finally:
+        sys.setprofile(None)
+    return calls
+
+
+@pytest.mark.parametrize("name", ["Polishing", "PolishingSensorless", "Grinding"])
+@pytest.mark.parametrize("knows", [False, True])
+def test_a_tick_takes_seven_calls_two_of_them_of_estimator_and_controller(hard, name, knows):
+    scenario = short(name)
+    plan = make_machining_path(scenario, hard)
+    more = {"taught": lesson(plan), "estimator_model": knowing_model(hard)} if knows else {}
+    loop = make_closed_loop(
+        scenario, hard, plain_model(hard), machining_path=plan, fused=True, **more
+    )
+    simulator = Simulator(loop.diagram)
+    simulator.AdvanceTo(0.01)
+    calls = calls_of(simulator, 0.02)
+    assert {call: count / 10 for call, count in calls.items()} == {
+        ("MachiningController", "_calc_action"): 1.0,
+        ("MachiningController", "_update"): 1.0,
+        ("MachinedArm", "_calc_motion"): 1.0,
+        ("MachinedArm", "_calc_drives"): 1.0,
+        ("MachinedArm", "_calc_spatial_forces"): 1.0,
+        ("MachinedArm", "_calc_truth"): 1.0,
+        ("MachinedArm", "_update"): 1.0,
+    }
+
+
+def test_what_only_the_log_asks_for_runs_when_the_log_does(hard):
+    """An arm held in the air: nobody but the log asks what acts on it, or reads the wrench."""
+    scenario = Scenario(motion=HoldMotion(), wrench=[WrenchStep(0.0, 1.0, [3.0, 0.0, 0.0])])
+    counted = {}
+    for period in (None, 0.01):
+        loop = make_closed_loop(
+            scenario,
+            plain_truth(hard),
+            plain_model(hard),
+            also_log=("wrench_unbalance",),
+            log_period=period,
+        )
+        simulator = Simulator(loop.diagram)
+        simulator.AdvanceTo(0.1)
+        counted[period] = calls_of(simulator, 0.2)
+        t, _ = loop.logged(simulator.get_context())
+        np.testing.assert_allclose(np.diff(t), period or 1e-3)
+    reading = ("JacobianWrenchReconstruction", "_calc_reading")
+    assert counted[None][reading] == 100
+    assert counted[0.01][reading] == 10
+    # The observer has a state: it takes every tick.
+    observer = ("ExternalTorqueObserver", "_update")
+    assert counted[None][observer] == counted[0.01][observer] == 100
+
+
+def test_a_machining_log_of_every_tenth_tick_asks_the_arm_no_less(hard):
+    """Contact, friction and sensors have states: the log's period changes none of their numbers."""
+    scenario = short("Polishing")
+    plan = make_machining_path(scenario, hard)
+    every, tenth = (
+        run(
+            scenario,
+            hard,
+            True,
+            0.2,
+            model=plain_model(hard),
+            machining_path=plan,
+            log_period=period,
+        )[0]
+        for period in (None, 0.01)
+    )
+    for signal, values in tenth.items():
+        np.testing.assert_array_equal(values, every[signal][::10], err_msg=signal)
