@@ -10,6 +10,7 @@ import numpy as np
 from models.arrays import Array
 from models.control.wrench_script import WrenchSegment
 from models.estimation.estimator import WrenchEstimatorConfig
+from models.estimation.wrench import known_of_wrench
 from models.excitation.fourier_trajectory import FourierCoefficients, FourierTrajectory
 from models.files.configuration import load_configuration, nearest
 from models.files.input_error import InputError
@@ -29,6 +30,7 @@ from models.motion.paths import (
     uniform_acceleration,
 )
 from models.motion.workpiece_shapes import BladeShapeConfig
+from models.observers.observer_kinds import kind_name, kind_of
 from models.robot.robot import Robot
 from models.robot.robot_config import PoseConfig
 from systems.force_torque_sensor import ForceTorqueSensorConfig
@@ -273,9 +275,31 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
             "force control feeds back a sensor that the scenario does not have",
             "add force_torque_sensor, or feed back the estimate",
         )
+    _check_observer(scenario, source)
     _check_workpiece(scenario.workpiece, source)
     if scenario.machining is not None:
         _check_machining(scenario, source)
+
+
+def _check_observer(scenario: Scenario, source: str) -> None:
+    kind = kind_of(scenario.estimator.observer)
+    if kind is None or kind.kernels.wrench is None:
+        return
+    name, reconstruction = kind_name(kind), scenario.estimator.reconstruction
+    if known_of_wrench(reconstruction) is None:
+        raise InputError(
+            source,
+            "estimator.reconstruction.method",
+            f"is {reconstruction.method}, for which the {name} observer has no prior",
+            "give bayesian, force_only or inverse",
+        )
+    if scenario.machining is not None and scenario.machining.air_pass > 0.0:
+        raise InputError(
+            source,
+            "machining.air_pass",
+            f"teaches joint torques, and the {name} observer reads the wrench itself",
+            "write air_pass: 0, or another estimator.observer",
+        )
 
 
 def _check_workpiece(workpiece: PlateConfig | BladeConfig | None, source: str) -> None:

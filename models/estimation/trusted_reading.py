@@ -4,6 +4,7 @@
     J as the observer saw it (`models.observers.lag`) --------------+-> wrench, covariance, valid
     tau_ext ---------------------------------------------------------+   + lag and scale
 
+Not valid is what no wrench at E explains (`models.observers.explained_torque`).
 For models that have a torque error; others read with one covariance for rest and motion alike.
 """
 
@@ -26,8 +27,15 @@ from models.identification.torque_error_model import (
     torque_sd_log,
     torque_sd_tick,
 )
+from models.observers.explained_torque import (
+    explained_log,
+    explained_table,
+    is_explained,
+    unexplained,
+)
 from models.observers.lag import (
     JACOBIAN_ROWS,
+    LAG_SETTINGS,
     LagModel,
     jacobian_seen_log,
     lag_log,
@@ -44,6 +52,8 @@ _SEEN = WORK_ROWS
 _SD, _STICTION, _LATENESS, _SLOW = range(_SEEN + 6, _SEEN + 10)
 OBSERVED = _SEEN + 10  # the observer's own wrench, and its covariance in six rows
 TRUSTED_WORK_ROWS = OBSERVED + 8  # and one for the caller
+
+_DOUBT, _SLOW_SIZE = 6, 7  # entry of s of doubt, after the slow wrench
 
 
 class TrustedReading:
@@ -80,10 +90,12 @@ class TrustedReading:
         rates = error.K_0 if K_0 is None else K_0
         self._table = error.table(friction, time_step, rates, resolution)
         self._lag = LagModel.of(K_0, n, time_step, force_bandwidth_hz, error.scale)
-        self._slow_rows = -(-6 // n)
+        self._slow_rows = -(-_SLOW_SIZE // n)
+        live = config.live_moment_sd, config.live_force_sd
+        self._explained = explained_table(error.correlation, *live, error.scale, time_step)
         self.tables = (  # of `trusted_reading_tick`
             self._table,
-            np.concatenate([self._lag.poles, self._lag.settings]),
+            np.concatenate([self._lag.poles, self._lag.settings, self._explained]),
             self.reconstruction.table,
         )
         self._nothing = np.full(n, np.nan)
@@ -184,7 +196,9 @@ class TrustedReading:
         )
         if observed is not None and observed.shape[1] > 0:
             wrench, covariance = observed[:, :6].copy(), observed[:, 6:].reshape(N, 6, 6).copy()
-        valid = (quality[:, 1] == 1.0) & fresh
+        explained = np.empty(N, np.bool_)
+        explained_log(self._explained, slow[_DOUBT:], seen, tau_ext, sd, explained)
+        valid = (quality[:, 1] == 1.0) & fresh & explained
         lag_log(self._lag.settings, slow, wrench, valid, covariance)
         return wrench, covariance, quality[:, 0], valid, sd
 
@@ -209,7 +223,7 @@ def trusted_reading_tick(
 
     Args:
         error, lag, wrench: `TrustedReading.tables`: of the torque error, of the lag (its poles,
-            then its settings), of the reconstruction.
+            then its settings) with that of `explained_torque` behind, of the reconstruction.
         state: (state_rows, n), changed.
         q, v, transmitted: (n,); what is not finite of `transmitted` leaves that of the state.
         J: (6, n).
@@ -221,7 +235,7 @@ def trusted_reading_tick(
         work: (TRUSTED_WORK_ROWS, max(n, 6)), overwritten.
     """
     n = J.shape[1]
-    poles, settings = lag[:n], lag[n:]
+    poles, settings, explained = lag[:n], lag[n : n + LAG_SETTINGS], lag[n + LAG_SETTINGS :]
     sd, stiction, slow = work[_SD, :n], work[_STICTION, :n], work[_SLOW, :6]
     seen = work[_SEEN : _SEEN + 6, :n]
     covariance, quality = reading[6:42].reshape(6, 6), reading[42:44]
@@ -239,7 +253,10 @@ def trusted_reading_tick(
             reading[i] = work[OBSERVED, i]
             for j in range(6):
                 covariance[i, j] = work[OBSERVED + 1 + i, j]
-    valid = counts and quality[1] == 1.0
+    D = unexplained(explained, seen, tau_ext, sd)
+    at_E, doubt = is_explained(explained, state[first + _DOUBT // n, _DOUBT % n], D)
+    state[first + _DOUBT // n, _DOUBT % n] = doubt
+    valid = counts and quality[1] == 1.0 and at_E
     quality[1] = 1.0 if valid else 0.0
     for k in range(6):
         slow[k] = state[first + k // n, k % n]

@@ -39,7 +39,7 @@ JACOBIAN_ROWS = 6  # of the state, (JACOBIAN_ROWS, n), NaN before the first samp
 _DOUBTED = 0.1  # pace of LP_omega where the reading is not valid
 
 # Entries of LagModel.settings.
-_POLE, _DOUBTED_POLE, _FACTOR, _SCALE = range(4)
+_POLE, _DOUBTED_POLE, _FACTOR, _SCALE, LAG_SETTINGS = range(5)
 
 
 @dataclass(frozen=True, eq=False)

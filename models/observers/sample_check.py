@@ -16,7 +16,8 @@ law takes as a sample that never came. Checked are, joint by joint,
                   encoder leaves behind, or a velocity that is none of this joint's; once over, it
                   is forgotten within DRIFT_TIME ln DRIFT_KEPT
     life          a current that stays bit by bit the same for FROZEN_TIME while its joint moves was
-                  not measured
+                  not measured; one of exactly zero for ZERO_TIME, or from the sample on at which
+                  it falls to zero from more than ZERO_FALL of the effort limit, at rest, too
 
 "before" is the last sample that was taken. After RESTART_TIME nothing is compared with it any
 more, so that a position that jumped for good is then accepted.
@@ -24,7 +25,8 @@ more, so that a position that jumped for good is then accepted.
 Largest in the logs of four real arms (three makers, 100 Hz to 1 kHz): 1.01 of the speed limit; 1.14
 of the effort limit, .5 of it from one sample to the next; .09 of the rotor's acceleration; r .06 of
 the speed limit, .13 in a fast sweep after a rise; drift .0008 s; a current that stays the same for
-.006 s.
+.006 s. Exactly zero it is for .008 s at most, from less than .073 of the effort limit before. Its
+size tells no spike: drives that start change their current by up to 1.5 of the limit in 2 ms.
 """
 
 import numpy as np
@@ -48,7 +50,8 @@ DISAGREEMENT, JITTER = 0.1, 3.0
 RISE, RISE_TIME = 4.0, 1.0  # s
 DRIFT, DRIFT_TIME = 0.01, 0.5  # s at the speed limit, s
 DRIFT_KEPT = 1.1  # of the bound
-FROZEN_TIME = 0.5  # s
+FROZEN_TIME, ZERO_TIME = 0.5, 0.05  # s
+ZERO_FALL = 0.1
 MOVES = 0.02  # of the speed limit, above which a joint moves
 RESTART_TIME, RESTART_TICKS = 0.1, 3.5  # s, and at least as many periods
 
@@ -56,7 +59,7 @@ RESTART_TIME, RESTART_TICKS = 0.1, 3.5  # s, and at least as many periods
 BEYOND, DISAGREES, FROZEN = 1, 2, 4
 
 _LOW, _HIGH, _SPEED, _CURRENT, _CURRENT_STEP = range(5)
-_ACCELERATION, _SHARE, _ENCODER, _DRIFT, _MOVING, _NUM_BOUNDS = range(5, 11)
+_ACCELERATION, _SHARE, _ENCODER, _DRIFT, _MOVING, _ZERO_FALL, _NUM_BOUNDS = range(5, 12)
 _Q, _V, _I, _AGE, _I_AGE, _LARGEST, _SUM, _SAME, _BEFORE, CHECK_ROWS = range(10)
 
 
@@ -92,6 +95,7 @@ class SampleCheck:
             _ENCODER: 0.0 if resolution is None else np.asarray(resolution, float),
             _DRIFT: DRIFT * speed,
             _MOVING: MOVES * speed,
+            _ZERO_FALL: ZERO_FALL * current,
         }.items():
             self.table[row] = values
 
@@ -258,9 +262,11 @@ def _wrong_current(
         return 0
     if abs(i) > table[_CURRENT, j]:
         return BEYOND
+    # Before the first sample it is NaN, which exceeds nothing.
+    if i == 0.0 and (abs(state[_I, j]) > table[_ZERO_FALL, j] or state[_SAME, j] >= ZERO_TIME):
+        return FROZEN
     if state[_I_AGE, j] + period > max(RESTART_TIME, RESTART_TICKS * period):
         return 0
-    # Before the first sample it is NaN, which exceeds nothing.
     if abs(i - state[_I, j]) > table[_CURRENT_STEP, j]:
         return BEYOND
     return FROZEN if i == state[_I, j] and state[_SAME, j] >= FROZEN_TIME else 0

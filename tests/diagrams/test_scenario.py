@@ -18,9 +18,12 @@ from diagrams.scenario import (
     make_trajectory,
 )
 from models.control.wrench_script import HandPush
+from models.estimation.estimator import WrenchEstimatorConfig
+from models.estimation.wrench import WrenchReconstructionConfig
 from models.files.input_error import InputError
 from models.machining.machining_phases import PhasesConfig
 from models.machining.machining_process import ProcessConfig
+from models.observers.kalman_observer import KalmanObserverConfig
 from models.robot.robot import Robot
 from systems.impedance_controller import ForceControlConfig, ImpedanceConfig
 
@@ -249,3 +252,23 @@ def test_a_machining_number_out_of_range_is_one_line(change):
     wrong = replace(scenario, machining=replace(scenario.machining, **change))
     with pytest.raises(InputError, match=f"machining.{next(iter(change))}"):
         check_scenario(wrong)
+
+
+@pytest.mark.parametrize("method", ["damped", "truncated"])
+def test_an_observer_that_reads_the_wrench_itself_needs_a_prior(method):
+    estimator = WrenchEstimatorConfig(
+        KalmanObserverConfig(), WrenchReconstructionConfig(method=method)
+    )
+    scenario = replace(load_scenario("Default"), estimator=estimator)
+    with pytest.raises(InputError, match=f"method: is {method}, .* kalman observer has no prior"):
+        check_scenario(scenario)
+    check_scenario(replace(scenario, estimator=WrenchEstimatorConfig(KalmanObserverConfig())))
+
+
+def test_an_observer_that_reads_the_wrench_itself_takes_no_air_pass():
+    scenario = load_scenario("Polishing")
+    scenario = replace(scenario, estimator=WrenchEstimatorConfig(KalmanObserverConfig()))
+    assert scenario.machining is not None
+    with pytest.raises(InputError, match="air_pass: teaches joint torques, and the kalman"):
+        check_scenario(scenario)
+    check_scenario(replace(scenario, machining=replace(scenario.machining, air_pass=0.0)))

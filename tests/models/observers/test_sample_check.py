@@ -120,7 +120,7 @@ def test_an_encoder_that_sticks_is_flagged_until_it_lives_again() -> None:
     assert not batch.fault[-100:].any() and batch.valid[-100:].all()
 
 
-@pytest.mark.parametrize("value", [0.0, 1.5])
+@pytest.mark.parametrize("value", [1e-9, 1.5])
 def test_a_current_that_freezes_is_flagged_while_its_joint_moves(value: float) -> None:
     q, v, current = log()
     current[300:800, 3] = value
@@ -130,6 +130,39 @@ def test_a_current_that_freezes_is_flagged_while_its_joint_moves(value: float) -
     assert (batch.fault[told[0] : 800] != 0).all()
     assert not batch.valid[told[0] : 800].any()
     assert not batch.fault[802:].any() and batch.valid[-20:].all()
+
+
+def test_a_current_that_falls_to_zero_is_told_at_once_and_until_it_is_back() -> None:
+    q, v, current = log()
+    assert abs(current[299, 1]) > 0.1 * arm().current_limit[1]
+    current[300:800, 1] = 0.0
+    batch = run((q, v, current))
+    assert np.flatnonzero(batch.fault).tolist() == list(range(301, 801))  # a tick later, as ever
+    assert not batch.valid[301:801].any()
+    assert batch.valid[801 + round(3.0 / 20.0 / T) :].all()
+    # What is held in the meantime is what was read before, and no force that nobody exerts.
+    clean = run(log())
+    off = np.abs(batch.wrench[302:800] - clean.wrench[300])
+    assert (off < clean.standard_deviation[300]).all()
+
+
+def test_a_small_current_that_stays_zero_is_told_while_its_joint_moves() -> None:
+    q, v, current = log()
+    current[:, 3] *= 0.01
+    current[300:800, 3] = 0.0
+    batch = run((q, v, current))
+    told = np.flatnonzero(batch.fault & FROZEN)
+    assert 300 + round(0.05 / T) <= told[0] <= 300 + round(0.2 / T)
+    assert (batch.fault[told[0] : 801] != 0).all()
+    still = 0.0 * v
+    assert not run((np.repeat(q[:1], N, axis=0), still, current)).fault.any()
+
+
+def test_zero_between_two_small_currents_is_a_current() -> None:
+    q, v, current = log()
+    current[:, 3] *= 0.01
+    current[300:303, 3] = 0.0
+    assert not run((q, v, current)).fault.any()
 
 
 def test_a_resting_joint_may_report_one_current_for_ever() -> None:

@@ -1,0 +1,91 @@
+"""Whether a wrench at E may be what is read: against scipy, and what it is for."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from models.observers.explained_torque import (
+    BEYOND,
+    QUIET,
+    WITHIN,
+    explained_log,
+    explained_table,
+    is_explained,
+    unexplained,
+)
+
+N, T = 6, 0.01
+MOMENT_SD, FORCE_SD, SCALE = 3.0, 60.0, 0.05
+
+
+def correlated() -> np.ndarray:
+    R = np.eye(N)
+    R[1, 2] = R[2, 1] = 0.3
+    return R
+
+
+def table(correlation: np.ndarray | None = None) -> np.ndarray:
+    own = np.eye(N) if correlation is None else correlation
+    return explained_table(own, MOMENT_SD, FORCE_SD, SCALE, T)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_square_is_that_of_the_normal_law(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    J, tau, sd = rng.normal(size=(6, N)), 20.0 * rng.normal(size=N), rng.uniform(0.2, 2.0, N)
+    own = np.sqrt(sd**2 + (SCALE * tau) ** 2)
+    covariance = own[:, None] * correlated() * own
+    P = np.diag([MOMENT_SD**2] * 3 + [FORCE_SD**2] * 3)
+    law = multivariate_normal(cov=covariance + J.T @ P @ J)
+    square = 2.0 * (law.logpdf(np.zeros(N)) - law.logpdf(tau))
+    np.testing.assert_allclose(unexplained(table(correlated()), J, tau, sd), square, rtol=1e-9)
+
+
+def test_a_force_at_E_is_explained_and_one_that_no_arm_takes_is_not() -> None:
+    J = np.random.default_rng(1).normal(size=(6, N))
+    F, sd = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0]), np.full(N, 0.1)
+    for share, explained in ((1.0, True), (4.0, True), (9.0, False)):
+        D = unexplained(table(), J, J.T @ F * share * FORCE_SD, sd)
+        assert is_explained(table(), np.nan, D)[0] is explained
+
+
+def test_one_joint_s_torque_that_no_wrench_brings_is_not_explained() -> None:
+    """Force and moment that load joint 3 alone are far beyond what is known of a moment."""
+    J = np.random.default_rng(1).normal(size=(6, N))
+    tau = np.zeros(N)
+    tau[2] = 60.0
+    assert not is_explained(table(), np.nan, unexplained(table(), J, tau, np.full(N, 0.5)))[0]
+
+
+def test_doubt_lasts_until_the_torque_has_been_explained_for_a_while() -> None:
+    within, between, beyond = WITHIN**2 - 1.0, WITHIN**2 + 1.0, BEYOND**2 + 1.0
+    doubt, seen = np.nan, []
+    quiet = round(QUIET / T)
+    for D in [between, beyond, between, between] + [within] * (quiet + 2) + [between]:
+        explained, doubt = is_explained(table(), doubt, D)
+        seen.append(explained)
+    assert seen[0] and not any(seen[1:4])
+    first = 4 + seen[4:].index(True)
+    assert abs(first - (3 + quiet)) <= 1  # a tick of rounding
+    assert all(seen[first:])
+    assert is_explained(table(), np.nan, np.nan)[0]
+
+
+def test_a_log_goes_on_where_it_was_left() -> None:
+    rng = np.random.default_rng(2)
+    J, tau, sd = rng.normal(size=(80, 6, N)), rng.normal(size=(80, N)), np.full((80, N), 0.3)
+    tau[30:33] *= 3000.0
+    whole, halves = np.empty(80, bool), np.empty(80, bool)
+    explained_log(table(), np.full(1, np.nan), J, tau, sd, whole)
+    state = np.full(1, np.nan)
+    for part in (slice(0, 31), slice(31, None)):
+        explained_log(table(), state, J[part], tau[part], sd[part], halves[part])
+    np.testing.assert_array_equal(whole, halves)
+    assert 0.0 < whole.mean() < 1.0
+
+
+def test_the_documentation_states_these_bounds() -> None:
+    text = (Path(__file__).parents[3] / "docs" / "your-log.md").read_text(encoding="utf-8")
+    assert f"more than {BEYOND:.0f} standard deviations" in text
