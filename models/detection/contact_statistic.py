@@ -36,10 +36,11 @@ the observer's lag. Its variance s'^2 is of the parts that sd^2 has, with shares
 of the jolt's square, and g' is its own local scale. A joint that comes to rest lets go of what it
 carried within some samples, sooner than sd^2 knows that it rests: below REST_SPEED the stiction
 part is b^2 / 3 exp(-(v / REST_SPEED)^2), low-passed as the reading is, if that is more, until all
-joints have rested for REST_TIME. In the first WINDOW of a log there is no mean
-yet, and so no change. Over the UR10e's other days, in units of those of the fit, the size of z goes
-from .9 to 3.6 and that of its changes from .9 to 2.5. A model that does not know s' takes `sample`
-in the place of `change`.
+joints have rested for REST_TIME. A joint that starts lets go likewise, later than it is known to
+move, and what it carried stays in the mean: till then the part is no less than LP(w b)^2 / 3.
+In the first WINDOW of a log there is no mean yet, and so no change. Over the UR10e's other days,
+in units of those of the fit, the size of z goes from .9 to 3.6 and that of its changes from .9 to
+2.5. A model that does not know s' takes `sample` in the place of `change`.
 
 **Mean** has a level OTHER_DAYS (`contact_detector`) times the one that the held-out motion states.
 What lasts is what differs from day to day, and the motion that a model was fitted on knows few
@@ -108,9 +109,9 @@ REST_TIME = 0.3  # s
 # Rows of the state after those of the torque error and of J as the observer saw it.
 _FIRST = TORQUE_ERROR_ROWS + JACOBIAN_ROWS
 _LAST, _BEFORE, _TORQUE, _BASE, _JOLT2, _LOCAL2 = range(_FIRST, _FIRST + 6)
-_SLOW, _SQUARE, _MEAN, _POWER, _CHANGE2, _STOP = range(_FIRST + 6, _FIRST + 12)
+_SLOW, _SQUARE, _MEAN, _POWER, _CHANGE2, _STOP, _START = range(_FIRST + 6, _FIRST + 13)
 NUM_UNKNOWN = _JOLT2  # rows before it are not known before the first sample
-_SINGLE = _STOP + 1  # first of the rows that hold single numbers
+_SINGLE = _START + 1  # first of the rows that hold single numbers
 _CONTACT, _QUIET, _MISFIT, _RESTING, _RATIO, _TOUCHED, _SEEN, _ANEW, NUM_SINGLE = range(9)
 
 # Rows of `joints`: the observer's pole for J (negative: none) and for a jolt, per tick, ...
@@ -219,6 +220,7 @@ def detect_tick(
     for j in range(n):
         y[j] = state[TRANSMITTED_ROW, j]
     torque_sd_tick(error, state[:TORQUE_ERROR_ROWS], q, v, transmitted, sd, stiction)
+    keep = np.exp(-settings[PERIOD] / WINDOW)
     for j in range(n):
         variance_parts(error, state[:TORQUE_ERROR_ROWS], j, v[j], y[j], parts)
         s[j] = 0.0
@@ -228,9 +230,12 @@ def detect_tick(
         held = breakaway(error, state[:TORQUE_ERROR_ROWS], j) / np.sqrt(3.0)
         stop = held * np.exp(-slow * slow) if np.isfinite(slow) else held
         state[_STOP, j] = pole * state[_STOP, j] + (1.0 - pole) * stop
+        rested = state[UNKNOWN_SHARE_ROW, j] * held
+        state[_START, j] = keep * state[_START, j] + (1.0 - keep) * rested
         if own[_RESTING] < REST_TIME:
             part = joints[CHANGE + _STICTION, j] * parts[_STICTION]
-            s[j] += max(part, state[_STOP, j] * state[_STOP, j])
+            let_go = max(state[_STOP, j], state[_START, j])
+            s[j] += max(part, let_go * let_go)
     seen_state = state[TORQUE_ERROR_ROWS : TORQUE_ERROR_ROWS + JACOBIAN_ROWS]
     see_jacobian(joints[POLE], seen_state, J, seen)
     take_jacobian(joints[POLE], seen_state, J, seen)
@@ -258,7 +263,6 @@ def detect_tick(
                 state[_TORQUE, j] = y[j]
             state[_BEFORE, j], state[_LAST, j] = state[_LAST, j], momentum[j]
     out[REST] = 1.0 if own[_RESTING] >= REST_TIME else 0.0
-    keep = np.exp(-T / WINDOW)
     sample = power = mean = plain_mean = along = changed = 0.0
     if finite:
         pace = 1.0 - np.exp(-T / LOCAL_TIME)

@@ -365,6 +365,25 @@ def test_a_joint_that_comes_to_rest_lets_go_and_nothing_touched_it(sts, model):
         assert Detection.of(out).contact.any() == touched
 
 
+def test_a_joint_that_starts_lets_go_of_what_it_carried_and_nothing_touched_it(sts, model):
+    """It carried 1.7 of the 2 N m that it can, for .15 s after the start, too."""
+    told, friction = noise_and_friction(scale=0.2)
+    arm = replace(model, friction=friction, contact_noise=told)
+    detector = detector_of(arm, sts)
+    q, v, transmitted, momentum, J = still(arm, sts, 300)
+    read = np.zeros((300, N))
+    read[:215, 0] = 1.7
+    read[215:, 0] = 1.7 * np.exp(-20.0 * T * np.arange(1, 86))
+    for before, touched in ((0.0, False), (0.2, True)):  # starts, and moves on
+        v[:, 0] = np.where(np.arange(300) < 200, before, 0.2)
+        v[:, 1] = 0.3
+        q = sts.home + T * np.cumsum(v, axis=0)
+        out = detector.judge(
+            *(detector.initial_state(), q, v, transmitted, momentum, J, read, np.ones(300, bool))
+        )
+        assert Detection.of(out).contact.any() == touched
+
+
 def test_held_readings_leave_everything_as_it_was(sts, model):
     tau_ext = noise(model, 400, np.random.default_rng(11))
     tau_ext[200:] += 50.0
