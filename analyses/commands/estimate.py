@@ -243,7 +243,8 @@ def command(
     drift: Annotated[
         float | None,
         typer.Option(
-            help="Share of the viscous torque that the band allows friction to have drifted by."
+            help="Share of the viscous torque that the band allows friction to have drifted by; "
+            "left out: the model's, or what the log shows."
         ),
     ] = DEFAULTS.drift,
     covariance: Annotated[

@@ -149,6 +149,7 @@ class _TorqueErrorBlock:
     scale: float = SCALE
     read_load: float = 0.0
     resting_only: float = 0.0
+    drift_shown: list[float] = field(default_factory=list)
 
 
 @dataclass
@@ -533,6 +534,8 @@ def _read_torque_error(
     values: dict[str, Any] = {}
     for own in fields(block):
         value = getattr(block, own.name)
+        if own.name == "drift_shown" and not value:  # of a model that no log was read by
+            continue
         shape = (n, n) if own.name == "correlation" else (n,) if isinstance(value, list) else ()
         values[own.name] = _numbers(path, f"torque_error.{own.name}", value, shape)
     try:

@@ -37,7 +37,8 @@ The sds are of one K_0; the smooth part of the error, with correlation time T, p
 with the share K_0 T / (1 + K_0 T) of its variance, which converts them to another K_0.
 
 **Assumed, not measured,** and so stated in the model's file: `drift`, because viscous friction
-differs by about 5 % between days of the same month (and by 35 % over a season: refresh the model);
+differs by about 5 % between days of the same month (and by 35 % over a season: refresh the model),
+or by joint what the log that is read shows of it, `drift_shown`, where that is more;
 `beyond_speed` and `beyond_load`, because no log covers them; `scale`, an error in proportion to
 what is read (torque per ampere, load-dependent friction); `read_load`, the same joint by joint,
 where the logs hold no change of load at all (`models.machining.air_pass`).
@@ -128,6 +129,8 @@ class TorqueErrorModel:
         scale: share of the wrench that is read; see `models.estimation.trusted_reading`.
         read_load: N m per N m that is read, joint by joint; 0 where `load` covers what is carried.
         resting_only: 1 where w grows at rest alone, 0 where it does at any speed.
+        drift_shown: (n,) share of the viscous torque, as `drift`, that a log shows of each joint;
+            a number stands for all.
 
     Raises:
         ValueError: shapes that disagree, a number that is negative or not finite, a correlation
@@ -154,11 +157,14 @@ class TorqueErrorModel:
     scale: float = field(default=SCALE)
     read_load: float = field(default=0.0)
     resting_only: float = field(default=0.0)
+    drift_shown: Array | float = field(default=0.0)
 
     def __post_init__(self) -> None:
         n = np.size(self.constant)
         for own in fields(self):
             value = np.array(getattr(self, own.name), float)
+            if own.name == "drift_shown" and value.shape == ():
+                value = np.full(n, float(value))
             shape = () if own.name in _NUMBERS else (n, n) if own.name == "correlation" else (n,)
             if value.shape != shape:
                 raise ValueError(f"{own.name}: expected shape {shape}, found {value.shape}")
@@ -186,7 +192,12 @@ class TorqueErrorModel:
 
     def with_drift(self, drift: float) -> Self:
         """Returns the model with another `drift`, such as that of friction fitted today."""
-        return replace(self, drift=drift)
+        return replace(self, drift=drift, drift_shown=0.0)
+
+    @property
+    def drifts(self) -> Array:
+        """(n,) share of the viscous torque by which friction may have drifted."""
+        return np.asarray(np.maximum(self.drift, self.drift_shown))
 
     def table(
         self,
@@ -223,7 +234,7 @@ class TorqueErrorModel:
         table[:, _LOAD2] = smooth * self.load**2
         table[:, _ACCELERATION2] = smooth * self.acceleration**2
         table[:, _REVERSAL2] = self.reversal**2
-        table[:, _DRIFT2] = self.drift**2
+        table[:, _DRIFT2] = self.drifts**2
         known = self.fitted_speed > 0.0
         table[:, _FITTED_SPEED] = np.where(known, self.fitted_speed, np.inf)
         table[:, _BEYOND_SPEED2] = (self.beyond_speed * viscous) ** 2
@@ -297,7 +308,7 @@ class TorqueErrorModel:
         names = {own.name for own in fields(cls)}
         for name in sorted(set(values) - names):
             raise ValueError(f"{name}: unknown")
-        for name in sorted(names - _NUMBERS - set(values)):
+        for name in sorted(names - _NUMBERS - {"drift_shown"} - set(values)):
             raise ValueError(f"{name}: missing")
         return cls(**values)
 

@@ -184,7 +184,7 @@ class KalmanObserver:
             numbers[HAS_ERROR] = 1.0
             mixing = error.correlation
             viscous = np.abs(knowledge.friction.feedforward.coulomb_viscous.viscous)
-            joints[SLOW_VISCOUS] = error.drift * viscous
+            joints[SLOW_VISCOUS] = error.drifts * viscous
             joints[LASTING] = np.sqrt(error.lasting)
             rest = error.table(knowledge.friction, T, error.K_0, knowledge.resolution)
             sd = error.constant

@@ -10,7 +10,8 @@ same with the live prior, which is right about a force that is zero and so holds
 below `refreshed` those of the model whose friction was found again from the log's first
 REFRESH_SECONDS, over the rest of it; with a load, from those of the same motion's or day's log
 without. Below `widened`, where `estimate` says of a log that its friction is not the model's, the
-same with the drift that it then offers for the band.
+same with the drift, joint by joint, that it then allows for: the band of a whole log, which a
+controller that has read no second of it cannot have.
 
 **Rest** is where no joint has moved faster than REST_SPEED for .3 s, **reversal** where a joint
 turns round within .15 s, **sliding** all else.
@@ -29,6 +30,7 @@ import numpy as np
 from analyses.methods.arms.ur10e_logs import FOLDER, identify_ur10e
 from analyses.methods.calibration.friction_refreshing import refresh_model
 from analyses.methods.learning.identification_config import IdentificationConfig, RefreshConfig
+from analyses.methods.reading.drifted_band import covariance_about
 from analyses.methods.reading.friction_watch import FrictionWatch
 from analyses.methods.reading.known_payload import payload_reference
 from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
@@ -110,8 +112,9 @@ def run(context: ExperimentContext) -> ExperimentResult:
             begin += round(REFRESH_SECONDS / TIME_STEP)
             drift = _drift_told(recording, robot, model)
             if drift is not None and model.torque_error is not None:
-                wide = replace(model, torque_error=model.torque_error.with_drift(drift))
-                told = _log_metrics(recording, mass, robot, wide, MARGIN)
+                error = replace(model.torque_error, drift_shown=drift)
+                wide = replace(model, torque_error=error)
+                told = _log_metrics(recording, mass, robot, model, MARGIN, wide)
                 own["widened"] = {"drift": drift, **told}
         source = REFRESHED_BY.get(log.stem, log.stem)
         if source in renewed:
@@ -127,8 +130,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
 
 
-def _drift_told(recording: Recording, robot: Robot, model: IdentifiedModel) -> float | None:
-    """What `estimate` offers as the band's drift after a contact-free log; None: nothing."""
+def _drift_told(recording: Recording, robot: Robot, model: IdentifiedModel) -> Array | None:
+    """(n,) drift that `estimate` allows for in the band of a contact-free log; None: nothing."""
     uniform = resampled(recording, TIME_STEP)
     config = WrenchEstimatorConfig(
         MomentumObserverConfig([K_0], TIME_STEP, "trapezoidal"),
@@ -139,12 +142,18 @@ def _drift_told(recording: Recording, robot: Robot, model: IdentifiedModel) -> f
     watch = FrictionWatch(model, estimator.chain, estimator.observer.pole, TIME_STEP)
     known = seen.fresh & ~uniform.dropout
     watch.add(uniform.t, uniform.q, uniform.v, seen.tau_ext, known, np.ones_like(known))
-    return watch.drift()
+    return watch.drifts()
 
 
 def _log_metrics(
-    recording: Recording, mass: float, robot: Robot, model: IdentifiedModel, begin: int
+    recording: Recording,
+    mass: float,
+    robot: Robot,
+    model: IdentifiedModel,
+    begin: int,
+    wide: IdentifiedModel | None = None,
 ) -> dict[str, Any]:
+    """What `model` reads, with the band of `wide`, if given."""
     uniform = resampled(recording, TIME_STEP)
     found: dict[str, Any] = {}
     for method in ("force_only", "bayesian"):
@@ -165,10 +174,14 @@ def _log_metrics(
             ).p_EP
             J = jacobian_at(J, R_WE, point)
             truth = mass * payload_reference(robot, uniform, 5.0, point).direction
-        wrench, covariance, _, valid, _ = estimator.trusted.run(
-            estimator.trusted.initial_state(),
-            *(uniform.q, uniform.v, seen.tau_J - seen.tau_f, J, seen.tau_ext, seen.fresh),
-        )
+        log = (uniform.q, uniform.v, seen.tau_J - seen.tau_f, J, seen.tau_ext, seen.fresh)
+        reading = estimator.trusted
+        wrench, covariance, _, valid, _ = reading.run(reading.initial_state(), *log)
+        if wide is not None:
+            other = WrenchEstimator(robot, wide, config).trusted
+            assert other is not None
+            mean, covariance, _, still, _ = other.run(other.initial_state(), *log)
+            covariance, valid = covariance_about(wrench, mean, covariance), valid & still
         sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))[:, 3:]
         kept = ~uniform.dropout
         kept[:begin] = kept[-MARGIN:] = False
@@ -230,14 +243,15 @@ def _notes(metrics: dict[str, Any]) -> list[str]:
             f"With friction found again from {REFRESH_SECONDS:g} s without contact: {renewed}."
         )
     told = "; ".join(
-        f"`{name}` {line(own['widened']['all']['inside_95_pct'])} ({own['widened']['drift']:.2f})"
+        f"`{name}` {line(own['widened']['all']['inside_95_pct'])} "
+        f"({line(100.0 * np.asarray(own['widened']['drift']))} %)"
         for name, own in moving.items()
         if "widened" in own
     )
     if told:
         notes.append(
-            "Where `estimate` says that friction is not the model's, with the drift it offers for "
-            f"the band: {told}."
+            "Where `estimate` says that friction is not the model's, with the drift of each joint "
+            f"that it finds in the log and allows for in the band: {told}."
         )
     if still:
         held = min(float(np.min(own["inside_95_pct"])) for own in still)

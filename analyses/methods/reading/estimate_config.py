@@ -53,7 +53,8 @@ class EstimateConfig:
     smooth: bool = False  # each sample estimated from those after it as well: no lag
     drift: float | None = None
     """Share of the viscous torque by which friction may have drifted, for the stated band; null: as
-    the model's file says. Where a log contradicts the model, `estimate` says which it shows."""
+    the model's file says, or by joint what the log's contact-free stretches show, where they
+    contradict the model."""
     max_gap: float = 0.0  # s, longest gap that is bridged; 0: 0.1 s or three steps
     check: bool = True  # hold the log against the robot's limits and gravity
     accept_signs: bool = False  # take the drives' signs as they are, also against the evidence

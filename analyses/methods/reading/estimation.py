@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analyses.methods.reading.contact_episodes import ContactEpisodes
+from analyses.methods.reading.drifted_band import with_band_of
 from analyses.methods.reading.estimate_config import (
     FLOOR_SHARE,
     PRIORS,
@@ -202,8 +203,8 @@ def estimate(
                 "the model does not say what its torque errs by",
                 "identify it again, or leave --drift out",
             )
-        error = model.torque_error.with_drift(settings.estimate.drift)
-        model = replace(model, torque_error=error)
+        stated_error = model.torque_error.with_drift(settings.estimate.drift)
+        model = replace(model, torque_error=stated_error)
     config, max_gap = settings.estimate.estimator, settings.estimate.max_gap
     if config.position_resolution is None:
         step = position_resolution(next(iter(read().chunks())).q)
@@ -221,18 +222,28 @@ def estimate(
     if stated is not None and not _has_prior(config):
         config = replace(config, reconstruction=config.reconstruction.with_prior(*stated))
         rule = settings.estimate.prior if settings.estimate.prior in PRIORS else "given"
-    num_passes = 1 if _has_prior(config) else 2
-    if num_passes == 2:
-        part = _Part(progress, 0.0, 0.4, "finding the prior")
+    # A joint's friction is that of several motors where joints are coupled, and an observer of the
+    # wrench leaves no friction in tau_ext.
+    watches = not robot.is_coupled and (kind is None or kind.kernels.wrench is None)
+    passes, shown, error, wide = 0.0, None, model.torque_error, model
+    if watches and settings.estimate.drift is None and model.provenance.logs and error is not None:
+        part = _Part(progress, 0.0, 0.3, "looking at friction")
+        shown, passes = _shown_drift(read(), robot, model, config, settings.estimate, part), 0.3
+        if shown is not None:
+            wide = replace(model, torque_error=replace(error, drift_shown=shown))
+    if not _has_prior(config):
+        part = _Part(progress, passes, passes + 0.3, "finding the prior")
         config, rule = _with_evidence(read(), robot, model, config, max_gap, part, warnings)
+        passes += 0.3
     reader = read()
-    part = _Part(progress, 0.4 * (num_passes - 1), 1.0, "estimating")
+    part = _Part(progress, passes, 1.0, "estimating")
     screen = _screen(robot, config)
     chunks = _uniform(reader, screen, config, max_gap, part)
     first = next(chunks)
     config = _timed(config, first)
     detection = settings.estimate.detection
-    estimates = _estimates(settings.estimate, robot, model, config, chain([first], chunks))
+    samples = chain([first], chunks)
+    estimates = _estimates(settings.estimate, robot, model, wide, config, samples)
     observer = make_observer(config.observer, robot.num_joints)
     summary = EstimateSummary(model.joint_names, model.validity, observer.settling_time)
     reference = settings.estimate.reference
@@ -243,7 +254,7 @@ def estimate(
     sd_joints = np.sqrt(np.diag(model.residual_covariance))
     upright = GravityWatch(model.chain(robot), sd_joints, config.observer.time_step)
     watch: FrictionWatch | None = None
-    if not robot.is_coupled:  # else a joint's friction is that of several motors
+    if watches:
         watch = FrictionWatch(model, model.chain(robot), observer.pole, config.observer.time_step)
     with ExitStack() as stack:
         table = stack.enter_context(WrenchTableWriter(path, robot.num_joints, with_covariance))
@@ -263,8 +274,7 @@ def estimate(
                 bag.write(chunk.t, batch.wrench, batch.covariance, p_WE)
             episodes.add(chunk.t, found, batch.wrench[:, 3:], valid)
             settled = int(np.searchsorted(chunk.t, first.t[0] + observer.settling_time))
-            there = ~chunk.dropout & (fault == 0) & (np.arange(chunk.num_samples) >= settled)
-            there &= np.isfinite(chunk.q + chunk.v + tau_ext).all(axis=1)
+            there = _there(chunk, fault, tau_ext, settled)
             if watch is not None:
                 watch.add(chunk.t, chunk.q, chunk.v, tau_ext, there, ~found.contact)
             upright.add(chunk.q, tau_ext, there)
@@ -289,9 +299,9 @@ def estimate(
     if tilt is not None:
         metrics["gravity"] = {"tilt_deg": math.degrees(tilt.tilt), "m_per_s2": list(tilt.gravity)}
         warnings += [tilt.sentence()]
-    # An observer of the wrench leaves no friction in tau_ext.
-    if watch is not None and (kind is None or kind.kernels.wrench is None):
-        warnings += watch.sentences(settings.log, settings.robot, settings.model)
+    metrics["drift_shown"] = shown
+    if watch is not None:
+        warnings += watch.sentences(settings.log, settings.robot, settings.model, shown)
     reads_moments = config.reconstruction.method != "force_only"
     out.write_figure("wrench", summary.figure(reads_moments, settings.estimate.smooth))
     used = replace(settings.estimate, estimator=config)
@@ -411,17 +421,25 @@ def _estimates(
     settings: EstimateConfig,
     robot: Robot,
     model: IdentifiedModel,
+    wide: IdentifiedModel,
     config: WrenchEstimatorConfig,
     chunks: Iterable[Recording],
 ) -> Iterator[tuple[Recording, EstimateBatch, Detection, Array]]:
-    """The log's samples, what is read of them, contact and tau_ext as a controller would see it."""
-    engine = _ENGINES[settings.engine](robot, model, config, settings.detection)
+    """The log's samples, what is read of them, contact and tau_ext as a controller would see it.
+
+    Wrench and contact are those that `model` reads, the band is that of `wide`.
+    """
+    models = [model] if wide is model else [model, wide]
+    kind = _ENGINES[settings.engine]
+    engine, *others = (kind(robot, own, config, settings.detection) for own in models)
     if not settings.smooth:
         for chunk in chunks:
             batch, found = engine.run(chunk.q, chunk.v, chunk.current)
+            for other in others:
+                batch = with_band_of(batch, other.run(chunk.q, chunk.v, chunk.current)[0])
             yield chunk, batch, found, batch.tau_ext
         return
-    smoother = WrenchSmoother(WrenchEstimator(robot, model, config))
+    smoother, *wider = (WrenchSmoother(WrenchEstimator(robot, own, config)) for own in models)
     ahead: tuple[Recording, Detection, Array] | None = None
     for chunk in chunks:
         causal, found = engine.run(chunk.q, chunk.v, chunk.current)
@@ -430,12 +448,17 @@ def _estimates(
             whole, found = concatenated([ahead[0], chunk]), _joined(ahead[1], found)
             tau_ext = np.concatenate([ahead[2], tau_ext])
         ready = smoother.take(chunk.q, chunk.v, chunk.current)
+        for own in wider:
+            ready = with_band_of(ready, own.take(chunk.q, chunk.v, chunk.current))
         count = len(ready.valid)
         if count:
             yield whole[:count], ready, _part(found, slice(0, count)), tau_ext[:count]
         ahead = whole[count:], _part(found, slice(count, None)), tau_ext[count:]
     if ahead is not None:
-        yield ahead[0], smoother.finish(), *ahead[1:]
+        ready = smoother.finish()
+        for own in wider:
+            ready = with_band_of(ready, own.finish())
+        yield ahead[0], ready, *ahead[1:]
 
 
 def _joined(one: Detection, other: Detection) -> Detection:
@@ -446,6 +469,39 @@ def _joined(one: Detection, other: Detection) -> Detection:
 def _part(found: Detection, rows: slice) -> Detection:
     columns: Any = (column[rows] for column in found)
     return Detection(*columns)
+
+
+def _there(chunk: Recording, fault: NDArray[np.int64], tau_ext: Array, settled: int) -> Flags:
+    """(N,) samples that were measured and, from index `settled` on, are read."""
+    there = ~chunk.dropout & (fault == 0) & (np.arange(chunk.num_samples) >= settled)
+    return np.asarray(there & np.isfinite(chunk.q + chunk.v + tau_ext).all(axis=1))
+
+
+def _shown_drift(
+    reader: RecordingReader,
+    robot: Robot,
+    model: IdentifiedModel,
+    config: WrenchEstimatorConfig,
+    settings: EstimateConfig,
+    part: "_Part",
+) -> Array | None:
+    """`FrictionWatch.drifts` of a log."""
+    watch: FrictionWatch | None = None
+    for chunk in _uniform(reader, _screen(robot, config), config, settings.max_gap, part):
+        if watch is None:
+            timed = _timed(config, chunk)
+            engine = _BatchEngine(robot, model, timed, settings.detection)
+            observer = make_observer(timed.observer, robot.num_joints)
+            begin = chunk.t[0] + observer.settling_time
+            watch = FrictionWatch(
+                model, model.chain(robot), observer.pole, timed.observer.time_step
+            )
+        batch, found = engine.run(chunk.q, chunk.v, chunk.current)
+        fault = _fault(chunk, batch)
+        free = ~found.without(chunk.dropout | (fault != 0)).contact
+        there = _there(chunk, fault, batch.tau_ext, int(np.searchsorted(chunk.t, begin)))
+        watch.add(chunk.t, chunk.q, chunk.v, batch.tau_ext, there, free)
+    return None if watch is None else watch.drifts()
 
 
 def _screen(robot: Robot, config: WrenchEstimatorConfig) -> SampleScreen | None:

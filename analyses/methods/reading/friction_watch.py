@@ -13,6 +13,7 @@ from scipy.signal import lfilter
 from analyses.methods.reading.estimate_config import LARGEST_DRIFT
 from models.arrays import Array, Flags
 from models.calibration.friction_disagreement import FrictionDisagreement, friction_disagreements
+from models.calibration.friction_refresh import refresh_friction
 from models.calibration.residual_noise import ResidualRows
 from models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
 from models.identification.identified_model import IdentifiedModel
@@ -133,6 +134,20 @@ class FrictionWatch:
         viscous = np.sqrt(np.mean(rows.viscous**2, axis=0))
         return max(own.torque / max(float(viscous[own.joint]), 1e-9) for own in found)
 
+    def drifts(self) -> Array | None:
+        """As `drift`, of each joint (n,): of every one what the stretches show, as soon as one
+        joint's friction contradicts the model. Friction of joints that share an arm's days drifts
+        together, if less clearly than the one that is told; None where none is.
+        """
+        rows = self._contact_free()
+        if rows is None or not self.disagreements():
+            return None
+        found = refresh_friction(rows, self._model.friction.coulomb_viscous)
+        change = np.einsum("kjc,jc->kj", rows.sliding[:, :, :2], found.change[:, :2])
+        added = np.sqrt(np.mean(change**2, axis=0))
+        viscous = np.sqrt(np.mean(rows.viscous**2, axis=0))
+        return np.asarray(np.minimum(added / np.maximum(viscous, 1e-9), LARGEST_DRIFT))
+
     def _contact_free(self) -> ResidualRows | None:
         """The rows that are judged."""
         if not self._rows:
@@ -146,11 +161,14 @@ class FrictionWatch:
         }
         return replace(self._rows[0], **parts) if free.any() else None
 
-    def sentences(self, log: str, robot: str, model: str | None) -> list[str]:
+    def sentences(
+        self, log: str, robot: str, model: str | None, allowed: Array | None = None
+    ) -> list[str]:
         """What to tell a user: each joint, and the command that brings its friction up to date.
 
         Args:
             log, robot, model: as they were given; without a model nothing is said.
+            allowed: `drifts` that the stated band holds already; None: it does not.
         """
         if model is None or not self._model.provenance.logs:
             return []
@@ -166,6 +184,13 @@ class FrictionWatch:
         where = "LOG (some seconds of free motion)" if touched and not part else log
         command = f"wrenchsight identify {where} --robot {robot} --refresh {model}{part}"
         lines.append(f"friction of today: {command} --out refreshed")
+        if allowed is not None:
+            shares = " ".join(f"{100.0 * share:.0f}" for share in allowed)
+            lines.append(
+                "until then the stated band allows for what the contact-free stretches show: "
+                f"friction off by {shares} % of the viscous torque, joint by joint"
+            )
+            return lines
         drift, error = self.drift(), self._model.torque_error
         if drift is not None and error is not None and drift > error.drift:
             share = min(np.ceil(100.0 * drift) / 100.0, LARGEST_DRIFT)

@@ -261,6 +261,18 @@ def with_torque_error(model):
     return replace(model, torque_error=error)
 
 
+def test_a_file_without_the_drift_of_a_log_loads(model, sts, tmp_path):
+    own = with_torque_error(model)
+    shown = replace(own.torque_error, drift_shown=np.linspace(0.0, 0.5, 6))
+    path = saved(replace(own, torque_error=shown), tmp_path)
+    loaded = IdentifiedModel.load(path, sts).torque_error
+    np.testing.assert_array_equal(loaded.drift_shown, shown.drift_shown)
+    content = yaml.safe_load(path.read_text())
+    del content["torque_error"]["drift_shown"]
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
+    assert not IdentifiedModel.load(path, sts).torque_error.drift_shown.any()
+
+
 def test_the_torque_error_makes_the_round_trip(model, sts, tmp_path):
     own = with_torque_error(model)
     loaded = IdentifiedModel.load(saved(own, tmp_path), sts)

@@ -281,8 +281,20 @@ def test_the_stated_assumptions_are_numbers_of_the_model() -> None:
     assert refreshed.beyond_speed == own.beyond_speed
 
 
-def test_plain_numbers_and_back() -> None:
-    own = model(drift=0.1)
+def test_the_drift_that_a_log_shows_counts_where_it_is_more() -> None:
+    own, friction, (q, v, load) = model(drift=0.1), law(), motion()
+    shown = replace(own, drift_shown=np.array([0.4, 0.05]))
+    np.testing.assert_array_equal(shown.drifts, [0.4, 0.1])
+    found = shown.along(friction, q, v, load, STEP)[0]
+    expected = replace(own, drift=0.4).along(friction, q, v, load, STEP)[0]
+    np.testing.assert_array_equal(found[:, 0], expected[:, 0])
+    np.testing.assert_array_equal(found[:, 1], own.along(friction, q, v, load, STEP)[0][:, 1])
+    np.testing.assert_array_equal(shown.with_drift(0.2).drifts, [0.2, 0.2])
+
+
+@pytest.mark.parametrize("shown", [0.0, [0.3, 0.0]])
+def test_plain_numbers_and_back(shown: Any) -> None:
+    own = model(drift=0.1, drift_shown=shown)
     values = own.to_dict()
     again = TorqueErrorModel.from_dict(values)
     assert again.to_dict() == values

@@ -89,9 +89,13 @@ def test_the_drift_for_the_band_is_what_the_stretches_show(sts, model):
     free = np.ones(ROWS, bool)
     watch = watched(known, sts, t, q, v, drifted(v, noise, 2, 6.0), free)
     assert watch.drift() == pytest.approx(0.6, rel=0.15)  # 6 of 10 N m s/rad
+    np.testing.assert_allclose(watch.drifts()[2], watch.drift(), rtol=1e-9)
+    assert np.delete(watch.drifts(), 2).max() < 0.2  # what noise looks like, 1.4 se of it
+    assert "allows for" in watch.sentences("log.csv", "r", "m.yaml", watch.drifts())[-1]
     *_, last = watch.sentences("log.csv", "r", "model.yaml")
     assert last.startswith("until then the stated band is too narrow: --drift 0.")
     assert watched(known, sts, t, q, v, noise, free).drift() is None
+    assert watched(known, sts, t, q, v, noise, free).drifts() is None
 
 
 def test_a_contact_is_left_out_and_the_part_without_it_is_offered(sts, model):
