@@ -47,7 +47,7 @@ def test_the_stated_power_is_that_of_the_lateness_and_holds_most_of_it(force):
     # 200 s at 3 Hz: 1,200 independent values an axis, 2 % of their power; the discrete poles 1 %
     np.testing.assert_allclose(variance.mean(axis=0), np.mean(late**2, axis=0), rtol=0.08)
     inside = np.mean(np.abs(late) <= 1.96 * np.sqrt(variance))
-    # .886: the power of a third of a second is itself uncertain; .76 with f of the instant.
+    # .886: the power of a third of a second is itself uncertain; .72 with f of the instant.
     assert 0.86 < inside < 0.98
 
 
