@@ -29,7 +29,7 @@ MODULES = {
 }
 
 
-def known_arm(robot, seed=0, quick=False, progress=None):
+def known_arm(robot, seed=0, quick=False, progress=None, contact_noise=True):
     """Models without an identification: what a Coulomb-viscous law can know at best."""
     scenario = task_scenario("Combined", seed, one_way=1.0)
     model = known_model(robot, scenario)

@@ -138,7 +138,11 @@ def test_two_blocks_give_the_numbers_of_many(hard, name, knows, varied):
 def test_other_observers_fit_in_as_well(hard):
     scenario = short("Polishing")
     observer = KalmanObserverConfig()
-    scenario = replace(scenario, estimator=replace(scenario.estimator, observer=observer))
+    scenario = replace(
+        scenario,
+        estimator=replace(scenario.estimator, observer=observer),
+        machining=replace(scenario.machining, air_pass=0.0),
+    )
     plan = make_machining_path(scenario, hard)
     options = {"model": plain_model(hard), "machining_path": plan, "duration": 0.15}
     one, many = (run(scenario, hard, fused, **options)[0] for fused in (True, False))
