@@ -276,6 +276,12 @@ def _comparison() -> list[ComparisonRow]:
             f"{inside}, seven weeks before it", "ur-19_12_23_free.all.inside_95_pct", "%", None
         ),
         ComparisonRow(
+            f"{inside}, the same as `estimate` states it, by the drift that the log shows",
+            "ur-19_12_23_free.widened.all.inside_95_pct",
+            "%",
+            None,
+        ),
+        ComparisonRow(
             f"{inside}, the same with friction refreshed from {REFRESH_SECONDS:g} s",
             "ur-19_12_23_free.refreshed.all.inside_95_pct",
             "%",
@@ -325,6 +331,7 @@ EXPERIMENT = Experiment(
     readme=(
         "ur-20_02_19_15harm50sec.all.inside_95_pct",
         "ur-19_12_23_free.all.inside_95_pct",
+        "ur-19_12_23_free.widened.all.inside_95_pct",
         "ur-19_12_23_free.refreshed.all.inside_95_pct",
     ),
 )
