@@ -299,23 +299,36 @@ def _figure(metrics: dict[str, Any], out: Path) -> FigureFile:
         level = places + 0.25 * (i - 1)
         shares = [own["all"]["inside_95_pct"][i] for own in metrics.values()]
         panel.barh(level, shares, 0.23, color=SERIES[i], label=f"f{axis}", zorder=2)
-        again = [
-            own["refreshed"]["all"]["inside_95_pct"][i] if "refreshed" in own else np.nan
-            for own in metrics.values()
-        ]
-        label = "with friction refreshed" if i == 0 else None
-        panel.plot(again, level, "D", color=COLOUR["truth"], ms=3.5, label=label, zorder=3)
+        for key, fill, words in (
+            ("widened", "white", "as estimate states it"),
+            ("refreshed", COLOUR["truth"], "with friction refreshed"),
+        ):
+            again = [
+                own[key]["all"]["inside_95_pct"][i] if key in own else np.nan
+                for own in metrics.values()
+            ]
+            panel.plot(
+                again,
+                level,
+                "D",
+                color=COLOUR["truth"],
+                markerfacecolor=fill,
+                ms=3.5,
+                label=words if i == 0 else None,
+                zorder=3,
+            )
     panel.set_yticks(places, list(metrics))
     panel.set_xlabel("samples inside the 95 % band [%]; shaded: 90 to 98")
     least = min(min(own["all"]["inside_95_pct"]) for own in metrics.values())
     panel.set_xlim(min(50.0, 10.0 * np.floor(0.1 * least)), 100.5)
     panel.invert_yaxis()
-    figure.legend(loc="outside upper center", ncols=4)
+    figure.legend(loc="outside upper center", ncols=5)
     path = Path("figures") / "trust.png"
     save_figure(figure, out / path)
     caption = (
-        "Share of the samples inside the stated 95 % band, log by log; diamonds: of the model "
-        f"whose friction was found again from {REFRESH_SECONDS:g} s without contact."
+        "Share of the samples inside the stated 95 % band, log by log; open diamonds: with the "
+        "drift that `estimate` finds in the log and allows for; full ones: of the model whose "
+        f"friction was found again from {REFRESH_SECONDS:g} s without contact."
     )
     return FigureFile(path, caption)
 
