@@ -13,9 +13,8 @@ made for (BEYOND live sds are three times the rated payload's weight, for a forc
 reading is not valid, nor are those after it until sqrt(D) has been below WITHIN for QUIET: a wrong
 signal crosses what it should be again and again.
 
-On the UR10e's three fitted runs sqrt(D) of valid readings is at most 2.6; the bounds were set
-there. With the current of one joint turned for a second, on one of them, the largest force error
-that stays valid falls from 2,527 N to 336 N; what is left is no larger than a force could be.
+The bounds were set on the UR10e's three fitted runs, where sqrt(D) of valid readings stays below
+WITHIN. What a wrong current reads below them is no larger than a force could be.
 """
 
 import numpy as np

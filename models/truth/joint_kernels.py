@@ -132,7 +132,7 @@ def joint_tick(
     """
     n = q.shape[0]
     K = (state.shape[0] - SLIPS) // 3
-    # The usual arm: of numbers that it knows the compiler makes a third less work, with equal bits.
+    # The usual arm: loops over numbers that the compiler knows take less time, with equal bits.
     if n == 6 and K == 3:
         _tick(
             6, 3, table, time_step, M, Cv, G, q, v, command, tau_ext, noise,
