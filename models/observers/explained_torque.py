@@ -22,6 +22,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from models.arrays import Array, Flags
+from models.rigid_body.small_matrices import factorise_with_floor, solve_lower
 
 BEYOND = 6.0
 WITHIN = 3.0
@@ -56,25 +57,22 @@ def explained_table(
 def unexplained(table: Array, J: Array, tau_ext: Array, sd: Array) -> float:
     """D of one sample; J (6, n) as tau_ext saw it, tau_ext (n,) N m, sd (n,) N m."""
     n = tau_ext.shape[0]
-    L, left = np.empty((n, n)), np.empty(n)
+    L, left = np.empty((n, n)), tau_ext.copy()
     own = np.empty(n)
     for i in range(n):
         own[i] = np.sqrt(sd[i] * sd[i] + table[_SCALE2] * tau_ext[i] * tau_ext[i])
-    total = 0.0
     for i in range(n):
         for j in range(i + 1):
             entry = own[i] * table[_NUMBERS + n * i + j] * own[j]
             for a in range(6):
                 known = table[_MOMENT_VARIANCE] if a < 3 else table[_FORCE_VARIANCE]
                 entry += J[a, i] * known * J[a, j]
-            for k in range(j):
-                entry -= L[i, k] * L[j, k]
-            # Rounding takes no more from the diagonal than the error's own part.
-            L[i, j] = np.sqrt(max(entry, 1e-9 * own[i] ** 2)) if i == j else entry / L[j, j]
-        left[i] = tau_ext[i]
-        for k in range(i):
-            left[i] -= L[i, k] * left[k]
-        left[i] /= L[i, i]
+            L[i, j] = entry
+    # Rounding takes no more from the diagonal than the error's own part.
+    factorise_with_floor(L, n, 1e-9 * own**2)
+    solve_lower(L, n, left)
+    total = 0.0
+    for i in range(n):
         total += left[i] * left[i]
     return total
 

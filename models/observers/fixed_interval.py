@@ -18,44 +18,12 @@ from models.observers.kalman_kernels import (
     split_table,
 )
 from models.observers.observer import CTV, GRAVITY, TAU_F, TAU_J
+from models.rigid_body.small_matrices import factorise_with_floor, solve_factorised
 
 # Kinds of a sample: whether it was measured, and whether the coming period is known.
 _MEASURED, _KNOWN, NUM_KINDS = range(3)
 # Rows of what is kept of a period: s and b, N m, a_x, and what the sample missed z by, N m s.
 _SMOOTH, _SLOW, _KEEPS, _MISS, NUM_PERIOD = range(5)
-
-
-@njit(cache=True, error_model="numpy")
-def _factor(
-    P: Array,
-    rounding: Array,
-    L: Array,
-) -> None:
-    """Cholesky of S = H P H^T + R into L (n, n), lower."""
-    n = L.shape[0]
-    for i in range(n):
-        for j in range(i + 1):
-            total = P[i, j] + (rounding[i] if i == j else 0.0)
-            for k in range(j):
-                total -= L[i, k] * L[j, k]
-            L[i, j] = np.sqrt(max(total, rounding[i])) if i == j else total / L[j, j]
-
-
-@njit(cache=True, error_model="numpy")
-def _solve(
-    L: Array,
-    x: Array,
-) -> None:
-    """S^-1 x in place."""
-    n = L.shape[0]
-    for i in range(n):
-        for k in range(i):
-            x[i] -= L[i, k] * x[k]
-        x[i] /= L[i, i]
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            x[i] -= L[k, i] * x[k]
-        x[i] /= L[i, i]
 
 
 @njit(cache=True, error_model="numpy")
@@ -65,12 +33,16 @@ def _gain(
     L: Array,
     K: Array,
 ) -> None:
-    _factor(P, rounding, L)
+    """K = P H^T S^-1 with S = H P H^T + R, whose Cholesky is left in L (n, n), lower."""
     n = L.shape[0]
+    for i in range(n):
+        for j in range(i + 1):
+            L[i, j] = P[i, j] + (rounding[i] if i == j else 0.0)
+    factorise_with_floor(L, n, rounding)
     for a in range(P.shape[0]):
         for i in range(n):
             K[a, i] = P[a, i]
-        _solve(L, K[a])
+        solve_factorised(L, n, K[a])
 
 
 @njit(cache=True, error_model="numpy")
@@ -288,7 +260,7 @@ def backward_log(
             for i in range(n):
                 for j in range(n):
                     inverse[i, j] = 1.0 if i == j else 0.0
-                _solve(L, inverse[i])
+                solve_factorised(L, n, inverse[i])
             for i in range(n):
                 total = 0.0
                 for a in range(M):

@@ -19,6 +19,7 @@ from models.observers.observer import (
     V,
 )
 from models.observers.period_torque import arrived_momentum
+from models.rigid_body.small_matrices import factorise_with_floor, solve_lower
 
 # Table: numbers, 6-vectors, n-vectors, an (n, n), and the torque error's own table, all flat.
 PERIOD, BEFORE, SETTLED, HAS_ERROR, GROSS, NUMBERS = range(6)
@@ -240,9 +241,8 @@ def innovation_square(x: Array, P: Array, C: Array, rounding: Array, arrived: Ar
     total = 0.0
     for i in range(n):
         left[i] = arrived[i] - x[i]
-        for k in range(i):
-            left[i] -= L[i, k] * left[k]
-        left[i] /= L[i, i]
+    solve_lower(L, n, left)
+    for i in range(n):
         total += left[i] * left[i]
     return total
 
@@ -256,9 +256,8 @@ def innovation_factor(P: Array, C: Array, rounding: Array, L: Array) -> None:
             total = P[i, j] + (rounding[i] if i == j else 0.0)
             for m in range(n):
                 total += C[i, m] * C[j, m]
-            for k in range(j):
-                total -= L[i, k] * L[j, k]
-            L[i, j] = np.sqrt(max(total, rounding[i])) if i == j else total / L[j, j]
+            L[i, j] = total
+    factorise_with_floor(L, n, rounding)
 
 
 @njit(cache=True, error_model="numpy")

@@ -66,6 +66,23 @@ def factorise_in_place(A: Array, n: int, least: float) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
+def factorise_with_floor(A: Array, n: int, floor: Array) -> None:
+    """As `factorise_in_place` of a matrix that is positive definite but for rounding.
+
+    Args:
+        A: (n+, n+) lower triangle of the matrix; replaced by its factor.
+        n: size.
+        floor: (n+,) above zero; the square of a pivot is no less.
+    """
+    for i in range(n):
+        for j in range(i + 1):
+            total = A[i, j]
+            for k in range(j):
+                total -= A[i, k] * A[j, k]
+            A[i, j] = math.sqrt(max(total, floor[i])) if i == j else total / A[j, j]
+
+
+@njit(cache=True, error_model="numpy")
 def solve_lower(L: Array, n: int, x: Array) -> None:
     """Solves L y = x in place of x (n+,), with the factor that `factorise_in_place` leaves."""
     for i in range(n):

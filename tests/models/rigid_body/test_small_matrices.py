@@ -6,6 +6,7 @@ import pytest
 from models.rigid_body.small_matrices import (
     factorise,
     factorise_in_place,
+    factorise_with_floor,
     invert_transposed,
     largest_eigenvalue_3x3,
     orthogonalise_rows,
@@ -75,3 +76,16 @@ def test_largest_eigenvalue_of_3x3() -> None:
             assert largest_eigenvalue_3x3(A) == pytest.approx(expected, rel=1e-9)
     assert largest_eigenvalue_3x3(np.diag([2.0, 2.0, 2.0])) == 2.0
     assert largest_eigenvalue_3x3(np.zeros((3, 3))) == 0.0
+
+
+def test_a_pivot_that_rounding_took_is_held_at_its_floor():
+    rng = np.random.default_rng(8)
+    A = rng.normal(size=(7, 4))
+    S = A @ A.T + 0.1 * np.eye(7)
+    L = np.tril(S)
+    factorise_with_floor(L, 7, np.full(7, 1e-9))
+    np.testing.assert_allclose(L, np.linalg.cholesky(S), atol=1e-12)
+    lost = np.tril(A @ A.T - 1e-6 * np.eye(7))  # of rank four, and below zero
+    factorise_with_floor(lost, 7, np.full(7, 1e-4))
+    assert np.isfinite(lost).all()
+    assert np.diag(lost).min() == 1e-2
