@@ -256,7 +256,7 @@ def _correlation(scaled: Sequence[Array]) -> Array:
     R[np.arange(n), np.arange(n)] = 1.0
     R *= 0.98 / max(1.0, 1.0 - float(np.linalg.eigvalsh(R)[0]))
     R[np.arange(n), np.arange(n)] = 1.0
-    return R
+    return np.asarray(R)
 
 
 def _seen_correlation(scaled: Array) -> Array:
