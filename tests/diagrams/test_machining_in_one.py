@@ -8,16 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
+from sample_models import knowing_model
 
 from diagrams.closed_loop import make_closed_loop
 from diagrams.machining import make_machining_path
 from diagrams.scenario import HoldMotion, Scenario, load_scenario
 from models.control.wrench_script import WrenchStep
 from models.files.input_error import InputError
-from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
-from models.identification.torque_error_model import TorqueErrorModel
 from models.machining.air_pass import TaughtTorque
 from models.machining.machining_phases import Phase
 from models.observers.kalman_observer import KalmanObserverConfig
@@ -55,35 +54,9 @@ def plain_model(robot):
     return replace(IdentifiedModel.nominal(robot), friction=SemiParametricFriction(law))
 
 
-def knowing_model(robot):
-    """With friction that has a memory and a torque error, as an air pass leaves it."""
-    ones = np.ones(6)
-    law = CoulombViscous(robot.truth.stiction, robot.truth.viscous, np.zeros(6))
-    friction = PreslidingFriction(
-        SemiParametricFriction(CoulombViscous(0.0 * ones, law.viscous, 0.1 * ones)),
-        coulomb=law.coulomb,
-        stribeck=ones,
-        stribeck_velocity=0.1 * ones,
-        load=0.02 * ones,
-        cubic=0.2 * ones,
-        weight=np.ones((6, 1)),
-        displacement=np.full((6, 1), 1e-3),
-    )
-    error = TorqueErrorModel(
-        constant=0.3 * ones,
-        speed=0.2 * ones,
-        load=0.02 * ones,
-        acceleration=0.01 * ones,
-        reversal=0.3 * ones,
-        correlation=0.1 + 0.9 * np.eye(6),
-        correlation_time=0.3 * ones,
-        lasting=0.1 * ones,
-        fitted_speed=1.5 * ones,
-        fitted_load=30.0 * ones,
-        K_0=20.0 * ones,
-        resolution=1e-4 * ones,
-    )
-    return replace(IdentifiedModel.nominal(robot), friction=friction, torque_error=error)
+def knowing(robot):
+    """As an air pass leaves it."""
+    return knowing_model(robot, robot.truth.stiction, robot.truth.viscous)
 
 
 def lesson(plan):
@@ -123,7 +96,7 @@ def test_two_blocks_give_the_numbers_of_many(hard, name, knows, varied):
     model = plain_model(hard)
     options = {"model": model, "machining_path": plan}
     if knows:
-        options |= {"taught": lesson(plan), "estimator_model": knowing_model(hard)}
+        options |= {"taught": lesson(plan), "estimator_model": knowing(hard)}
     one, loop = run(scenario, hard, True, **options)
     many, chain = run(scenario, hard, False, **options)
     assert loop.diagram.HasSubsystemNamed("machining_reference") is False
@@ -193,7 +166,7 @@ def calls_of(simulator, until):
 def test_a_tick_takes_seven_calls_two_of_them_of_estimator_and_controller(hard, name, knows):
     scenario = short(name)
     plan = make_machining_path(scenario, hard)
-    more = {"taught": lesson(plan), "estimator_model": knowing_model(hard)} if knows else {}
+    more = {"taught": lesson(plan), "estimator_model": knowing(hard)} if knows else {}
     loop = make_closed_loop(
         scenario, hard, plain_model(hard), machining_path=plan, fused=True, **more
     )

@@ -23,8 +23,7 @@ _COUNT_PAGES = """
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="another C library's memory")
 def test_memory_that_a_world_frees_is_its_own_the_next_time(tmp_path, experiment, campaign):
-    """Else each array of this size would take 5,120 pages from the system, or ten large ones; here it takes
-    none."""
+    """Else each array of this size would take 5,120 pages from the system, or ten large ones."""
     experiment("arrays", _COUNT_PAGES)
     campaign("arrays", worlds=1, jobs=1)
     assert int((tmp_path / "pages").read_text()) < 10

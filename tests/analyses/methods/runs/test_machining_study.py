@@ -20,7 +20,7 @@ def figures_of(feed):
     return {
         name: {"correlation": feed, "rmse_n": feed, "within_ways": ways} for name in READINGS
     } | {
-        "regulation": dict.fromkeys(FEEDBACKS, {"rms_n": feed, "median_n": feed}),
+        "regulation": {name: {"rms_n": feed, "median_n": feed} for name in FEEDBACKS},
         "band": {
             "sensor": {
                 part: dict.fromkeys("xyz", feed) for part in ("steady", "ends", "turns", "all")
