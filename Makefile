@@ -59,7 +59,7 @@ kills: .venv/.ready-test
 	PYTHONPATH=tests/fuzz $(BIN)/python -m fuzzing.kills --seed $(SEED)
 
 bench: .venv/.ready-test
-	@set -e; for file in tests/benchmarks/bench_*.py; do echo "== $$file"; $(BIN)/python $$file; done
+	@set -e; for file in tests/benchmarks/bench_*.py; do echo "== $$file"; PYTHONPATH=tests/sample_models $(BIN)/python $$file; done
 
 docs: .venv/.ready-docs
 	$(BIN)/mkdocs build --strict --quiet
