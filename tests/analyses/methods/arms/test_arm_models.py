@@ -7,7 +7,9 @@ import numpy as np
 from analyses.methods.arms import arm_models
 from analyses.methods.arms.arm_models import ArmModels, covariance_at_speed
 from analyses.study.shared_results import sharing_in
+from models.estimation.estimator import WrenchEstimator
 from models.estimation.wrench import WrenchReconstructionConfig
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
 from models.robot.motors import torque_to_current
@@ -112,3 +114,29 @@ def test_more_passes_tell_of_the_readings_error_and_nothing_of_planning(sts):
     # gravity carries is noise alone, and tells the one log from the other.
     carrying = [1, 2, 4]
     np.testing.assert_allclose(sds[1][carrying] / sds[0][carrying], np.sqrt(5.0), rtol=0.03)
+
+
+def test_held_out_logs_are_read_once_for_each_law_and_gain(sts, monkeypatch):
+    """And every law and gain has its own readings, whoever asked before."""
+    model, log, _ = still(sts, 3000)
+    offset = CoulombViscous(np.zeros(6), np.zeros(6), np.ones(6))  # 1 N m off at rest
+    other = replace(model, friction=SemiParametricFriction(offset))
+    laws = {"plain": model, "other": other}
+    read = []
+    observe = WrenchEstimator.observe
+
+    def counted(self, *log):
+        read.append(self)
+        return observe(self, *log)
+
+    monkeypatch.setattr(WrenchEstimator, "observe", counted)
+    models = ArmModels(sts, laws, (log,))
+    pairs = [("plain", 20.0), ("plain", 60.0), ("other", 20.0), ("plain", 20.0)]
+    errors = [models.held_out_errors(*pair)[0] for pair in pairs]
+    fits = [models.torque_error(*pair).constant for pair in pairs]
+    assert len(read) == 3
+    for k, pair in enumerate(pairs):
+        alone = ArmModels(sts, laws, (log,))
+        np.testing.assert_array_equal(alone.torque_error(*pair).constant, fits[k])
+        np.testing.assert_array_equal(alone.held_out_errors(*pair)[0], errors[k])
+    assert len({float(own[0]) for own in fits}) == 3
