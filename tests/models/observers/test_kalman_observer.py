@@ -326,8 +326,8 @@ def quick_log(rows: int) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("step", [0.001, 0.01])
 def test_the_band_holds_a_push_that_comes_and_goes(step: float) -> None:
     """Pushes of half a second, one and a half live sds large. At 1 kHz no single innovation shows
-    them: a filter that sums none holds a quarter of the samples within the push, at 100 Hz less than
-    four fifths.
+    them: a filter that sums none holds a quarter of the samples within the push, at 100 Hz less
+    than four fifths.
     """
     rows = round(12.0 / step)
     t = step * np.arange(rows)
