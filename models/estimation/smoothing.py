@@ -13,6 +13,9 @@ which asks for no inverse of a covariance):
 beta, the friction's drift, is what a log of some length tells apart from a force: by how it
 follows speed. It is thought to last DRIFT_TIME.
 
+A force that begins or ends is no walk: where the log makes it likely, F changes at once
+(`models.observers.force_changes`).
+
 A forward-backward first-order filter has no lag either, but no sd of its own: what the filter makes
 of the torque's error depends on how that is spread over frequencies, which the model above says.
 
@@ -25,11 +28,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.arrays import Array, Flags
+from models.arrays import Array
 from models.estimation.estimator import EstimateBatch, WrenchEstimator
 from models.identification.torque_error_model import TORQUE_ERROR_ROWS
-from models.observers.fixed_interval import NUM_KINDS, NUM_PERIOD, backward_log, forward_log
-from models.observers.kalman_kernels import START_F, split_table
+from models.observers.force_changes import IntervalSmoother
 from models.observers.kalman_observer import KalmanObserver, KalmanObserverConfig
 from models.observers.observer import NUM_SIGNALS
 
@@ -39,26 +41,10 @@ PASS = 8192  # samples that are read backward at a time, beside those ahead
 
 
 class _Kept(NamedTuple):
-    """What the forward pass leaves of N samples.
+    """N samples that are not read yet: (N, NUM_SIGNALS, n), and their causal reading."""
 
-    Attributes:
-        z, P, period, kinds: of `models.observers.fixed_interval.forward_log`.
-        batch: causal.
-    """
-
-    z: Array
-    P: Array
-    period: Array
-    kinds: Flags
+    signals: Array
     batch: EstimateBatch
-
-    def part(self, rows: slice) -> "_Kept":
-        """Some of the samples, as a copy."""
-        z, P, period, kinds, batch = self
-        return _Kept(
-            *(z[rows].copy(), P[rows].copy(), period[rows].copy(), kinds[rows].copy()),
-            _rows(batch, rows),
-        )
 
 
 class WrenchSmoother:
@@ -88,7 +74,6 @@ class WrenchSmoother:
         n, step = estimator.num_joints, estimator.observer.time_step
         samples = "trapezoidal" if estimator.observer.reads_present_torque else "held"
         config = KalmanObserverConfig(bandwidth_hz, step, samples)
-        self._table = KalmanObserver(config, n).informed(estimator.knowledge).table
         self._ahead = min(int(np.ceil(LOOK_AHEAD / step)), MOST_AHEAD)
         self._state = estimator.initial_state()
         error = estimator.model.torque_error
@@ -96,13 +81,8 @@ class WrenchSmoother:
         if error is not None:
             rows[:TORQUE_ERROR_ROWS] = error.initial_state()
         self._scale = 0.0 if error is None else error.scale
-        self._errors = rows
-        sixes = split_table(self._table, n)[1]
-        M = 3 * n + 6
-        self._z, self._P = np.zeros(M), np.zeros((M, M))
-        self._P[range(n, M), range(n, M)] = np.concatenate([sixes[START_F], np.ones(2 * n)])
-        self._running = np.zeros(1, np.bool_)
-        self._kept_drift = float(np.exp(-step / DRIFT_TIME))
+        table = KalmanObserver(config, n).informed(estimator.knowledge).table
+        self._smoother = IntervalSmoother(table, rows, float(np.exp(-step / DRIFT_TIME)))
         self._kept: list[_Kept] = []
 
     def take(self, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> EstimateBatch:
@@ -111,8 +91,10 @@ class WrenchSmoother:
         ready = []
         for start in range(0, len(q), PASS):
             part = slice(start, start + PASS)
-            self._kept.append(self._forward(q[part], v[part], current[part]))
-            if sum(len(own.z) for own in self._kept) >= PASS + self._ahead:
+            signals = np.empty((len(q[part]), NUM_SIGNALS, self._estimator.num_joints))
+            batch = self._estimator.run(self._state, q[part], v[part], current[part], seen=signals)
+            self._kept.append(_Kept(signals, batch))
+            if sum(len(own.signals) for own in self._kept) >= PASS + self._ahead:
                 ready.append(self._read(self._ahead))
         return _joined(ready) if ready else self._nothing()
 
@@ -124,34 +106,17 @@ class WrenchSmoother:
         empty = np.zeros((0, self._estimator.num_joints))
         return self._estimator.run(self._estimator.initial_state(), empty, empty, empty)
 
-    def _forward(self, q: Array, v: Array, current: Array) -> _Kept:
-        N, n = q.shape
-        M = 3 * n + 6
-        signals = np.empty((N, NUM_SIGNALS, n))
-        batch = self._estimator.run(self._state, q, v, current, seen=signals)
-        z, P = np.empty((N, M)), np.empty((N, M, M))
-        period, kinds = np.empty((N, NUM_PERIOD, n)), np.empty((N, NUM_KINDS), np.bool_)
-        forward_log(
-            *(self._table, self._kept_drift, self._z, self._P, self._running, self._errors),
-            *(signals, batch.J, z, P, period, kinds),
-        )
-        return _Kept(z, P, period, kinds, batch)
-
     def _read(self, ahead: int) -> EstimateBatch:
         """Reads all that is kept but the last `ahead` samples, and lets go of it."""
-        columns = list(zip(*self._kept, strict=True))[:-1]
-        z, P, period, kinds = (np.concatenate(parts) for parts in columns)
-        kept = _Kept(z, P, period, kinds, _joined([own.batch for own in self._kept]))
-        ready = len(kept.z) - ahead
-        wrench, covariance = np.empty((ready, 6)), np.empty((ready, 6, 6))
-        backward_log(
-            *(self._table, self._kept_drift, kept.z, kept.P, kept.period, kept.kinds),
-            *(kept.batch.J, wrench, covariance),
-        )
+        signals = np.concatenate([own.signals for own in self._kept])
+        batch = _joined([own.batch for own in self._kept])
+        ready = len(signals) - ahead
+        wrench, covariance = self._smoother.read(signals, batch.J, ready)
         if self._scale:
             covariance += self._scale**2 * wrench[:, :, None] * wrench[:, None, :]
-        self._kept = [kept.part(slice(ready, None))] if ahead else []
-        causal = _rows(kept.batch, slice(0, ready))
+        left = slice(ready, None)
+        self._kept = [_Kept(signals[left].copy(), _rows(batch, left))] if ahead else []
+        causal = _rows(batch, slice(0, ready))
         tau_ext = np.einsum("kai,ka->ki", causal.J, wrench)
         finite = np.isfinite(tau_ext).all(axis=1)
         return causal._replace(

@@ -1,7 +1,8 @@
 """Kernels of a fixed-interval smoother: a Kalman filter forward, its adjoint backward.
 
 The equations are those of `models.estimation.smoothing`; z = [p, F, x, beta] of size M = 3 n + 6
-has the parts of `models.observers.kalman_observer`, and beta.
+has the parts of `models.observers.kalman_observer`, and beta. Where F is thought to change, its
+noise grows, and the adjoint tells what speaks for such a change (`models.observers.force_changes`).
 """
 
 import numpy as np
@@ -9,6 +10,7 @@ from numba import njit
 
 from models.arrays import Array, Flags
 from models.observers.kalman_kernels import (
+    JUMP_F,
     KEPT_F,
     NOISE_F,
     PERIOD,
@@ -18,12 +20,20 @@ from models.observers.kalman_kernels import (
     split_table,
 )
 from models.observers.observer import CTV, GRAVITY, TAU_F, TAU_J
-from models.rigid_body.small_matrices import factorise_with_floor, solve_factorised
+from models.rigid_body.small_matrices import (
+    factorise_in_place,
+    factorise_with_floor,
+    solve_factorised,
+    solve_lower,
+)
 
 # Kinds of a sample: whether it was measured, and whether the coming period is known.
 _MEASURED, _KNOWN, NUM_KINDS = range(3)
 # Rows of what is kept of a period: s and b, N m, a_x, and what the sample missed z by, N m s.
 _SMOOTH, _SLOW, _KEEPS, _MISS, NUM_PERIOD = range(5)
+# Log of how many times likelier all is that was seen, if F changes by its live prior, and at best:
+# by any change of F that this prior bounds, by any change of the momentum.
+LIKELIER, FORCE_GAIN, BLOW_GAIN, NUM_EVIDENCE = range(4)
 
 
 @njit(cache=True, error_model="numpy")
@@ -77,6 +87,7 @@ def forward_log(
     errors: Array,
     signals: Array,
     J: Array,
+    changes: Array,
     z_log: Array,
     P_log: Array,
     period: Array,
@@ -88,6 +99,7 @@ def forward_log(
         table: KalmanObserver.table.
         errors: rows of the torque error's state.
         signals, J: (N, NUM_SIGNALS, n), (N, 6, n).
+        changes: (N,) live prior's variances that F gains after a sample, beside its walk.
         z_log, P_log, period, kinds: written, (N, M), (N, M, M) before a sample is measured,
             (N, NUM_PERIOD, n), (N, NUM_KINDS).
     """
@@ -136,7 +148,7 @@ def forward_log(
         running[0] = known
         if not known:
             for a in range(6):
-                P[n + a, n + a] += sixes[NOISE_F, a]
+                P[n + a, n + a] += sixes[NOISE_F, a] + changes[k] * sixes[JUMP_F, a]
             continue
         _renew(period[k, _KEEPS], mixing, z, P, n)
         _step_matrix(numbers, sixes, kept_drift, J[k], period[k], A)
@@ -148,7 +160,7 @@ def forward_log(
             P[i, i] += white[i]
             P[2 * n + 6 + i, 2 * n + 6 + i] += 1.0 - kept_drift * kept_drift
         for a in range(6):
-            P[n + a, n + a] += sixes[NOISE_F, a]
+            P[n + a, n + a] += sixes[NOISE_F, a] + changes[k] * sixes[JUMP_F, a]
 
 
 @njit(cache=True, error_model="numpy")
@@ -226,12 +238,14 @@ def backward_log(
     period: Array,
     kinds: Flags,
     J: Array,
+    evidence: Array,
     wrench: Array,
     covariance: Array,
 ) -> None:
     """Reads the first rows of N that `forward_log` has left, with all N.
 
     Args:
+        evidence: (N, NUM_EVIDENCE), written: what a change after a sample would explain.
         wrench, covariance: (K, 6), (K, 6, 6) with K at most N, written.
         others: as `forward_log`.
     """
@@ -243,6 +257,7 @@ def backward_log(
     small, large = np.zeros(M), np.zeros((M, M))  # lambda, Lambda
     inverse, product = np.empty((n, n)), np.empty((M, n))
     for k in range(N - 1, -1, -1):
+        _weigh_change(small, large, sixes[JUMP_F], n, evidence[k])
         if kinds[k, _KNOWN]:
             _step_matrix(numbers, sixes, kept_drift, J[k], period[k], A)
             _adjoint(A, small, large, n)
@@ -298,6 +313,38 @@ def backward_log(
             small[:n], large[:n], large[:, :n] = 0.0, 0.0, 0.0
         if k < wrench.shape[0]:
             _smoothed(z_log[k], P_log[k], small, large, n, wrench[k], covariance[k])
+
+
+@njit(cache=True, error_model="numpy")
+def _weigh_change(
+    small: Array,
+    large: Array,
+    jump: Array,
+    n: int,
+    evidence: Array,
+) -> None:
+    """Writes what a change of F, of variance diag(jump), or of any p explains, before a sample.
+
+    The equations are those of `models.observers.force_changes`.
+    """
+    evidence[:] = 0.0
+    L, left = np.empty((6, 6)), np.empty(6)
+    for a in range(6):
+        left[a] = np.sqrt(jump[a]) * small[n + a]
+        for b in range(a + 1):
+            L[a, b] = np.sqrt(jump[a] * jump[b]) * large[n + a, n + b]
+        L[a, a] += 1.0
+    if factorise_in_place(L, 6, 0.5):
+        solve_lower(L, 6, left)
+        for a in range(6):
+            evidence[FORCE_GAIN] += 0.5 * left[a] * left[a]
+            evidence[LIKELIER] -= np.log(L[a, a])
+        evidence[LIKELIER] += evidence[FORCE_GAIN]
+    M, blow = large[:n, :n].copy(), small[:n].copy()
+    if factorise_in_place(M, n, 0.0):
+        solve_lower(M, n, blow)
+        for i in range(n):
+            evidence[BLOW_GAIN] += 0.5 * blow[i] * blow[i]
 
 
 @njit(cache=True, error_model="numpy")

@@ -19,7 +19,7 @@ observer's rate were settled on the three fitted runs with pushes and slow force
 stiction lasts as long as a joint rests was put into the kalman observer after `ur-20_01_17-p1` had
 been seen, and the torque error's law was settled with p1 to p5 in sight. How the kalman observer
 tells that a force has changed was settled on `simulated-pushes` of seed 0, with the UR10e's logs in
-sight.
+sight; how smoothing does, on these pushes and `ur-20_02_10-20sec_7harm`, with and without.
 """
 
 from collections.abc import Mapping

@@ -1,6 +1,7 @@
 """Smoothing: against the dense Gaussian posterior, in parts, past holes, and what it is worth."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -11,8 +12,15 @@ from models.estimation.smoothing import DRIFT_TIME, WrenchSmoother, smoothed_est
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
-from models.identification.torque_error_model import TorqueErrorModel
-from models.observers.kalman_observer import WHITE_SHARE, KalmanObserverConfig, changing_wrench
+from models.identification.torque_error_model import TORQUE_ERROR_ROWS, TorqueErrorModel
+from models.observers.fixed_interval import BLOW_GAIN, LIKELIER
+from models.observers.force_changes import IntervalSmoother
+from models.observers.kalman_observer import (
+    WHITE_SHARE,
+    KalmanObserver,
+    KalmanObserverConfig,
+    changing_wrench,
+)
 from models.observers.observer import (
     CTV,
     GRAVITY,
@@ -76,11 +84,28 @@ def log(
     return q, v, tau / motor_gain(robot.torque_per_ampere, robot.current_sign)
 
 
+class Dense(NamedTuple):
+    """What a log says, read at once: wrench's mean (N, 6) and covariance (N, 6, 6) given all
+    samples; residuals r (N - 1) n of the momenta and their covariance S before these are known."""
+
+    wrench: np.ndarray
+    covariance: np.ndarray
+    r: np.ndarray
+    S: np.ndarray
+
+    @property
+    def log_likelihood(self) -> float:
+        _, log_det = np.linalg.slogdet(self.S)
+        return float(-0.5 * (self.r @ np.linalg.solve(self.S, self.r) + log_det))
+
+
 def dense_posterior(
-    own: WrenchEstimator, samples: tuple[np.ndarray, ...]
-) -> tuple[np.ndarray, np.ndarray]:
-    """The wrench's mean (N, 6) and covariance (N, 6, 6) given all samples: the states of the whole
-    log as one Gaussian vector, conditioned on all its momenta at once."""
+    own: WrenchEstimator, samples: tuple[np.ndarray, ...], changes: np.ndarray | None = None
+) -> Dense:
+    """The states of the whole log as one Gaussian vector, conditioned on all its momenta at once.
+
+    changes: (N,) live prior's variances that F gains after each sample.
+    """
     q = samples[0]
     N, n = q.shape
     signals = np.empty((N, NUM_SIGNALS, n))
@@ -96,6 +121,8 @@ def dense_posterior(
     K_0, times = error.K_0, error.correlation_time
     smooth = np.sqrt((1 - WHITE_SHARE) * (1 + K_0 * times) / (K_0 * times) * moving + held**2)
     kept, added, start = changing_wrench(prior, own.config.observer.bandwidth_hz, STEP)
+    jump = np.minimum(np.repeat(np.square(prior[2:]), 3), start)
+    changes = np.zeros(N) if changes is None else changes
     a, drift = np.exp(-STEP * (1.0 - held**2 / smooth**2) / times), np.exp(-STEP / DRIFT_TIME)
     a[1:] *= np.minimum(smooth[1:] / smooth[:-1], smooth[:-1] / smooth[1:])
     R = (1e-3 * STEP * error.constant) ** 2
@@ -119,7 +146,8 @@ def dense_posterior(
         mean[k + 1] = steps[k] @ mean[k]
         mean[k + 1, :n] += STEP * u[k]
         white = STEP * WHITE_SHARE * 2.0 / K_0 * moving[k]
-        variances = [white, added, np.zeros(n), np.full(n, 1.0 - drift**2)]
+        gained = added + changes[k] * jump
+        variances = [white, gained, np.zeros(n), np.full(n, 1.0 - drift**2)]
         own_root = np.diag(np.sqrt(np.concatenate(variances)))
         own_root[:, n + 6 : 2 * n + 6] = A[:, n + 6 : 2 * n + 6] * np.sqrt(1.0 - a[k] ** 2)
         roots.append(own_root)
@@ -130,14 +158,15 @@ def dense_posterior(
         root[k, :, k * M : (k + 1) * M] += roots[k]
     H = root[1:, :n].reshape(-1, N * M)
     S = H @ H.T + np.diag(np.tile(R, N - 1))
-    seen = np.linalg.solve(S, (y[1:] - mean[1:, :n]).ravel())
+    r = (y[1:] - mean[1:, :n]).ravel()
+    seen = np.linalg.solve(S, r)
     wrench, covariance = np.empty((N, 6)), np.empty((N, 6, 6))
     for k in range(N):
         F = root[k, n : n + 6]
         wrench[k] = mean[k, n : n + 6] + F @ H.T @ seen
         covariance[k] = F @ F.T - F @ H.T @ np.linalg.solve(S, H @ F.T)
     covariance += error.scale**2 * wrench[:, :, None] * wrench[:, None, :]
-    return wrench, covariance
+    return Dense(wrench, covariance, r, S)
 
 
 @pytest.mark.parametrize("method", ["bayesian", "force_only"])
@@ -147,17 +176,57 @@ def test_it_is_the_posterior_given_the_whole_log(
     own = estimator(ur10e, model, method)
     samples = log(ur10e, model, 60, FORCE)
     found = smoothed_estimate(own, *samples)
-    wrench, covariance = dense_posterior(own, samples)
+    wrench, covariance, *_ = dense_posterior(own, samples)
     # Both lose digits: prior variances of (2 kN)^2 against (N m s / 1e5)^2.
     size = float(np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)).max())
     np.testing.assert_allclose(found.wrench, wrench, rtol=1e-4, atol=1e-5 * size)
     np.testing.assert_allclose(found.covariance, covariance, rtol=2e-3, atol=1e-5 * size**2)
 
 
+def interval_smoother(own: WrenchEstimator) -> IntervalSmoother:
+    error = own.model.torque_error
+    assert error is not None
+    rows = np.zeros((TORQUE_ERROR_ROWS + 1, own.num_joints))
+    rows[:TORQUE_ERROR_ROWS] = error.initial_state()
+    observer = KalmanObserver(own.config.observer, own.num_joints).informed(own.knowledge)
+    return IntervalSmoother(observer.table, rows, float(np.exp(-STEP / DRIFT_TIME)))
+
+
+@pytest.mark.parametrize("method", ["bayesian", "force_only"])
+def test_what_a_change_explains(ur10e: Robot, model: IdentifiedModel, method: str) -> None:
+    """Bayes factor and generalized least squares of the dense log, and its posterior with them."""
+    own, rows = estimator(ur10e, model, method), 40
+    n = own.num_joints
+    force = np.where(np.arange(rows)[:, None] > 24, FORCE, 0.0)
+    samples = log(ur10e, model, rows, force)
+    signals = np.empty((rows, NUM_SIGNALS, n))
+    J = own.run(own.initial_state(), *samples, seen=signals).J
+    plain, smoother = dense_posterior(own, samples), interval_smoother(own)
+    found, _ = smoother.smoothed(signals, J, np.zeros(rows), rows)
+    for k in (8, 24, 30):
+        changes = np.zeros(rows)
+        changes[k] = 1.0
+        dense = dense_posterior(own, samples, changes)
+        ratio = dense.log_likelihood - plain.log_likelihood
+        np.testing.assert_allclose(found.evidence[k, LIKELIER], ratio, rtol=1e-3, atol=1e-2)
+        # Momentum that has changed stays so: it is in all that is measured after k.
+        later = np.repeat(np.arange(1, rows) > k, n)[:, None] * np.tile(np.eye(n), (rows - 1, 1))
+        weighted = np.linalg.solve(plain.S, later)
+        left = weighted.T @ plain.r
+        gain = 0.5 * left @ np.linalg.solve(later.T @ weighted, left)
+        np.testing.assert_allclose(found.evidence[k, BLOW_GAIN], gain, rtol=1e-3, atol=1e-2)
+        changed, _ = smoother.smoothed(signals, J, changes, rows)
+        size = float(np.sqrt(np.diagonal(dense.covariance, axis1=1, axis2=2)).max())
+        np.testing.assert_allclose(changed.wrench, dense.wrench, rtol=1e-4, atol=1e-5 * size)
+    assert np.argmax(found.evidence[:, LIKELIER]) in (23, 24, 25)
+
+
 def test_parts_do_not_show_but_for_the_drift(
     ur10e: Robot, model: IdentifiedModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    own, samples = estimator(ur10e, model), log(ur10e, model, 1500, FORCE)
+    t = STEP * np.arange(1500)[:, None]
+    force = FORCE + np.where((t > 2.0) & (t < 6.0), 4.0 * FORCE, 0.0)  # all edges in sight
+    own, samples = estimator(ur10e, model), log(ur10e, model, 1500, force)
     whole = smoothed_estimate(own, *samples)
     monkeypatch.setattr(smoothing, "PASS", 100)
     monkeypatch.setattr(smoothing, "LOOK_AHEAD", 8.0)
