@@ -1,7 +1,7 @@
 # Each target sets up .venv by itself; all that is needed beforehand is Python 3.11.
 PYTHON ?= python3.11
 OUT ?= out/study
-CAMPAIGN ?= out/campaign
+CAMPAIGN ?= $(wildcard out/campaign out/machining-worlds)
 DATA ?= ../shared/data
 JOBS ?= 2
 COUNT ?= 5000
@@ -59,7 +59,7 @@ kills: .venv/.ready-test
 	PYTHONPATH=tests/fuzz $(BIN)/python -m fuzzing.kills --seed $(SEED)
 
 bench: .venv/.ready-test
-	@set -e; for file in tests/benchmarks/bench_*.py; do echo "== $$file"; $(BIN)/python $$file; done
+	@set -e; for file in tests/benchmarks/bench_*.py; do echo "== $$file"; PYTHONPATH=tests/sample_models $(BIN)/python $$file; done
 
 docs: .venv/.ready-docs
 	$(BIN)/mkdocs build --strict --quiet
@@ -68,9 +68,9 @@ docs: .venv/.ready-docs
 readme: .venv/.ready
 	$(BIN)/python -m analyses.study.readme_table $(OUT) README.md $(CAMPAIGN)
 
-# The same with the figures of a campaign alone.
+# The same with the figures of campaigns alone.
 readme-worlds: .venv/.ready
-	$(BIN)/python -m analyses.study.readme_table --campaign $(CAMPAIGN) README.md
+	$(BIN)/python -m analyses.study.readme_table --campaign README.md $(CAMPAIGN)
 
 clean:
 	rm -rf .venv out .mypy_cache .ruff_cache .hypothesis

@@ -1,23 +1,23 @@
 """Fills the README's table "article / here" from a study's and a campaign's results.
 
-    python -m analyses.study.readme_table [STUDY_FOLDER] [README] [CAMPAIGN_FOLDER]
-    python -m analyses.study.readme_table --campaign CAMPAIGN_FOLDER [README]
+    python -m analyses.study.readme_table [STUDY_FOLDER] [README] [CAMPAIGN_FOLDER...]
+    python -m analyses.study.readme_table --campaign README CAMPAIGN_FOLDER...
 
-writes the figures of a study's report into docs/results.json beside the README and those of a
-campaign (by default in `campaign` beside the study), where there is one, into docs/campaign.json;
+writes the figures of a study's report into docs/results.json beside the README and those of
+campaigns (by default of `campaign` beside the study), where there are any, into docs/campaign.json;
 then the table of those that count most (`readme` of the experiments) between the README's two
 markers; all else stays as it is. With `--campaign` the study's figures stay as they are.
 
-Where a campaign of FEWEST_WORLDS or more has a figure, the README states its median over worlds and
-the range of 5 to 95 %; elsewhere that of the one run. The documentation shows all figures, and
-both. All three files are committed: a test compares them, so that a table edited by hand, or
-figures without their table, do not pass.
+Where FEWEST_WORLDS or more have a figure, the README states its median over worlds and the range of
+5 to 95 %; elsewhere that of the one run. The documentation shows all figures, and both. All three
+files are committed: a test compares them, so that a table edited by hand, or figures without their
+table, do not pass.
 """
 
 import json
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -87,6 +87,31 @@ def committed(readme: Path, name: Path) -> dict[str, Any]:
     return found
 
 
+def together(folders: Sequence[Path]) -> dict[str, Any]:
+    """Metrics of campaigns that lie in a folder each, as those of one.
+
+    `campaign.worlds` is that of the largest; every figure has its own number of worlds beside.
+
+    Raises:
+        InputError: a folder has none; an experiment is in two; one is shortened, another not.
+    """
+    found: dict[str, Any] = {}
+    for folder in folders:
+        path = folder / "metrics.json"
+        own = _read(path, _CAMPAIGN)
+        settings = own.pop(_CAMPAIGN)
+        before = found.setdefault(_CAMPAIGN, settings)
+        if settings["quick"] != before["quick"]:
+            raise InputError(path, "", "is of another length (--quick) than the campaign before it")
+        if twice := sorted(set(own) & set(found)):
+            problem = f"has worlds of {twice[0]}, which a campaign before it has, too"
+            raise InputError(path, "", problem, "name one folder for each experiment")
+        found |= own
+        if settings["worlds"] > before["worlds"]:
+            found[_CAMPAIGN] = settings
+    return found
+
+
 def results_table(
     results: Mapping[str, Any], worlds: Mapping[str, Any] | None = None, whole: bool = False
 ) -> str:
@@ -94,14 +119,16 @@ def results_table(
 
     Args:
         results: of `collect`.
-        worlds: metrics of a campaign; count if they are of the same length as the study.
+        worlds: of `together`; count if they are of the same length as the study.
         whole: whether with the rows that the README leaves out, and with the one run's figure
             beside that of worlds.
     """
     worlds = worlds or {}
     settings = worlds.get(_CAMPAIGN, {})
-    count = settings["worlds"] if settings.get("quick") == results["quick"] else 0
-    beside = f" Median of {count} worlds (5 to 95 %) |" if count and whole else ""
+    if settings.get("quick") != results["quick"]:
+        worlds = {}
+    over = _counted(worlds)
+    beside = f" Median of {over} (5 to 95 %) |" if over and whole else ""
     lines = [
         f"| Experiment | Measure | Article | Here |{beside} Why, where they differ |",
         f"|---|---|---:|---:|{'---:|' if beside else ''}---|",
@@ -109,7 +136,7 @@ def results_table(
     ranges = False
     for experiment in results["experiments"]:
         shown = [row for row in experiment["rows"] if whole or row["readme"]]
-        spread = worlds.get(experiment["name"], {}) if count else {}
+        spread = worlds.get(experiment["name"], {})
         for index, row in enumerate(shown):
             (text,) = comparisons({row["key"]: row["here"]}, [row])
             stated = " ".join(text.stated)
@@ -117,37 +144,58 @@ def results_table(
                 stated = f"{stated} ({text.source})"
             label = f"{text.label} [{text.unit}]" if text.unit else text.label
             title = experiment["title"] if index == 0 else ""
-            median, ahead = _over_worlds(spread, row["key"], row["here"])
+            one_run = ["–"] * len(text.here) if whole else text.here
+            fewest = 1 if whole else FEWEST_WORLDS
+            median, ahead = _over_worlds(spread, row["key"], row["here"], one_run, fewest)
             here, remark = [" ".join(text.here)], text.remark
             moved = _moved_by(spread, row["key"])
             if beside:
                 here.append(", ".join(part for part in (median, ahead) if part))
                 remark = "; ".join(part for part in (moved, remark) if part)
-            elif median and not whole and count >= FEWEST_WORLDS:
+            elif median:
                 ranges, here = True, [median]
                 remark = "; ".join(part for part in (ahead, moved, remark) if part)
             cells = (title, label, stated, *here, remark)
             lines.append("| " + " | ".join(_cell(c) for c in cells) + " |")
     quick = "**Of shortened runs (`--quick`)**: they show that all parts work, not how well.\n\n"
     note = (
-        f"\nWith a range: median of {count} worlds and, in brackets, 5 to 95 % of them. A world is "
+        f"\nWith a range: median of {over} and, in brackets, 5 to 95 % of them. A world is "
         "a draw of what the simulated arm truly is (docs/worlds.md). Without: one run.\n"
     )
     table = "\n".join(lines) + "\n"
     return (quick if results["quick"] else "") + table + (note if ranges else "")
 
 
-def _over_worlds(spread: Mapping[str, Any], key: str, here: Any) -> tuple[str, str]:
+def _counted(worlds: Mapping[str, Any]) -> str:
+    """In how many worlds figures were measured, as "200 worlds (20 of `grinding`)"; "" if none."""
+    most = worlds.get(_CAMPAIGN, {}).get("worlds", 0)
+    experiments = {name: figures for name, figures in worlds.items() if name != _CAMPAIGN}
+    fewer: dict[int, list[str]] = {}
+    for name, figures in experiments.items():
+        own = max((one["worlds"] for one in figures.values()), default=most)
+        if own != most:
+            fewer.setdefault(own, []).append(f"`{name}`")
+    words = "; ".join(f"{own} of {', '.join(names)}" for own, names in sorted(fewer.items()))
+    if not experiments:
+        return ""
+    return f"{most} worlds" + (f" ({words})" if words else "")
+
+
+def _over_worlds(
+    spread: Mapping[str, Any], key: str, here: Any, one_run: Sequence[str], fewest: int
+) -> tuple[str, str]:
     """Median and range of a row's numbers as text, and how often ours is ahead; both may be "".
 
-    Of a list worlds may have a part, as with the fastest feed alone: the rest are dashes.
+    Of a list worlds may have a part, as with the fastest feed alone: the rest are `one_run`'s.
+    What fewer than `fewest` worlds have counts for nothing.
     """
     keys = [f"{key}.{k}" for k in range(len(here))] if isinstance(here, list) else [key]
-    own = [spread.get(k) for k in keys]
+    own = [one if (one := spread.get(k)) and one["worlds"] >= fewest else None for k in keys]
     if not any(own):
         return "", ""
     text = ", ".join(
-        _range(*(one[key] for key in ("median", "p05", "p95"))) if one else "–" for one in own
+        _range(*(one[key] for key in ("median", "p05", "p95"))) if one else alone
+        for one, alone in zip(own, one_run, strict=True)
     )
     shares = [one["share_of_worlds_ours_ahead"] for one in own if one]
     if None in shares:
@@ -220,30 +268,28 @@ def _read(path: Path, command: str = "study") -> Any:
 def main(arguments: list[str]) -> int:
     """Runs the command; returns its exit code."""
     alone = arguments[:1] == ["--campaign"]
-    if len(arguments) > 3 or (alone and len(arguments) < 2):
-        sys.stderr.write(
-            "expected STUDY_FOLDER README CAMPAIGN_FOLDER, or --campaign CAMPAIGN_FOLDER README\n"
-        )
+    if alone and len(arguments) < 3:
+        sys.stderr.write("expected --campaign README CAMPAIGN_FOLDER...\n")
         return 2
-    if alone:
-        study, campaign = None, Path(arguments[1])
-        readme = Path(arguments[2]) if len(arguments) > 2 else Path("README.md")
-    else:
-        defaults = ("out/study", "README.md", "")
-        given = (*arguments, *defaults[len(arguments) :])
-        study, readme = Path(given[0]), Path(given[1])
-        campaign = Path(given[2]) if given[2] else study.parent / _CAMPAIGN
+    defaults = ("out/study", "README.md")
+    given = arguments[1:] if alone else [*arguments, *defaults[len(arguments) :]]
+    study, given = (None, given) if alone else (Path(given[0]), given[1:])
+    readme, campaigns = Path(given[0]), [Path(one) for one in given[1:]]
+    if (
+        study is not None
+        and not campaigns
+        and (study.parent / _CAMPAIGN / "metrics.json").is_file()
+    ):
+        campaigns = [study.parent / _CAMPAIGN]
     try:
         results = committed(readme, RESULTS) if study is None else collect(study)
-        spread = campaign / "metrics.json"
-        fresh = alone or spread.is_file()
-        worlds = _read(spread, "campaign") if fresh else committed(readme, WORLDS)
+        worlds = together(campaigns) if campaigns else committed(readme, WORLDS)
         # The README first: if it has no place for the table, all files stay as they are.
         changed = fill(readme, results_table(results, worlds))
         docs = OutputFolder(readme.parent / RESULTS.parent)
         if study is not None:
             docs.write_text(RESULTS.name, json_text(results))
-        if fresh:
+        if campaigns:
             docs.write_text(WORLDS.name, json_text(worlds))
     except InputError as error:
         sys.stderr.write(f"{error}\n")

@@ -1,8 +1,8 @@
 """The whole estimator, per tick and over a log, against the same chain in Python with pinocchio.
 
-Run as a script. All is timed in one run, in turns, so that the ratios hold on a busy machine too;
-results are compared before they are timed. A tick: current to torque, M v, C^T v, G, J, friction,
-observer, Bayesian wrench with covariance, condition number and flag, for a 6-joint arm.
+Run by `make bench`. All is timed in one run, in turns, so that the ratios hold on a busy machine
+too; results are compared before they are timed. A tick: current to torque, M v, C^T v, G, J,
+friction, observer, Bayesian wrench with covariance, condition number and flag, for a 6-joint arm.
 """
 
 import gc
@@ -17,6 +17,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
+from sample_models import sample_torque_error
 
 from diagrams.closed_loop import make_closed_loop
 from diagrams.estimator import add_estimator, make_estimator
@@ -25,7 +26,6 @@ from models.arrays import Array
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
-from models.identification.torque_error_model import TorqueErrorModel
 from models.robot.motors import torque_to_current
 from models.robot.robot import Robot
 
@@ -154,31 +154,12 @@ def row(name: str, times: Array, reference: Array) -> None:
     print(f"{name:44} {median:9.1f} us {high:9.1f} us {by_median:9.2f} x {by_high:9.2f} x")
 
 
-def torque_error() -> TorqueErrorModel:
-    """Of some six-joint arm."""
-    ones = np.ones(6)
-    return TorqueErrorModel(
-        constant=0.3 * ones,
-        speed=0.2 * ones,
-        load=0.02 * ones,
-        acceleration=0.01 * ones,
-        reversal=0.3 * ones,
-        correlation=0.1 + 0.9 * np.eye(6),
-        correlation_time=0.3 * ones,
-        lasting=0.1 * ones,
-        fitted_speed=1.5 * ones,
-        fitted_load=30.0 * ones,
-        K_0=20.0 * ones,
-        resolution=1e-4 * ones,
-    )
-
-
 def main() -> None:
     """Prints the table."""
     robot = Robot.load("sts_sre4_600")
     law = CoulombViscous(np.full(6, 5.0), np.full(6, 4.0), np.full(6, 0.1))
     model = replace(IdentifiedModel.nominal(robot), friction=SemiParametricFriction(law))
-    knowing = replace(model, torque_error=torque_error())
+    knowing = replace(model, torque_error=sample_torque_error())
     config = WrenchEstimatorConfig()
     ours = WrenchEstimator(robot, model, config)
     T = ours.observer.time_step

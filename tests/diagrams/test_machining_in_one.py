@@ -2,22 +2,22 @@
 
 import collections
 import sys
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
+from sample_models import knowing_model
 
 from diagrams.closed_loop import make_closed_loop
 from diagrams.machining import make_machining_path
 from diagrams.scenario import HoldMotion, Scenario, load_scenario
 from models.control.wrench_script import WrenchStep
 from models.files.input_error import InputError
-from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
-from models.identification.torque_error_model import TorqueErrorModel
 from models.machining.air_pass import TaughtTorque
 from models.machining.machining_phases import Phase
 from models.observers.kalman_observer import KalmanObserverConfig
@@ -25,8 +25,10 @@ from models.observers.momentum_observer import MomentumObserverConfig
 from models.robot.robot import Robot
 from models.truth.true_robot import plain_truth
 from systems.force_torque_sensor import ForceTorqueSensorConfig
+from systems.machining.machining_reference import MachiningReference
 
 SYSTEMS = str(Path(sys.modules[MomentumObserverConfig.__module__].__file__).parents[2] / "systems")
+MORE = ("tau_f_true", "tau_J_true", "state", "wrench_unbalance")  # what else an arm tells
 SHORT = {
     "standoff": 0.0012,
     "search": 0.001,
@@ -55,35 +57,9 @@ def plain_model(robot):
     return replace(IdentifiedModel.nominal(robot), friction=SemiParametricFriction(law))
 
 
-def knowing_model(robot):
-    """With friction that has a memory and a torque error, as an air pass leaves it."""
-    ones = np.ones(6)
-    law = CoulombViscous(robot.truth.stiction, robot.truth.viscous, np.zeros(6))
-    friction = PreslidingFriction(
-        SemiParametricFriction(CoulombViscous(0.0 * ones, law.viscous, 0.1 * ones)),
-        coulomb=law.coulomb,
-        stribeck=ones,
-        stribeck_velocity=0.1 * ones,
-        load=0.02 * ones,
-        cubic=0.2 * ones,
-        weight=np.ones((6, 1)),
-        displacement=np.full((6, 1), 1e-3),
-    )
-    error = TorqueErrorModel(
-        constant=0.3 * ones,
-        speed=0.2 * ones,
-        load=0.02 * ones,
-        acceleration=0.01 * ones,
-        reversal=0.3 * ones,
-        correlation=0.1 + 0.9 * np.eye(6),
-        correlation_time=0.3 * ones,
-        lasting=0.1 * ones,
-        fitted_speed=1.5 * ones,
-        fitted_load=30.0 * ones,
-        K_0=20.0 * ones,
-        resolution=1e-4 * ones,
-    )
-    return replace(IdentifiedModel.nominal(robot), friction=friction, torque_error=error)
+def knowing(robot):
+    """As an air pass leaves it."""
+    return knowing_model(robot, robot.truth.stiction, robot.truth.viscous)
 
 
 def lesson(plan):
@@ -93,7 +69,7 @@ def lesson(plan):
 
 
 def run(scenario, robot, fused, duration=0.5, **options):
-    loop = make_closed_loop(scenario, robot, fused=fused, also_log=("tau_f_true",), **options)
+    loop = make_closed_loop(scenario, robot, fused=fused, also_log=MORE, **options)
     simulator = Simulator(loop.diagram)
     simulator.AdvanceTo(duration)
     return loop.logged(simulator.get_context())[1], loop
@@ -106,6 +82,7 @@ def run(scenario, robot, fused, duration=0.5, **options):
         ("PolishingSensorless", True, {}),
         ("GrindingSensorless", False, {}),
         ("Grinding", True, {}),
+        ("Grinding", "lesson", {}),
         ("Polishing", False, {"current_noise": False, "friction": "coulomb_viscous"}),
         ("Polishing", False, {"wrench": [WrenchStep(0.1, 0.2, [3.0, 0.0, 0.0])]}),
         ("PolishingSensorless", False, {"force_torque_sensor": None, "current_noise": False}),
@@ -117,22 +94,80 @@ def run(scenario, robot, fused, duration=0.5, **options):
     ],
 )
 def test_two_blocks_give_the_numbers_of_many(hard, name, knows, varied):
-    """To the last bit, from the approach over touch and work to the lift."""
+    """To the last bit, from the approach over touch and work to the lift.
+
+    Taught by an air pass, friction with a memory is taken as it is and that without at planned
+    speeds ("lesson").
+    """
     scenario = replace(short(name), **varied)
     plan = make_machining_path(scenario, hard)
     model = plain_model(hard)
     options = {"model": model, "machining_path": plan}
     if knows:
-        options |= {"taught": lesson(plan), "estimator_model": knowing_model(hard)}
+        options["taught"] = lesson(plan)
+    if knows is True:
+        options["estimator_model"] = knowing(hard)
     one, loop = run(scenario, hard, True, **options)
     many, chain = run(scenario, hard, False, **options)
     assert loop.diagram.HasSubsystemNamed("machining_reference") is False
     assert chain.diagram.HasSubsystemNamed("machining_reference") is True
-    assert one.keys() == many.keys()
+    assert set(MORE) < one.keys() == many.keys()
     for signal, values in one.items():
         np.testing.assert_array_equal(values, many[signal], err_msg=signal)
     assert Phase.WORK in one["phase"]
     assert np.abs(one["wrench_true"]).max() > 5.0
+
+
+@pytest.mark.parametrize("fused", [True, False])
+def test_the_estimate_is_fed_back_where_what_was_taught_counts(hard, fused):
+    """Else where the feed is steady, which at this speed it never is."""
+    scenario = short("PolishingSensorless")
+    plan = make_machining_path(scenario, hard)
+    t = plan.trajectory.t
+    first_half = (t < 0.5 * t[-1]).astype(float)
+    taught = TaughtTorque(t, np.zeros((len(t), 6)), first_half)
+    options = {"model": plain_model(hard), "machining_path": plan, "fused": fused}
+    for lesson, counts in ((taught, first_half), (None, plan.steady)):
+        loop = make_closed_loop(scenario, hard, taught=lesson, **options)
+        parts = loop.controller.sizes if fused else MachiningReference.sizes(6)
+        split = loop.diagram.GetSubsystemByName("action" if fused else "machining_plan")
+        valid = split.get_output_port(list(parts).index("feedback_valid"))
+        simulator = Simulator(loop.diagram)
+        seen = []
+        for k in range(1, 26):
+            simulator.AdvanceTo(0.02 * k)
+            seen.append(valid.Eval(split.GetMyContextFromRoot(simulator.get_context()))[0])
+        feed_time = loop.logged(simulator.get_context())[1]["feed_time"][20::20, 0]
+        led = feed_time >= 0.0
+        assert led.sum() > 5
+        expected = np.interp(feed_time, t, counts) == 1.0
+        np.testing.assert_array_equal(seen, led & expected)
+
+
+def test_terms_for_pictures_are_the_model_s_at_what_is_read(hard):
+    scenario = short("Polishing")
+    plan = make_machining_path(scenario, hard)
+    model = plain_model(hard)
+    loop = make_closed_loop(scenario, hard, model, machining_path=plan, fused=True)
+    context = loop.diagram.CreateDefaultContext()
+    own = loop.controller.GetMyMutableContextFromRoot(context)
+    q, v = plan.q_start + 0.1, np.linspace(-1.0, 1.0, 6)
+    loop.controller.GetInputPort("q").FixValue(own, q)
+    loop.controller.GetInputPort("v").FixValue(own, v)
+    terms = loop.controller.GetOutputPort("terms").Eval(own)
+    expected = model.chain(hard).terms(q, v)
+    for name in ("q", "v", "G", "Cv", "V_WE", "p_WE"):
+        np.testing.assert_array_equal(getattr(terms, name), getattr(expected, name), err_msg=name)
+
+
+def test_an_observer_that_reads_the_present_torque_is_refused(hard):
+    """The command, which is that torque, would be asked for before it is known."""
+    scenario = short("Polishing")
+    observer = replace(scenario.estimator.observer, torque_samples="trapezoidal")
+    scenario = replace(scenario, estimator=replace(scenario.estimator, observer=observer))
+    plan = make_machining_path(scenario, hard)
+    with pytest.raises(ValueError, match="present torque"):
+        make_closed_loop(scenario, hard, plain_model(hard), machining_path=plan, fused=True)
 
 
 def test_other_observers_fit_in_as_well(hard):
@@ -148,6 +183,20 @@ def test_other_observers_fit_in_as_well(hard):
     one, many = (run(scenario, hard, fused, **options)[0] for fused in (True, False))
     for signal, values in one.items():
         np.testing.assert_array_equal(values, many[signal], err_msg=signal)
+
+
+def test_drives_that_report_their_current_late_do_so_in_one_block_as_well(hard):
+    robot = copy(hard)
+    robot.current_bandwidth = np.array([5.0, 20.0, 50.0, 100.0, 300.0, np.inf])
+    scenario = short("Polishing")
+    plan = make_machining_path(scenario, robot)
+    options = {"model": plain_model(robot), "machining_path": plan, "duration": 0.1}
+    one, many = (run(scenario, robot, fused, **options)[0] for fused in (True, False))
+    for signal, values in one.items():
+        np.testing.assert_array_equal(values, many[signal], err_msg=signal)
+    prompt, _ = run(scenario, hard, True, **options)
+    late = (one["current"] != prompt["current"]).any(axis=0)
+    np.testing.assert_array_equal(late, robot.current_bandwidth < np.inf)
 
 
 def test_without_mechanisms_the_arm_is_many_blocks_and_the_controller_one(hard):
@@ -193,7 +242,7 @@ def calls_of(simulator, until):
 def test_a_tick_takes_seven_calls_two_of_them_of_estimator_and_controller(hard, name, knows):
     scenario = short(name)
     plan = make_machining_path(scenario, hard)
-    more = {"taught": lesson(plan), "estimator_model": knowing_model(hard)} if knows else {}
+    more = {"taught": lesson(plan), "estimator_model": knowing(hard)} if knows else {}
     loop = make_closed_loop(
         scenario, hard, plain_model(hard), machining_path=plan, fused=True, **more
     )

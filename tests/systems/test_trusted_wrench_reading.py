@@ -8,15 +8,12 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
+from sample_models import knowing_model
 
 from diagrams.estimator import add_estimator, make_estimator
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.wrench import WrenchReconstructionConfig
 from models.estimation.wrench_kernels import METHODS
-from models.friction.presliding_friction import PreslidingFriction
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.identified_model import IdentifiedModel
-from models.identification.torque_error_model import TorqueErrorModel
 from models.observers.momentum_observer import MomentumObserverConfig
 from systems.recording_player import RecordingPlayer, Samples
 from systems.trusted_wrench_reading import TrustedWrenchReading
@@ -27,32 +24,7 @@ OUTPUTS = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
 
 @pytest.fixture(scope="module")
 def model(sts):
-    ones = np.ones(N)
-    friction = PreslidingFriction(
-        SemiParametricFriction(CoulombViscous(0.0 * ones, 4.0 * ones, 0.1 * ones)),
-        coulomb=5.0 * ones,
-        stribeck=ones,
-        stribeck_velocity=0.1 * ones,
-        load=0.1 * ones,
-        cubic=0.2 * ones,
-        weight=np.ones((N, 1)),
-        displacement=np.full((N, 1), 1e-3),
-    )
-    error = TorqueErrorModel(
-        constant=0.3 * ones,
-        speed=0.2 * ones,
-        load=0.02 * ones,
-        acceleration=0.01 * ones,
-        reversal=0.3 * ones,
-        correlation=0.1 + 0.9 * np.eye(N),
-        correlation_time=0.3 * ones,
-        lasting=0.1 * ones,
-        fitted_speed=1.5 * ones,
-        fitted_load=30.0 * ones,
-        K_0=20.0 * ones,
-        resolution=1e-4 * ones,
-    )
-    return replace(IdentifiedModel.nominal(sts), friction=friction, torque_error=error)
+    return knowing_model(sts, 5.0, 4.0)
 
 
 @pytest.fixture(scope="module")

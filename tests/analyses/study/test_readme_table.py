@@ -21,6 +21,7 @@ from analyses.study.readme_table import (
     main,
     results_table,
     shown_rows,
+    together,
 )
 from models.files.input_error import InputError
 
@@ -166,7 +167,7 @@ MOVED_BY = [
 @pytest.fixture
 def campaign(tmp_path):
     def spread(median, ahead=None):
-        figures = {"median": median, "p05": median - 1.0, "p95": median + 1.0}
+        figures = {"median": median, "p05": median - 1.0, "p95": median + 1.0, "worlds": 200}
         return figures | {"share_of_worlds_ours_ahead": ahead}
 
     metrics = {
@@ -192,14 +193,45 @@ def test_the_readme_says_the_median_and_the_range_of_worlds(study, readme, campa
     assert "| Median of 200 worlds (5 to 95 %) |" in table
     assert "| 20.5 | 7.50 (6.50 to 8.50), ours ahead in 99 % | goes with load (−)" in table
     assert "| 2.00 (1.00 to 3.00), 3.00 (2.00 to 4.00) |" in table
-    part = worlds | {"constant-wrench": {"rmse.0": worlds["constant-wrench"]["rmse.0"]}}
-    assert "| 2.00 (1.00 to 3.00), – |" in results_table(results, part, whole=True)
-    few = worlds | {"campaign": worlds["campaign"] | {"worlds": FEWEST_WORLDS - 1}}
+    first = worlds | {"constant-wrench": {"rmse.0": worlds["constant-wrench"]["rmse.0"]}}
+    assert "| 2.00 (1.00 to 3.00), – |" in results_table(results, first, whole=True)
+    assert "| 2.00 (1.00 to 3.00), 2 |" in results_table(results, first)  # that of the one run
+    few = json.loads(json.dumps(worlds))
+    few["campaign"]["worlds"] = FEWEST_WORLDS - 1
+    for name in ("repeat-cycle", "constant-wrench"):
+        for figure in few[name].values():
+            figure["worlds"] = FEWEST_WORLDS - 1
     assert results_table(results, few) == results_table(results)  # no range of so few
     assert "| Median of 19 worlds" in results_table(results, few, whole=True)
     other = worlds | {"campaign": worlds["campaign"] | {"quick": True}}
     assert results_table(results, other) == results_table(results)
     assert results_table(results, other, whole=True) == results_table(results, whole=True)
+
+
+def test_campaigns_in_a_folder_each_make_one_table(study, readme, campaign, tmp_path, capsys):
+    folder, worlds = campaign
+    other = json.loads(json.dumps(worlds))
+    other["campaign"]["worlds"] = 20
+    del other["repeat-cycle"], worlds["constant-wrench"]
+    for figure in other["constant-wrench"].values():
+        figure["worlds"] = 20
+    OutputFolder(tmp_path / "machining").write_json("metrics.json", other)
+    OutputFolder(folder).write_json("metrics.json", worlds)
+    folders = [tmp_path / "machining", folder]
+    expected = {**worlds, "constant-wrench": other["constant-wrench"]}
+    assert together(folders) == expected == together(folders[::-1])
+    assert main([str(study), str(readme), *map(str, folders)]) == 0
+    assert json.loads((readme.parent / WORLDS).read_text(encoding="utf-8")) == expected
+    text = readme.read_text(encoding="utf-8")
+    assert "median of 200 worlds (20 of `constant-wrench`) and" in text
+    assert results_table(collect(study), expected) in text
+    assert main([str(study), str(readme), str(folder), str(folder)]) == 2
+    assert "has worlds of repeat-cycle, which" in capsys.readouterr().err
+    other["campaign"]["quick"] = True
+    OutputFolder(tmp_path / "machining").write_json("metrics.json", other)
+    assert main([str(study), str(readme), *map(str, folders)]) == 2
+    assert "of another length" in capsys.readouterr().err
+    assert readme.read_text(encoding="utf-8") == text
 
 
 def test_a_campaign_is_kept_until_another_one_is_there(study, readme, campaign):
@@ -215,17 +247,20 @@ def test_a_campaign_is_kept_until_another_one_is_there(study, readme, campaign):
 
 def test_a_campaign_alone_changes_no_figure_of_the_study(study, readme, campaign, capsys):
     folder, worlds = campaign
-    assert main([str(study), str(readme), "nowhere"]) == 0
+    (folder / "metrics.json").rename(folder / "kept.json")
+    assert main([str(study), str(readme)]) == 0
+    assert "7.50 (6.50 to 8.50)" not in readme.read_text(encoding="utf-8")
+    (folder / "kept.json").rename(folder / "metrics.json")
     before = (readme.parent / RESULTS).read_bytes()
     (study / "metrics.json").unlink()
-    assert main(["--campaign", str(folder), str(readme)]) == 0
+    assert main(["--campaign", str(readme), str(folder)]) == 0
     assert (readme.parent / RESULTS).read_bytes() == before
     assert json.loads((readme.parent / WORLDS).read_text(encoding="utf-8")) == worlds
     assert "7.50 (6.50 to 8.50)" in readme.read_text(encoding="utf-8")
-    assert main(["--campaign", "nowhere", str(readme)]) == 2
+    assert main(["--campaign", str(readme), "nowhere"]) == 2
     assert "run `wrenchsight campaign` first" in capsys.readouterr().err
 
 
-def test_too_many_arguments_are_refused(capsys):
-    assert main(["a", "b", "c", "d"]) == 2
-    assert "STUDY_FOLDER README" in capsys.readouterr().err
+def test_campaigns_alone_ask_for_a_folder(capsys):
+    assert main(["--campaign", "README.md"]) == 2
+    assert "CAMPAIGN_FOLDER" in capsys.readouterr().err

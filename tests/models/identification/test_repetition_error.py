@@ -84,6 +84,17 @@ def test_an_encoder_that_flickers_between_two_steps_at_rest_turns_nothing_round(
     assert fooled[20:].mean() > 2.0 * known[20:].mean()
 
 
+def test_of_an_encoder_s_displacement_half_a_step_may_be_rounding():
+    step = 4e-6
+    still = np.zeros((10, 2))
+    moved = still.copy()
+    moved[4:] = 2.0 * step  # at the least 6e-6 from where it was
+    q = np.vstack([still, moved])
+    sd = error(resolution=(step, step)).sd(q, 0.0 * q, np.zeros((10, 2)), 10, STEP)
+    share = np.mean((1.5 * step / np.array(REACHES)) ** 2)
+    np.testing.assert_allclose(sd[4:], np.sqrt(NOISE**2 + LEVEL**2 * share) * np.ones((6, 1)))
+
+
 def test_a_sample_that_is_not_finite_leaves_the_slip_as_it_was():
     q = np.cumsum(np.full((8, 1), 4e-6), axis=0)
     z, whole = np.empty_like(q), np.empty_like(q)

@@ -57,6 +57,27 @@ def test_forces_that_change_together_are_late_together(force):
     np.testing.assert_allclose(last, last[0, 0])
 
 
+def test_forces_that_change_against_each_other_are_late_against_each_other(force):
+    read = low_passed(force[:20_000, :1]) * [1.0, -1.0, 2.0, 0.0, 1.0, -1.0]
+    last = added(read, np.zeros_like(read))[-1]
+    signs = np.outer([1.0, -1.0, 2.0, 0.0, 1.0, -1.0], [1.0, -1.0, 2.0, 0.0, 1.0, -1.0])
+    np.testing.assert_allclose(last, last[0, 0] * signs)
+
+
+def test_a_step_is_late_from_its_own_sample_on_and_what_lasts_is_not():
+    read = np.full((3, 6), 7.0)
+    read[1:] += 2.0
+    noise = np.full((3, 6), 0.5)
+    found = added(read, noise)[:, 0, 0] * SHARE
+    omega = 2.0 * np.pi * BAND
+    pole, factor = np.exp(-omega * STEP), omega / K_0
+    first, second = ((factor * 2.0 * pole**k) ** 2 - 0.5 for k in (1, 2))
+    power = (1.0 - pole) * first
+    np.testing.assert_allclose(
+        found, [0.0, power, pole * power + (1.0 - pole) * second], rtol=1e-12
+    )
+
+
 def test_what_noise_explains_is_not_lateness(force):
     read = low_passed(force)[:5000]
     loud = np.full_like(read, 1e4)

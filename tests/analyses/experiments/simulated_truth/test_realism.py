@@ -1,8 +1,12 @@
-"""The experiment `realism` on the real logs."""
+"""The experiment `realism` on the real logs, and what it makes of statistics by hand."""
+
+from math import exp
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from analyses.experiments.simulated_truth import realism
 from analyses.experiments.simulated_truth.realism import EXPERIMENT
 from analyses.methods.arms.ur10e_logs import FOLDER
 from analyses.methods.realism.comparison import CHECKED, FIT, LOADED, PASSES, STILL
@@ -33,3 +37,41 @@ def test_the_simulated_arm_errs_as_the_real_one(data_holding, tmp_path):
     off = (1.0 - within["share_pct"] / 100.0) * within["numbers"]
     assert 0 < within["told_apart_numbers"] <= round(off)
     assert (tmp_path / "figures" / "realism.png").is_file()
+
+
+def test_the_real_arm_is_judged_by_what_takes_two_simulated_arms_apart(tmp_path, monkeypatch):
+    """Joint 1 is off by a third: beyond chance in `close`, not in `wide`; joint 2 by a tenth."""
+    (tmp_path / "figures").mkdir()
+    off = np.array([4.0 / 3.0, 1.1, 1.0, 1.0, 1.0, 1.0])
+    told = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+    statistics = {  # of the real arm, and of the simulated ones by their seed
+        "real": {"close": np.full(6, 3.0), "wide": np.full(6, 0.2)},
+        7: {"close": 3.0 * off, "wide": 0.2 * off},
+        8: {"close": 3.0 * off * np.exp(0.05 * told), "wide": 0.2 * off * np.exp(0.2 * told)},
+    }
+
+    def logs(recordings, robot, more_days=()):
+        names = set(recordings.values())
+        (whose,) = names if len(names) == 1 else {"real"}
+        assert (whose == "real") == (more_days == ())
+        return SimpleNamespace(statistics=lambda: statistics[whose])
+
+    def twins(recordings, robot, seed, days, progress=None):
+        assert days == 2  # quick
+        return dict.fromkeys(recordings, seed), [seed]
+
+    monkeypatch.setattr(realism, "read_recording", lambda path, robot: path.name)
+    monkeypatch.setattr(realism, "twins", twins)
+    monkeypatch.setattr(realism, "ArmLogs", SimpleNamespace(of=logs))
+    result = EXPERIMENT.run(ExperimentContext(tmp_path, tmp_path, seed=7, quick=True))
+    close, wide, within = (result.metrics[name] for name in ("close", "wide", "within_25_pct"))
+    np.testing.assert_allclose(close["ratio"], off)
+    np.testing.assert_allclose(close["two_simulated_ratio"], np.exp(0.05 * told))
+    # Student's t of six numbers, 97.5 %: 2.4469 (tables)
+    assert close["chance_factor"] == pytest.approx(exp(2.4469 * 0.05), rel=1e-4)  # 1.13
+    assert wide["chance_factor"] == pytest.approx(exp(2.4469 * 0.2), rel=1e-4)  # 1.63
+    assert (close["told_apart_joints"], wide["told_apart_joints"]) == ([1], [])
+    assert (within["numbers"], within["told_apart_numbers"]) == (12, 1)
+    assert within["share_pct"] == pytest.approx(100.0 * 10.0 / 12.0)
+    assert within["two_simulated_share_pct"] == 100.0  # exp(.2) is 1.22
+    assert any("`close` joint 1 (1.33)" in note for note in result.notes)

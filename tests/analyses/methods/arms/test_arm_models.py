@@ -1,11 +1,15 @@
 """What readings of a task state: from held-out logs, slow samples, lasting errors included."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from analyses.methods.arms import arm_models
 from analyses.methods.arms.arm_models import ArmModels, covariance_at_speed
 from analyses.study.shared_results import sharing_in
+from models.estimation.estimator import WrenchEstimator
 from models.estimation.wrench import WrenchReconstructionConfig
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel
 from models.recordings.recording import Recording
 from models.robot.motors import torque_to_current
@@ -84,3 +88,29 @@ def test_all_experiments_of_an_arm_share_what_its_held_out_logs_say(sts, tmp_pat
     np.testing.assert_array_equal(found[0][1], found[1][1])
     tau_ext, v = found[2][1]
     assert tau_ext.shape == v.shape == (3000 - 50, 6)  # from 3 / K_0 on
+
+
+def test_held_out_logs_are_read_once_for_each_law_and_gain(sts, monkeypatch):
+    """And every law and gain has its own readings, whoever asked before."""
+    model, log, _ = still(sts, 3000)
+    offset = CoulombViscous(np.zeros(6), np.zeros(6), np.ones(6))  # 1 N m off at rest
+    other = replace(model, friction=SemiParametricFriction(offset))
+    laws = {"plain": model, "other": other}
+    read = []
+    observe = WrenchEstimator.observe
+
+    def counted(self, *log):
+        read.append(self)
+        return observe(self, *log)
+
+    monkeypatch.setattr(WrenchEstimator, "observe", counted)
+    models = ArmModels(sts, laws, (log,))
+    pairs = [("plain", 20.0), ("plain", 60.0), ("other", 20.0), ("plain", 20.0)]
+    errors = [models.held_out_errors(*pair)[0] for pair in pairs]
+    fits = [models.torque_error(*pair).constant for pair in pairs]
+    assert len(read) == 3
+    for k, pair in enumerate(pairs):
+        alone = ArmModels(sts, laws, (log,))
+        np.testing.assert_array_equal(alone.torque_error(*pair).constant, fits[k])
+        np.testing.assert_array_equal(alone.held_out_errors(*pair)[0], errors[k])
+    assert len({float(own[0]) for own in fits}) == 3

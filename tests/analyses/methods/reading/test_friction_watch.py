@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from analyses.methods.reading.estimate_config import LARGEST_DRIFT
 from analyses.methods.reading.friction_watch import FrictionWatch
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.identified_model import IdentifiedModel, LogSource, Provenance
@@ -117,6 +118,14 @@ def test_the_drift_for_the_band_is_what_the_stretches_show(sts, model):
     assert last.startswith("until then the stated band is too narrow: --drift 0.")
     assert watched(known, sts, t, q, v, noise, free).drift() is None
     assert watched(known, sts, t, q, v, noise, free).drifts() is None
+
+
+def test_no_band_allows_for_more_drift_than_estimate_takes(sts, model):
+    """15 times the model's viscous friction is another arm's."""
+    t, q, v, noise = signals(sts)
+    watch = watched(model, sts, t, q, v, drifted(v, noise, 2, 150.0), np.ones(ROWS, bool))
+    assert watch.drift() > LARGEST_DRIFT
+    assert watch.drifts()[2] == LARGEST_DRIFT == watch.drifts().max()
 
 
 def test_a_contact_is_left_out_and_the_part_without_it_is_offered(sts, model):
