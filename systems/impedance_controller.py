@@ -1,7 +1,7 @@
 """Impedance of the tool, with a controlled force along one direction."""
 
 from dataclasses import dataclass, field
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -209,6 +209,18 @@ class ImpedanceController(LeafSystem):
     def default_gains(self) -> tuple[Array, Array, Array]:
         """Stiffness, damping and force gains as they were given, whatever a context holds."""
         return self._default_gains
+
+    @property
+    def constants(self) -> tuple[Any, ...]:
+        """What `impedance_action` reads that no tick changes, in its order: the gains as given."""
+        gains = (self._in_E, *self._default_gains, self._direction, self._direction_in_E)
+        drives = (self._time_step, self._effort_limit, self._null_space_damping)
+        return *gains, *drives, self._friction, self._friction_velocity
+
+    @property
+    def has_force(self) -> bool:
+        """Whether it controls a force at all."""
+        return self._has_force
 
     def write_action(
         self,

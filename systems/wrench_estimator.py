@@ -1,6 +1,7 @@
 """The whole estimator in one block."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
@@ -229,6 +230,22 @@ class WrenchEstimatorSystem(LeafSystem):
     def default_tables(self) -> EstimatorTables:
         """The constants of the estimator as it was given, whatever a context holds."""
         return self._estimator.tables
+
+    @property
+    def taking(self) -> tuple[Any, ...]:
+        """What `take` gives its kernels of an estimator as it was given, for one kernel of all.
+
+        Choice, drives, slip, observer, the observer's rows, those before a trusted reading's or -1,
+        the table of the check of samples or one without rows, entries that the update takes, and
+        memory: `known` and (3, n) to work in.
+        """
+        tables, check = self._estimator.tables, self._check
+        return (
+            *(self._choice, tables.drives, tables.slip, tables.observer, self._rows),
+            -1 if self._trusted is None else self._tick_rows,
+            np.empty((0, self._n)) if check is None else check.table,
+            *(self._end, self._known, self._checked),
+        )
 
     def read(
         self,

@@ -1,6 +1,6 @@
 """The reference of a machining pass for its controller."""
 
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -115,6 +115,18 @@ class MachiningReference(LeafSystem):
     def initial_state(self) -> Array:
         """(7 + 15,) both states, before the first tick."""
         return np.concatenate([initial_state(), self._start])
+
+    @property
+    def leading(self) -> tuple[Any, ...]:
+        """What `machining_reference` reads besides time, memory and motion, in its order."""
+        path = (*self._path, self._place, self._setpoint, self._trusted, self._pushes_on)
+        return self._phases_table, self._table, *path
+
+    @property
+    def advancing(self) -> tuple[Any, ...]:
+        """The same of `advance_reference`, up to its time step."""
+        path = (self._path[0], self._setpoint, self._trusted, self._pushes_on, self._time_step)
+        return self._phases_table, self._lower, self._upper, *path
 
     def write_plan(
         self, t: float, phases: Array, anchor: Array, q: Array, J: Array, plan: Array
