@@ -206,11 +206,6 @@ class ImpedanceController(LeafSystem):
         value.set_value(tuple(context.get_numeric_parameter(i).CopyToVector() for i in indices))
 
     @property
-    def default_gains(self) -> tuple[Array, Array, Array]:
-        """Stiffness, damping and force gains as they were given, whatever a context holds."""
-        return self._default_gains
-
-    @property
     def constants(self) -> tuple[Any, ...]:
         """What `impedance_action` reads that no tick changes, in its order: the gains as given."""
         gains = (self._in_E, *self._default_gains, self._direction, self._direction_in_E)

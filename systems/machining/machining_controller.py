@@ -23,8 +23,8 @@ class MachiningController(LeafSystem):
 
     It does what these blocks do when they are connected to each other: `MachiningReference`,
     `WrenchEstimatorSystem`, `ImpedanceController` and, where an air pass taught something,
-    `TaughtTorqueSource`. It asks them for their halves of a tick in turn, so that the numbers are
-    theirs to the last bit. Parameters cannot be changed: those of the blocks are taken.
+    `TaughtTorqueSource`. Their kernels run in the same order, so that the numbers are theirs to
+    the last bit. Parameters cannot be changed: those of the blocks are taken.
 
                     +---------------------+ --> action
       q        -->  |                     |
