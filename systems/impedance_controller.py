@@ -1,7 +1,7 @@
 """Impedance of the tool, with a controlled force along one direction."""
 
 from dataclasses import dataclass, field
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +24,7 @@ from models.rigid_body.spatial_vectors import FORCE_FIRST
 from systems.pose_reference import POSE_REFERENCE_SIZE
 
 _NO_WRENCH = np.zeros(6)
+_Constants = tuple[bool, Array, Array, Array, Array, bool, float, Array, float, Array, float]
 
 
 @dataclass
@@ -206,7 +207,7 @@ class ImpedanceController(LeafSystem):
         value.set_value(tuple(context.get_numeric_parameter(i).CopyToVector() for i in indices))
 
     @property
-    def constants(self) -> tuple[Any, ...]:
+    def constants(self) -> _Constants:
         """What `impedance_action` reads that no tick changes, in its order: the gains as given."""
         gains = (self._in_E, *self._default_gains, self._direction, self._direction_in_E)
         drives = (self._time_step, self._effort_limit, self._null_space_damping)

@@ -1,7 +1,6 @@
 """The whole estimator in one block."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
@@ -17,6 +16,7 @@ from pydrake.systems.framework import (
 
 from models.arrays import Array
 from models.estimation.estimator import EstimatorTables, WrenchEstimator
+from models.estimation.kernel_choice import KernelChoice
 from models.estimation.tick import (
     KNOWN_CORRECTION,
     KNOWN_COUNTS,
@@ -31,6 +31,8 @@ from models.estimation.tick import (
 from models.estimation.wrench import WrenchReconstruction
 from models.friction.velocity_friction import friction_torque
 from models.observers.sample_check import check_current, check_motion, check_sample
+
+_Taking = tuple[KernelChoice, Array, Array, Array, int, int, Array, int, Array, Array]
 
 
 class WrenchEstimatorSystem(LeafSystem):
@@ -232,7 +234,7 @@ class WrenchEstimatorSystem(LeafSystem):
         return self._estimator.tables
 
     @property
-    def taking(self) -> tuple[Any, ...]:
+    def taking(self) -> _Taking:
         """What `take` gives its kernels of an estimator as it was given, for one kernel of all.
 
         Choice, drives, slip, observer, the observer's rows, those before a trusted reading's or -1,

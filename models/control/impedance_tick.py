@@ -40,13 +40,37 @@ def impedance_tick(
     """
     n = v.shape[0]
     M, J, R_WE, p_WE, V_WE = flat_motion(known, n)
-    presses = has_force and plan[-6] > 0.5
+    presses: bool = has_force and plan[-6] > 0.5
+    feedback_valid: bool = plan[-1] > 0.5
     impedance_action(
-        *(in_E, stiffness, damping, force_gains, direction, direction_in_E, time_step),
-        *(effort_limit, null_space_damping, friction, friction_velocity, M),
-        *(known[2 * n : 3 * n], known[3 * n : 4 * n], J, R_WE, p_WE, V_WE, v),
-        *(plan[:18], plan[18 : 18 + 3 * n], has_force, presses),
-        *(plan[-1] > 0.5, plan[-7], wrench, integral, action),
+        in_E,
+        stiffness,
+        damping,
+        force_gains,
+        direction,
+        direction_in_E,
+        time_step,
+        effort_limit,
+        null_space_damping,
+        friction,
+        friction_velocity,
+        M,
+        known[2 * n : 3 * n],
+        known[3 * n : 4 * n],
+        J,
+        R_WE,
+        p_WE,
+        V_WE,
+        v,
+        plan[:18],
+        plan[18 : 18 + 3 * n],
+        has_force,
+        presses,
+        feedback_valid,
+        plan[-7],
+        wrench,
+        integral,
+        action,
     )
     for i in range(9):
         pose[i] = R_WE[i // 3, i % 3]

@@ -1,6 +1,6 @@
 """The reference of a machining pass for its controller."""
 
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -19,6 +19,9 @@ from models.rigid_body.chain_kernels import SCRATCH_COLUMNS
 from models.rigid_body.serial_chain import RigidBodyTerms, SerialChain
 from models.robot.robot import Robot
 from systems.pose_reference import POSE_REFERENCE_SIZE
+
+_Leading = tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array, float]
+_Advancing = tuple[Array, Array, Array, Array, Array, Array, float, float]
 
 
 class MachiningReference(LeafSystem):
@@ -117,13 +120,13 @@ class MachiningReference(LeafSystem):
         return np.concatenate([initial_state(), self._start])
 
     @property
-    def leading(self) -> tuple[Any, ...]:
+    def leading(self) -> _Leading:
         """What `machining_reference` reads besides time, memory and motion, in its order."""
         path = (*self._path, self._place, self._setpoint, self._trusted, self._pushes_on)
         return self._phases_table, self._table, *path
 
     @property
-    def advancing(self) -> tuple[Any, ...]:
+    def advancing(self) -> _Advancing:
         """The same of `advance_reference`, up to its time step."""
         path = (self._path[0], self._setpoint, self._trusted, self._pushes_on, self._time_step)
         return self._phases_table, self._lower, self._upper, *path
