@@ -1,6 +1,6 @@
 """The robot cell under a controller, watched by the estimator."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +17,7 @@ from pydrake.systems.primitives import (
 )
 from pydrake.trajectories import PiecewisePolynomial
 
+from diagrams.distances.links_apart import links_apart
 from diagrams.estimator import add_estimator
 from diagrams.machining import (
     add_machining_controller,
@@ -138,8 +139,11 @@ def make_closed_loop(
     else:
         trajectory = trajectory or make_trajectory(scenario, robot)
         q_0 = trajectory.q[0]
+    apart: Collection[str] = ()
+    if machining_path is not None:
+        apart = links_apart(scenario, robot, machining_path)
     builder = DiagramBuilder()
-    cell = make_robot_cell(scenario, robot, q_0, meshcat, fused=fused)
+    cell = make_robot_cell(scenario, robot, q_0, meshcat, fused=fused, apart=apart)
     builder.AddSystem(cell.diagram)
     out = cell.diagram.GetOutputPort
     config = replace(

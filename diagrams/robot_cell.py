@@ -1,5 +1,6 @@
 """The robot cell: the true robot in its drives, and whatever stands around it."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,6 +93,7 @@ def make_robot_cell(
     meshcat: Meshcat | None = None,
     with_brakes: bool | None = None,
     fused: bool = False,
+    apart: Collection[str] = (),
 ) -> RobotCell:
     """Builds the true robot with its tool, drives, sensors and surroundings.
 
@@ -120,6 +122,7 @@ def make_robot_cell(
             where nothing touches; by default with brakes where there is something to touch.
         fused: whether machining, joints and sensors are one block where they can be: with the
             mechanisms of real joints and without a scripted wrench. The same numbers, sooner.
+        apart: names of links that never come near anything: contact is not looked for at them.
 
     Raises:
         InputError: a sensor without a tool to sit on, or true friction out of range.
@@ -151,7 +154,9 @@ def make_robot_cell(
         q_0 = joints.links_at(q_0, true.chain)
     plant.SetDefaultPositions(parts.model_instance, q_0)
     if scene_graph is not None:
-        _prepare_contact(plant, scene_graph, parts, scenario)
+        _prepare_contact(plant, scene_graph, parts, scenario, apart)
+        if meshcat is None:
+            _remove_pictures(plant, scene_graph)
 
     script = WrenchScript(scenario.wrench, scenario.seed, "scenario")
     if fused and joints is not None and scenario.machining is not None and not script.segments:
@@ -396,8 +401,21 @@ def _add_floor(plant: MultibodyPlant, solid: bool) -> None:
         plant.RegisterCollisionGeometry(body, X_WG, Box(4.0, 4.0, 0.2), "floor", material)
 
 
+def _remove_pictures(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
+    """Takes shapes that are only seen out of the scene, which moves every shape at every tick."""
+    inspector, source = scene_graph.model_inspector(), plant.get_source_id()
+    solid = set(inspector.GetAllGeometryIds(Role.kProximity))
+    for geometry in inspector.GetAllGeometryIds():
+        if geometry not in solid and inspector.BelongsToSource(geometry, source):
+            scene_graph.RemoveGeometry(source, geometry)
+
+
 def _prepare_contact(
-    plant: MultibodyPlant, scene_graph: SceneGraph, parts: RobotInPlant, scenario: Scenario
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    parts: RobotInPlant,
+    scenario: Scenario,
+    apart: Collection[str],
 ) -> None:
     """Links do not touch each other; they meet the workpiece with the workpiece's own material.
 
@@ -411,7 +429,8 @@ def _prepare_contact(
     material = contact_material(plate.stiffness, plate.dissipation, plate.friction)
     source, links = plant.get_source_id(), GeometrySet()
     for index in plant.GetBodyIndices(parts.model_instance):
-        for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(index)):
+        body = plant.get_body(index)
+        for geometry in plant.GetCollisionGeometriesForBody(body):
             if blade is not None:
                 # A mesh is touched by patches alone: only the tip has a shape that makes them.
                 shape = inspector.GetShape(geometry)
@@ -421,7 +440,7 @@ def _prepare_contact(
                     links.Add(geometry)
                 else:
                     scene_graph.RemoveRole(source, geometry, Role.kProximity)
-            elif touches:
+            elif touches and body.name() not in apart:
                 scene_graph.AssignRole(source, geometry, material, RoleAssign.kReplace)
                 links.Add(geometry)
             else:

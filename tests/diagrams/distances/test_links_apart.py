@@ -1,0 +1,124 @@
+"""Which links contact need not look at while a plate is machined."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.geometry import Meshcat, Role
+from pydrake.systems.analysis import Simulator
+
+import diagrams.closed_loop
+from diagrams.closed_loop import make_closed_loop
+from diagrams.distances.clearance import workpiece_clearance
+from diagrams.distances.links_apart import KEPT, link_distances, links_apart
+from diagrams.machining import make_machining_path
+from diagrams.robot_cell import make_robot_cell
+from diagrams.scenario import PlateConfig, load_scenario
+from models.control.wrench_script import WrenchStep
+from models.files.input_error import InputError
+from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from models.identification.identified_model import IdentifiedModel
+from models.robot.robot import Robot
+
+TOOL = "polishing_tool"
+
+
+@pytest.fixture(scope="module")
+def hard():
+    """The arm with the mechanisms of real joints."""
+    return Robot.load("sts_sre4_600")
+
+
+@pytest.fixture(scope="module")
+def polishing():
+    scenario = load_scenario("Polishing")
+    short = {"standoff": 0.0012, "search": 0.001, "rise": 0.02, "settle": 0.01}
+    phases = replace(scenario.machining.phases, **short)
+    machining = replace(scenario.machining, one_way=0.5, phases=phases)
+    return replace(scenario, machining=machining)
+
+
+@pytest.fixture(scope="module")
+def plan(sts, polishing):
+    return make_machining_path(polishing, sts)
+
+
+def wide(scenario):
+    """The workpiece, so wide that the arm stands in it."""
+    size = [3.0, 3.0, scenario.workpiece.size[2]]
+    return replace(scenario, workpiece=replace(scenario.workpiece, size=size))
+
+
+def test_the_nearest_link_is_as_near_as_the_search_for_clearance_has_it(sts, polishing, plan):
+    q = plan.trajectory.q[::200]
+    distances = link_distances(sts, polishing.workpiece, q)
+    links = [distance for link, distance in distances.items() if link != TOOL]
+    assert min(links) == workpiece_clearance(sts, polishing.workpiece, q)
+    assert distances[TOOL] < 1e-3
+
+
+def test_all_links_keep_apart_from_the_bundled_plate_but_the_tool(sts, polishing, plan):
+    apart = links_apart(polishing, sts, plan)
+    assert TOOL not in apart
+    assert {"base_link", "link_3", "link_6"} <= apart
+
+
+def test_a_plate_that_links_stand_in_keeps_their_shapes(sts, polishing, plan):
+    apart = links_apart(wide(polishing), sts, plan)
+    distances = link_distances(sts, wide(polishing).workpiece, plan.trajectory.q[::200])
+    inside = {link for link, distance in distances.items() if distance < KEPT}
+    assert len(inside) > 3
+    assert not inside & apart
+
+
+@pytest.mark.parametrize("varied", [{"floor": True}, {"wrench": [WrenchStep(0.1, 0.2, [3, 0, 0])]}])
+def test_what_may_leave_its_way_or_meet_a_floor_keeps_all_shapes(sts, polishing, plan, varied):
+    assert links_apart(replace(polishing, **varied), sts, plan) == frozenset()
+
+
+def test_a_blade_meets_the_tip_alone_in_any_case(sts, polishing, plan):
+    assert links_apart(replace(load_scenario("Grinding")), sts, plan) == frozenset()
+    assert isinstance(polishing.workpiece, PlateConfig)
+
+
+def test_a_lift_out_of_reach_keeps_all_shapes(sts, polishing, plan, monkeypatch):
+    def refuse(*_):
+        raise InputError("machining", "phases.lift", "out of reach")
+
+    monkeypatch.setattr("diagrams.distances.links_apart.postures_of_pass", refuse)
+    assert links_apart(polishing, sts, plan) == frozenset()
+
+
+def solid_shapes(loop):
+    inspector = loop.cell.diagram.GetSubsystemByName("scene_graph").model_inspector()
+    return {
+        inspector.GetName(shape).split("::")[-1]
+        for shape in inspector.GetAllGeometryIds(Role.kProximity)
+    }
+
+
+def test_the_loop_leaves_them_out_and_its_numbers_stay(hard, polishing, monkeypatch):
+    """To the last bit: what is far away makes no contact."""
+    law = CoulombViscous(hard.truth.stiction, hard.truth.viscous, np.zeros(6))
+    model = replace(IdentifiedModel.nominal(hard), friction=SemiParametricFriction(law))
+    plan, logs = make_machining_path(polishing, hard), []
+    for kept in (False, True):
+        if kept:
+            monkeypatch.setattr(diagrams.closed_loop, "links_apart", lambda *_: frozenset())
+        loop = make_closed_loop(polishing, hard, model, machining_path=plan, fused=True)
+        assert ("link_3_collision_0" in solid_shapes(loop)) is kept
+        assert {f"{TOOL}_collision_0", f"{TOOL}_collision_1", "workpiece"} <= solid_shapes(loop)
+        simulator = Simulator(loop.diagram)
+        simulator.AdvanceTo(0.4)
+        logs.append(loop.logged(simulator.get_context())[1])
+    for signal, values in logs[0].items():
+        np.testing.assert_array_equal(values, logs[1][signal], err_msg=signal)
+    assert np.abs(logs[0]["wrench_true"]).max() > 5.0
+
+
+@pytest.mark.parametrize("drawn", [False, True])
+def test_shapes_that_are_only_seen_are_in_a_cell_that_is_drawn(sts, polishing, drawn):
+    cell = make_robot_cell(polishing, sts, sts.home, Meshcat() if drawn else None)
+    inspector = cell.diagram.GetSubsystemByName("scene_graph").model_inspector()
+    assert bool(inspector.GetAllGeometryIds(Role.kIllustration)) is drawn
+    assert (inspector.num_geometries() > inspector.NumGeometriesWithRole(Role.kProximity)) is drawn
