@@ -114,60 +114,34 @@ class ForceTorqueSensor(LeafSystem):
         return 6 * self._filter.order
 
     @property
-    def default_noise_sd(self) -> Array:
-        """(6,) as it was given, whatever a context holds."""
-        return self._default_noise_sd
+    def weld(self) -> int:
+        """Index of the tool's weld among the plant's reaction forces."""
+        return self._weld
 
-    def own_noise(self, t: float) -> Array:
-        """(6,) unit Gaussian of the tick at t by the sensor's seed; zero without one."""
+    @property
+    def constants(self) -> tuple[Array, Array, Array, Array, Array, int]:
+        """Tool, filter's A, B, C and noise_sd as they were given; the noise's seed, -1 for none."""
+        lowpass, seed = self._filter, -1 if self._seed is None else self._seed
+        return self._tool, lowpass.A, lowpass.B, lowpass.C, self._default_noise_sd, seed
+
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        noise = self._own_noise
         if self._seed is not None:
-            gaussian_noise(self._seed, tick_of(t, self._time_step), self._own_noise)
-        return self._own_noise
-
-    def measure(
-        self,
-        tool: tuple[Array, Array, Array],
-        v: Array,
-        vdot: Array,
-        reactions: list[SpatialForce],
-        noise_sd: Array,
-        noise: Array,
-        wrench: Array,
-        memory: Array,
-    ) -> None:
-        """Takes a sample: writes the wrench (6,), changes the filter's memory.
-
-        Args:
-            tool: J, R_WE and V_WE of the true robot.
-            v, vdot: (n,) rad/s, rad/s^2.
-            reactions: of the plant.
-            noise_sd, noise: (6,).
-        """
+            gaussian_noise(self._seed, tick_of(context.get_time(), self._time_step), noise)
+        elif self._noise.HasValue(context):
+            noise = self._noise.Eval(context)
         measure_contact_wrench(
             self._tool,
             self._filter.A,
             self._filter.B,
             self._filter.C,
-            *tool,
-            v,
-            vdot,
-            reactions[self._weld].get_coeffs(),
-            noise_sd,
-            noise,
-            wrench,
-            memory,
-        )
-
-    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        noise = self.own_noise(context.get_time())
-        if self._seed is None and self._noise.HasValue(context):
-            noise = self._noise.Eval(context)
-        self.measure(
-            (terms.J, terms.R_WE, terms.V_WE),
+            terms.J,
+            terms.R_WE,
+            terms.V_WE,
             terms.v,
             self._vdot.Eval(context),
-            self._reaction.Eval(context),
+            self._reaction.Eval(context)[self._weld].get_coeffs(),
             context.get_numeric_parameter(self._noise_sd).value(),
             noise,
             discrete_state.get_mutable_value(0),

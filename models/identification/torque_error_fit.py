@@ -7,6 +7,15 @@ Each joint's constants maximise the likelihood of independent Gaussian samples,
 
 with the features f of `models.identification.torque_error_model`. Samples are not independent; that
 costs efficiency, not consistency. What is stated as an assumption plays no part here.
+
+Joints' errors correlate where one motion takes all of them along: friction has the sign of the
+velocity and ripples over position, and a pass through one posture shows ripples of +-.9 that
+another posture turns round. So a correlation is the arm's as far as motions agree on it. With r_m
+that of each reading, m = 1 .. M > 1, their mean r and its standard error e,
+
+    e^2 = sum_m (r_m - r)^2 / (M (M - 1)),    R_ij = r max(0, 1 - e^2 / r^2)
+
+which is the share of r^2 that the motions have in common. A single reading is taken at its word.
 """
 
 import math
@@ -126,7 +135,7 @@ def fit_torque_error(
         load=roots[:, 2],
         acceleration=roots[:, 3],
         reversal=roots[:, 4],
-        correlation=_correlation(np.vstack(scaled)),
+        correlation=_correlation(scaled),
         correlation_time=correlation_time,
         lasting=lasting,
         fitted_speed=speed,
@@ -234,14 +243,27 @@ def _minus_log_likelihood(A: Array, fixed: Array, squares: Array, c: Array, slop
     return 0.5 * value
 
 
-def _correlation(scaled: Array) -> Array:
-    """(n, n), shrunk a little towards 1, so that equal errors of two joints leave an inverse."""
-    size = np.sqrt(np.maximum(np.mean(scaled**2, axis=0), 1e-300))
-    R = (scaled / size).T @ (scaled / size) / len(scaled)
+def _correlation(scaled: Sequence[Array]) -> Array:
+    """(n, n) that the readings agree on, shrunk a little towards 1, so that equal errors of two
+    joints leave an inverse; further where the correlations do not fit each other.
+    """
+    seen = np.stack([_seen_correlation(own) for own in scaled if len(own) > 0])
+    R = seen.mean(axis=0)
+    if len(seen) > 1:
+        doubt = seen.var(axis=0, ddof=1) / len(seen)
+        R *= np.maximum(0.0, 1.0 - doubt / np.maximum(R**2, 1e-300))
     n = len(R)
-    R = 0.5 * (R + R.T) * 0.98
+    R[np.arange(n), np.arange(n)] = 1.0
+    R *= 0.98 / max(1.0, 1.0 - float(np.linalg.eigvalsh(R)[0]))
     R[np.arange(n), np.arange(n)] = 1.0
     return np.asarray(R)
+
+
+def _seen_correlation(scaled: Array) -> Array:
+    """(n, n) of one reading, about zero."""
+    size = np.sqrt(np.maximum(np.mean(scaled**2, axis=0), 1e-300))
+    R = (scaled / size).T @ (scaled / size) / len(scaled)
+    return np.asarray(0.5 * (R + R.T))
 
 
 def _averaging(scaled: Sequence[Array], time_step: float) -> tuple[Array, Array]:

@@ -22,8 +22,10 @@ from models.observers.period_torque import arrived_momentum
 from models.rigid_body.small_matrices import factorise_with_floor, solve_lower
 
 # Table: numbers, 6-vectors, n-vectors, an (n, n), and the torque error's own table, all flat.
-PERIOD, BEFORE, SETTLED, HAS_ERROR, GROSS, NUMBERS = range(6)
-KEPT_F, NOISE_F, START_F, SIXES = range(4)
+PERIOD, BEFORE, SETTLED, HAS_ERROR, GROSS, CHANGED, KEPT_SUM = range(7)
+SUMS = 3  # of the innovations, each over a time of its own
+NUMBERS = KEPT_SUM + SUMS
+KEPT_F, NOISE_F, START_F, JUMP_F, SIXES = range(5)
 RATE_X, SMOOTH, WHITE, SLOW_VISCOUS, LASTING, ROUND, JOINTS = range(7)
 
 MOST_DOUBT = 1e4  # times that a gross innovation widens the variance
@@ -35,9 +37,10 @@ _LOST, _RUNNING = 0.0, 1.0
 def split_state(
     flat: Array,
     n: int,
-) -> tuple[Array, Array, Array, Array, Array, Array]:
+) -> tuple[Array, Array, Array, Array, Array, Array, Array]:
     """x (N,), gain (N, n), P (N, N), C (N, n), status (2,), torque error's rows and s of the sample
-    before (zero: there was none) as (TORQUE_ERROR_ROWS + 1, n); N = 2 n + 6.
+    before (zero: there was none) as (TORQUE_ERROR_ROWS + 1, n), whitened innovations'
+    sums (SUMS, n); N = 2 n + 6.
 
     x = [p, F, x]; P, C and gain are those of the coming sample, before it is measured.
     """
@@ -46,13 +49,15 @@ def split_state(
     c = b + N * N
     d = c + N * n
     e = d + 2
+    f = e + (TORQUE_ERROR_ROWS + 1) * n
     return (
         flat[:a],
         flat[a:b].reshape(N, n),
         flat[b:c].reshape(N, N),
         flat[c:d].reshape(N, n),
         flat[d:e],
-        flat[e : e + (TORQUE_ERROR_ROWS + 1) * n].reshape(TORQUE_ERROR_ROWS + 1, n),
+        flat[e:f].reshape(TORQUE_ERROR_ROWS + 1, n),
+        flat[f : f + SUMS * n].reshape(SUMS, n),
     )
 
 
@@ -102,7 +107,7 @@ def _read_force(
 ) -> bool:
     """Writes F right after a sample; returns whether the sample was measured."""
     n = signals.shape[1]
-    x, gain, _, _, status, _ = split_state(state.reshape(-1), n)
+    x, gain, _, _, status, _, _ = split_state(state.reshape(-1), n)
     measured = _is_measured(table, status, signals)
     for a in range(6):
         wrench[a] = x[n + a]
@@ -139,7 +144,7 @@ def kalman_wrench(
     """Writes F (6,) and its covariance (6, 6) right after a sample; see `observer`."""
     n = signals.shape[1]
     measured = _read_force(table, state, signals, wrench)
-    _, gain, P, C, _, _ = split_state(state.reshape(-1), n)
+    _, gain, P, C, _, _, _ = split_state(state.reshape(-1), n)
     slow = np.empty((6, n))
     for a in range(6):
         for m in range(n):
@@ -181,7 +186,7 @@ def kalman_update(table: Array, state: Array, signals: Array, J: Array) -> None:
     """
     n = signals.shape[1]
     numbers, sixes, joints, mixing, error_table = split_table(table, n)
-    x, gain, P, C, status, error_rows = split_state(state.reshape(-1), n)
+    x, gain, P, C, status, error_rows, sums = split_state(state.reshape(-1), n)
     arrived = np.empty(n)
     known = True  # what the coming period begins with
     for i in range(n):
@@ -191,11 +196,18 @@ def kalman_update(table: Array, state: Array, signals: Array, J: Array) -> None:
         for a in range(6):
             known = known and np.isfinite(J[a, i])
     if _is_measured(table, status, signals):
-        square = innovation_square(x, P, C, joints[ROUND], arrived)
+        whitened = whitened_innovation(x, P, C, joints[ROUND], arrived)
         measure(x, gain, P, C, joints[ROUND], arrived)
         status[1] += 1.0
+        square = 0.0
+        for i in range(n):
+            square += whitened[i] * whitened[i]
         if square > numbers[GROSS]:
             P *= min(square / numbers[GROSS], MOST_DOUBT)
+        if sum_innovations(numbers, sums, whitened) > numbers[CHANGED]:
+            for a in range(6):
+                P[n + a, n + a] += sixes[JUMP_F, a]
+            sums[:] = 0.0
     if status[0] != _RUNNING:
         for i in range(n):
             x[i] = arrived[i]
@@ -220,6 +232,7 @@ def kalman_update(table: Array, state: Array, signals: Array, J: Array) -> None:
         if status[0] <= -numbers[SETTLED]:
             begin(mixing, sixes, x, P, C)
             status[1] = 0.0
+            sums[:] = 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -233,18 +246,32 @@ def begin(mixing: Array, sixes: Array, x: Array, P: Array, C: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def innovation_square(x: Array, P: Array, C: Array, rounding: Array, arrived: Array) -> float:
-    """|y - p|^2 over its covariance, of mean n."""
+def whitened_innovation(x: Array, P: Array, C: Array, rounding: Array, arrived: Array) -> Array:
+    """L^-1 (y - p) (n,), of covariance 1."""
     n = arrived.shape[0]
     L, left = np.empty((n, n)), np.empty(n)
     innovation_factor(P, C, rounding, L)
-    total = 0.0
     for i in range(n):
         left[i] = arrived[i] - x[i]
     solve_lower(L, n, left)
-    for i in range(n):
-        total += left[i] * left[i]
-    return total
+    return left
+
+
+@njit(cache=True, error_model="numpy")
+def sum_innovations(numbers: Array, sums: Array, whitened: Array) -> float:
+    """Takes a whitened innovation (n,) into `sums` (SUMS, n), in place; the largest |sum|^2.
+
+    Of innovations that are the model's each sum has the covariance 1.
+    """
+    largest = 0.0
+    for m in range(SUMS):
+        kept, total = numbers[KEPT_SUM + m], 0.0
+        added = np.sqrt(1.0 - kept * kept)
+        for i in range(whitened.shape[0]):
+            sums[m, i] = kept * sums[m, i] + added * whitened[i]
+            total += sums[m, i] * sums[m, i]
+        largest = max(largest, total)
+    return largest
 
 
 @njit(cache=True, error_model="numpy")

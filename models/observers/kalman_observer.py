@@ -32,6 +32,19 @@ An innovation of a square (over its covariance) that one sample in a million has
 where a large push begins or a fault of the drives ends, is not the model's: P grows until it is
 just possible, by at most MOST_DOUBT. What was read before then counts for less, and the sd says
 so.
+
+A force that begins or ends, as a push does, is no walk either, and one innovation shows little of
+it: the less, the shorter the period. Sums of them do. With L L^T its covariance the model's
+L^-1 (y - p) is white, of covariance 1, and of covariance 1 is for any time t
+
+    s <- a s + sqrt(1 - a^2) L^-1 (y - p),   a = exp(-T / t),   t in CHANGE_TIMES
+
+Where |s|^2 of any of them is one that CHANGE_ODDS of the samples exceed by chance, a force of the
+live prior's size may have come or gone (Willsky and Jones, "A generalized likelihood ratio approach
+to the detection and estimation of jumps in linear systems", IEEE TAC 21(1), 1976): its variance is
+added to that of F, and the sums begin anew. Until they tell, the band does not hold the force. An
+error that is not the model's calls for it, too: the reading is less sure then, and noisier.
+
 After as many lost samples in a row as it takes to settle the filter begins anew.
 
 How fast a force may change does not depend on what a log is thought to hold: its variance grows by
@@ -55,10 +68,13 @@ from models.arrays import Array
 from models.identification.torque_error_model import TORQUE_ERROR_ROWS
 from models.observers.kalman_kernels import (
     BEFORE,
+    CHANGED,
     GROSS,
     HAS_ERROR,
     JOINTS,
+    JUMP_F,
     KEPT_F,
+    KEPT_SUM,
     LASTING,
     NOISE_F,
     NUMBERS,
@@ -70,6 +86,7 @@ from models.observers.kalman_kernels import (
     SLOW_VISCOUS,
     SMOOTH,
     START_F,
+    SUMS,
     WHITE,
     kalman_output,
     kalman_update,
@@ -81,6 +98,8 @@ from models.observers.period_torque import checked_period, motor_share
 
 WHITE_SHARE = 0.6  # of a moving joint's error variance behind K_0: the UR10e's three fitted runs
 SETTLING = 3.0  # 1 / K_0 of the error model
+CHANGE_TIMES = (0.03, 0.1, 0.3)  # s, over which innovations are summed
+CHANGE_ODDS = 1e-3  # of a sum of them that is still the model's
 _ROUNDING = 1e-3  # of the momentum that the torque's sd brings in a period
 _START_SHARE = 30.0  # of the live prior's sd: an sd that stands for knowing nothing
 _GROSS_ODDS = 1e-6  # of a sample whose innovation is still the model's
@@ -149,7 +168,7 @@ class KalmanObserver:
         """Returns the state before the first sample; its layout is `split_state`'s."""
         n = self.num_joints
         N = 2 * n + 6
-        size = N + 2 * N * n + N * N + 2 + (TORQUE_ERROR_ROWS + 1) * n
+        size = N + 2 * N * n + N * N + 2 + (TORQUE_ERROR_ROWS + 1 + SUMS) * n
         state = np.zeros((-(-size // n), n))
         start = self.table[NUMBERS : NUMBERS + 6 * SIXES].reshape(SIXES, 6)[START_F]
         P = split_state(state.reshape(-1), n)[2]
@@ -169,12 +188,15 @@ class KalmanObserver:
         numbers[PERIOD] = T
         numbers[BEFORE] = motor_share(T, self.config.torque_samples)
         numbers[GROSS] = chi2.isf(_GROSS_ODDS, n)
+        numbers[CHANGED] = chi2.isf(CHANGE_ODDS, n)
+        numbers[KEPT_SUM : KEPT_SUM + SUMS] = np.exp(-T / np.array(CHANGE_TIMES))
         numbers[SETTLED] = np.ceil(SETTLING / float(np.min(K_0)) / T)
         prior = WrenchPrior(1.0, 1.0, 1.0, 1.0) if knowledge is None else knowledge.prior
         if prior is None:
             raise ValueError("a Kalman observer reads by bayesian, force_only or inverse")
         kept, steps, start = changing_wrench(prior, self.config.bandwidth_hz, T)
         sixes[KEPT_F], sixes[NOISE_F], sixes[START_F] = kept, steps, start
+        sixes[JUMP_F] = np.minimum(start, np.repeat(np.square(prior[2:]), 3))
         joints[RATE_X] = 1.0 / times
         joints[SMOOTH] = (1.0 - WHITE_SHARE) * (1.0 + K_0 * times) / (K_0 * times)
         joints[WHITE] = WHITE_SHARE * 2.0 / K_0

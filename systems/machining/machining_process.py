@@ -112,6 +112,16 @@ class MachiningProcessSystem(LeafSystem):
         output.SetFromVector(self._applied.Eval(context) + own)
 
     @property
+    def table(self) -> Array:
+        """Of the law."""
+        return self._table
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether nothing varies: `advance` is then `advance_process`."""
+        return self._variations is None
+
+    @property
     def initial_state(self) -> Array:
         """The law's state before the first tick, without the wrench that it gives."""
         return self._initial.copy()

@@ -14,8 +14,7 @@ from models.arrays import Array
 from models.rigid_body.serial_chain import RigidBodyTerms
 from models.signals.tool_contact import CONTACT_SIZE, NORMAL_SIZE, add_contact, sum_with_contact
 
-_NO_MOMENT = np.zeros(3)
-_Pose = tuple[Array, Array, float]  # p_WE, R_WE and the tip's radius
+_USUAL_CONTACTS = 4
 
 
 class EnvironmentTruth(LeafSystem):
@@ -67,6 +66,7 @@ class EnvironmentTruth(LeafSystem):
         self._n, self._no_torque = n, np.zeros(n)
         self._tool_body, self._tool_geometries = int(tool_body), frozenset(tool_geometries)
         self._tip_radius = tip_radius
+        self._contacts = np.zeros((_USUAL_CONTACTS, 9))
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._applied = self.DeclareVectorInputPort("wrench_applied", 6)
         self._tau_contact = self.DeclareVectorInputPort("tau_contact", n)
@@ -89,56 +89,34 @@ class EnvironmentTruth(LeafSystem):
         """The parts of `truth`, in their order."""
         return 6, num_joints, NORMAL_SIZE
 
-    def write_truth(
-        self,
-        results: ContactResults | None,
-        applied: Array,
-        tau_contact: Array,
-        J: Array,
-        R_WE: Array,
-        p_WE: Array,
-        truth: Array,
-    ) -> None:
-        """Writes the port `truth`.
+    @property
+    def tip_radius(self) -> float:
+        """m, of the ball at the tool's tip."""
+        return self._tip_radius
 
-        Args:
-            results: of the plant; None: nothing to touch.
-            applied, tau_contact: (6,), (n,).
-            J, R_WE, p_WE: of the true robot.
+    def touched(self, results: ContactResults) -> tuple[Array, int]:
+        """What touches the tool, valid until the next call, and how often it is touched.
+
+        Returns:
+            (count or more, 9) force and moment about C on the tool, N and N m, and C, m, in W; and
+            count.
         """
-        contact = np.zeros(CONTACT_SIZE)
-        if results is not None:
-            pose = (p_WE, R_WE, self._tip_radius)
-            self._add_points(results, pose, contact)
-            self._add_patches(results, pose, contact)
-        sum_with_contact(applied, contact, J, tau_contact, truth)
-
-    def _calc_truth(self, context: Context, output: BasicVector) -> None:
-        terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        torque, results = self._tau_contact, self._results
-        self.write_truth(
-            cast(ContactResults, results.Eval(context)) if results.HasValue(context) else None,
-            self._applied.Eval(context),
-            torque.Eval(context) if torque.HasValue(context) else self._no_torque,
-            terms.J,
-            terms.R_WE,
-            terms.p_WE,
-            output.get_mutable_value(),
-        )
-
-    def _add_points(self, results: ContactResults, pose: _Pose, contact: Array) -> None:
-        for i in range(results.num_point_pair_contacts()):
+        contacts, count = self._contacts, 0
+        points, patches = results.num_point_pair_contacts(), results.num_hydroelastic_contacts()
+        if points + patches > len(contacts):
+            contacts = self._contacts = np.zeros((2 * (points + patches), 9))
+        for i in range(points):
             point = results.point_pair_contact_info(i)
+            row = contacts[count]
             if int(point.bodyB_index()) == self._tool_body:
-                force = point.contact_force()
+                row[:3] = point.contact_force()
             elif int(point.bodyA_index()) == self._tool_body:
-                force = -point.contact_force()
+                row[:3] = -point.contact_force()
             else:
                 continue
-            add_contact(*pose, force, _NO_MOMENT, point.contact_point(), contact)
-
-    def _add_patches(self, results: ContactResults, pose: _Pose, contact: Array) -> None:
-        for i in range(results.num_hydroelastic_contacts()):
+            row[3:6], row[6:] = 0.0, point.contact_point()
+            count += 1
+        for i in range(patches):
             patch = results.hydroelastic_contact_info(i)
             surface = patch.contact_surface()
             wrench = patch.F_Ac_W().get_coeffs()  # on the body of geometry M, at the centroid
@@ -146,7 +124,28 @@ class EnvironmentTruth(LeafSystem):
                 wrench = -wrench
             elif surface.id_M() not in self._tool_geometries:
                 continue
-            add_contact(*pose, wrench[3:], wrench[:3], surface.centroid(), contact)
+            row = contacts[count]
+            row[:3], row[3:6], row[6:] = wrench[3:], wrench[:3], surface.centroid()
+            count += 1
+        return contacts, count
+
+    def _calc_truth(self, context: Context, output: BasicVector) -> None:
+        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        torque, results = self._tau_contact, self._results
+        contact = np.zeros(CONTACT_SIZE)
+        if results.HasValue(context):
+            touched, count = self.touched(cast(ContactResults, results.Eval(context)))
+            for c in touched[:count]:
+                add_contact(
+                    *(terms.p_WE, terms.R_WE, self._tip_radius, c[:3], c[3:6], c[6:], contact)
+                )
+        sum_with_contact(
+            self._applied.Eval(context),
+            contact,
+            terms.J,
+            torque.Eval(context) if torque.HasValue(context) else self._no_torque,
+            output.get_mutable_value(),
+        )
 
     def _calc_wrench_true(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._truth.Eval(context)[:6])

@@ -8,17 +8,20 @@ from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ContactResults, ExternallyAppliedSpatialForce
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from models.arrays import Array
 from models.machining.machining_process import FORCE
 from models.rigid_body.chain_kernels import SCRATCH_COLUMNS
 from models.rigid_body.serial_chain import SerialChain
-from models.signals.current_measurement import update_lag
 from models.truth.free_arm import VELOCITY_STREAM, WANDER_STREAM
-from models.truth.joint_kernels import EXTERNAL, MOTOR_CURRENT, SIGNALS
-from models.truth.machined_arm import arm_drives, arm_motion, motion_size
+from models.truth.joint_kernels import SIGNALS, tick_work
+from models.truth.machined_arm import (
+    arm_drives,
+    arm_memory,
+    arm_motion,
+    arm_truth,
+    motion_size,
+)
 from models.truth.true_joints import TrueJoints
 from systems.force_torque_sensor import ForceTorqueSensor
-from systems.gaussian_noise_source import tick_of
 from systems.machining.machining_process import MachiningProcessSystem
 from systems.motor_current_sensor import MotorCurrentSensor
 from systems.truth.environment_truth import EnvironmentTruth
@@ -45,8 +48,8 @@ class MachinedArm(LeafSystem):
     Inputs:  state             (2n,) q and v of the links, of the plant
              current_command   (n,) A, within the drives' limits
              contact_results, tau_contact, reaction_forces, vdot  of the plant
-    Outputs: motion            q and v as they are read (n,), the rigid-body terms, and the wrench
-                               of the force/torque sensor (6,)
+    Outputs: motion            q and v as they are read (n,), the rigid-body terms, the wrench of
+                               `spatial_forces` (6,), and that of the force/torque sensor (6,)
              drives            (5n + ...,) signals of TrueJointsSystem, current as it is reported,
                                and the joints' state at the tick's end
              spatial_forces    list of one ExternallyAppliedSpatialForce (abstract)
@@ -126,14 +129,26 @@ class MachinedArm(LeafSystem):
             "truth", sum(EnvironmentTruth.sizes(n)), self._calc_truth, met | {self.time_ticket()}
         )
         self.DeclareVectorOutputPort("wrench_unbalance", 6, self._calc_unbalance, known)
+        self._joint_size = self._of_joints.stop
+        self._process_size = len(parts["process"])
+        tool_from = 6 * n + n * n + 6 * n  # in `motion`
+        self._rotation = slice(tool_from, tool_from + 9)
+        self._position = slice(tool_from + 9, tool_from + 12)
+        self._velocity = slice(tool_from + 12, tool_from + 18)
+        self._applied = slice(tool_from + 18, tool_from + 24)
+        nothing = np.empty(0)
+        tool = (np.empty((0, 3)), np.empty((0, 0)), nothing, nothing, np.zeros(6), -1)
+        self._sensors = (self._current_table, *(tool if sensor is None else sensor.constants))
+        self._no_reaction, self._no_vdot = np.zeros(6), np.zeros(n)
         # Memory that is settled once; nothing in it outlives a call.
         self._scratch = np.empty((n, SCRATCH_COLUMNS))
+        self._work = tick_work(joints.initial_state())
 
     @property
     def motion_sizes(self) -> list[int]:
         """Of q, v, the rigid-body terms and the sensor's wrench in `motion`."""
         n = self._n
-        return [n, n, motion_size(n) - 2 * n, 6]
+        return [n, n, motion_size(n) - 2 * n - 6, 6]
 
     @property
     def drive_sizes(self) -> list[int]:
@@ -142,91 +157,89 @@ class MachinedArm(LeafSystem):
         return [self._n] * (SIGNALS + 1) + [rest]
 
     def _calc_motion(self, context: Context, output: BasicVector) -> None:
-        state, out = context.get_discrete_state_vector().value(), output.get_mutable_value()
         arm_motion(
             self._chain,
             self._table,
             self._joints.on_motor,
             self._velocity_seed,
-            tick_of(context.get_time(), self._time_step),
-            self._x.Eval(context),
-            state[self._of_joints],
-            self._scratch,
-            out[:-6],
-        )
-        out[-6:] = state[self._wrench]
-
-    def _calc_drives(self, context: Context, output: BasicVector) -> None:
-        state = context.get_discrete_state_vector().value()
-        arm_drives(
-            self._table,
-            self._current_table,
+            self._process.table,
+            self._process_size,
+            context.get_time(),
             self._time_step,
-            *self._seeds,
-            tick_of(context.get_time(), self._time_step),
             self._x.Eval(context),
-            self._motion.Eval(context),
-            self._command.Eval(context),
-            state[self._of_joints],
-            state[self._lagged],
+            context.get_discrete_state_vector().value(),
+            self._joint_size,
+            self._scratch,
             output.get_mutable_value(),
         )
 
-    def _tool(self, motion: Array) -> tuple[Array, Array, Array, Array]:
-        """J, R_WE, p_WE and V_WE of what `arm_motion` wrote."""
-        end = len(motion) - 6
-        R, J = end - 18, end - 18 - 6 * self._n
-        return (
-            motion[J:R].reshape(6, -1),
-            motion[R : R + 9].reshape(3, 3),
-            motion[R + 9 : R + 12],
-            motion[R + 12 : end],
+    def _calc_drives(self, context: Context, output: BasicVector) -> None:
+        arm_drives(
+            self._table,
+            self._current_table,
+            *self._seeds,
+            context.get_time(),
+            self._time_step,
+            self._x.Eval(context),
+            self._motion.Eval(context),
+            self._command.Eval(context),
+            context.get_discrete_state_vector().value(),
+            self._joint_size,
+            self._work,
+            output.get_mutable_value(),
         )
 
-    def _unbalanced(self, context: Context, wrench: Array) -> Array:
-        _, R_WE, _, _ = self._tool(self._motion.Eval(context))
-        self._process.add_unbalance(context.get_time(), R_WE, wrench)
-        return wrench
+    def _calc_spatial_forces(self, context: Context, output: AbstractValue) -> None:
+        output.set_value(self._process.applied_at_E(self._motion.Eval(context)[self._applied]))
 
     def _calc_unbalance(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._unbalanced(context, np.zeros(6)))
-
-    def _calc_spatial_forces(self, context: Context, output: AbstractValue) -> None:
-        own = context.get_discrete_state_vector().value()[self._own]
-        output.set_value(self._process.applied_at_E(self._unbalanced(context, own.copy())))
+        wrench = np.zeros(6)
+        R_WE = self._motion.Eval(context)[self._rotation].reshape(3, 3)
+        self._process.add_unbalance(context.get_time(), R_WE, wrench)
+        output.SetFromVector(wrench)
 
     def _calc_truth(self, context: Context, output: BasicVector) -> None:
-        J, R_WE, p_WE, _ = self._tool(self._motion.Eval(context))
-        self._truth_of.write_truth(
-            cast(ContactResults, self._results.Eval(context)),
+        motion = self._motion.Eval(context)
+        found = self._truth_of.touched(cast(ContactResults, self._results.Eval(context)))
+        arm_truth(
+            self._n,
             context.get_discrete_state_vector().value()[self._own],
+            self._truth_of.tip_radius,
+            *found,
             self._tau_contact.Eval(context),
-            J,
-            R_WE,
-            p_WE,
+            motion,
             output.get_mutable_value(),
         )
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        n, t, state = self._n, context.get_time(), discrete_state.get_mutable_value()
-        truth, drives = self._truth.Eval(context), self._drives.Eval(context)
-        J, R_WE, p_WE, V_WE = self._tool(self._motion.Eval(context))
-        state[self._of_joints] = drives[(SIGNALS + 1) * n :]
-        state[EXTERNAL * n : (EXTERNAL + 1) * n] = truth[6 : 6 + n]
-        if len(self._current_table):
-            current = drives[MOTOR_CURRENT * n : (MOTOR_CURRENT + 1) * n]
-            update_lag(self._current_table[0], self._time_step, current, state[self._lagged])
-        process = state[self._of_process]
-        self._process.advance(t, truth[6 + n :], V_WE, p_WE, process)
-        state[self._own][3:] = process[FORCE]
+        state, steady = discrete_state.get_mutable_value(), self._process.is_steady
+        truth, motion = self._truth.Eval(context), self._motion.Eval(context)
+        reaction, vdot = self._no_reaction, self._no_vdot
         if self._sensor is not None:
-            self._sensor.measure(
-                (J, R_WE, V_WE),
-                self._x.Eval(context)[n:],
-                self._vdot.Eval(context),
-                self._reactions.Eval(context),
-                self._sensor.default_noise_sd,
-                self._sensor.own_noise(t),
-                state[self._wrench],
-                state[self._filter],
+            vdot = self._vdot.Eval(context)
+            reaction = self._reactions.Eval(context)[self._sensor.weld].get_coeffs()
+        arm_memory(
+            *self._sensors,
+            self._process.table,
+            self._process_size,
+            steady,
+            context.get_time(),
+            self._time_step,
+            motion,
+            self._drives.Eval(context),
+            truth,
+            self._x.Eval(context),
+            vdot,
+            reaction,
+            self._joint_size,
+            state,
+        )
+        if not steady:
+            self._process.advance(
+                context.get_time(),
+                truth[6 + self._n :],
+                motion[self._velocity],
+                motion[self._position],
+                state[self._of_process],
             )
+            state[self._own][3:] = state[self._of_process][FORCE]

@@ -12,9 +12,13 @@ direction in some postures give a model per friction law:
 its observer in a task: an excitation is fast, a task may be slow, and near zero velocity a friction
 law's error is largest. So the torque error of each law is learnt as `identify` learns it, by the
 state of each joint (`models.identification.torque_error_model`), from the causal observer's own
-output along contact-free logs that no model was fitted on (excitation 2, and passes in a posture of
-their own), behind the same K_0. For planning, where no state is known yet, one Sigma_tau is found
-over their samples slower than the task's planned motion:
+output along contact-free logs that no model was fitted on, behind the same K_0: excitation 2, and
+slow passes in three postures. Each of these has other signs of the joints' velocities. Friction has
+the sign of the velocity, so that passes of one pattern would show that pattern as the correlation
+of the errors; and it ripples over position, so that one posture's error is not the arm's.
+
+For planning, where no state is known yet, one Sigma_tau is found over those samples of excitation 2
+and of the first posture that are slower than the task's planned motion:
 
     sd_j        = RMS of tau_ext_j where |v_j| <= speed, about zero: a lasting error is an error
     Sigma_tau   = D R D,  D = diag(sd),  R = the outputs' correlations (about zero) over all samples
@@ -59,6 +63,9 @@ SLOW_PERIOD = 8.0  # s
 # Dry friction jumps at zero velocity. The networks start with a jump as wide as v_crit / STEEPEST,
 # 0.2 mrad/s; with the 60 of a smooth network, friction at 10 mrad/s is half the true one.
 STEEPEST = 2000.0
+# Passes that nothing is fitted on: departures from home, rad, and signs of the velocities.
+HELD_OUT_POSTURES = ((0.3, 0.2, -0.25, 0.3, 0.25, -0.3), (-0.3, -0.2, 0.25, -0.3, -0.25, 0.3))
+HELD_OUT_WAYS = ((1.0, 1.0, 1.0, 1.0, 1.0, 1.0), (1.0, 1.0, -1.0, -1.0, 1.0, 1.0))
 FEWEST = 200  # samples below the speed; with fewer the joint's sd is that of all its samples
 
 
@@ -70,11 +77,13 @@ class ArmModels:
         robot: whose logs they are.
         models: by law, as in LAWS.
         held_out: contact-free logs that no model was fitted on.
+        passes: more of them, which planning does without.
     """
 
     robot: Robot
     models: Mapping[str, IdentifiedModel]
     held_out: tuple[Recording, ...]
+    passes: tuple[Recording, ...] = ()
     # By law and K_0: variants of one estimator differ in what comes after
     _errors: dict[tuple[str, float], Array] = field(default_factory=dict, repr=False)
     _fits: dict[tuple[str, float], TorqueErrorModel] = field(default_factory=dict, repr=False)
@@ -136,11 +145,12 @@ class ArmModels:
     def _shared(self, name: str, law: str, K_0: float, compute: Callable[[], Result]) -> Result:
         """For all experiments that have this arm, a result of a law's observer."""
         if law not in self._digests:
-            self._digests[law] = digest((self.robot, self.models[law], self.held_out))
+            self._digests[law] = digest((self.robot, self.models[law], self.held_out, self.passes))
         return shared(name, (self._digests[law], K_0), compute)
 
     def _read_held_out(self, law: str, K_0: float) -> Array:
-        readings = zip(self._readings(law, K_0), self.held_out, strict=True)
+        own = self._readings(law, K_0)[: len(self.held_out)]
+        readings = zip(own, self.held_out, strict=True)
         return np.vstack([own.tau_ext[_settled(log, K_0)] for own, log in readings])
 
     def _readings(self, law: str, K_0: float) -> list[HeldOutReading]:
@@ -153,7 +163,7 @@ class ArmModels:
         plain = replace(self.models[law], torque_error=None)
         estimator = WrenchEstimator(self.robot, plain, config)
         readings = []
-        for log in self.held_out:
+        for log in (*self.held_out, *self.passes):
             seen = estimator.observe(log.q, log.v, log.current)
             readings.append(
                 HeldOutReading(
@@ -187,16 +197,16 @@ def identify_arm(
         contact_noise: of `identify`; only contact detection reads it.
     """
     arguments = robot, seed, quick, contact_noise
-    models, held_out = shared(
+    models, held_out, passes = shared(
         "identify_arm", arguments, lambda: _identify_arm(*arguments, progress)
     )
     progress(1.0, "models")
-    return ArmModels(robot, models, held_out)
+    return ArmModels(robot, models, held_out, passes)
 
 
 def _identify_arm(
     robot: Robot, seed: int, quick: bool, contact_noise: bool, progress: ProgressCallback
-) -> tuple[dict[str, IdentifiedModel], tuple[Recording, ...]]:
+) -> tuple[dict[str, IdentifiedModel], tuple[Recording, ...], tuple[Recording, ...]]:
     result, (log, other) = identify_simulated_arm(
         robot,
         seed,
@@ -216,8 +226,17 @@ def _identify_arm(
         slow_postures,
         slow_speeds,
         seed + 100,
-        lambda s, what: progress(0.35 + 0.5 * s, what),
+        lambda s, what: progress(0.35 + 0.45 * s, what),
         SLOW_PERIOD,
+    )
+    passes = reversal_recordings(
+        robot,
+        np.asarray(robot.home) + np.asarray(HELD_OUT_POSTURES),
+        SLOW_SPEEDS[1:],
+        seed + 200,
+        lambda s, what: progress(0.8 + 0.05 * s, what),
+        SLOW_PERIOD,
+        HELD_OUT_WAYS,
     )
     progress(0.85, "friction laws")
     fitted = [*fast, *slow[:-1]]
@@ -228,7 +247,7 @@ def _identify_arm(
     progress(0.9, "presliding friction")
     presliding = identify([log.recording, *fitted], robot, [], config).model
     models = dict(zip(LAWS, (result.model, semi_parametric, presliding), strict=True))
-    return models, (other.recording, slow[-1])
+    return models, (other.recording, slow[-1]), tuple(passes)
 
 
 def covariance_at_speed(tau_ext: Array, v: Array, speed: float) -> Array:

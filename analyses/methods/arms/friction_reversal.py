@@ -128,6 +128,7 @@ def reversal_recordings(
     seed: int = 0,
     progress: ProgressCallback = lambda fraction, what: None,
     period: float = PERIOD,
+    ways: ArrayLike | None = None,
 ) -> list[Recording]:
     """What the simulated arm's controller records in planned reversals, all joints together.
 
@@ -139,12 +140,15 @@ def reversal_recordings(
         progress: told the share done.
         period: s, of the passes; slow ones need a long one, or the drives' own compliance takes up
             the whole travel.
+        ways: (K, n) or (n,) share of the motion that each joint makes, with its sign; None: signs
+            alternate, so that the tool stays where it is rather than sweeping the cell.
     """
     recordings = []
     postures = np.atleast_2d(np.asarray(postures, dtype=np.float64))
-    for k, posture in enumerate(postures):
-        # Signs alternate, so that the tool stays where it is rather than sweeping the cell.
-        way = np.where(np.arange(robot.num_joints) % 2 == 0, 1.0, -1.0)
+    if ways is None:
+        ways = np.where(np.arange(robot.num_joints) % 2 == 0, 1.0, -1.0)
+    directions = np.broadcast_to(np.asarray(ways, dtype=np.float64), postures.shape)
+    for k, (posture, way) in enumerate(zip(postures, directions, strict=True)):
         motion = reversal_motion(robot, way, posture, speeds, (0.0,), period)
 
         def part(share: float, what: str, k: int = k) -> None:

@@ -10,6 +10,7 @@ from models.friction.presliding_friction import PreslidingFriction
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from models.identification.torque_error_fit import (
     HeldOutReading,
+    _correlation,
     _minus_log_likelihood,
     fit_torque_error,
 )
@@ -117,6 +118,52 @@ def test_the_ranges_are_those_of_the_samples_that_count() -> None:
     found = fitted([replace(own, used=used)])
     np.testing.assert_array_equal(found.fitted_speed, np.abs(own.v[1000:3000]).max(axis=0))
     np.testing.assert_array_equal(found.fitted_load, np.abs(own.transmitted[1000:3000]).max(axis=0))
+
+
+def between(share: float) -> TorqueErrorModel:
+    """Of two joints whose errors correlate so."""
+    return truth(correlation=np.array([[1.0, share], [share, 1.0]]))
+
+
+def test_what_one_motion_does_to_two_joints_is_not_the_arms() -> None:
+    """Passes in lockstep turn both joints' friction round at once, here the same way, there not."""
+    motions = [reading(0, between(0.9)), reading(1, between(-0.9)), reading(2, between(-0.2))]
+    assert fitted(motions).correlation[0, 1] == 0.0
+    assert fitted(motions[:1]).correlation[0, 1] == pytest.approx(0.9 * 0.98, abs=0.02)
+
+
+def test_of_a_correlation_the_share_that_motions_have_in_common_is_left() -> None:
+    own = fitted([reading(0, between(0.8)), reading(1, between(0.2))])
+    # mean .5, its standard error .3; 6,000 samples know each to .005 and .013
+    expected = 0.5 * (1.0 - (0.3 / 0.5) ** 2) * 0.98
+    assert own.correlation[0, 1] == pytest.approx(expected, abs=0.05)
+
+
+def test_a_long_log_of_one_motion_outweighs_no_other() -> None:
+    """Four logs, of which the longest has ten times the samples."""
+    drawn = [reading(seed, between(0.3)) for seed in range(3)]
+    short = [replace(own, used=own.used & (np.arange(6000) < 700)) for own in drawn]
+    long = reading(3, between(0.5))
+    # mean .35, its standard error .05 and that of 600 samples, .02
+    expected = 0.35 * (1.0 - (0.05 / 0.35) ** 2) * 0.98
+    assert fitted([*short, long]).correlation[0, 1] == pytest.approx(expected, abs=0.05)
+
+
+def test_correlations_that_do_not_fit_each_other_leave_an_inverse() -> None:
+    """One joint shares .6 with three others, whose own correlations differ from log to log."""
+    logs = []
+    for first, second in ((1, 2), (1, 3), (2, 3)):
+        R = np.full((4, 4), 0.36)
+        R[0], R[:, 0] = 0.6, 0.6
+        R[first, second] = R[second, first] = -0.28
+        R[np.arange(4), np.arange(4)] = 1.0
+        values, vectors = np.linalg.eigh(R)
+        logs.append((vectors * np.sqrt(np.maximum(values, 0.0))).T)  # its squares' sum is R
+    found = _correlation(logs)
+    np.testing.assert_array_equal(found[1:, 1:], np.eye(3))
+    # Undisturbed the smallest eigenvalue were 1 - .6 sqrt 3 = -.04.
+    assert np.linalg.eigvalsh(found)[0] == pytest.approx(0.02, abs=1e-9)
+    assert 0.5 < found[0, 1] < 0.6
 
 
 def test_correlation_time_and_what_lasts() -> None:

@@ -13,8 +13,10 @@ from analyses.experiments.free_motion.observers import (
     _measured,
     _summary_figure,
     findings,
+    mirrored,
     never_valid,
 )
+from analyses.methods.arms.simulated_logs import ROBOT, stored_excitation
 from analyses.methods.reading.put_in_pushes import push_forces, pushed
 from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from models.estimation.wrench import WrenchReconstructionConfig
@@ -24,6 +26,18 @@ from models.recordings.recording import Recording
 from models.robot.robot import Robot
 
 STEP = 0.01
+
+
+def test_the_mirrored_motion_stays_in_its_range_and_is_as_fast() -> None:
+    robot = Robot.load(ROBOT)
+    trajectory = stored_excitation(robot, 1)
+    t = np.linspace(0.0, trajectory.period, 1000)
+    q, v, _ = trajectory.sample(t)
+    other, w, _ = mirrored(trajectory).sample(t)
+    np.testing.assert_allclose(w, -v, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(other.min(axis=0), q.min(axis=0), rtol=0.0, atol=1e-3)
+    np.testing.assert_allclose(other.max(axis=0), q.max(axis=0), rtol=0.0, atol=1e-3)
+    assert (other > robot.position_lower).all() and (other < robot.position_upper).all()
 
 
 def test_pushes_have_their_size_and_their_time() -> None:

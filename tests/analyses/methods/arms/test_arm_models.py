@@ -90,6 +90,32 @@ def test_all_experiments_of_an_arm_share_what_its_held_out_logs_say(sts, tmp_pat
     assert tau_ext.shape == v.shape == (3000 - 50, 6)  # from 3 / K_0 on
 
 
+def test_more_passes_tell_of_the_readings_error_and_nothing_of_planning(sts):
+    """Two logs of an arm that holds still, the second with three times the noise."""
+    model, log, _ = still(sts, 20_000)
+    gravity = np.mean(log.current, axis=0)
+    loud = replace(log, current=gravity + 3.0 * (log.current - gravity))
+    alone = ArmModels(sts, {"plain": model}, (log,))
+    both = ArmModels(sts, {"plain": model}, (log,), (loud,))
+    for found, expected in zip(
+        both.held_out_errors("plain", 20.0), alone.held_out_errors("plain", 20.0), strict=True
+    ):
+        np.testing.assert_array_equal(found, expected)
+    motion = (
+        log.q,
+        log.v,
+        np.tile(model.chain(sts).terms(sts.home, np.zeros(6)).G, (len(log.q), 1)),
+    )
+    sds = [
+        models.torque_error("plain", 20.0).along(model.friction, *motion, log.time_step)[0][-1]
+        for models in (alone, both)
+    ]
+    # Of variances 1 and 9 the mean is 5; both logs have the same draws. What a joint without
+    # gravity carries is noise alone, and tells the one log from the other.
+    carrying = [1, 2, 4]
+    np.testing.assert_allclose(sds[1][carrying] / sds[0][carrying], np.sqrt(5.0), rtol=0.03)
+
+
 def test_held_out_logs_are_read_once_for_each_law_and_gain(sts, monkeypatch):
     """And every law and gain has its own readings, whoever asked before."""
     model, log, _ = still(sts, 3000)

@@ -89,3 +89,15 @@ def test_a_real_arms_friction_is_almost_odd(ur10e, data):
 def test_recordings_and_joints_must_match(sts):
     with pytest.raises(ValueError, match="one joint per recording"):
         separate_recordings(sts, [], IdentifiedModel.nominal(sts), joints=[0])
+
+
+def test_passes_go_the_way_that_is_asked_for(sts):
+    ways = [[1.0, 1.0, 1.0, 1.0, 1.0, 1.0], [1.0, 1.0, -1.0, -1.0, 1.0, 1.0]]
+    postures = np.tile(sts.home, (2, 1))
+    recordings = reversal_recordings(sts, postures, (0.2,), period=1.0, ways=ways)
+    for log, way in zip(recordings, ways, strict=True):
+        fast = np.abs(log.v[:, 0]) > 0.1
+        assert fast.sum() > 100
+        np.testing.assert_array_equal(
+            np.sign(log.v[fast]), np.sign(log.v[fast, :1]) * np.asarray(way)
+        )
