@@ -24,6 +24,7 @@ from models.rigid_body.spatial_vectors import FORCE_FIRST
 from systems.pose_reference import POSE_REFERENCE_SIZE
 
 _NO_WRENCH = np.zeros(6)
+_Constants = tuple[bool, Array, Array, Array, Array, bool, float, Array, float, Array, float]
 
 
 @dataclass
@@ -206,9 +207,16 @@ class ImpedanceController(LeafSystem):
         value.set_value(tuple(context.get_numeric_parameter(i).CopyToVector() for i in indices))
 
     @property
-    def default_gains(self) -> tuple[Array, Array, Array]:
-        """Stiffness, damping and force gains as they were given, whatever a context holds."""
-        return self._default_gains
+    def constants(self) -> _Constants:
+        """What `impedance_action` reads that no tick changes, in its order: the gains as given."""
+        gains = (self._in_E, *self._default_gains, self._direction, self._direction_in_E)
+        drives = (self._time_step, self._effort_limit, self._null_space_damping)
+        return *gains, *drives, self._friction, self._friction_velocity
+
+    @property
+    def has_force(self) -> bool:
+        """Whether it controls a force at all."""
+        return self._has_force
 
     def write_action(
         self,

@@ -16,6 +16,7 @@ from pydrake.systems.framework import (
 
 from models.arrays import Array
 from models.estimation.estimator import EstimatorTables, WrenchEstimator
+from models.estimation.kernel_choice import KernelChoice
 from models.estimation.tick import (
     KNOWN_CORRECTION,
     KNOWN_COUNTS,
@@ -30,6 +31,8 @@ from models.estimation.tick import (
 from models.estimation.wrench import WrenchReconstruction
 from models.friction.velocity_friction import friction_torque
 from models.observers.sample_check import check_current, check_motion, check_sample
+
+_Taking = tuple[KernelChoice, Array, Array, Array, int, int, Array, int, Array, Array]
 
 
 class WrenchEstimatorSystem(LeafSystem):
@@ -229,6 +232,22 @@ class WrenchEstimatorSystem(LeafSystem):
     def default_tables(self) -> EstimatorTables:
         """The constants of the estimator as it was given, whatever a context holds."""
         return self._estimator.tables
+
+    @property
+    def taking(self) -> _Taking:
+        """What `take` gives its kernels of an estimator as it was given, for one kernel of all.
+
+        Choice, drives, slip, observer, the observer's rows, those before a trusted reading's or -1,
+        the table of the check of samples or one without rows, entries that the update takes, and
+        memory: `known` and (3, n) to work in.
+        """
+        tables, check = self._estimator.tables, self._check
+        return (
+            *(self._choice, tables.drives, tables.slip, tables.observer, self._rows),
+            -1 if self._trusted is None else self._tick_rows,
+            np.empty((0, self._n)) if check is None else check.table,
+            *(self._end, self._known, self._checked),
+        )
 
     def read(
         self,

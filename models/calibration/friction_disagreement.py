@@ -10,6 +10,8 @@ contradicts the model if all of this holds:
 - the differences amount to more torque than the model leaves unexplained in any case;
 - they explain what is read: what remains is not far above the model's residual. A load or a contact
   that happens to go with a joint's direction leaves more.
+
+All of it is judged where the joint moves: at rest stiction hides what friction's coefficients are.
 """
 
 from collections.abc import Sequence
@@ -37,7 +39,7 @@ class FrictionDisagreement:
         term: "coulomb" or "viscous", the one that differs by more standard errors.
         change: of that coefficient, log less model; N m or N m s/rad.
         standard_errors: that the change amounts to.
-        torque: root mean square of what both changes add, N m.
+        torque: root mean square of what both changes add where the joint moves, N m.
         stated: N m, what the model leaves unexplained.
     """
 
@@ -78,10 +80,11 @@ def friction_disagreements(
         return []
     found = refresh_friction(rows, law, drift, noise)
     sliding = rows.sliding
-    left = np.sqrt(np.mean((rows.residual - (sliding * found.change).sum(axis=2)) ** 2, axis=0))
+    left = rows.moving_rms(rows.residual - (sliding * found.change).sum(axis=2))
+    added = rows.moving_rms((sliding * found.change)[:, :, :2].sum(axis=2))
     out = []
     for j in range(rows.num_joints):
-        torque = float(np.sqrt(np.mean((sliding[:, j, :2] @ found.change[j, :2]) ** 2)))
+        torque = float(added[j])
         worst = int(np.argmax(np.abs(found.standard_errors[j, :2])))
         errors = float(found.standard_errors[j, worst])
         stated = float(rows.sd[j])

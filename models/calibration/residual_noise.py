@@ -100,10 +100,8 @@ class ResidualRows:
     @property
     def dry_level(self) -> Array:
         """(n,) N m: root mean square of the dry friction where the joint moves, else stiction."""
-        moves = np.abs(self.v) >= V_REST
-        squares = (self.dry**2 * moves).sum(axis=0) / np.maximum(moves.sum(axis=0), 1)
         still = np.sqrt(np.mean(self.stiction**2, axis=0))
-        return np.asarray(np.where(moves.any(axis=0), np.sqrt(squares), still))
+        return np.asarray(np.where(self.moving_share > 0.0, self.moving_rms(self.dry), still))
 
     @property
     def drift(self) -> Array:
@@ -118,6 +116,13 @@ class ResidualRows:
     def moving_share(self) -> Array:
         """(n,) share of the rows in which the joint moves."""
         return np.asarray((np.abs(self.v) >= V_REST).mean(axis=0))
+
+    def moving_rms(self, torque: Array) -> Array:
+        """(n,) root mean square of torque (m, n) where each joint moves; 0 where it never does."""
+        moves = np.abs(self.v) >= V_REST
+        return np.asarray(
+            np.sqrt((torque**2 * moves).sum(axis=0) / np.maximum(moves.sum(axis=0), 1))
+        )
 
     def __getitem__(self, part: slice | NDArray[np.bool_]) -> "ResidualRows":
         """The chosen rows."""

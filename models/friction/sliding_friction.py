@@ -15,6 +15,7 @@ from models.friction.coupled_friction import CoupledFriction, joint_side
 from models.friction.extended_friction import ExtendedFriction
 from models.friction.friction_law import FrictionLaw
 from models.friction.presliding_friction import PreslidingFriction
+from models.friction.slip_elements import held_stribeck
 from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 
 TERMS = ("coulomb", "viscous", "offset")
@@ -82,7 +83,8 @@ def stiction(law: FrictionLaw, load: Array) -> Array:
         return joint_side(law, at_motors.T).T
     own = _without_further_terms(law)
     if isinstance(own, PreslidingFriction):
-        return np.maximum(own.coulomb + own.stribeck + own.load * np.abs(load), 0.0)
+        level = own.coulomb + held_stribeck(own.coulomb, own.stribeck)
+        return np.maximum(level + own.load * np.abs(load), 0.0)
     return np.broadcast_to(np.abs(own.coulomb_viscous.coulomb), load.shape)
 
 

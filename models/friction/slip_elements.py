@@ -18,6 +18,9 @@ COULOMB, STRIBECK, INVERSE_SPEED, LOAD, CUBIC, SPEED_LIMIT, BEYOND = range(SLIDI
 HALF_STEP, PERIOD, KEPT, ELEMENTS = range(SLIDING_COLUMNS, SLIDING_COLUMNS + 4)
 # Rows of the state; then K slips z_k.
 POSITION, TRANSMITTED, SLIPS = range(3)
+# Share of its Coulomb friction that a joint at rest is taken to hold at least. Logs of fast motion
+# hardly tell the level at a crawl: fits of short ones put C + S anywhere down to zero.
+LEAST_HELD = 0.5
 
 
 class FrictionKernels(NamedTuple):
@@ -27,6 +30,11 @@ class FrictionKernels(NamedTuple):
     update: Any
     parts: tuple[Any, ...] = ()
     """The compiled functions that these two are composed of, where they are."""
+
+
+def held_stribeck(coulomb: Array, stribeck: Array) -> Array:
+    """S (n,) of the level at rest: the law's, but no less than leaves LEAST_HELD of C (n,)."""
+    return np.asarray(np.maximum(stribeck, (LEAST_HELD - 1.0) * np.maximum(coulomb, 0.0)))
 
 
 @njit(cache=True, error_model="numpy")

@@ -8,7 +8,8 @@ carries any torque within its stiction band, whatever the environment does. Per 
          + unknown^2 + reversal^2 turning^2                              stiction
          + (drift tau_v)^2 + (beyond_speed e_v)^2 + (beyond_load e_L)^2  stated assumptions
 
-    level   = C + S exp(-(v / v_s)^2) + l |L|       the friction law's own: half the stiction band
+    level   = C + S exp(-(v / v_s)^2) + l |L|       the friction law's own: half the stiction band,
+                                                    with S >= -C / 2, as logs hardly show a crawl
     unknown = LP(level sqrt(w / 3))                 uniform over the band, for a share w
     turning = LP(level (1 - z^2) (1 - w))           between two directions
 
@@ -55,7 +56,12 @@ from models.arrays import Array
 from models.friction.coupled_friction import CoupledFriction, joint_side
 from models.friction.extended_friction import ExtendedFriction
 from models.friction.friction_law import FrictionLaw
-from models.friction.slip_elements import SLIDING_COLUMNS, bounded_cubic, within_rounding
+from models.friction.slip_elements import (
+    SLIDING_COLUMNS,
+    bounded_cubic,
+    held_stribeck,
+    within_rounding,
+)
 
 DRIFT = 0.05  # of the viscous torque
 BEYOND_SPEED = 0.3  # of the viscous coefficient
@@ -219,6 +225,7 @@ class TorqueErrorModel:
         step = self.resolution if resolution is None else np.asarray(resolution, float)
         table = np.zeros((n, _COLUMNS))
         table[:, :SLIDING_COLUMNS] = sliding_columns(friction)
+        table[:, _S] = held_stribeck(table[:, _C], table[:, _S])
         viscous = np.abs(friction.feedforward.coulomb_viscous.viscous)
         smooth = K_0 / (1.0 + K_0 * self.correlation_time)
         smooth /= self.K_0 / (1.0 + self.K_0 * self.correlation_time)

@@ -5,7 +5,11 @@ from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from models.arrays import Array
+from models.control.impedance_tick import impedance_tick
 from models.machining.air_pass import TaughtTorque, taught_tick
+from models.machining.machining_tick import lead_tick, take_tick
+from models.rigid_body.chain_kernels import SCRATCH_COLUMNS
+from models.rigid_body.flat_terms import flat_size
 from models.rigid_body.serial_chain import SerialChain
 from systems.impedance_controller import ImpedanceController
 from systems.machining.machining_reference import MachiningReference
@@ -19,8 +23,8 @@ class MachiningController(LeafSystem):
 
     It does what these blocks do when they are connected to each other: `MachiningReference`,
     `WrenchEstimatorSystem`, `ImpedanceController` and, where an air pass taught something,
-    `TaughtTorqueSource`. It asks them for their halves of a tick in turn, so that the numbers are
-    theirs to the last bit. Parameters cannot be changed: those of the blocks are taken.
+    `TaughtTorqueSource`. Their kernels run in the same order, so that the numbers are theirs to
+    the last bit. Parameters cannot be changed: those of the blocks are taken.
 
                     +---------------------+ --> action
       q        -->  |                     |
@@ -64,7 +68,7 @@ class MachiningController(LeafSystem):
         self._reference, self._estimator, self._controller = reference, estimator, controller
         self._chain: SerialChain = estimator.estimator.chain
         self._n = n = self._chain.num_joints
-        self._tables, self._gains = estimator.default_tables(), controller.default_gains
+        self._tables = estimator.default_tables()
         self._taught: tuple[Array, Array, float] | None = None
         if taught is not None:
             assert taught.steady is not None
@@ -75,7 +79,6 @@ class MachiningController(LeafSystem):
         self._wrench = self.DeclareVectorInputPort("wrench", 6) if reads_sensor else None
         memory = estimator.initial_state()
         self._estimator_end = len(memory)
-        self._phases_end = self._estimator_end + 7
         initial = np.concatenate([memory, reference.initial_state, np.zeros(1)])
         state = self.DeclareDiscreteState(initial)
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
@@ -89,7 +92,7 @@ class MachiningController(LeafSystem):
         self._size = ends["pose"]
         self._integral_at = ends["integral"] - 1
         self._plan_from, self._plan_to = ends["integral"], ends["feedback_valid"]
-        self._pose_from, self._reference_from = ends["integral"], ends["pose_reference"]
+        self._reference_from = ends["pose_reference"]
         self._reference_to = ends["reference"]
         self._wrench_at = slice(ends["tau_ext"], ends["wrench"])
         self._reading_at = slice(ends["feedback_valid"], ends["rest"])
@@ -99,7 +102,10 @@ class MachiningController(LeafSystem):
             "terms", lambda: AbstractValue.Make(object()), self._calc_terms, motion
         )
         # Memory that is settled once; nothing in it outlives a call.
-        self._terms = self._chain.terms(np.zeros(n), np.zeros(n))
+        self._leading = (*reference.leading, np.ascontiguousarray(self._chain.table))
+        self._impedance = (*controller.constants, controller.has_force)
+        self._taking = (*estimator.taking, *reference.advancing)
+        self._known, self._scratch = np.empty(flat_size(n)), np.empty((n, SCRATCH_COLUMNS))
         self._lesson = np.zeros(n + 1)
         self._unread = np.zeros(n)
 
@@ -125,56 +131,41 @@ class MachiningController(LeafSystem):
     def _calc_action(self, context: Context, output: BasicVector) -> None:
         state, out = context.get_discrete_state_vector().value(), output.get_mutable_value()
         q, v = self._q.Eval(context), self._v.Eval(context)
-        terms = self._terms
-        terms.q[:], terms.v[:] = q, v
-        self._chain.write_terms(terms)
         plan, reading = out[self._plan_from : self._plan_to], out[self._reading_at]
-        end, anchor = self._estimator_end, self._phases_end
-        self._reference.write_plan(
-            context.get_time(), state[end:anchor], state[anchor:-1], q, terms.J, plan
+        end, known = self._estimator_end, self._known
+        lead_tick(
+            *self._leading, context.get_time(), state[end:-1], q, v, self._scratch, known, plan
         )
-        reference = out[self._reference_from : self._reference_to]
         taught, n = None, self._n
         if self._taught is not None:
-            lesson = self._lesson
+            lesson, reference = self._lesson, out[self._reference_from : self._reference_to]
             taught_tick(*self._taught, plan[-2], lesson)
             taught = (lesson[:n], reference[n : 2 * n], lesson[n])
         self._estimator.read(self._tables, state[:end], q, v, self._unread, taught, reading)
-        self._controller.write_action(
-            self._gains,
-            terms,
-            out[self._pose_from : self._reference_from],
-            reference,
-            bool(plan[-6] > 0.5),
-            bool(plan[-1] > 0.5),
-            plan[-7],
+        impedance_tick(
+            *self._impedance,
+            known,
+            v,
+            plan,
             out[self._wrench_at] if self._wrench is None else self._wrench.Eval(context),
             state[-1],
             out[: self._plan_from],
+            out[self._pose_at :],
         )
-        pose = out[self._pose_at :]
-        pose[:9], pose[9:] = terms.R_WE.ravel(), terms.p_WE
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         action, state = self._action.Eval(context), discrete_state.get_mutable_value()
-        q, end, anchor = self._q.Eval(context), self._estimator_end, self._phases_end
-        self._estimator.take(
-            self._tables,
-            state[:end],
-            q,
+        take_tick(
+            *self._taking,
+            context.get_time(),
+            self._q.Eval(context),
             self._v.Eval(context),
             self._current.Eval(context),
-            action[self._reading_at],
-        )
-        pose = action[self._pose_at :]
-        self._reference.advance(
-            context.get_time(),
-            q,
-            pose[:9].reshape(3, 3),
-            pose[9:],
             action[self._wrench_at] if self._wrench is None else self._wrench.Eval(context),
-            state[end:anchor],
-            state[anchor:-1],
+            action[self._reading_at],
+            action[self._pose_at :],
+            self._estimator_end,
+            state,
         )
         state[-1] = action[self._integral_at]
 

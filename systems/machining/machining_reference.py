@@ -20,6 +20,9 @@ from models.rigid_body.serial_chain import RigidBodyTerms, SerialChain
 from models.robot.robot import Robot
 from systems.pose_reference import POSE_REFERENCE_SIZE
 
+_Leading = tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array, float]
+_Advancing = tuple[Array, Array, Array, Array, Array, Array, float, float]
+
 
 class MachiningReference(LeafSystem):
     """Leads the tool through the phases of a machining pass.
@@ -115,6 +118,18 @@ class MachiningReference(LeafSystem):
     def initial_state(self) -> Array:
         """(7 + 15,) both states, before the first tick."""
         return np.concatenate([initial_state(), self._start])
+
+    @property
+    def leading(self) -> _Leading:
+        """What `machining_reference` reads besides time, memory and motion, in its order."""
+        path = (*self._path, self._place, self._setpoint, self._trusted, self._pushes_on)
+        return self._phases_table, self._table, *path
+
+    @property
+    def advancing(self) -> _Advancing:
+        """The same of `advance_reference`, up to its time step."""
+        path = (self._path[0], self._setpoint, self._trusted, self._pushes_on, self._time_step)
+        return self._phases_table, self._lower, self._upper, *path
 
     def write_plan(
         self, t: float, phases: Array, anchor: Array, q: Array, J: Array, plan: Array

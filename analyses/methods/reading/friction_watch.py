@@ -131,7 +131,7 @@ class FrictionWatch:
         rows, found = self._contact_free(), self.disagreements()
         if rows is None or not found:
             return None
-        viscous = np.sqrt(np.mean(rows.viscous**2, axis=0))
+        viscous = rows.moving_rms(rows.viscous)
         return max(own.torque / max(float(viscous[own.joint]), 1e-9) for own in found)
 
     def drifts(self) -> Array | None:
@@ -144,8 +144,7 @@ class FrictionWatch:
             return None
         found = refresh_friction(rows, self._model.friction.coulomb_viscous)
         change = np.einsum("kjc,jc->kj", rows.sliding[:, :, :2], found.change[:, :2])
-        added = np.sqrt(np.mean(change**2, axis=0))
-        viscous = np.sqrt(np.mean(rows.viscous**2, axis=0))
+        added, viscous = rows.moving_rms(change), rows.moving_rms(rows.viscous)
         return np.asarray(np.minimum(added / np.maximum(viscous, 1e-9), LARGEST_DRIFT))
 
     def _contact_free(self) -> ResidualRows | None:

@@ -8,6 +8,7 @@ from analyses.campaign.campaign_store import CampaignRecord, read_table, write_t
 from analyses.campaign.distributions import distribution_metrics, distributions
 from analyses.campaign.world_run import WorldOutcome
 from analyses.output.outputs import OutputFolder
+from analyses.study.readme_table import FEWEST_WORLDS
 from models.files.input_error import InputError
 
 
@@ -94,9 +95,24 @@ def test_draws_that_move_a_figure_are_told_where_the_article_s_lies_elsewhere():
     assert (stated["parameter"], stated["drawn"]) == ("load", (0.5, pytest.approx(1.5)))
     assert "load + (rank correlation 1.00" in table_row(found["optimised.rmse_x_n"]).moved_by
     assert found["rmse_nm.0"].moved_by is None  # 1 lies in its range
+    assert "moved_by" not in found["rmse_nm.0"].metrics()
+    assert found["ours_against_article.reduction_rmse_x_pct"].moved_by is None  # no article's
     assert found["correlation"].moved_by == ()  # outside, and the same in all worlds
     assert table_row(found["correlation"]).moved_by == "no drawn parameter moves it"
-    assert found_in(19)["optimised.rmse_x_n"].moved_by is None  # too few
+    assert found["correlation"].metrics()["moved_by"] == []  # asked, and nothing does
+    few, enough = (found_in(n)["optimised.rmse_x_n"] for n in (FEWEST_WORLDS - 1, FEWEST_WORLDS))
+    assert few.moved_by is None
+    assert [one.parameter for one in enough.moved_by] == ["load"]
+
+
+def test_a_world_without_the_figure_tells_nothing_of_what_moves_it():
+    record = record_of(40)
+    for number, world in record.worlds.items():
+        world.parameters = {"load": 0.5 + 0.01 * number}
+        world.values["toy"]["optimised.rmse_x_n"] = 11.0 + 0.1 * number if number % 2 else None
+    (moved,) = distributions(record, ["toy"])[0].moved_by
+    assert moved.rank_correlation == pytest.approx(1.0)
+    assert moved.drawn == pytest.approx((0.51, 0.89))
 
 
 def test_a_row_says_yes_or_no():

@@ -52,6 +52,25 @@ def test_more_viscous_friction_is_named():
     assert "identify --refresh" in line
 
 
+def test_rest_in_stiction_hides_no_change():
+    """Three quarters of the log at rest, with 8 and 1.5 N m held: motion alone is judged."""
+    log = rows([[0.0, 6.0, 0.0], [0.0, 0.0, 0.0]])
+    (moving,) = friction_disagreements(log, LAW)
+    more = 3 * len(log.t)
+    still = np.zeros((more, 2))
+    rested = ResidualRows(
+        np.concatenate([log.t, log.t[-1] + 0.1 * np.arange(1, more + 1)]),
+        *(np.vstack([log.v, still]), np.vstack([log.residual, np.tile([8.0, 1.5], (more, 1))])),
+        *(np.vstack([log.dry, still]), np.vstack([log.viscous, still])),
+        np.broadcast_to(LAW.coulomb, (4 * len(log.t), 2)),
+        np.concatenate([log.sliding, np.stack([still, still, still + 1.0], axis=2)]),
+        log.sd,
+    )
+    (found,) = friction_disagreements(rested, LAW)
+    assert found.joint == 0
+    np.testing.assert_allclose(found.torque, moving.torque, rtol=0.05)
+
+
 def test_a_change_below_what_the_model_misses_anyhow_is_no_news():
     # 1.5 of 20 N m s/rad in a minute of motion: clear, but 0.7 N m where 1 is stated.
     log = rows([[0.0, 1.5, 0.0], [0.0, 0.0, 0.0]], duration=120.0)

@@ -1,5 +1,7 @@
 """The coefficients that drift: exchanged in every law, and what one unit of each adds."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numba import njit
@@ -112,3 +114,10 @@ def test_stiction_is_the_laws_torque_where_it_breaks_away(law):
     dry, _ = dry_and_viscous(law, q, v, load)
     # 0.1 %: Stribeck friction at 1 mrad/s instead of at rest.
     np.testing.assert_allclose(stiction(law, load)[-1], dry[-1], rtol=1e-3)
+
+
+def test_stiction_is_at_least_half_of_the_friction_that_slides():
+    """5 + 0.05 * 8 - 4.8 N m would be 0.6; of 2 N m, 1.6 are left as they are."""
+    law = replace(presliding(), stribeck=np.array([-4.8, -0.4]))
+    found = stiction(law, np.full((3, 2), -8.0))
+    np.testing.assert_allclose(found, np.tile([2.5 + 0.4, 1.6], (3, 1)))

@@ -131,6 +131,13 @@ def test_a_joint_at_rest_has_the_sd_of_its_stiction_band() -> None:
     np.testing.assert_allclose(sd, np.hypot(stiction, model().constant), rtol=1e-12)
 
 
+def test_a_law_without_friction_at_a_crawl_still_holds_half_of_it_at_rest() -> None:
+    """S of a log that shows no crawl may be anything; C - 22 N m would hold nothing."""
+    friction = law(stribeck=np.array([-22.0, 0.5]))
+    _, stiction = model().along(friction, *still(), STEP)
+    np.testing.assert_allclose(stiction[-1], np.array([10.0, 3.0]) / np.sqrt(3.0), rtol=1e-12)
+
+
 def test_the_load_widens_the_band_of_a_joint_at_rest() -> None:
     q, v, load = still()
     load[:] = 30.0

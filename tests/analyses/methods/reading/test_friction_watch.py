@@ -64,6 +64,27 @@ def test_no_word_where_friction_is_the_models(sts, model):
         assert watch.sentences("log.csv", "r", "model.yaml") == []
 
 
+def test_a_long_rest_neither_hides_a_change_nor_adds_to_it(sts, model):
+    """Afterwards all joints rest in their stiction, their velocities a trace of noise."""
+    t, q, v, noise = signals(sts)
+    sliding = np.sign(v[:, 2]) + 6.0 * v[:, 2]
+    tau_ext = noise.copy()
+    tau_ext[:, 2] -= lfilter([1.0 - KEEP], [1.0, -KEEP], sliding)
+    free = np.ones(ROWS, bool)
+    alone = watched(model, sts, t, q, v, tau_ext, free).drifts()
+    chatter = 1e-4 * np.random.default_rng(1).choice([-1.0, 1.0], (2 * ROWS, 6))
+    log = watched(
+        *(model, sts, T * np.arange(3 * ROWS), np.vstack([q, np.tile(q[-1], (2 * ROWS, 1))])),
+        *(np.vstack([v, chatter]), np.vstack([tau_ext, np.full((2 * ROWS, 6), 2.0)])),
+        *(np.ones(3 * ROWS, bool), (3 * ROWS,)),
+    )
+    (found,) = log.disagreements()
+    assert found.joint == 2
+    # 5 %: what rests hold tells a little of the offset, and so of the two others.
+    assert log.drifts()[2] == pytest.approx(alone[2], rel=0.05)
+    assert log.drift() == pytest.approx(log.drifts()[2], rel=1e-9)
+
+
 @pytest.mark.parametrize("cuts", [(ROWS,), (1, 700, 703, ROWS)])
 def test_more_viscous_friction_is_named_with_the_command_to_run(sts, model, cuts):
     t, q, v, noise = signals(sts)

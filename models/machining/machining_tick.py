@@ -1,0 +1,116 @@
+"""What leads and watches a pass in one tick, with what it reads and remembers in few arrays."""
+
+from numba import njit
+
+from models.arrays import Array
+from models.estimation.kernel_choice import KernelChoice
+from models.estimation.tick import tick_update, trusted_update
+from models.machining.machining_phases import STATE_SIZE
+from models.machining.machining_reference import advance_reference, machining_reference
+from models.observers.sample_check import check_current, check_motion, take_sample
+from models.rigid_body.flat_terms import flat_motion, write_flat_terms
+
+
+@njit(cache=True, error_model="numpy")
+def lead_tick(
+    phases: Array,
+    chain: Array,
+    t_path: Array,
+    q_path: Array,
+    v_path: Array,
+    vdot_path: Array,
+    place: Array,
+    force: Array,
+    trusted: Array,
+    pushes_on: float,
+    model: Array,
+    t: float,
+    memory: Array,
+    q: Array,
+    v: Array,
+    scratch: Array,
+    known: Array,
+    out: Array,
+) -> None:
+    """Writes the terms of the model at q and v, and the reference at t.
+
+    Args:
+        model: table of the SerialChain whose terms are written.
+        memory: (7 + 15,) state and anchor.
+        v: (n,) rad/s.
+        known: of `write_flat_terms`, written.
+        others: as in `machining_reference`.
+    """
+    write_flat_terms(model, q, v, known, scratch)
+    _, J, _, _, _ = flat_motion(known, q.shape[0])
+    machining_reference(
+        *(phases, chain, t_path, q_path, v_path, vdot_path, place, force, trusted, pushes_on, t),
+        *(memory[:STATE_SIZE], memory[STATE_SIZE:], q, J, scratch, out),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def take_tick(
+    choice: KernelChoice,
+    drives: Array,
+    slip: Array,
+    observer: Array,
+    rows: int,
+    trusted_from: int,
+    check: Array,
+    tick_size: int,
+    known: Array,
+    checked: Array,
+    phases: Array,
+    lower: Array,
+    upper: Array,
+    t_path: Array,
+    force: Array,
+    trusted: Array,
+    pushes_on: float,
+    time_step: float,
+    t: float,
+    q: Array,
+    v: Array,
+    current: Array,
+    wrench: Array,
+    reading: Array,
+    pose: Array,
+    memory_from: int,
+    state: Array,
+) -> None:
+    """Takes a tick into what estimator and reference remember.
+
+    Args:
+        choice, drives, slip, observer, rows, known: as in `tick_update`.
+        trusted_from: `tick_rows` of `trusted_update`; below 0 for `tick_update`.
+        check: table of SampleCheck; without rows nothing is checked.
+        tick_size: entries of the state that the estimator's update takes; the check's follow.
+        checked: (3, n), overwritten.
+        phases, lower, upper, t_path, force, trusted, pushes_on, t, wrench: of `advance_reference`.
+        q, v, current: (n,) the sample.
+        reading: what `tick_output` left for it.
+        pose: (12,) of E: R_WE row by row, and p_WE.
+        memory_from: where the reference's (7 + 15,) are in the state.
+        state: flat, changed.
+    """
+    n = q.shape[0]
+    if check.shape[0] > 0:
+        own = state[tick_size:memory_from].reshape((memory_from - tick_size) // n, n)
+        check_motion(check, own, time_step, q, v, checked)
+        check_current(check, own, time_step, current, checked)
+        take_sample(check, own, time_step, q, v, current, checked)
+        current = checked[2]
+    parts = state[:tick_size]
+    if trusted_from < 0:
+        tick_update(choice, drives, slip, observer, rows, parts, current, known, reading)
+    else:
+        trusted_update(
+            *(choice, drives, slip, observer, rows, trusted_from, parts, current, known, reading)
+        )
+    memory = state[memory_from:]
+    advance_reference(
+        *(phases, lower, upper, t_path, force, trusted, pushes_on, time_step, t, q),
+        *(pose[:9].reshape(3, 3), pose[9:], wrench),
+        *(memory[:STATE_SIZE], memory[STATE_SIZE : STATE_SIZE + 15]),
+    )
