@@ -83,6 +83,10 @@ class _State(NamedTuple):
     running: Flags
     errors: Array
 
+    def copied(self) -> "_State":
+        """The same state, which the next sample leaves as it is."""
+        return _State(self.z.copy(), self.P.copy(), self.running.copy(), self.errors.copy())
+
 
 class IntervalSmoother:
     """Reads stretches of a log, one after the other.
@@ -139,7 +143,7 @@ class IntervalSmoother:
         M = 3 * n + 6
         z, P = np.empty((N, M)), np.empty((N, M, M))
         period, kinds = np.empty((N, NUM_PERIOD, n)), np.empty((N, NUM_KINDS), np.bool_)
-        state = _State(*(part.copy() for part in self._start))
+        state = self._start.copied()
 
         def forward(rows: slice) -> None:
             forward_log(
@@ -148,7 +152,7 @@ class IntervalSmoother:
             )
 
         forward(slice(0, ready))
-        after = _State(*(part.copy() for part in state))
+        after = state.copied()
         forward(slice(ready, N))
         evidence = np.empty((N, NUM_EVIDENCE))
         wrench, covariance = np.empty((ready, 6)), np.empty((ready, 6, 6))
@@ -181,5 +185,5 @@ def likely_changes(evidence: Array, sought: ChangesSought) -> Array:
         near = slice(max(k - reach, 0), k + reach + 1)
         likelihood = np.exp(likelier[near] - likelier[k])
         shares[near] += likelihood / likelihood.sum()
-        last = k
+        last = int(k)
     return shares
