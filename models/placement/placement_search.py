@@ -207,12 +207,28 @@ class PlacementSearch:
             result.interrupted = True
         result.num_starts = sum(len(batch) for batch, _ in ends)
         self._sort(found, ends, result)
-        if not result.optima and clock.best is not None:
+        known = None if result.optima else self._known(ends, clock)
+        if known is not None:
             # Interrupted early, or no solve kept all constraints: what the descents had.
-            values = self._posture.values(clock.best.q)
-            result.optima.append(Optimum(clock.best, float(np.mean(values)), values, 0, "descent"))
+            values = self._posture.values(known.q)
+            result.optima.append(Optimum(known, float(np.mean(values)), values, 0, "descent"))
         progress(1.0, "done")
         return result
+
+    def _known(self, ends: list[tuple[PlacementBatch, Array]], clock: "_Clock") -> Placement | None:
+        """The best placement without a solve that keeps all constraints between its points, too."""
+        if clock.best is not None and self.corrected(clock.best) is not None:
+            return clock.best
+        if not ends:
+            return None
+        batch, values = _joined(ends)
+        for index in in_order(values):
+            if not np.isfinite(values[index]):
+                break
+            placement = self.corrected(_placement(batch, int(index)))
+            if placement is not None:
+                return placement
+        return None
 
     def starts(self, seed: int, effort: SearchEffort, result: SearchResult) -> PlacementBatch:
         """The starts of the descents: reached paths, best first, each on its own branch."""
@@ -427,9 +443,7 @@ class PlacementSearch:
         result: SearchResult,
         clock: "_Clock",
     ) -> Solution | None:
-        start = Placement(
-            batch.q[index], batch.n_W[index], batch.p_WM[index], quaternion_from(batch.R_WE[index])
-        )
+        start = _placement(batch, index)
         solution = self.program.solve(start, solver)
         result.evaluations += solution.evaluations
         placement = self.corrected(solution.placement)
@@ -508,12 +522,7 @@ class _Clock:
         for index in np.argsort(values, kind="stable")[:_LOOKED_AT]:
             if not values[index] < self._cost:
                 return
-            placement = Placement(
-                batch.q[index],
-                batch.n_W[index],
-                batch.p_WM[index],
-                quaternion_from(batch.R_WE[index]),
-            )
+            placement = _placement(batch, int(index))
             if violation(placement) < FEASIBLE:
                 self.better(float(values[index]), placement)
                 return
@@ -538,6 +547,11 @@ def one_thread() -> Iterator[None]:
         yield
     finally:
         numba.set_num_threads(threads)
+
+
+def _placement(batch: PlacementBatch, index: int) -> Placement:
+    rotation = quaternion_from(batch.R_WE[index])
+    return Placement(batch.q[index], batch.n_W[index], batch.p_WM[index], rotation)
 
 
 def _joined(ends: list[tuple[PlacementBatch, Array]]) -> tuple[PlacementBatch, Array]:

@@ -251,7 +251,8 @@ def place(
     best = result.best.placement
     profile = _profile(task, robot, measure, cell, best)
     if profile is None:
-        raise InputError(source, "", "the best path found changes its branch between two points")
+        problem = "the best path found changes its branch between two points"
+        raise InputError(source, "", problem, "choose another --seed or --solver")
     own = _initial_profile(task, robot, measure, cell)
     if task.initial is not None and own is None:
         notices.append("the task's guess cannot be followed within the joint limits on any branch")

@@ -129,6 +129,31 @@ def test_an_interrupt_keeps_the_best_so_far(
     assert search.program.violation(result.best.placement) < 1e-7
 
 
+def test_without_a_solve_the_best_path_that_keeps_its_branch_between_points_is_taken(
+    sts: Robot, task: PlacementTask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No solve keeps all constraints, and the best descents jump between two points."""
+    search = search_of(sts, task)
+    corrected, refused = search.corrected, list[float]()
+
+    def jumps(placement: Placement) -> Placement | None:
+        if len(refused) == 3:
+            return corrected(placement)
+        refused.append(search.program.measure.value(placement.q))
+        return None
+
+    monkeypatch.setattr(search, "corrected", jumps)
+    monkeypatch.setattr(search, "_solve", lambda *_: None)
+    result = search.run(0, effort=SMALL)
+    assert len(refused) == 3
+    assert result.best is not None
+    assert result.best.cost > max(refused) - 1e-9 * max(refused)
+    assert result.best.status == "descent"
+    assert corrected(result.best.placement) is not None
+    monkeypatch.setattr(search, "corrected", lambda placement: None)
+    assert search.run(0, effort=SMALL).best is None
+
+
 def test_a_jump_to_another_branch_is_seen_between_the_points(
     sts: Robot, task: PlacementTask
 ) -> None:
