@@ -171,7 +171,7 @@ def _counted(worlds: Mapping[str, Any]) -> str:
     most = worlds.get(_CAMPAIGN, {}).get("worlds", 0)
     experiments = {name: figures for name, figures in worlds.items() if name != _CAMPAIGN}
     fewer: dict[int, list[str]] = {}
-    for name, figures in experiments.items():
+    for name, figures in sorted(experiments.items()):  # as the file has them, too
         own = max((one["worlds"] for one in figures.values()), default=most)
         if own != most:
             fewer.setdefault(own, []).append(f"`{name}`")
