@@ -295,6 +295,17 @@ def workpiece_clearance(robot: Robot, workpiece: PlateConfig | BladeConfig, q: A
 
     A blade counts as its convex hull. Negative where they overlap.
     """
+    nearest, tool = workpiece_distances(robot, workpiece, q)
+    return min((own for link, own in nearest.items() if link != tool), default=np.inf)
+
+
+def workpiece_distances(
+    robot: Robot, workpiece: PlateConfig | BladeConfig, q: ArrayLike
+) -> tuple[dict[str, float], str]:
+    """Smallest distance (m) from a workpiece over q (N, n) of each link that has a shape.
+
+    As `workpiece_clearance`; with it the name of the link that is the tool.
+    """
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
     parts = robot.add_to_plant(plant, hulls=True)
@@ -310,29 +321,27 @@ def workpiece_clearance(robot: Robot, workpiece: PlateConfig | BladeConfig, q: A
     tool = parts.frame_E.body() if parts.tool_weld is None else None
     if tool is None:
         tool = plant.get_joint(parts.tool_weld).child_body()
-    links = [
-        geometry
+    links = {
+        geometry: plant.get_body(index).name()
         for index in plant.GetBodyIndices(parts.model_instance)
-        if index != tool.index()
         for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(index))
-    ]
+    }
     piece = [
         geometry
         for geometry in inspector.GetAllGeometryIds(Role.kProximity)
         if inspector.GetName(geometry).endswith("workpiece")
     ]
     order = [joint.position_start() for joint in parts.joints]
-    positions = np.zeros(plant.num_positions())
-    nearest = np.inf
+    positions, nearest = np.zeros(plant.num_positions()), dict.fromkeys(links.values(), np.inf)
     for row in np.atleast_2d(np.asarray(q, np.float64)):
         positions[order] = row
         plant.SetPositions(plant_context, positions)
         query = plant.get_geometry_query_input_port().Eval(plant_context)
-        for link in links:
+        for geometry, link in links.items():
             for other in piece:
-                pair = query.ComputeSignedDistancePairClosestPoints(link, other)
-                nearest = min(nearest, pair.distance)
-    return float(nearest)
+                pair = query.ComputeSignedDistancePairClosestPoints(geometry, other)
+                nearest[link] = min(nearest[link], float(pair.distance))
+    return nearest, str(tool.name())
 
 
 def _speed_radius(robot: Robot) -> Array:

@@ -1,14 +1,10 @@
 """Links that never come near a plate while an arm machines it: contact need not look at them."""
 
 import numpy as np
-from pydrake.geometry import Role
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-from pydrake.systems.framework import DiagramBuilder
 
+from diagrams.distances.clearance import workpiece_distances
 from diagrams.distances.machining_way import postures_of_pass
 from diagrams.scenario import PlateConfig, Scenario
-from diagrams.workpiece import add_plate
-from models.arrays import Array
 from models.files.input_error import InputError
 from models.machining.machining_path import MachiningPath
 from models.robot.robot import Robot
@@ -31,34 +27,5 @@ def links_apart(scenario: Scenario, robot: Robot, plan: MachiningPath) -> frozen
         parts = postures_of_pass(robot, plan, machining.phases)
     except InputError:
         return frozenset()
-    nearest = link_distances(robot, plate, np.vstack(list(parts.values())))
+    nearest, _ = workpiece_distances(robot, plate, np.vstack(list(parts.values())))
     return frozenset(link for link, distance in nearest.items() if distance > KEPT)
-
-
-def link_distances(robot: Robot, plate: PlateConfig, q: Array) -> dict[str, float]:
-    """Smallest distance from the plate over q (N, n) of each link that has a shape, m."""
-    builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
-    parts = robot.add_to_plant(plant)
-    add_plate(plant, plate)
-    plant.Finalize()
-    diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
-    plant_context = plant.GetMyMutableContextFromRoot(context)
-    inspector = scene_graph.model_inspector()
-    (piece,) = plant.GetCollisionGeometriesForBody(plant.world_body())
-    bodies = {
-        shape: plant.GetBodyFromFrameId(inspector.GetFrameId(shape)).name()
-        for shape in inspector.GetAllGeometryIds(Role.kProximity)
-        if shape != piece
-    }
-    order = [joint.position_start() for joint in parts.joints]
-    positions, nearest = np.zeros(plant.num_positions()), dict.fromkeys(bodies.values(), np.inf)
-    for row in q:
-        positions[order] = row
-        plant.SetPositions(plant_context, positions)
-        query = plant.get_geometry_query_input_port().Eval(plant_context)
-        for shape, body in bodies.items():
-            pair = query.ComputeSignedDistancePairClosestPoints(shape, piece)
-            nearest[body] = min(nearest[body], float(pair.distance))
-    return nearest

@@ -9,8 +9,8 @@ from pydrake.systems.analysis import Simulator
 
 import diagrams.closed_loop
 from diagrams.closed_loop import make_closed_loop
-from diagrams.distances.clearance import workpiece_clearance
-from diagrams.distances.links_apart import KEPT, link_distances, links_apart
+from diagrams.distances.clearance import workpiece_clearance, workpiece_distances
+from diagrams.distances.links_apart import KEPT, links_apart
 from diagrams.machining import make_machining_path
 from diagrams.robot_cell import make_robot_cell
 from diagrams.scenario import PlateConfig, load_scenario
@@ -51,7 +51,8 @@ def wide(scenario):
 
 def test_the_nearest_link_is_as_near_as_the_search_for_clearance_has_it(sts, polishing, plan):
     q = plan.trajectory.q[::200]
-    distances = link_distances(sts, polishing.workpiece, q)
+    distances, tool = workpiece_distances(sts, polishing.workpiece, q)
+    assert tool == TOOL
     links = [distance for link, distance in distances.items() if link != TOOL]
     assert min(links) == workpiece_clearance(sts, polishing.workpiece, q)
     assert distances[TOOL] < 1e-3
@@ -65,7 +66,7 @@ def test_all_links_keep_apart_from_the_bundled_plate_but_the_tool(sts, polishing
 
 def test_a_plate_that_links_stand_in_keeps_their_shapes(sts, polishing, plan):
     apart = links_apart(wide(polishing), sts, plan)
-    distances = link_distances(sts, wide(polishing).workpiece, plan.trajectory.q[::200])
+    distances, _ = workpiece_distances(sts, wide(polishing).workpiece, plan.trajectory.q[::200])
     inside = {link for link, distance in distances.items() if distance < KEPT}
     assert len(inside) > 3
     assert not inside & apart
