@@ -24,6 +24,7 @@ from models.rigid_body.spatial_vectors import FORCE_FIRST
 from systems.pose_reference import POSE_REFERENCE_SIZE
 
 _NO_WRENCH = np.zeros(6)
+_Settled = tuple[Array, bool, float, Array, float, Array, float]
 _Constants = tuple[bool, Array, Array, Array, Array, bool, float, Array, float, Array, float]
 
 
@@ -209,48 +210,30 @@ class ImpedanceController(LeafSystem):
     @property
     def constants(self) -> _Constants:
         """What `impedance_action` reads that no tick changes, in its order: the gains as given."""
-        gains = (self._in_E, *self._default_gains, self._direction, self._direction_in_E)
+        return self._in_E, *self._default_gains, *self._settled
+
+    @property
+    def _settled(self) -> _Settled:
         drives = (self._time_step, self._effort_limit, self._null_space_damping)
-        return *gains, *drives, self._friction, self._friction_velocity
+        friction = (self._friction, self._friction_velocity)
+        return self._direction, self._direction_in_E, *drives, *friction
 
     @property
     def has_force(self) -> bool:
         """Whether it controls a force at all."""
         return self._has_force
 
-    def write_action(
-        self,
-        gains: tuple[Array, Array, Array],
-        terms: RigidBodyTerms,
-        pose_reference: Array,
-        reference: Array,
-        presses: bool,
-        feedback_valid: bool,
-        setpoint: float,
-        wrench: Array,
-        integral: float,
-        action: Array,
-    ) -> None:
-        """Writes the port `action` of a tick.
-
-        Args:
-            gains: stiffness, damping, force gains.
-            terms: of the model.
-            pose_reference, reference, wrench: as the ports; zeros where there is none.
-            presses, feedback_valid: whether force is controlled, and by the feedback.
-            setpoint: N.
-            integral: N s, the state.
-        """
+    def _calc_action(self, context: Context, output: BasicVector) -> None:
+        has_reference, has_force = self._reference.HasValue(context), self._has_force
+        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        gains = cast(tuple[Array, Array, Array], self._gains.Eval(context))
+        stiffness, damping, force_gains = gains
         impedance_action(
             self._in_E,
-            *gains,
-            self._direction,
-            self._direction_in_E,
-            self._time_step,
-            self._effort_limit,
-            self._null_space_damping,
-            self._friction,
-            self._friction_velocity,
+            stiffness,
+            damping,
+            force_gains,
+            *self._settled,
             terms.M,
             terms.Cv,
             terms.G,
@@ -259,24 +242,9 @@ class ImpedanceController(LeafSystem):
             terms.p_WE,
             terms.V_WE,
             terms.v,
-            pose_reference,
-            reference,
-            self._has_force,
-            presses,
-            feedback_valid,
-            setpoint,
-            wrench,
-            integral,
-            action,
-        )
-
-    def _calc_action(self, context: Context, output: BasicVector) -> None:
-        has_reference, has_force = self._reference.HasValue(context), self._has_force
-        self.write_action(
-            cast(tuple[Array, Array, Array], self._gains.Eval(context)),
-            cast(RigidBodyTerms, self._terms.Eval(context)),
             self._pose_reference.Eval(context),
             self._reference.Eval(context) if has_reference else self._at_rest,
+            has_force,
             self._presses(context),
             _is_on(self._feedback_valid, context),
             self._force_setpoint.Eval(context)[0] if has_force else 0.0,

@@ -235,7 +235,7 @@ class WrenchEstimatorSystem(LeafSystem):
 
     @property
     def taking(self) -> _Taking:
-        """What `take` gives its kernels of an estimator as it was given, for one kernel of all.
+        """What an update gives its kernels of an estimator as it was given, for one kernel of all.
 
         Choice, drives, slip, observer, the observer's rows, those before a trusted reading's or -1,
         the table of the check of samples or one without rows, entries that the update takes, and
@@ -294,35 +294,6 @@ class WrenchEstimatorSystem(LeafSystem):
                 *sample,
             )
 
-    def take(
-        self,
-        tables: EstimatorTables,
-        state: Array,
-        q: Array,
-        v: Array,
-        current: Array,
-        reading: Array,
-    ) -> None:
-        """The second half: takes the sample into `state`.
-
-        Args:
-            reading: what `read` wrote of the same sample.
-            others: as `read`.
-        """
-        parts = (self._choice, tables.drives, tables.slip, tables.observer, self._rows)
-        if self._check is not None:
-            given = self._given
-            given[0], given[1], given[2] = q, v, current
-            period = self._estimator.observer.time_step
-            check_sample(self._check.table, self._memory(state), period, given, self._checked)
-            current = self._checked[2]
-        # Of `known` an update asks no more than how many rows it has.
-        sample = (state[: self._end], current, self._known, reading)
-        if self._trusted is None:
-            tick_update(*parts, *sample)
-        else:
-            trusted_update(*parts, self._tick_rows, *sample)
-
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
         taught = None
         if self._taught:
@@ -342,14 +313,21 @@ class WrenchEstimatorSystem(LeafSystem):
         )
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        self.take(
-            self._tables.EvalAbstract(context).get_value(),
-            discrete_state.get_mutable_value(),
-            self._q.Eval(context),
-            self._v.Eval(context),
-            self._current.Eval(context),
-            self._reading.Eval(context),
-        )
+        tables = self._tables.EvalAbstract(context).get_value()
+        parts = (self._choice, tables.drives, tables.slip, tables.observer, self._rows)
+        state, current = discrete_state.get_mutable_value(), self._current.Eval(context)
+        if self._check is not None:
+            given = self._given
+            given[0], given[1], given[2] = self._q.Eval(context), self._v.Eval(context), current
+            period = self._estimator.observer.time_step
+            check_sample(self._check.table, self._memory(state), period, given, self._checked)
+            current = self._checked[2]
+        # Of `known` an update asks no more than how many rows it has.
+        sample = (state[: self._end], current, self._known, self._reading.Eval(context))
+        if self._trusted is None:
+            tick_update(*parts, *sample)
+        else:
+            trusted_update(*parts, self._tick_rows, *sample)
 
     def _memory(self, state: Array) -> Array:
         """The state's rows of the check of samples."""

@@ -131,81 +131,24 @@ class MachiningReference(LeafSystem):
         path = (self._path[0], self._setpoint, self._trusted, self._pushes_on, self._time_step)
         return self._phases_table, self._lower, self._upper, *path
 
-    def write_plan(
-        self, t: float, phases: Array, anchor: Array, q: Array, J: Array, plan: Array
-    ) -> None:
-        """Writes the port `plan` at time t (s).
-
-        Args:
-            phases, anchor: (7,), (15,) the states.
-            q, J: (n,), (6, n) of the model.
-        """
-        machining_reference(
-            self._phases_table,
-            self._table,
-            *self._path,
-            self._place,
-            self._setpoint,
-            self._trusted,
-            self._pushes_on,
-            t,
-            phases,
-            anchor,
-            q,
-            J,
-            self._scratch,
-            plan,
-        )
-
-    def advance(
-        self,
-        t: float,
-        q: Array,
-        R_WE: Array,
-        p_WE: Array,
-        wrench: Array,
-        phases: Array,
-        anchor: Array,
-    ) -> None:
-        """Takes the tick that begins at t into `phases` and `anchor`.
-
-        Args:
-            q, R_WE, p_WE: (n,), (3, 3), (3,) of the model.
-            wrench: (6,) the force feedback.
-        """
-        advance_reference(
-            self._phases_table,
-            self._lower,
-            self._upper,
-            self._path[0],
-            self._setpoint,
-            self._trusted,
-            self._pushes_on,
-            self._time_step,
-            t,
-            q,
-            R_WE,
-            p_WE,
-            wrench,
-            phases,
-            anchor,
-        )
-
     def _calc_plan(self, context: Context, output: BasicVector) -> None:
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        self.write_plan(
+        machining_reference(
+            *self.leading,
             context.get_time(),
             context.get_discrete_state(self._phases).value(),
             context.get_discrete_state(self._anchor).value(),
             terms.q,
             terms.J,
+            self._scratch,
             output.get_mutable_value(),
         )
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
         # It starts from what it is now.
-        self.advance(
+        advance_reference(
+            *self.advancing,
             context.get_time(),
             terms.q,
             terms.R_WE,
