@@ -41,7 +41,7 @@ test-generic: .venv/.ready-test
 
 study-generic: study
 	$(OTHER_PROCESSOR) $(BIN)/wrenchsight study --out $(OUT)-generic --data $(DATA) --jobs $(JOBS) $(STUDY_OPTIONS)
-	$(BIN)/python -m analyses.study.compare_studies $(OUT) $(OUT)-generic
+	$(BIN)/python -m wrenchsight.analyses.study.compare_studies $(OUT) $(OUT)-generic
 
 lint: .venv/.ready-lint
 	$(BIN)/ruff check .
@@ -66,11 +66,11 @@ docs: .venv/.ready-docs
 	@echo "out/docs/index.html"
 
 readme: .venv/.ready
-	$(BIN)/python -m analyses.study.readme_table $(OUT) README.md $(CAMPAIGN)
+	$(BIN)/python -m wrenchsight.analyses.study.readme_table $(OUT) README.md $(CAMPAIGN)
 
 # The same with the figures of campaigns alone.
 readme-worlds: .venv/.ready
-	$(BIN)/python -m analyses.study.readme_table --campaign README.md $(CAMPAIGN)
+	$(BIN)/python -m wrenchsight.analyses.study.readme_table --campaign README.md $(CAMPAIGN)
 
 clean:
 	rm -rf .venv out .mypy_cache .ruff_cache .hypothesis

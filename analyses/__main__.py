@@ -13,10 +13,10 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from analyses.commands.discovery import find_commands, load_command
-from analyses.output.interruption import ends_are_interrupts
-from models.files.files_read import remembering_files_read
-from models.files.input_error import InputError, one_line
+from wrenchsight.analyses.commands.discovery import find_commands, load_command
+from wrenchsight.analyses.output.interruption import ends_are_interrupts
+from wrenchsight.models.files.files_read import remembering_files_read
+from wrenchsight.models.files.input_error import InputError, one_line
 
 _NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _INTERRUPTED = "interrupted; what was written is whole"
@@ -106,7 +106,7 @@ app = typer.Typer(
 
 def _version(wanted: bool) -> None:
     if wanted:
-        from analyses.study.study import software_version
+        from wrenchsight.analyses.study.study import software_version
 
         sys.stdout.write(f"wrenchsight {software_version()}\n")
         raise typer.Exit

@@ -17,32 +17,32 @@ from pydrake.systems.primitives import (
 )
 from pydrake.trajectories import PiecewisePolynomial
 
-from diagrams.distances.links_apart import links_apart
-from diagrams.estimator import add_estimator
-from diagrams.machining import (
+from wrenchsight.diagrams.distances.links_apart import links_apart
+from wrenchsight.diagrams.estimator import add_estimator
+from wrenchsight.diagrams.machining import (
     add_machining_controller,
     add_machining_reference,
     make_machining_path,
 )
-from diagrams.pages.run_page import add_wrench_arrows
-from diagrams.robot_cell import RobotCell, make_robot_cell
-from diagrams.scenario import ForceSetpoint, Scenario, check_scenario, make_trajectory
-from models.arrays import Array
-from models.estimation.estimator import WrenchEstimator
-from models.files.input_error import InputError
-from models.identification.identified_model import IdentifiedModel
-from models.machining.air_pass import TaughtTorque
-from models.machining.machining_path import MachiningPath
-from models.motion.paths import JointTrajectory
-from models.robot.motors import motor_gain
-from models.robot.robot import Robot
-from systems.impedance_controller import ImpedanceConfig, ImpedanceController
-from systems.joint_tracking_controller import JointTrackingController
-from systems.machining.machining_controller import MachiningController
-from systems.path_reference import PathReference
-from systems.pose_reference import PoseReference
-from systems.rigid_body_terms import RigidBodyTermsSystem
-from systems.taught_torque import TaughtTorqueSource
+from wrenchsight.diagrams.pages.run_page import add_wrench_arrows
+from wrenchsight.diagrams.robot_cell import RobotCell, make_robot_cell
+from wrenchsight.diagrams.scenario import ForceSetpoint, Scenario, check_scenario, make_trajectory
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.estimator import WrenchEstimator
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.machining.air_pass import TaughtTorque
+from wrenchsight.models.machining.machining_path import MachiningPath
+from wrenchsight.models.motion.paths import JointTrajectory
+from wrenchsight.models.robot.motors import motor_gain
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.systems.impedance_controller import ImpedanceConfig, ImpedanceController
+from wrenchsight.systems.joint_tracking_controller import JointTrackingController
+from wrenchsight.systems.machining.machining_controller import MachiningController
+from wrenchsight.systems.path_reference import PathReference
+from wrenchsight.systems.pose_reference import PoseReference
+from wrenchsight.systems.rigid_body_terms import RigidBodyTermsSystem
+from wrenchsight.systems.taught_torque import TaughtTorqueSource
 
 _READINGS = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
 _PASS = ("reference", "force_setpoint", "phase", "fault", "progress", "feed_time", "pose_error")

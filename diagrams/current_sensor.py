@@ -3,9 +3,9 @@
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import PassThrough
 
-from diagrams.scenario import Scenario
-from models.robot.robot import Robot
-from systems.motor_current_sensor import MotorCurrentSensor
+from wrenchsight.diagrams.scenario import Scenario
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.systems.motor_current_sensor import MotorCurrentSensor
 
 
 def export_measured_current(

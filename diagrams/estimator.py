@@ -13,21 +13,24 @@ from pydrake.systems.primitives import (
     PassThrough,
 )
 
-from models.detection.contact_detector import ContactDetectionConfig, ContactDetector
-from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.tick import ERROR_SD
-from models.identification.identified_model import IdentifiedModel
-from models.observers.observer import NUM_SIGNALS, TAU_F, Q, V
-from models.robot.robot import Robot
-from systems.contact_detection import DETECTION, ContactDetection
-from systems.external_torque_observer import ExternalTorqueObserver
-from systems.friction_law import FrictionLawSystem
-from systems.jacobian_wrench_reconstruction import READING_SIZES, JacobianWrenchReconstruction
-from systems.motor_current_torque_source import MotorCurrentTorqueSource
-from systems.rigid_body_terms import RigidBodyTermsSystem
-from systems.sample_check import SampleCheckSystem
-from systems.trusted_wrench_reading import TrustedWrenchReading
-from systems.wrench_estimator import WrenchEstimatorSystem
+from wrenchsight.models.detection.contact_detector import ContactDetectionConfig, ContactDetector
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.tick import ERROR_SD
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.observers.observer import NUM_SIGNALS, TAU_F, Q, V
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.systems.contact_detection import DETECTION, ContactDetection
+from wrenchsight.systems.external_torque_observer import ExternalTorqueObserver
+from wrenchsight.systems.friction_law import FrictionLawSystem
+from wrenchsight.systems.jacobian_wrench_reconstruction import (
+    READING_SIZES,
+    JacobianWrenchReconstruction,
+)
+from wrenchsight.systems.motor_current_torque_source import MotorCurrentTorqueSource
+from wrenchsight.systems.rigid_body_terms import RigidBodyTermsSystem
+from wrenchsight.systems.sample_check import SampleCheckSystem
+from wrenchsight.systems.trusted_wrench_reading import TrustedWrenchReading
+from wrenchsight.systems.wrench_estimator import WrenchEstimatorSystem
 
 
 def make_estimator(

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from pydrake.systems.framework import System
 
-from models.files.input_error import InputError
-from models.files.whole_file import whole_file, writing_to
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.whole_file import whole_file, writing_to
 
 PICTURE_FORMATS = ("svg", "png", "pdf")
 

@@ -16,15 +16,18 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
-from diagrams.estimator import add_estimator
-from models.control.wrench_script import WrenchScript
-from models.estimation.estimator import WrenchEstimatorConfig
-from models.identification.identified_model import IdentifiedModel
-from models.robot.motors import motor_gain
-from models.robot.robot import Robot
-from systems.external_wrench_source import ExternalWrenchSource
-from systems.joint_tracking_controller import JointTrackingConfig, JointTrackingController
-from systems.motor_current_sensor import MotorCurrentSensor, add_motor_current_sensor
+from wrenchsight.diagrams.estimator import add_estimator
+from wrenchsight.models.control.wrench_script import WrenchScript
+from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.robot.motors import motor_gain
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.systems.external_wrench_source import ExternalWrenchSource
+from wrenchsight.systems.joint_tracking_controller import (
+    JointTrackingConfig,
+    JointTrackingController,
+)
+from wrenchsight.systems.motor_current_sensor import MotorCurrentSensor, add_motor_current_sensor
 
 # Stiff enough that the arm hardly moves under the wrench, slow enough for a 1 ms drive.
 _HOLD = JointTrackingConfig(law="computed_torque", kp=[1e4], kd=[200.0])

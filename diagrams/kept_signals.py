@@ -6,9 +6,9 @@ from typing import IO
 import numpy as np
 from pydrake.systems.framework import Context
 
-from diagrams.closed_loop import ClosedLoop
-from models.arrays import Array
-from models.files.whole_file import writing_to
+from wrenchsight.diagrams.closed_loop import ClosedLoop
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.whole_file import writing_to
 
 
 class KeptSignals:

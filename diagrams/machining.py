@@ -7,28 +7,32 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Demultiplexer
 
-from diagrams.robot_cell import tip_radius
-from diagrams.scenario import MachiningConfig, Scenario
-from diagrams.workpiece import pose_of_workpiece, surface_of
-from models.arrays import Array
-from models.estimation.estimator import WrenchEstimator
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.files.input_error import InputError
-from models.identification.identified_model import IdentifiedModel
-from models.machining.air_pass import TaughtTorque
-from models.machining.machining_path import MachiningPath, check_curvature, plan_machining
-from models.machining.machining_phases import RAMP, PhasesConfig
-from models.motion.branches import all_branches
-from models.motion.inverse_kinematics import follow_path
-from models.motion.posture_measures import ForceSd
-from models.motion.redundancy import RedundancyProblem, best_on_grid, candidates, refine
-from models.motion.surface_path import SurfacePath
-from models.rigid_body.ties import better
-from models.robot.robot import Robot
-from systems.impedance_controller import ImpedanceConfig, ImpedanceController
-from systems.machining.machining_controller import MachiningController
-from systems.machining.machining_reference import MachiningReference
-from systems.wrench_estimator import WrenchEstimatorSystem
+from wrenchsight.diagrams.robot_cell import tip_radius
+from wrenchsight.diagrams.scenario import MachiningConfig, Scenario
+from wrenchsight.diagrams.workpiece import pose_of_workpiece, surface_of
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.estimator import WrenchEstimator
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.machining.air_pass import TaughtTorque
+from wrenchsight.models.machining.machining_path import (
+    MachiningPath,
+    check_curvature,
+    plan_machining,
+)
+from wrenchsight.models.machining.machining_phases import RAMP, PhasesConfig
+from wrenchsight.models.motion.branches import all_branches
+from wrenchsight.models.motion.inverse_kinematics import follow_path
+from wrenchsight.models.motion.posture_measures import ForceSd
+from wrenchsight.models.motion.redundancy import RedundancyProblem, best_on_grid, candidates, refine
+from wrenchsight.models.motion.surface_path import SurfacePath
+from wrenchsight.models.rigid_body.ties import better
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.systems.impedance_controller import ImpedanceConfig, ImpedanceController
+from wrenchsight.systems.machining.machining_controller import MachiningController
+from wrenchsight.systems.machining.machining_reference import MachiningReference
+from wrenchsight.systems.wrench_estimator import WrenchEstimatorSystem
 
 NUM_ANGLES = 36
 _MAX_STEP = math.radians(8.0)  # of a joint from one sample to the next

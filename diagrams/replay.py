@@ -7,15 +7,19 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
-from diagrams.estimator import add_estimator
-from models.arrays import Array
-from models.detection.contact_detector import ContactDetectionConfig, Detection
-from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
-from models.identification.identified_model import IdentifiedModel
-from models.rigid_body.serial_chain import SerialChain
-from models.robot.robot import Robot
-from systems.contact_detection import DETECTION
-from systems.recording_player import RecordingPlayer, Samples
+from wrenchsight.diagrams.estimator import add_estimator
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.detection.contact_detector import ContactDetectionConfig, Detection
+from wrenchsight.models.estimation.estimator import (
+    EstimateBatch,
+    WrenchEstimator,
+    WrenchEstimatorConfig,
+)
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.systems.contact_detection import DETECTION
+from wrenchsight.systems.recording_player import RecordingPlayer, Samples
 
 _LOGGED = ("tau_ext", "wrench", "covariance", "condition_number", "valid", "fault")
 
@@ -141,7 +145,7 @@ def make_replay(
 
     Raises:
         InputError: the model belongs to another robot.
-        ValueError: as `models.estimation.estimator.WrenchEstimator`.
+        ValueError: as `wrenchsight.models.estimation.estimator.WrenchEstimator`.
     """
     reference = WrenchEstimator(robot, model, config)
     time_step = reference.config.observer.time_step

@@ -34,34 +34,34 @@ from pydrake.systems.primitives import (
     Saturation,
 )
 
-from diagrams.current_sensor import drives_sensor, export_measured_current
-from diagrams.scenario import BladeConfig, PlateConfig, Scenario
-from diagrams.truth.hard_joints import add_hard_joints, connect_hard_joints, hard_joints
-from diagrams.truth.machined_arm import add_machined_arm
-from diagrams.workpiece import (
+from wrenchsight.diagrams.current_sensor import drives_sensor, export_measured_current
+from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig, Scenario
+from wrenchsight.diagrams.truth.hard_joints import add_hard_joints, connect_hard_joints, hard_joints
+from wrenchsight.diagrams.truth.machined_arm import add_machined_arm
+from wrenchsight.diagrams.workpiece import (
     add_blade,
     add_plate,
     contact_material,
     process_contact,
     soft_tip,
 )
-from models.arrays import Array
-from models.control.wrench_script import WrenchScript
-from models.files.input_error import InputError
-from models.friction.true_friction import DryFriction
-from models.machining.machining_process import MachiningProcess
-from models.robot.motors import motor_gain
-from models.robot.robot import Robot, RobotInPlant
-from models.truth.true_joints import TrueJoints
-from models.truth.true_robot import true_robot
-from systems.external_wrench_source import ExternalWrenchSource
-from systems.force_torque_sensor import ForceTorqueSensor
-from systems.free_joint_friction import FreeJointFriction
-from systems.joint_friction import JointFriction, add_holding_actuators
-from systems.machining.machining_process import MachiningProcessSystem
-from systems.rigid_body_terms import RigidBodyTermsSystem
-from systems.truth.environment_truth import EnvironmentTruth
-from systems.truth.machined_arm import MachinedArm
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.control.wrench_script import WrenchScript
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.true_friction import DryFriction
+from wrenchsight.models.machining.machining_process import MachiningProcess
+from wrenchsight.models.robot.motors import motor_gain
+from wrenchsight.models.robot.robot import Robot, RobotInPlant
+from wrenchsight.models.truth.true_joints import TrueJoints
+from wrenchsight.models.truth.true_robot import true_robot
+from wrenchsight.systems.external_wrench_source import ExternalWrenchSource
+from wrenchsight.systems.force_torque_sensor import ForceTorqueSensor
+from wrenchsight.systems.free_joint_friction import FreeJointFriction
+from wrenchsight.systems.joint_friction import JointFriction, add_holding_actuators
+from wrenchsight.systems.machining.machining_process import MachiningProcessSystem
+from wrenchsight.systems.rigid_body_terms import RigidBodyTermsSystem
+from wrenchsight.systems.truth.environment_truth import EnvironmentTruth
+from wrenchsight.systems.truth.machined_arm import MachinedArm
 
 FLOOR_STIFFNESS = 1e6  # N/m
 _FLOOR_COLOUR = np.array([0.86, 0.87, 0.88, 1.0])

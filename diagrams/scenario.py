@@ -7,18 +7,18 @@ from typing import Union
 
 import numpy as np
 
-from models.arrays import Array
-from models.control.wrench_script import WrenchSegment
-from models.estimation.estimator import WrenchEstimatorConfig
-from models.estimation.wrench import known_of_wrench
-from models.excitation.fourier_trajectory import FourierCoefficients, FourierTrajectory
-from models.files.configuration import load_configuration, nearest
-from models.files.input_error import InputError
-from models.files.plausible_numbers import check_numbers
-from models.machining.machining_path import NormalForceConfig
-from models.machining.machining_phases import PhasesConfig, check_phases
-from models.machining.machining_process import MachiningProcess, ProcessConfig
-from models.motion.paths import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.control.wrench_script import WrenchSegment
+from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import known_of_wrench
+from wrenchsight.models.excitation.fourier_trajectory import FourierCoefficients, FourierTrajectory
+from wrenchsight.models.files.configuration import load_configuration, nearest
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.plausible_numbers import check_numbers
+from wrenchsight.models.machining.machining_path import NormalForceConfig
+from wrenchsight.models.machining.machining_phases import PhasesConfig, check_phases
+from wrenchsight.models.machining.machining_process import MachiningProcess, ProcessConfig
+from wrenchsight.models.motion.paths import (
     JointTrajectory,
     StraightPath,
     TimeLaw,
@@ -29,13 +29,13 @@ from models.motion.paths import (
     thirds,
     uniform_acceleration,
 )
-from models.motion.workpiece_shapes import BladeShapeConfig
-from models.observers.observer_kinds import kind_name, kind_of
-from models.robot.robot import Robot
-from models.robot.robot_config import PoseConfig
-from systems.force_torque_sensor import ForceTorqueSensorConfig
-from systems.impedance_controller import ImpedanceConfig
-from systems.joint_tracking_controller import JointTrackingConfig
+from wrenchsight.models.motion.workpiece_shapes import BladeShapeConfig
+from wrenchsight.models.observers.observer_kinds import kind_name, kind_of
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import PoseConfig
+from wrenchsight.systems.force_torque_sensor import ForceTorqueSensorConfig
+from wrenchsight.systems.impedance_controller import ImpedanceConfig
+from wrenchsight.systems.joint_tracking_controller import JointTrackingConfig
 
 BUNDLED = "scenarios/scenarios.yaml"
 TIME_LAWS: dict[str, TimeLaw] = {
@@ -133,7 +133,7 @@ class PlateConfig:
 
 @dataclass
 class BladeConfig(BladeShapeConfig):
-    """A section of a wind turbine blade (models.motion.workpieces), fixed in W."""
+    """A section of a wind turbine blade (wrenchsight.models.motion.workpieces), fixed in W."""
 
     pose: PoseConfig = field(default_factory=lambda: PoseConfig([0.6, 0.0, 0.2]))
     # in W, of its frame P; its span is along y
@@ -163,7 +163,7 @@ class MachiningConfig:
     ramp: float = 0.25  # s, in which the feed comes up to its speed, and down again
     passes: int = 2  # there, back, there, ...
     # m above the surface, of a pass through the air beforehand, that teaches the estimator what its
-    # model gets wrong along the path (models.machining.air_pass); 0: none
+    # model gets wrong along the path (wrenchsight.models.machining.air_pass); 0: none
     air_pass: float = 0.0
     force: NormalForceConfig = field(default_factory=NormalForceConfig)
     phases: PhasesConfig = field(default_factory=PhasesConfig)
@@ -231,7 +231,7 @@ def load_scenario(name_or_path: str, scenario_name: str | None = None) -> Scenar
 
 def bundled_path() -> Path:
     """The YAML file of the bundled scenarios."""
-    return Path(str(resources.files("diagrams"))) / BUNDLED
+    return Path(str(resources.files("wrenchsight.diagrams"))) / BUNDLED
 
 
 def bundled_scenarios() -> dict[str, Scenario]:

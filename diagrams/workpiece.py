@@ -18,11 +18,11 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 
-from diagrams.scenario import BladeConfig, PlateConfig
-from models.files.input_error import InputError
-from models.machining.process_variations import WorkpieceContact
-from models.motion.workpieces import Plate, Surface, mesh
-from models.robot.robot_config import pose_of
+from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.machining.process_variations import WorkpieceContact
+from wrenchsight.models.motion.workpieces import Plate, Surface, mesh
+from wrenchsight.models.robot.robot_config import pose_of
 
 _PLATE_COLOUR = np.array([0.62, 0.68, 0.72, 1.0])
 _STAND_COLOUR = np.array([0.42, 0.45, 0.48, 1.0])

@@ -2,8 +2,8 @@
 
 Three directives, each alone on a line of a page:
 
-    <!-- schema: models.files.X -->   the keys of a YAML file, out of its dataclass
-    <!-- api: models.files -->        every public module of a room
+    <!-- schema: wrenchsight.models.files.X -->   the keys of a YAML file, out of its dataclass
+    <!-- api: wrenchsight.models.files -->        every public module of a room
     <!-- results -->                  the table "article / here" of the last study
 """
 
@@ -15,7 +15,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from analyses.study.readme_table import RESULTS, WORLDS, committed, results_table
+from wrenchsight.analyses.study.readme_table import RESULTS, WORLDS, committed, results_table
 
 ROOT = Path(__file__).resolve().parent.parent
 _DIRECTIVE = re.compile(r"^<!-- (schema|api|results)(?:: ([\w.]+))? -->$", re.MULTILINE)

@@ -12,9 +12,9 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from models.arrays import Array
-from models.detection.contact_detector import ContactDetector
-from models.rigid_body.serial_chain import RigidBodyTerms
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.detection.contact_detector import ContactDetector
+from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms
 
 DETECTION = ("contact_statistic", "contact", "misfit", "link", "rest", "out_of_range")
 """Entries of the output, as `models.detection.contact_detector.Detection`; flags are 1 or 0."""

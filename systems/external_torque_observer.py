@@ -15,8 +15,8 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from models.arrays import Array
-from models.observers.observer import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.observers.observer import (
     CTV,
     GRAVITY,
     MOMENTUM,
@@ -29,7 +29,7 @@ from models.observers.observer import (
     Q,
     V,
 )
-from models.rigid_body.serial_chain import RigidBodyTerms
+from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms
 
 
 class ExternalTorqueObserver(LeafSystem):
@@ -59,7 +59,7 @@ class ExternalTorqueObserver(LeafSystem):
     that came early.
 
     Args:
-        observer: of `models.observers.observer_kinds`.
+        observer: of `wrenchsight.models.observers.observer_kinds`.
         torque_sd: (n,) N m, standard deviation of tau_ext where nothing touches the arm, for an
             observer that uses it.
 

@@ -8,7 +8,7 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from models.control.wrench_script import WrenchScript
+from wrenchsight.models.control.wrench_script import WrenchScript
 
 
 class ExternalWrenchSource(LeafSystem):

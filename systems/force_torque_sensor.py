@@ -16,13 +16,13 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.rigid_body.serial_chain import RigidBodyTerms
-from models.signals.gaussian_noise import gaussian_noise
-from models.signals.low_pass import LowPass
-from models.signals.tool_wrench import measure_contact_wrench, tool_table
-from systems.gaussian_noise_source import tick_of
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms
+from wrenchsight.models.signals.gaussian_noise import gaussian_noise
+from wrenchsight.models.signals.low_pass import LowPass
+from wrenchsight.models.signals.tool_wrench import measure_contact_wrench, tool_table
+from wrenchsight.systems.gaussian_noise_source import tick_of
 
 
 @dataclass

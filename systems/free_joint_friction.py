@@ -4,8 +4,8 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from models.friction.true_friction import DryFriction, free_friction
-from systems.joint_friction import HOLDING_DAMPING
+from wrenchsight.models.friction.true_friction import DryFriction, free_friction
+from wrenchsight.systems.joint_friction import HOLDING_DAMPING
 
 
 class FreeJointFriction(LeafSystem):

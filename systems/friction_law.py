@@ -12,8 +12,8 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from models.friction.friction_law import FrictionLaw
-from models.friction.velocity_friction import friction_torque
+from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.models.friction.velocity_friction import friction_torque
 
 
 class FrictionLawSystem(LeafSystem):
@@ -39,7 +39,7 @@ class FrictionLawSystem(LeafSystem):
     flags; the law keeps what it knew.
 
     Args:
-        law: of `models.friction`.
+        law: of `wrenchsight.models.friction`.
         time_step: s; of a law with memory only.
 
     Raises:

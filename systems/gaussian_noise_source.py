@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, NumericParameterIndex
 
-from models.signals.gaussian_noise import gaussian_noise
+from wrenchsight.models.signals.gaussian_noise import gaussian_noise
 
 
 def tick_of(t: float, time_step: float) -> int:

@@ -1,7 +1,7 @@
 """The momentum observer as a block."""
 
-from models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
-from systems.external_torque_observer import ExternalTorqueObserver
+from wrenchsight.models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
+from wrenchsight.systems.external_torque_observer import ExternalTorqueObserver
 
 
 class GeneralizedMomentumObserver(ExternalTorqueObserver):
@@ -13,7 +13,7 @@ class GeneralizedMomentumObserver(ExternalTorqueObserver):
     so that tau_ext is the true external torque through K_0 / (s + K_0) (Lu et al., eqs. 6-11, 30).
     The sign is that of the environment on the robot: the article's tau_ext, what the motors spend
     against the environment, is the negative of this one. Sampled with the period T, exactly
-    (`models.observers.momentum_observer`):
+    (`wrenchsight.models.observers.momentum_observer`):
 
         tau_ext_k+1 = a tau_ext_k + (1 - a) (mean of the true tau_ext over the tick),
         a = exp(-K_0 T)
@@ -51,7 +51,7 @@ class GeneralizedMomentumObserver(ExternalTorqueObserver):
         num_joints: n.
 
     Raises:
-        ValueError: as `models.observers.momentum_observer.MomentumObserver`.
+        ValueError: as `wrenchsight.models.observers.momentum_observer.MomentumObserver`.
     """
 
     def __init__(self, config: MomentumObserverConfig, num_joints: int) -> None:

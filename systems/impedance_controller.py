@@ -15,13 +15,13 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from models.arrays import Array
-from models.control.impedance import impedance_action
-from models.files.input_error import InputError
-from models.friction.velocity_friction import SemiParametricFriction
-from models.rigid_body.serial_chain import RigidBodyTerms
-from models.rigid_body.spatial_vectors import FORCE_FIRST
-from systems.pose_reference import POSE_REFERENCE_SIZE
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.control.impedance import impedance_action
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
+from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms
+from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
+from wrenchsight.systems.pose_reference import POSE_REFERENCE_SIZE
 
 _NO_WRENCH = np.zeros(6)
 _Settled = tuple[Array, bool, float, Array, float, Array, float]

@@ -14,9 +14,9 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
-from models.estimation.wrench_kernels import reconstruct
-from models.rigid_body.serial_chain import RigidBodyTerms
+from wrenchsight.models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
+from wrenchsight.models.estimation.wrench_kernels import reconstruct
+from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms
 
 READING_SIZES = (6, 36, 1, 1)
 """Entries of the port `reading`: wrench, covariance, condition number, valid."""
@@ -32,7 +32,7 @@ class JacobianWrenchReconstruction(LeafSystem):
         F   = Σ_F J Σ_tau⁻¹ tau_ext,     P = diag(prior_moment_sd² 1₃, prior_force_sd² 1₃)
 
     by default; the other methods (eq. 22 of Lu et al. among them) are those of
-    `models.estimation.wrench`.
+    `wrenchsight.models.estimation.wrench`.
 
                          +------------------------------+ --> wrench
       terms         -->  |                              | --> covariance

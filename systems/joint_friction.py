@@ -8,7 +8,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JointActuator, PdControllerGains
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from models.friction.true_friction import DryFriction, explicit_torque, total_friction
+from wrenchsight.models.friction.true_friction import DryFriction, explicit_torque, total_friction
 
 HOLDING_DAMPING = 1e5
 """N m s/rad of a holding actuator: a joint at rest creeps by its torque over this, rad/s."""

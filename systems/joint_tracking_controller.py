@@ -8,10 +8,10 @@ from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from models.arrays import Array
-from models.control.joint_tracking import advance_integral, tracking_torque
-from models.files.input_error import InputError
-from models.friction.velocity_friction import SemiParametricFriction
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.control.joint_tracking import advance_integral, tracking_torque
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
 
 LAWS = ("computed_torque", "feedforward_pd")
 

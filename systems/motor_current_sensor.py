@@ -15,10 +15,10 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from models.arrays import Array
-from models.signals.current_measurement import measure_current, update_lag
-from models.signals.gaussian_noise import gaussian_noise
-from systems.gaussian_noise_source import GaussianNoiseSource, tick_of
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.signals.current_measurement import measure_current, update_lag
+from wrenchsight.models.signals.gaussian_noise import gaussian_noise
+from wrenchsight.systems.gaussian_noise_source import GaussianNoiseSource, tick_of
 
 
 class MotorCurrentSensor(LeafSystem):

@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, NumericParameterIndex
 
-from models.arrays import Array
-from models.robot.motors import joint_torque, motor_gain
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.robot.motors import joint_torque, motor_gain
+from wrenchsight.models.robot.robot import Robot
 
 
 class MotorCurrentTorqueSource(LeafSystem):

@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
 POSE_REFERENCE_SIZE = 18
 

@@ -1,7 +1,7 @@
 """Joint friction with memory from joint position, velocity and motor torque."""
 
-from models.friction.friction_law import FrictionLaw
-from systems.friction_law import FrictionLawSystem
+from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.systems.friction_law import FrictionLawSystem
 
 
 class PreslidingFrictionSystem(FrictionLawSystem):
@@ -11,7 +11,7 @@ class PreslidingFrictionSystem(FrictionLawSystem):
         z     = Σ_k weight_k z_k,    z_k ← clip(z_k + Δq / displacement_k, -1, 1)
 
     with L the torque that the gear transmitted at the tick before, tau_J - tau_f
-    (`models.friction.presliding_friction`).
+    (`wrenchsight.models.friction.presliding_friction`).
 
                  +--------------------------+
       q     -->  |                          |

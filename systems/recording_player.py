@@ -11,7 +11,7 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from models.arrays import Array
+from wrenchsight.models.arrays import Array
 
 
 class Samples(NamedTuple):

@@ -3,7 +3,7 @@
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import Context, LeafSystem
 
-from models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
 
 class RigidBodyTermsSystem(LeafSystem):

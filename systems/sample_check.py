@@ -10,7 +10,12 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from models.observers.sample_check import SampleCheck, check_current, check_motion, check_sample
+from wrenchsight.models.observers.sample_check import (
+    SampleCheck,
+    check_current,
+    check_motion,
+    check_sample,
+)
 
 Array = NDArray[np.float64]
 

@@ -1,7 +1,7 @@
 """Joint friction from joint velocity."""
 
-from models.friction.velocity_friction import SemiParametricFriction
-from systems.friction_law import FrictionLawSystem
+from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
+from wrenchsight.systems.friction_law import FrictionLawSystem
 
 
 class SemiParametricFrictionSystem(FrictionLawSystem):
@@ -12,7 +12,7 @@ class SemiParametricFrictionSystem(FrictionLawSystem):
 
     (Lu et al., eq. 12). Bias and slope make both meet at ±v_crit unless `friction.handover` is
     "literal"; without networks the law is Coulomb-viscous at every velocity
-    (`models.friction.velocity_friction.SemiParametricFriction`).
+    (`wrenchsight.models.friction.velocity_friction.SemiParametricFriction`).
 
              +------------------------------+
       v -->  | SemiParametricFrictionSystem | --> tau_f

@@ -2,7 +2,7 @@
 
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from models.machining.air_pass import TaughtTorque, taught_tick
+from wrenchsight.models.machining.air_pass import TaughtTorque, taught_tick
 
 
 class TaughtTorqueSource(LeafSystem):

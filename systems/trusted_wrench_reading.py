@@ -13,9 +13,9 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from models.estimation.trusted_reading import TrustedReading
-from models.rigid_body.serial_chain import RigidBodyTerms
-from systems.jacobian_wrench_reconstruction import OBSERVED_SIZE, READING_SIZES
+from wrenchsight.models.estimation.trusted_reading import TrustedReading
+from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms
+from wrenchsight.systems.jacobian_wrench_reconstruction import OBSERVED_SIZE, READING_SIZES
 
 
 class TrustedWrenchReading(LeafSystem):

@@ -14,10 +14,10 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from models.arrays import Array
-from models.estimation.estimator import EstimatorTables, WrenchEstimator
-from models.estimation.kernel_choice import KernelChoice
-from models.estimation.tick import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.estimator import EstimatorTables, WrenchEstimator
+from wrenchsight.models.estimation.kernel_choice import KernelChoice
+from wrenchsight.models.estimation.tick import (
     KNOWN_CORRECTION,
     KNOWN_COUNTS,
     KNOWN_TAU_F,
@@ -28,9 +28,9 @@ from models.estimation.tick import (
     trusted_output,
     trusted_update,
 )
-from models.estimation.wrench import WrenchReconstruction
-from models.friction.velocity_friction import friction_torque
-from models.observers.sample_check import check_current, check_motion, check_sample
+from wrenchsight.models.estimation.wrench import WrenchReconstruction
+from wrenchsight.models.friction.velocity_friction import friction_torque
+from wrenchsight.models.observers.sample_check import check_current, check_motion, check_sample
 
 _Taking = tuple[KernelChoice, Array, Array, Array, int, int, Array, int, Array, Array]
 

@@ -14,9 +14,9 @@ from typing import Any
 import pytest
 import yaml
 
-import analyses  # noqa: F401  (chooses the number of BLAS threads, before numpy is imported)
-from models.robot.robot import Robot
-from models.truth.true_robot import PLAIN, plain_truth
+import wrenchsight.analyses  # noqa: F401  (chooses the number of BLAS threads, before numpy is imported)
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.truth.true_robot import PLAIN, plain_truth
 
 ROOT = Path(__file__).parents[1]
 ROBOTS = Path(__file__).parent / "robots"

@@ -11,24 +11,28 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from numba import njit
 from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
-from analyses.methods.learning.identification import identify
-from analyses.methods.learning.identification_config import IdentificationConfig
-from diagrams.estimator import add_estimator
-from models.arrays import Array
-from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
-from models.files.input_error import InputError
-from models.friction.extended_friction import ExtendedFriction
-from models.friction.friction_structure import FrictionStructure
-from models.friction.friction_terms import TERMS, FrictionTerm
-from models.identification.identified_model import IdentifiedModel
-from models.observers.momentum_observer import MomentumObserverConfig
-from models.observers.observer import (
+from wrenchsight.analyses.methods.learning.identification import identify
+from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.diagrams.estimator import add_estimator
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.estimator import (
+    EstimateBatch,
+    WrenchEstimator,
+    WrenchEstimatorConfig,
+)
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.extended_friction import ExtendedFriction
+from wrenchsight.models.friction.friction_structure import FrictionStructure
+from wrenchsight.models.friction.friction_terms import TERMS, FrictionTerm
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.observers.observer import (
     CTV,
     GRAVITY,
     MOMENTUM,
@@ -38,14 +42,14 @@ from models.observers.observer import (
     TORQUE_SD,
     ObserverKernels,
 )
-from models.observers.observer_kinds import OBSERVERS
-from models.recordings.log_containers import CONTAINERS
-from models.recordings.recording import Recording
-from models.recordings.recording_format import RecordingFormat
-from models.recordings.recording_reader import read_recording
-from models.recordings.recording_writer import write_recording
-from models.robot.robot import Robot
-from systems.recording_player import RecordingPlayer, Samples
+from wrenchsight.models.observers.observer_kinds import OBSERVERS
+from wrenchsight.models.recordings.log_containers import CONTAINERS
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_format import RecordingFormat
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.recording_writer import write_recording
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.systems.recording_player import RecordingPlayer, Samples
 
 T = 1e-3
 OUTPUTS = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
@@ -62,7 +66,7 @@ class CautiousConfig:
     time_step: float = T
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def cautious_output(table: Array, state: Array, signals: Array, J: Array) -> bool:
     for i in range(signals.shape[1]):
         model = signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i]
@@ -77,7 +81,7 @@ def cautious_output(table: Array, state: Array, signals: Array, J: Array) -> boo
     return bool(np.isfinite(state[0]).all())
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def cautious_update(table: Array, state: Array, signals: Array, J: Array) -> None:
     for i in range(signals.shape[1]):
         model = 0.5 * table[1] * (signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i])
@@ -122,7 +126,7 @@ def observer() -> Iterator[None]:
 # A friction term ----------------------------------------------------------------------------------
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def seal(q: float, v: float) -> float:
     """A seal that drags more on one side of its turn."""
     return float(np.tanh(20.0 * v) * (1.0 + np.sin(q)))

@@ -13,30 +13,41 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from analyses.methods.learning.friction_training import train_networks
-from analyses.methods.learning.identification import IdentificationConfig, best_law, identify
-from analyses.methods.planning.machining_placement import PlacementProblem, bundled_place
-from analyses.methods.planning.redundancy import make_problem
-from analyses.methods.planning.redundancy_task import RedundancyTask
-from diagrams.machining import make_machining_path
-from diagrams.scenario import load_scenario
-from models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
-from models.estimation.point_of_action import find_point_of_action, jacobian_at
-from models.files.configuration import load_configuration
-from models.files.task_files import task_file
-from models.friction.velocity_friction import CoulombViscous
-from models.identification.torque_error import TorqueError
-from models.motion.branches import all_branches
-from models.motion.inverse_kinematics import closed_form, follow_path, inverse_kinematics
-from models.motion.posture_map import best_postures
-from models.motion.posture_measures import ConditionNumber, PathMeasure
-from models.motion.redundancy import best_on_grid, candidates, refine
-from models.placement.placement_descent import PlacementDescent
-from models.placement.placement_program import PlacementProgram
-from models.placement.placement_search import PlacementSearch, SearchEffort
-from models.placement.placement_task import load_task
-from models.recordings.recording import Recording
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.learning.friction_training import train_networks
+from wrenchsight.analyses.methods.learning.identification import (
+    IdentificationConfig,
+    best_law,
+    identify,
+)
+from wrenchsight.analyses.methods.planning.machining_placement import (
+    PlacementProblem,
+    bundled_place,
+)
+from wrenchsight.analyses.methods.planning.redundancy import make_problem
+from wrenchsight.analyses.methods.planning.redundancy_task import RedundancyTask
+from wrenchsight.diagrams.machining import make_machining_path
+from wrenchsight.diagrams.scenario import load_scenario
+from wrenchsight.models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
+from wrenchsight.models.estimation.point_of_action import find_point_of_action, jacobian_at
+from wrenchsight.models.files.configuration import load_configuration
+from wrenchsight.models.files.task_files import task_file
+from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.identification.torque_error import TorqueError
+from wrenchsight.models.motion.branches import all_branches
+from wrenchsight.models.motion.inverse_kinematics import (
+    closed_form,
+    follow_path,
+    inverse_kinematics,
+)
+from wrenchsight.models.motion.posture_map import best_postures
+from wrenchsight.models.motion.posture_measures import ConditionNumber, PathMeasure
+from wrenchsight.models.motion.redundancy import best_on_grid, candidates, refine
+from wrenchsight.models.placement.placement_descent import PlacementDescent
+from wrenchsight.models.placement.placement_program import PlacementProgram
+from wrenchsight.models.placement.placement_search import PlacementSearch, SearchEffort
+from wrenchsight.models.placement.placement_task import load_task
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
 
 BITS = 1e-12  # relative, and in m and rad: a thousand times what an operation rounds by
 SEEDS = (0, 1, 2)

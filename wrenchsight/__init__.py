@@ -7,69 +7,64 @@ This module offers what users need under one name. Nothing heavy is imported bef
 command is soon where an interrupt ends it in one line.
 """
 
-import sys
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from pathlib import Path
     from typing import Any
 
 # Public name -> the module that defines it. `__init__.pyi` says the same to a type checker.
 _HOME = {
-    "Robot": "models.robot.robot",
-    "bundled_robots": "models.robot.robot",
-    "InputError": "models.files.input_error",
-    "IdentifiedModel": "models.identification.identified_model",
-    "Recording": "models.recordings.recording",
-    "WrenchEstimator": "models.estimation.estimator",
-    "WrenchEstimatorConfig": "models.estimation.estimator",
-    "TickEstimate": "models.estimation.estimator",
-    "EstimateBatch": "models.estimation.estimator",
-    "smoothed_estimate": "models.estimation.smoothing",
-    "ContactDetectionConfig": "models.detection.contact_detector",
-    "ContactDetector": "models.detection.contact_detector",
-    "Detection": "models.detection.contact_detector",
-    "MomentumObserverConfig": "models.observers.momentum_observer",
-    "KalmanObserverConfig": "models.observers.kalman_observer",
-    "SuperTwistingObserverConfig": "models.observers.super_twisting_observer",
-    "WrenchReconstructionConfig": "models.estimation.wrench",
-    "CoulombViscous": "models.friction.velocity_friction",
-    "SemiParametricFriction": "models.friction.velocity_friction",
-    "PreslidingFriction": "models.friction.presliding_friction",
-    "FrictionLaw": "models.friction.friction_law",
-    "make_estimator": "diagrams.estimator",
-    "add_estimator": "diagrams.estimator",
-    "Scenario": "diagrams.scenario",
-    "load_scenario": "diagrams.scenario",
-    "bundled_scenarios": "diagrams.scenario",
-    "ClosedLoop": "diagrams.closed_loop",
-    "make_closed_loop": "diagrams.closed_loop",
-    "RobotCell": "diagrams.robot_cell",
-    "make_robot_cell": "diagrams.robot_cell",
-    "IdentificationConfig": "analyses.methods.learning.identification_config",
-    "IdentificationResult": "analyses.methods.learning.identification",
-    "identify": "analyses.methods.learning.identification",
-    "identify_logs": "analyses.methods.learning.identification",
-    "EstimateConfig": "analyses.methods.reading.estimate_config",
-    "EstimateResult": "analyses.methods.reading.estimation",
-    "estimate_log": "analyses.methods.reading.estimation",
-    "estimate_torque_logs": "analyses.methods.external_torque.torque_logs",
-    "TorqueLogsResult": "analyses.methods.external_torque.torque_logs",
-    "ExcitationConfig": "analyses.methods.planning.excitation_config",
-    "ExcitationResult": "analyses.methods.planning.excitation",
-    "excite_robot": "analyses.methods.planning.excitation",
-    "place_task": "analyses.methods.planning.placement",
-    "PlacementResult": "analyses.methods.planning.placement",
-    "SimulationResult": "analyses.methods.runs.simulation",
-    "simulate": "analyses.methods.runs.simulation",
-    "FourierMotion": "diagrams.scenario",
-    "excite": "analyses.methods.planning.excitation",
-    "read_recording": "models.recordings.recording_reader",
-    "write_recording": "models.recordings.recording_writer",
-    "resampled": "models.recordings.resampling",
+    "Robot": "wrenchsight.models.robot.robot",
+    "bundled_robots": "wrenchsight.models.robot.robot",
+    "InputError": "wrenchsight.models.files.input_error",
+    "IdentifiedModel": "wrenchsight.models.identification.identified_model",
+    "Recording": "wrenchsight.models.recordings.recording",
+    "WrenchEstimator": "wrenchsight.models.estimation.estimator",
+    "WrenchEstimatorConfig": "wrenchsight.models.estimation.estimator",
+    "TickEstimate": "wrenchsight.models.estimation.estimator",
+    "EstimateBatch": "wrenchsight.models.estimation.estimator",
+    "smoothed_estimate": "wrenchsight.models.estimation.smoothing",
+    "ContactDetectionConfig": "wrenchsight.models.detection.contact_detector",
+    "ContactDetector": "wrenchsight.models.detection.contact_detector",
+    "Detection": "wrenchsight.models.detection.contact_detector",
+    "MomentumObserverConfig": "wrenchsight.models.observers.momentum_observer",
+    "KalmanObserverConfig": "wrenchsight.models.observers.kalman_observer",
+    "SuperTwistingObserverConfig": "wrenchsight.models.observers.super_twisting_observer",
+    "WrenchReconstructionConfig": "wrenchsight.models.estimation.wrench",
+    "CoulombViscous": "wrenchsight.models.friction.velocity_friction",
+    "SemiParametricFriction": "wrenchsight.models.friction.velocity_friction",
+    "PreslidingFriction": "wrenchsight.models.friction.presliding_friction",
+    "FrictionLaw": "wrenchsight.models.friction.friction_law",
+    "make_estimator": "wrenchsight.diagrams.estimator",
+    "add_estimator": "wrenchsight.diagrams.estimator",
+    "Scenario": "wrenchsight.diagrams.scenario",
+    "load_scenario": "wrenchsight.diagrams.scenario",
+    "bundled_scenarios": "wrenchsight.diagrams.scenario",
+    "ClosedLoop": "wrenchsight.diagrams.closed_loop",
+    "make_closed_loop": "wrenchsight.diagrams.closed_loop",
+    "RobotCell": "wrenchsight.diagrams.robot_cell",
+    "make_robot_cell": "wrenchsight.diagrams.robot_cell",
+    "IdentificationConfig": "wrenchsight.analyses.methods.learning.identification_config",
+    "IdentificationResult": "wrenchsight.analyses.methods.learning.identification",
+    "identify": "wrenchsight.analyses.methods.learning.identification",
+    "identify_logs": "wrenchsight.analyses.methods.learning.identification",
+    "EstimateConfig": "wrenchsight.analyses.methods.reading.estimate_config",
+    "EstimateResult": "wrenchsight.analyses.methods.reading.estimation",
+    "estimate_log": "wrenchsight.analyses.methods.reading.estimation",
+    "estimate_torque_logs": "wrenchsight.analyses.methods.external_torque.torque_logs",
+    "TorqueLogsResult": "wrenchsight.analyses.methods.external_torque.torque_logs",
+    "ExcitationConfig": "wrenchsight.analyses.methods.planning.excitation_config",
+    "ExcitationResult": "wrenchsight.analyses.methods.planning.excitation",
+    "excite_robot": "wrenchsight.analyses.methods.planning.excitation",
+    "place_task": "wrenchsight.analyses.methods.planning.placement",
+    "PlacementResult": "wrenchsight.analyses.methods.planning.placement",
+    "SimulationResult": "wrenchsight.analyses.methods.runs.simulation",
+    "simulate": "wrenchsight.analyses.methods.runs.simulation",
+    "FourierMotion": "wrenchsight.diagrams.scenario",
+    "excite": "wrenchsight.analyses.methods.planning.excitation",
+    "read_recording": "wrenchsight.models.recordings.recording_reader",
+    "write_recording": "wrenchsight.models.recordings.recording_writer",
+    "resampled": "wrenchsight.models.recordings.resampling",
 }
-
-_PACKAGES = ("models", "systems", "diagrams", "analyses")
 
 __all__ = ["__version__", *_HOME]  # noqa: PLE0604  (the table holds strings)
 
@@ -79,7 +74,6 @@ def __getattr__(name: str) -> "Any":
 
     Raises:
         AttributeError: the name is not offered.
-        ImportError: another package stands in the way of one of ours; the sentence says which.
     """
     if name == "__version__":
         from importlib.metadata import PackageNotFoundError, version
@@ -91,7 +85,6 @@ def __getattr__(name: str) -> "Any":
     elif name in _HOME:
         from importlib import import_module
 
-        refuse_shadows()
         value = getattr(import_module(_HOME[name]), name)
     else:
         raise AttributeError(f"module 'wrenchsight' has no attribute {name!r}")
@@ -101,35 +94,3 @@ def __getattr__(name: str) -> "Any":
 
 def __dir__() -> list[str]:
     return sorted(__all__)
-
-
-def refuse_shadows() -> None:
-    """Raises ImportError where another module has the name of one of our four packages."""
-    from pathlib import Path
-
-    root = Path(__file__).resolve().parent.parent  # holds the four packages and this one
-    for package in _PACKAGES:
-        ours = root / package
-        found = _place_of(package)
-        if found != ours:
-            where = f"Python finds {found} first" if found else "it is not there"
-            raise ImportError(
-                f"wrenchsight needs its own package '{package}' in {ours}, but {where}: "
-                f"rename or move what is in the way, or run from another folder",
-                name=package,
-            )
-
-
-def _place_of(package: str) -> "Path | None":
-    """The folder or file that `import package` gives, or would give."""
-    from importlib.util import find_spec
-    from pathlib import Path
-
-    module = sys.modules.get(package)
-    spec = getattr(module, "__spec__", None) if module else find_spec(package)
-    if spec is None:
-        path = getattr(module, "__file__", None)
-        return Path(path).resolve() if path else None
-    if spec.submodule_search_locations:
-        return Path(next(iter(spec.submodule_search_locations))).resolve()
-    return Path(spec.origin).resolve() if spec.origin else None

@@ -2,23 +2,16 @@
 
 import sys
 
-import wrenchsight
-
 
 def main() -> None:
-    """Entry point of the console script; ends in one line if our packages cannot be reached."""
+    """Entry point of the console script."""
     try:
         import signal
 
         if signal.getsignal(signal.SIGINT) == signal.default_int_handler:
             # Not by an exception, which a destructor or a callback of the imports would drop.
             signal.signal(signal.SIGINT, _end_at_once)
-        try:
-            wrenchsight.refuse_shadows()
-        except ImportError as error:
-            sys.stderr.write(f"{error}\n")
-            raise SystemExit(2) from None
-        from analyses.__main__ import main as command_line
+        from wrenchsight.analyses.__main__ import main as command_line
 
         if signal.getsignal(signal.SIGINT) == _end_at_once:
             signal.signal(signal.SIGINT, signal.default_int_handler)

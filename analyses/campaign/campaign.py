@@ -13,29 +13,33 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from analyses.campaign.campaign_report import write_campaign_report
-from analyses.campaign.campaign_store import (
+from wrenchsight.analyses.campaign.campaign_report import write_campaign_report
+from wrenchsight.analyses.campaign.campaign_store import (
     TABLE,
     CampaignRecord,
     WorldParts,
     read_table,
     write_table,
 )
-from analyses.campaign.distributions import Distribution, distribution_metrics, distributions
-from analyses.campaign.workers import on_cluster, on_this_machine
-from analyses.campaign.world_run import WorldOutcome, WorldTask
-from analyses.output.interruption import ends_are_interrupts, uninterrupted
-from analyses.output.outputs import OutputFolder, json_text, plain
-from analyses.output.progress import Progress
-from analyses.output.result_folder import recover, refuse_strangers, staged
-from analyses.output.result_marker import ResultMarker
-from analyses.output.sole_writer import sole_writer
-from analyses.study.fingerprint import libraries, software_hash
-from analyses.study.registry import REGISTRY
-from analyses.study.study import check_names, software_version
-from models.files.input_error import InputError
-from models.files.whole_file import writing_to
-from models.truth.worlds import WorldRanges, check_ranges, draw_world
+from wrenchsight.analyses.campaign.distributions import (
+    Distribution,
+    distribution_metrics,
+    distributions,
+)
+from wrenchsight.analyses.campaign.workers import on_cluster, on_this_machine
+from wrenchsight.analyses.campaign.world_run import WorldOutcome, WorldTask
+from wrenchsight.analyses.output.interruption import ends_are_interrupts, uninterrupted
+from wrenchsight.analyses.output.outputs import OutputFolder, json_text, plain
+from wrenchsight.analyses.output.progress import Progress
+from wrenchsight.analyses.output.result_folder import recover, refuse_strangers, staged
+from wrenchsight.analyses.output.result_marker import ResultMarker
+from wrenchsight.analyses.output.sole_writer import sole_writer
+from wrenchsight.analyses.study.fingerprint import libraries, software_hash
+from wrenchsight.analyses.study.registry import REGISTRY
+from wrenchsight.analyses.study.study import check_names, software_version
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.whole_file import writing_to
+from wrenchsight.models.truth.worlds import WorldRanges, check_ranges, draw_world
 
 COMMAND: Final = "campaign"
 METRICS: Final = "metrics.json"

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from analyses.campaign.campaign_store import CampaignRecord
-from analyses.campaign.distributions import Distribution
-from analyses.campaign.influences import said
-from analyses.campaign.world_run import WorldOutcome
-from analyses.output.figures import COLOUR, new_figure
-from analyses.output.outputs import OutputFolder
-from analyses.output.templates import page_templates
-from analyses.study.report import number
+from wrenchsight.analyses.campaign.campaign_store import CampaignRecord
+from wrenchsight.analyses.campaign.distributions import Distribution
+from wrenchsight.analyses.campaign.influences import said
+from wrenchsight.analyses.campaign.world_run import WorldOutcome
+from wrenchsight.analyses.output.figures import COLOUR, new_figure
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.templates import page_templates
+from wrenchsight.analyses.study.report import number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

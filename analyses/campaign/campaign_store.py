@@ -23,9 +23,9 @@ from typing import Any, Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from analyses.campaign.world_run import WorldOutcome
-from models.files.input_error import InputError
-from models.files.whole_file import whole_file, writing_to
+from wrenchsight.analyses.campaign.world_run import WorldOutcome
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.whole_file import whole_file, writing_to
 
 TABLE: Final = "campaign.parquet"
 PARTS: Final = ".campaign"

@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 from scipy.stats import linregress, spearmanr, theilslopes
 
-from models.arrays import Array
+from wrenchsight.models.arrays import Array
 
 LEVEL: Final = 0.05
 MOST: Final = 3  # parameters named for a figure

@@ -15,9 +15,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
-from analyses.campaign.world_run import THREADS, WorldOutcome, WorldTask, run_world
-from models.files.input_error import InputError
-from models.truth.worlds import draw_world
+from wrenchsight.analyses.campaign.world_run import THREADS, WorldOutcome, WorldTask, run_world
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.truth.worlds import draw_world
 
 KILLED: Final = "its process was killed, or crashed, each time"
 _CONNECT: Final = 20  # s in which a scheduler answers

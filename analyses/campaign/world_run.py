@@ -18,13 +18,13 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
-from analyses.output.outputs import json_text, plain_metrics
-from analyses.output.scratch_folder import scratch_folder
-from analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
-from analyses.study.fingerprint import software_hash
-from analyses.study.shared_results import sharing_in
-from models.files.input_error import InputError
-from models.truth.worlds import WorldRanges, draw_world
+from wrenchsight.analyses.output.outputs import json_text, plain_metrics
+from wrenchsight.analyses.output.scratch_folder import scratch_folder
+from wrenchsight.analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
+from wrenchsight.analyses.study.fingerprint import software_hash
+from wrenchsight.analyses.study.shared_results import sharing_in
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.truth.worlds import WorldRanges, draw_world
 
 THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Environment of every worker: 1, or the last bits of a figure depend on the machine's cores."""

@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analyses.commands.options import Data, Out, Quick, Seed
-from analyses.output.console import new_console, new_table, plain_text, say
+from wrenchsight.analyses.commands.options import Data, Out, Quick, Seed
+from wrenchsight.analyses.output.console import new_console, new_table, plain_text, say
 
 if TYPE_CHECKING:
-    from analyses.campaign.campaign import CampaignResult
+    from wrenchsight.analyses.campaign.campaign import CampaignResult
 
 ORDER = 15
 
@@ -49,9 +49,9 @@ def command(
     A world is a draw of what the simulated arm truly is. What is finished is kept: after an
     interruption, or to add worlds or experiments, run the same again.
     """
-    from analyses.campaign.campaign import COMMAND, CampaignSettings, run_campaign
-    from analyses.output.progress import ProgressDisplay
-    from analyses.study.study import available_cores
+    from wrenchsight.analyses.campaign.campaign import COMMAND, CampaignSettings, run_campaign
+    from wrenchsight.analyses.output.progress import ProgressDisplay
+    from wrenchsight.analyses.study.study import available_cores
 
     settings = CampaignSettings(
         tuple(experiments),
@@ -77,7 +77,7 @@ def command(
 
 
 def _print(result: "CampaignResult") -> None:
-    from analyses.campaign.campaign_report import REPORT_NAME, table_row
+    from wrenchsight.analyses.campaign.campaign_report import REPORT_NAME, table_row
 
     table = new_table("", "article", "median", "5-95 % of worlds", "ours ahead")
     experiment = ""

@@ -13,9 +13,9 @@ from typing import Any, Final
 import typer
 from typer.core import TyperCommand
 
-from models.files.input_error import InputError
+from wrenchsight.models.files.input_error import InputError
 
-PACKAGE: Final = "analyses.commands"
+PACKAGE: Final = "wrenchsight.analyses.commands"
 ENTRY_POINTS: Final = "wrenchsight.commands"
 _FUNCTION: Final = "command"
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from analyses.commands.options import (
+from wrenchsight.analyses.commands.options import (
     AcceptSigns,
     Check,
     LogFormat,
@@ -14,14 +14,14 @@ from analyses.commands.options import (
     joined,
     settled,
 )
-from analyses.methods.reading.estimate_config import EstimateSettings, with_observer
-from analyses.output.console import new_console, new_table, say, showing_progress
-from models.files.input_error import InputError
-from models.observers.kalman_observer import KalmanObserverConfig
+from wrenchsight.analyses.methods.reading.estimate_config import EstimateSettings, with_observer
+from wrenchsight.analyses.output.console import new_console, new_table, say, showing_progress
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
 
 if TYPE_CHECKING:
-    from analyses.methods.reading.estimation import EstimateResult
-    from analyses.methods.sensors.comparison import SensorComparison
+    from wrenchsight.analyses.methods.reading.estimation import EstimateResult
+    from wrenchsight.analyses.methods.sensors.comparison import SensorComparison
 
 ORDER = 30
 DEFAULTS = EstimateSettings().estimate
@@ -272,7 +272,7 @@ def command(
     if _reads_external_torque(settings):
         _read_torque_logs(settings, out)
         return
-    from analyses.methods.reading.estimation import estimate_log
+    from wrenchsight.analyses.methods.reading.estimation import estimate_log
 
     with showing_progress("estimate") as progress:
         result = estimate_log(
@@ -289,7 +289,7 @@ def command(
 
 def _reads_external_torque(settings: EstimateSettings) -> bool:
     """Whether the arm's own external torque is read; if not, a robot and one log are needed."""
-    from analyses.methods.external_torque.torque_log import is_torque_log
+    from wrenchsight.analyses.methods.external_torque.torque_log import is_torque_log
 
     log, torque = Path(settings.log), settings.estimate.torque
     if is_torque_log(log, settings.log_format, torque):
@@ -308,7 +308,7 @@ def _reads_external_torque(settings: EstimateSettings) -> bool:
 
 
 def _read_torque_logs(settings: EstimateSettings, out: Path) -> None:
-    from analyses.methods.external_torque.torque_logs import estimate_torque_logs
+    from wrenchsight.analyses.methods.external_torque.torque_logs import estimate_torque_logs
 
     with showing_progress("estimate") as progress:
         result = estimate_torque_logs(

@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analyses.commands.options import Out, RobotName, config_option, joined, settled
-from analyses.methods.planning.excitation_config import ExciteSettings
-from analyses.output.console import new_console, new_table, say, showing_progress
+from wrenchsight.analyses.commands.options import Out, RobotName, config_option, joined, settled
+from wrenchsight.analyses.methods.planning.excitation_config import ExciteSettings
+from wrenchsight.analyses.output.console import new_console, new_table, say, showing_progress
 
 if TYPE_CHECKING:
-    from analyses.methods.planning.excitation import ExcitationResult
+    from wrenchsight.analyses.methods.planning.excitation import ExcitationResult
 
 ORDER = 50
 DEFAULTS = ExciteSettings()
@@ -86,7 +86,7 @@ def command(
     out: Out = Path("out/excite"),
 ) -> None:
     """Find a motion that shows all parameters of a robot: trajectory, coefficients, picture."""
-    from analyses.methods.planning.excitation import excite_robot
+    from wrenchsight.analyses.methods.planning.excitation import excite_robot
 
     settings = settled(ctx, ExciteSettings, PLACES)
     with showing_progress("excite") as progress:

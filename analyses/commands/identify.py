@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analyses.commands.options import (
+from wrenchsight.analyses.commands.options import (
     AcceptSigns,
     LogFormat,
     Out,
@@ -15,13 +15,13 @@ from analyses.commands.options import (
     config_option,
     settled,
 )
-from analyses.methods.learning.identification_config import IdentifySettings
-from analyses.output.console import new_console, new_table, say, showing_progress
-from models.files.input_error import InputError
+from wrenchsight.analyses.methods.learning.identification_config import IdentifySettings
+from wrenchsight.analyses.output.console import new_console, new_table, say, showing_progress
+from wrenchsight.models.files.input_error import InputError
 
 if TYPE_CHECKING:
-    from analyses.methods.calibration.load_calibration import CalibrationResult
-    from analyses.methods.learning.identification import IdentificationResult
+    from wrenchsight.analyses.methods.calibration.load_calibration import CalibrationResult
+    from wrenchsight.analyses.methods.learning.identification import IdentificationResult
 
 ORDER = 20
 COMMAND_CLASS = SeveralValues
@@ -101,14 +101,14 @@ def command(
     common, signs = (settings.log_format, settings.identification), settings.accept_signs
     with showing_progress("identify") as progress:
         if settings.load:
-            from analyses.methods.calibration.load_calibration import calibrate_logs
+            from wrenchsight.analyses.methods.calibration.load_calibration import calibrate_logs
 
             calibrated = calibrate_logs(
                 logs, settings.load, settings.robot, out, validation, *common, progress, signs
             )
             result = calibrated.identification
         else:
-            from analyses.methods.learning.identification import identify_logs
+            from wrenchsight.analyses.methods.learning.identification import identify_logs
 
             calibrated = None
             result = identify_logs(logs, settings.robot, out, validation, *common, progress, signs)
@@ -118,7 +118,7 @@ def command(
 
 
 def _refresh(settings: IdentifySettings, logs: list[Path], out: Path) -> None:
-    from analyses.methods.calibration.friction_refreshing import refresh_log
+    from wrenchsight.analyses.methods.calibration.friction_refreshing import refresh_log
 
     if len(logs) != 1 or settings.load or settings.validate:
         problem = "takes one log, and neither --load nor --validate"
@@ -193,13 +193,13 @@ def _print_calibration(result: "CalibrationResult", out: Path) -> None:
 
 
 def _print(result: "IdentificationResult", out: Path) -> None:
-    from analyses.methods.learning.identification_report import (
+    from wrenchsight.analyses.methods.learning.identification_report import (
         filter_text,
         inconsistent_links_text,
         law_lines,
         residual_text,
     )
-    from analyses.methods.learning.torque_fit import joined_fits
+    from wrenchsight.analyses.methods.learning.torque_fit import joined_fits
 
     model, law, metrics = result.model, result.model.friction.coulomb_viscous, result.metrics()
     judged = result.cross_validation or result.fit

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analyses.commands.options import (
+from wrenchsight.analyses.commands.options import (
     Out,
     RobotName,
     Seed,
@@ -15,12 +15,12 @@ from analyses.commands.options import (
     numbers,
     settled,
 )
-from analyses.methods.planning.jcn_map_settings import JcnMapSettings, SliceConfig
-from analyses.output.console import new_console, new_table, say, showing_progress
-from models.files.input_error import InputError
+from wrenchsight.analyses.methods.planning.jcn_map_settings import JcnMapSettings, SliceConfig
+from wrenchsight.analyses.output.console import new_console, new_table, say, showing_progress
+from wrenchsight.models.files.input_error import InputError
 
 if TYPE_CHECKING:
-    from analyses.methods.planning.jcn_map import JcnMapResult
+    from wrenchsight.analyses.methods.planning.jcn_map import JcnMapResult
 
 ORDER = 60
 DEFAULTS, SLICE = JcnMapSettings(), SliceConfig()
@@ -69,7 +69,7 @@ def command(
     out: Out = Path("out/jcn-map"),
 ) -> None:
     """Map the condition number over the workspace, and say where a table belongs."""
-    from analyses.methods.planning.jcn_map import jcn_map
+    from wrenchsight.analyses.methods.planning.jcn_map import jcn_map
 
     settings = settled(ctx, JcnMapSettings, {})
     if plane is not None:

@@ -13,7 +13,7 @@ from typing import Annotated, Any, TypeVar
 import typer
 from typer.core import TyperCommand
 
-from models.files.input_error import InputError
+from wrenchsight.models.files.input_error import InputError
 
 Settings = TypeVar("Settings")
 
@@ -60,7 +60,7 @@ def config_option(schema: type[Settings], places: Mapping[str, str]) -> Any:
 
     def read(ctx: typer.Context, path: Path | None) -> Path | None:
         if path is not None:
-            from models.files.configuration import load_configuration
+            from wrenchsight.models.files.configuration import load_configuration
 
             settings = load_configuration(path, schema)
             ctx.meta[_KEY] = settings

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analyses.commands.options import (
+from wrenchsight.analyses.commands.options import (
     AcceptSigns,
     Check,
     LogFormat,
@@ -14,11 +14,11 @@ from analyses.commands.options import (
     config_option,
     settled,
 )
-from analyses.methods.calibration.payload_config import PayloadSettings
-from analyses.output.console import new_console, new_table, say, showing_progress
+from wrenchsight.analyses.methods.calibration.payload_config import PayloadSettings
+from wrenchsight.analyses.output.console import new_console, new_table, say, showing_progress
 
 if TYPE_CHECKING:
-    from analyses.methods.calibration.payload_identification import PayloadResult
+    from wrenchsight.analyses.methods.calibration.payload_identification import PayloadResult
 
 ORDER = 35
 DEFAULTS = PayloadSettings()
@@ -63,7 +63,7 @@ def command(
     out: Out = Path("out/payload"),
 ) -> None:
     """Find what the arm carries: mass, centre of mass, inertia, and a tool for robot.yaml."""
-    from analyses.methods.calibration.payload_identification import payload_log
+    from wrenchsight.analyses.methods.calibration.payload_identification import payload_log
 
     settings = settled(ctx, PayloadSettings, PLACES)
     with showing_progress("payload") as progress:

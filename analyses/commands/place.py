@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analyses.commands.options import (
+from wrenchsight.analyses.commands.options import (
     Out,
     Quick,
     RobotName,
@@ -15,11 +15,11 @@ from analyses.commands.options import (
     on_command_line,
     settled,
 )
-from analyses.methods.planning.place_settings import PlaceSettings
-from analyses.output.console import new_console, new_table, say, showing_progress
+from wrenchsight.analyses.methods.planning.place_settings import PlaceSettings
+from wrenchsight.analyses.output.console import new_console, new_table, say, showing_progress
 
 if TYPE_CHECKING:
-    from analyses.methods.planning.placement import PlacementResult
+    from wrenchsight.analyses.methods.planning.placement import PlacementResult
 
 ORDER = 70
 DEFAULTS = PlaceSettings()
@@ -57,7 +57,7 @@ def command(
     out: Out = Path("out/place"),
 ) -> None:
     """Find where a straight path belongs, and how the arm should stand along it."""
-    from analyses.methods.planning.placement import place_task
+    from wrenchsight.analyses.methods.planning.placement import place_task
 
     settings = settled(ctx, PlaceSettings, PLACES)
     logging.getLogger("drake").setLevel(logging.WARNING)

@@ -6,12 +6,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analyses.commands.options import Out, RobotName, config_option, on_command_line, settled
-from analyses.methods.planning.redundancy_task import RedundancySettings
-from analyses.output.console import new_console, new_table, say, showing_progress
+from wrenchsight.analyses.commands.options import (
+    Out,
+    RobotName,
+    config_option,
+    on_command_line,
+    settled,
+)
+from wrenchsight.analyses.methods.planning.redundancy_task import RedundancySettings
+from wrenchsight.analyses.output.console import new_console, new_table, say, showing_progress
 
 if TYPE_CHECKING:
-    from analyses.methods.planning.redundancy import RedundancyResult
+    from wrenchsight.analyses.methods.planning.redundancy import RedundancyResult
 
 ORDER = 80
 DEFAULTS = RedundancySettings()
@@ -26,7 +32,7 @@ def command(
     out: Out = Path("out/redundancy"),
 ) -> None:
     """Choose the free angle about the normal, and the branch, along a path on a surface."""
-    from analyses.methods.planning.redundancy_results import redundancy
+    from wrenchsight.analyses.methods.planning.redundancy_results import redundancy
 
     settings = settled(ctx, RedundancySettings, PLACES)
     logging.getLogger("drake").setLevel(logging.WARNING)

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analyses.output.console import new_console, new_table, say
-from analyses.output.marked_page import refuse_unmarked, write_marked
-from models.files.input_error import InputError
+from wrenchsight.analyses.output.console import new_console, new_table, say
+from wrenchsight.analyses.output.marked_page import refuse_unmarked, write_marked
+from wrenchsight.models.files.input_error import InputError
 
 if TYPE_CHECKING:
-    from models.robot.robot import Robot
+    from wrenchsight.models.robot.robot import Robot
 
 ORDER = 5
 
@@ -40,7 +40,7 @@ def command(
         return
     if robot is not None:
         raise InputError(robot, "", "is one argument too many", "write `robot URDF`")
-    from analyses.methods.arms.robot_draft import FILL_IN, draft_robot
+    from wrenchsight.analyses.methods.arms.robot_draft import FILL_IN, draft_robot
 
     path = out or Path("robot.yaml")
     drafted, places = draft_robot(Path(source), path, base, flange)
@@ -52,8 +52,8 @@ def command(
 def _show(name: str, out: Path) -> None:
     from pydrake.geometry import Meshcat
 
-    from diagrams.pages.arm_picture import ArmPicture
-    from models.robot.robot import Robot
+    from wrenchsight.diagrams.pages.arm_picture import ArmPicture
+    from wrenchsight.models.robot.robot import Robot
 
     refuse_unmarked(out)
     # Drake prints Meshcat's address, which is gone before anyone could open it; what it says of a

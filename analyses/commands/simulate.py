@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analyses.commands.options import (
+from wrenchsight.analyses.commands.options import (
     Out,
     Quick,
     Truth,
@@ -14,11 +14,11 @@ from analyses.commands.options import (
     on_command_line,
     settled,
 )
-from analyses.methods.runs.simulate_settings import SimulateSettings
-from analyses.output.console import new_console, new_table, say, showing_progress
+from wrenchsight.analyses.methods.runs.simulate_settings import SimulateSettings
+from wrenchsight.analyses.output.console import new_console, new_table, say, showing_progress
 
 if TYPE_CHECKING:
-    from analyses.methods.runs.simulation import SimulationResult
+    from wrenchsight.analyses.methods.runs.simulation import SimulationResult
 
 ORDER = 40
 DEFAULTS = SimulateSettings()
@@ -76,7 +76,7 @@ def command(
     out: Out = Path("out/simulate"),
 ) -> None:
     """Simulate an arm, what acts on it, and what the estimator reads from its currents."""
-    from analyses.methods.runs.simulation import simulate_scenario
+    from wrenchsight.analyses.methods.runs.simulation import simulate_scenario
 
     settings = settled(ctx, SimulateSettings, PLACES)
     if name is not None:

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analyses.commands.options import Data, Out, Quick, Seed, Truth
-from analyses.output.console import new_console, new_table, plain_text, say
+from wrenchsight.analyses.commands.options import Data, Out, Quick, Seed, Truth
+from wrenchsight.analyses.output.console import new_console, new_table, plain_text, say
 
 if TYPE_CHECKING:
-    from analyses.study.outcome import StudyResult
+    from wrenchsight.analyses.study.outcome import StudyResult
 
 ORDER = 10
 
@@ -41,9 +41,9 @@ def command(
     What is finished is kept: after an interruption, run the same again to go on. An experiment runs
     anew when something that its result depends on has changed: options, software, recordings.
     """
-    from analyses.output.progress import ProgressDisplay
-    from analyses.study.registry import REGISTRY
-    from analyses.study.study import available_cores, check_names, run_study
+    from wrenchsight.analyses.output.progress import ProgressDisplay
+    from wrenchsight.analyses.study.registry import REGISTRY
+    from wrenchsight.analyses.study.study import available_cores, check_names, run_study
 
     if list_names:
         sys.stdout.write("\n".join(REGISTRY.entries()) + "\n")
@@ -69,7 +69,7 @@ def command(
 def _print(result: "StudyResult") -> None:
     from rich.padding import Padding
 
-    from analyses.study.report import comparisons
+    from wrenchsight.analyses.study.report import comparisons
 
     table = new_table("", "article", "here")
     for outcome in result.outcomes:

@@ -7,8 +7,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from analyses.output.compilation import on_first_compilation
-from analyses.output.progress import Progress, ProgressDisplay
+from wrenchsight.analyses.output.compilation import on_first_compilation
+from wrenchsight.analyses.output.progress import Progress, ProgressDisplay
 
 
 def new_console(stderr: bool = False) -> Console:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from models.files.whole_file import whole_file, writing_to
+from wrenchsight.models.files.whole_file import whole_file, writing_to
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

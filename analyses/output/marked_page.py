@@ -11,8 +11,8 @@ import stat
 from pathlib import Path
 from typing import Final
 
-from models.files.input_error import InputError
-from models.files.whole_file import whole_file, writing_to
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.whole_file import whole_file, writing_to
 
 _MARK: Final = "<!-- written by wrenchsight; SHA-256 of what is above: {} -->\n"
 _REMEDY: Final = "name another file with --out, or move it away"

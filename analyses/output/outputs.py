@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
-from analyses.output.figures import save_figure
-from models.files.input_error import InputError
-from models.files.whole_file import whole_file, writing_to
+from wrenchsight.analyses.output.figures import save_figure
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.whole_file import whole_file, writing_to
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

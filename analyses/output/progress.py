@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import TYPE_CHECKING, Literal, Self
 
-from analyses.output.compilation import ANNOUNCEMENT
+from wrenchsight.analyses.output.compilation import ANNOUNCEMENT
 
 if TYPE_CHECKING:
     import rich.progress

@@ -15,9 +15,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
-from analyses.output.interruption import uninterrupted
-from analyses.output.outputs import OutputFolder
-from analyses.output.result_marker import (
+from wrenchsight.analyses.output.interruption import uninterrupted
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.result_marker import (
     MARKER,
     ResultMarker,
     Stranger,
@@ -26,10 +26,10 @@ from analyses.output.result_marker import (
     strangers,
     visible_files,
 )
-from analyses.output.sole_writer import sole_writer
-from models.files.files_read import told_of_files_read
-from models.files.input_error import InputError
-from models.files.whole_file import writing_to
+from wrenchsight.analyses.output.sole_writer import sole_writer
+from wrenchsight.models.files.files_read import told_of_files_read
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.whole_file import writing_to
 
 STAGING: Final = ".wrenchsight.partial"
 _NEW: Final = "new"

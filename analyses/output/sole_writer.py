@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from models.files.input_error import InputError
-from models.files.whole_file import writing_to
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.whole_file import writing_to
 
 LOCK = ".lock"
 _FLAGS = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from models.arrays import Array
+from wrenchsight.models.arrays import Array
 
 
 class EvenSample:

@@ -11,7 +11,7 @@ def page_templates() -> "Environment":
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     return Environment(
-        loader=PackageLoader("analyses", "templates"),
+        loader=PackageLoader("wrenchsight.analyses", "templates"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

@@ -15,8 +15,8 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-from analyses.study.report import comparisons, number
-from models.files.input_error import InputError
+from wrenchsight.analyses.study.report import comparisons, number
+from wrenchsight.models.files.input_error import InputError
 
 AT_THE_EDGE = 1e-7  # relative; printed digits that so little turns over are the same
 _SECONDS = re.compile(r"\d+(\.\d+)?( to \d+(\.\d+)?)? s\b")

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from models.robot.robot import Robot
+    from wrenchsight.models.robot.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class ExperimentContext:
         None
     )  # 0..1, and what is done now
     draws: bool = True  # whether anybody looks at figures and recordings; else none are needed
-    truth: str = "own"  # of simulated arms, one of models.robot.truth_config.TRUTHS
+    truth: str = "own"  # of simulated arms, one of wrenchsight.models.robot.truth_config.TRUTHS
     world: Callable[["Robot"], "Robot"] = lambda robot: robot  # another draw of that truth
     fastest_feed: bool = False  # of several feeds the fastest alone; the others' figures are NaN
 
@@ -36,8 +36,8 @@ class ExperimentContext:
             InputError: see `Robot.load`.
         """
         # Drake: a list of experiments does without it.
-        from models.robot.robot import Robot
-        from models.truth.true_robot import with_truth_named
+        from wrenchsight.models.robot.robot import Robot
+        from wrenchsight.models.truth.true_robot import with_truth_named
 
         return self.world(with_truth_named(Robot.load(name), self.truth))
 
@@ -84,7 +84,7 @@ class Experiment:
 
     A module's `EXPERIMENT = Experiment(...)` is all that a study knows of it; `order`, `seconds`,
     `readme` and the texts are read without importing the module, and must be literals there (see
-    `analyses.study.registry`).
+    `wrenchsight.analyses.study.registry`).
     """
 
     name: str  # on the command line, in metrics.json and in the report

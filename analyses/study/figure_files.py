@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from analyses.output.figures import save_figure
-from analyses.study.experiment import FigureFile
+from wrenchsight.analyses.output.figures import save_figure
+from wrenchsight.analyses.study.experiment import FigureFile
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -23,7 +23,8 @@ PACKAGES: Final = ("models", "systems", "diagrams", "analyses")
 LIBRARIES: Final = ("drake", "EAIK", "matplotlib", "numba", "numpy", "pyarrow", "scipy", "torch")
 ROOT: Final = Path(__file__).resolve().parents[2]  # holds the four packages
 # The runner makes the context and stores the result: no experiment imports it, all depend on it.
-_RUNNER: Final = ("analyses.study.study", "analyses.study.stored_result")
+_RUNNER: Final = ("wrenchsight.analyses.study.study", "wrenchsight.analyses.study.stored_result")
+_NAME: Final = "wrenchsight"
 _REPORT: Final = "templates"  # folder of what only the report uses
 _BLOCK: Final = 1 << 20  # bytes
 
@@ -157,9 +158,9 @@ def _files_of(module: str) -> list[Path]:
     """Returns the file of a module of the four packages and its packages' own; or of any `module`
     that is looked up by name and lies outside.
     """
-    parts = module.split(".")
-    if parts[0] not in PACKAGES:
-        spec = find_spec(parts[0])
+    first, *parts = module.split(".")
+    if first != _NAME:
+        spec = find_spec(first)
         return [Path(spec.origin)] if spec is not None and spec.origin is not None else []
     files = []
     for depth in range(1, len(parts) + 1):
@@ -185,7 +186,7 @@ def _imported(file: Path, changed: int) -> frozenset[str]:
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module is not None and node.level == 0:
             names |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return frozenset(name for name in names if name.split(".")[0] in PACKAGES)
+    return frozenset(name for name in names if name.startswith(f"{_NAME}."))
 
 
 def _label(file: Path) -> str:

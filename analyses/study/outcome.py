@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from analyses.output.progress import State
+from wrenchsight.analyses.output.progress import State
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class StudySettings:
     seed: int
     quick: bool
     version: str  # of the software
-    truth: str = "own"  # of simulated arms, one of models.robot.truth_config.TRUTHS
+    truth: str = "own"  # of simulated arms, one of wrenchsight.models.robot.truth_config.TRUTHS
 
     @property
     def of_results(self) -> dict[str, Any]:

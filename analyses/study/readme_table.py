@@ -1,7 +1,7 @@
 """Fills the README's table "article / here" from a study's and a campaign's results.
 
-    python -m analyses.study.readme_table [STUDY_FOLDER] [README] [CAMPAIGN_FOLDER...]
-    python -m analyses.study.readme_table --campaign README CAMPAIGN_FOLDER...
+    python -m wrenchsight.analyses.study.readme_table [STUDY_FOLDER] [README] [CAMPAIGN_FOLDER...]
+    python -m wrenchsight.analyses.study.readme_table --campaign README CAMPAIGN_FOLDER...
 
 writes the figures of a study's report into docs/results.json beside the README and those of
 campaigns (by default of `campaign` beside the study), where there are any, into docs/campaign.json;
@@ -21,12 +21,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from analyses.output.outputs import OutputFolder, json_text
-from analyses.study.outcome import look_up
-from analyses.study.registry import REGISTRY
-from analyses.study.report import comparisons, number
-from models.files.input_error import InputError
-from models.files.whole_file import whole_file
+from wrenchsight.analyses.output.outputs import OutputFolder, json_text
+from wrenchsight.analyses.study.outcome import look_up
+from wrenchsight.analyses.study.registry import REGISTRY
+from wrenchsight.analyses.study.report import comparisons, number
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.whole_file import whole_file
 
 BEGIN: Final = "<!-- results: begin -->"
 END: Final = "<!-- results: end -->"

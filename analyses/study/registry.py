@@ -4,7 +4,7 @@ An experiment is a module with `EXPERIMENT = Experiment(name=..., title=..., run
 of experiments needs (ENTRY_FIELDS) is read off that statement without importing the module, so that
 it imports neither Drake nor numba: these arguments must be literals.
 
-    modules below analyses.experiments               are found by themselves
+    modules below wrenchsight.analyses.experiments               are found by themselves
     entry points of the group wrenchsight.experiments   of installed packages name a module each
     registered("my_package.my_experiment")           adds a module for as long as a block lasts
 
@@ -23,8 +23,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
-from analyses.study.experiment import Experiment
-from models.files.input_error import InputError
+from wrenchsight.analyses.study.experiment import Experiment
+from wrenchsight.models.files.input_error import InputError
 
 ENTRY_POINTS: Final = "wrenchsight.experiments"
 _STATEMENT: Final = "EXPERIMENT"
@@ -162,4 +162,4 @@ def _literals(path: Path, changed: int) -> Mapping[str, Any]:
         raise ValueError(f"{path}: of its {_STATEMENT}, {fields} must be literals") from None
 
 
-REGISTRY: Final = ExperimentRegistry(["analyses.experiments"], ENTRY_POINTS)
+REGISTRY: Final = ExperimentRegistry(["wrenchsight.analyses.experiments"], ENTRY_POINTS)

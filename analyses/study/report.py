@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import quote
 
-from analyses.output.figures import DOTS_PER_INCH
-from analyses.output.outputs import NOT_FINITE, OutputFolder
-from analyses.output.templates import page_templates
-from analyses.study.outcome import Outcome, StudySettings, look_up
+from wrenchsight.analyses.output.figures import DOTS_PER_INCH
+from wrenchsight.analyses.output.outputs import NOT_FINITE, OutputFolder
+from wrenchsight.analyses.output.templates import page_templates
+from wrenchsight.analyses.study.outcome import Outcome, StudySettings, look_up
 
 if TYPE_CHECKING:
     from markupsafe import Markup

@@ -20,7 +20,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from models.files.whole_file import whole_file
+from wrenchsight.models.files.whole_file import whole_file
 
 Result = TypeVar("Result")
 

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from analyses.output.outputs import OutputFolder, plain, plain_metrics
-from analyses.study.experiment import Experiment, ExperimentResult
-from analyses.study.fingerprint import Fingerprint, file_hash
-from analyses.study.outcome import look_up
-from analyses.study.study_folder import mark_experiment
+from wrenchsight.analyses.output.outputs import OutputFolder, plain, plain_metrics
+from wrenchsight.analyses.study.experiment import Experiment, ExperimentResult
+from wrenchsight.analyses.study.fingerprint import Fingerprint, file_hash
+from wrenchsight.analyses.study.outcome import look_up
+from wrenchsight.analyses.study.study_folder import mark_experiment
 
 CHECKSUMS: Final = "checksums.sha256"
 _FORMAT: Final = 3  # of result.json; another one is not read back

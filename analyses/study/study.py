@@ -27,22 +27,22 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any, Final
 
-from analyses.output.compilation import on_first_compilation
-from analyses.output.interruption import ends_are_interrupts, uninterrupted
-from analyses.output.outputs import OutputFolder, json_text, plain
-from analyses.output.progress import Progress, State
-from analyses.output.sole_writer import sole_writer
-from analyses.study.experiment import Experiment, ExperimentContext
-from analyses.study.fingerprint import difference, fingerprint, software_hash
-from analyses.study.outcome import Outcome, StudyResult, StudySettings
-from analyses.study.registry import REGISTRY
-from analyses.study.report import write_report
-from analyses.study.shared_results import sharing_in
-from analyses.study.stored_result import DamagedResultError, read_result, write_result
-from analyses.study.study_folder import FAILURES, SET_ASIDE, StudyFolder
-from models.files.input_error import InputError
-from models.files.whole_file import writing_to
-from models.robot.truth_config import TRUTHS
+from wrenchsight.analyses.output.compilation import on_first_compilation
+from wrenchsight.analyses.output.interruption import ends_are_interrupts, uninterrupted
+from wrenchsight.analyses.output.outputs import OutputFolder, json_text, plain
+from wrenchsight.analyses.output.progress import Progress, State
+from wrenchsight.analyses.output.sole_writer import sole_writer
+from wrenchsight.analyses.study.experiment import Experiment, ExperimentContext
+from wrenchsight.analyses.study.fingerprint import difference, fingerprint, software_hash
+from wrenchsight.analyses.study.outcome import Outcome, StudyResult, StudySettings
+from wrenchsight.analyses.study.registry import REGISTRY
+from wrenchsight.analyses.study.report import write_report
+from wrenchsight.analyses.study.shared_results import sharing_in
+from wrenchsight.analyses.study.stored_result import DamagedResultError, read_result, write_result
+from wrenchsight.analyses.study.study_folder import FAILURES, SET_ASIDE, StudyFolder
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.whole_file import writing_to
+from wrenchsight.models.robot.truth_config import TRUTHS
 
 _SHARED: Final = ".shared.partial"  # folder of what experiments have in common
 _ENDS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -76,12 +76,12 @@ def run_study(
     An experiment that fails leaves out/failures/<name>.txt and does not stop the others.
 
     Args:
-        names: experiments to run; empty means all of `analyses.study.registry`.
+        names: experiments to run; empty means all of `wrenchsight.analyses.study.registry`.
         out: folder of the study; made if absent.
         data: folder of the real recordings; experiments that need an absent one are skipped.
         seed: of every random number.
         quick: whether experiments run shorter and coarser.
-        truth: of simulated arms, one of `models.robot.truth_config.TRUTHS`.
+        truth: of simulated arms, one of `wrenchsight.models.robot.truth_config.TRUTHS`.
         jobs: processes side by side, at least 1.
         fresh: whether to run also what has a whole result.
         watch: called in this process at every step of every experiment.

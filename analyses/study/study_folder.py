@@ -12,9 +12,14 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
-from analyses.output.outputs import OutputFolder, recover_folder, replace_folder
-from analyses.output.result_folder import discard_staging, recover, refuse_strangers, staged
-from analyses.output.result_marker import (
+from wrenchsight.analyses.output.outputs import OutputFolder, recover_folder, replace_folder
+from wrenchsight.analyses.output.result_folder import (
+    discard_staging,
+    recover,
+    refuse_strangers,
+    staged,
+)
+from wrenchsight.analyses.output.result_marker import (
     MARKER,
     ResultMarker,
     file_checksum,
@@ -22,8 +27,8 @@ from analyses.output.result_marker import (
     strangers,
     visible_files,
 )
-from models.files.input_error import InputError
-from models.files.whole_file import writing_to
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.whole_file import writing_to
 
 COMMAND: Final = "study"
 SUMMARY: Final = ("metrics.json", "timings.json", "report.html")

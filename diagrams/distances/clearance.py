@@ -12,10 +12,10 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
 from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.framework import DiagramBuilder
 
-from diagrams.scenario import BladeConfig, PlateConfig
-from diagrams.workpiece import add_blade, add_plate
-from models.arrays import Array
-from models.robot.robot import Robot
+from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig
+from wrenchsight.diagrams.workpiece import add_blade, add_plate
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.robot.robot import Robot
 
 INFLUENCE = 0.12  # m, beyond which a pair of shapes does not count
 SHARPNESS = 400.0  # 1/m, of the smooth minimum: 2 mm below the true one for two equal pairs

@@ -5,14 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from diagrams.distances.placement_cell import FLOOR, PlacementCell
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.motion.inverse_kinematics import follow_path
-from models.placement.placement_program import Placement
-from models.placement.placement_task import ClearanceConfig, ObstacleConfig
-from models.robot.robot import Robot
-from models.robot.robot_config import PoseConfig
+from wrenchsight.diagrams.distances.placement_cell import FLOOR, PlacementCell
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.motion.inverse_kinematics import follow_path
+from wrenchsight.models.placement.placement_program import Placement
+from wrenchsight.models.placement.placement_task import ClearanceConfig, ObstacleConfig
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import PoseConfig
 
 APPROACH = 0.05  # m, that E comes and goes along its z axis at both ends of a path
 _STEPS = 5  # postures of each

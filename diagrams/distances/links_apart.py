@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from diagrams.distances.clearance import workpiece_distances
-from diagrams.distances.machining_way import postures_of_pass
-from diagrams.scenario import PlateConfig, Scenario
-from models.files.input_error import InputError
-from models.machining.machining_path import MachiningPath
-from models.robot.robot import Robot
+from wrenchsight.diagrams.distances.clearance import workpiece_distances
+from wrenchsight.diagrams.distances.machining_way import postures_of_pass
+from wrenchsight.diagrams.scenario import PlateConfig, Scenario
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.machining.machining_path import MachiningPath
+from wrenchsight.models.robot.robot import Robot
 
 # Far more than the arm strays from its way, and moves between two postures that are looked at.
 KEPT = 0.05  # m

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from diagrams.distances.clearance import Clearance, ClosestPair
-from diagrams.distances.coming_and_going import moved_along
-from diagrams.scenario import BladeConfig, PlateConfig
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.machining.machining_path import MachiningPath
-from models.machining.machining_phases import PhasesConfig
-from models.robot.robot import Robot
+from wrenchsight.diagrams.distances.clearance import Clearance, ClosestPair
+from wrenchsight.diagrams.distances.coming_and_going import moved_along
+from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.machining.machining_path import MachiningPath
+from wrenchsight.models.machining.machining_phases import PhasesConfig
+from wrenchsight.models.robot.robot import Robot
 
 _POSTURES = 60  # of the pass
 

@@ -22,12 +22,12 @@ from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, Multibody
 from pydrake.multibody.tree import SpatialInertia, UnitInertia
 from pydrake.systems.framework import DiagramBuilder
 
-from models.arrays import Array
-from models.placement.placement_descent import PlacementBatch
-from models.placement.placement_program import quaternion_from, rotation_of
-from models.placement.placement_task import ClearanceConfig, ObstacleConfig
-from models.robot.robot import Robot
-from models.robot.robot_config import pose_of
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.placement.placement_descent import PlacementBatch
+from wrenchsight.models.placement.placement_program import quaternion_from, rotation_of
+from wrenchsight.models.placement.placement_task import ClearanceConfig, ObstacleConfig
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import pose_of
 
 _TOUCHING = 1e-3  # m from E within which a shape of the tool counts as the one that works
 _INFLUENCE = 0.04  # m beyond the distance to keep, where the smooth margin begins to fall

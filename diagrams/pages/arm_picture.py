@@ -8,8 +8,8 @@ from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
-from models.arrays import Array
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.robot.robot import Robot
 
 
 class ArmPicture:

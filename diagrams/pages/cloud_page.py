@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 from pydrake.perception import BaseField, Fields, PointCloud
 
-from diagrams.pages.arm_picture import ArmPicture, colour_scale, scale_legend
-from diagrams.pages.run_page import make_meshcat, start_animation, write_page
-from models.arrays import Array
-from models.robot.robot import Robot
+from wrenchsight.diagrams.pages.arm_picture import ArmPicture, colour_scale, scale_legend
+from wrenchsight.diagrams.pages.run_page import make_meshcat, start_animation, write_page
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.robot.robot import Robot
 
 
 def write_cloud_page(

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from diagrams.pages.arm_picture import ArmPicture
-from diagrams.pages.run_page import make_meshcat, start_animation, write_page
-from models.motion.paths import JointTrajectory
-from models.robot.robot import Robot
+from wrenchsight.diagrams.pages.arm_picture import ArmPicture
+from wrenchsight.diagrams.pages.run_page import make_meshcat, start_animation, write_page
+from wrenchsight.models.motion.paths import JointTrajectory
+from wrenchsight.models.robot.robot import Robot
 
 
 def write_motion_page(

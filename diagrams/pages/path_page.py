@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat, Rgba
 
-from diagrams.pages.arm_picture import ArmPicture, colour_scale, scale_legend
-from diagrams.pages.run_page import make_meshcat, start_animation, write_page
-from models.arrays import Array
-from models.robot.robot import Robot
+from wrenchsight.diagrams.pages.arm_picture import ArmPicture, colour_scale, scale_legend
+from wrenchsight.diagrams.pages.run_page import make_meshcat, start_animation, write_page
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.robot.robot import Robot
 
 _RADIUS = 0.006  # m, of the tube along the path
 _AROUND = 8  # its corners

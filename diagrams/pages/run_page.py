@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
-from models.files.whole_file import whole_file
-from models.robot.robot import Robot
-from systems.wrench_arrows import ArrowStyle, WrenchArrows
+from wrenchsight.models.files.whole_file import whole_file
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.systems.wrench_arrows import ArrowStyle, WrenchArrows
 
 # The same as in the figures: the truth is black, the estimate blue.
 FORCE_ARROWS: dict[str, ArrowStyle] = {

@@ -4,12 +4,12 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Demultiplexer, Saturation
 
-from diagrams.current_sensor import export_measured_current
-from diagrams.scenario import Scenario
-from models.robot.robot import Robot, RobotInPlant
-from models.truth.joint_kernels import SIGNALS
-from models.truth.true_joints import TrueJoints
-from systems.truth.true_joints import TrueJointsSystem
+from wrenchsight.diagrams.current_sensor import export_measured_current
+from wrenchsight.diagrams.scenario import Scenario
+from wrenchsight.models.robot.robot import Robot, RobotInPlant
+from wrenchsight.models.truth.joint_kernels import SIGNALS
+from wrenchsight.models.truth.true_joints import TrueJoints
+from wrenchsight.systems.truth.true_joints import TrueJointsSystem
 
 
 def hard_joints(scenario: Scenario, robot: Robot) -> TrueJoints | None:

@@ -4,9 +4,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer, Saturation
 
-from models.robot.robot import Robot, RobotInPlant
-from systems.truth.environment_truth import EnvironmentTruth
-from systems.truth.machined_arm import MachinedArm
+from wrenchsight.models.robot.robot import Robot, RobotInPlant
+from wrenchsight.systems.truth.environment_truth import EnvironmentTruth
+from wrenchsight.systems.truth.machined_arm import MachinedArm
 
 
 def add_machined_arm(

@@ -19,10 +19,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.calibration.friction_refresh import FrictionDrift, refresh_friction
-from models.calibration.residual_noise import ResidualNoise, ResidualRows
-from models.friction.sliding_friction import TERMS
-from models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.calibration.friction_refresh import FrictionDrift, refresh_friction
+from wrenchsight.models.calibration.residual_noise import ResidualNoise, ResidualRows
+from wrenchsight.models.friction.sliding_friction import TERMS
+from wrenchsight.models.friction.velocity_friction import CoulombViscous
 
 CLEAR = 4.0  # standard errors; 12 coefficients of six joints: a false alarm in 1300 logs
 UNEXPLAINED = 3.0  # times the residual that the model states

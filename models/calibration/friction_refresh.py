@@ -2,7 +2,7 @@
 
 Over weeks a friction law's shape, a gear's load dependence and the links' masses stay the same; the
 viscous part changes by tens of per cent. The three coefficients of each joint are found from
-the residual of the known model by generalised least squares (`models.identification.
+the residual of the known model by generalised least squares (`wrenchsight.models.identification.
 residual_noise`), with the old values as a prior. The prior's width is how much friction changes
 from one month to another, so a joint that hardly moves keeps its numbers, and its standard errors
 say so.
@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.arrays import Array
-from models.calibration.prior_least_squares import fit_with_prior
-from models.calibration.residual_noise import ResidualNoise, ResidualRows
-from models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.calibration.prior_least_squares import fit_with_prior
+from wrenchsight.models.calibration.residual_noise import ResidualNoise, ResidualRows
+from wrenchsight.models.friction.velocity_friction import CoulombViscous
 
 
 @dataclass(frozen=True)

@@ -21,16 +21,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from models.arrays import Array
-from models.calibration.friction_refresh import FrictionDrift
-from models.calibration.load_identification import REACH
-from models.calibration.load_parameters import body_parameters, load_columns
-from models.calibration.prior_least_squares import PriorFit, fit_with_prior
-from models.calibration.residual_noise import ResidualNoise, ResidualRows
-from models.friction.friction_structure import FrictionStructure
-from models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
-from models.identification.torque_regression import parameter_prior, split_terms
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.calibration.friction_refresh import FrictionDrift
+from wrenchsight.models.calibration.load_identification import REACH
+from wrenchsight.models.calibration.load_parameters import body_parameters, load_columns
+from wrenchsight.models.calibration.prior_least_squares import PriorFit, fit_with_prior
+from wrenchsight.models.calibration.residual_noise import ResidualNoise, ResidualRows
+from wrenchsight.models.friction.friction_structure import FrictionStructure
+from wrenchsight.models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
+from wrenchsight.models.identification.torque_regression import parameter_prior, split_terms
+from wrenchsight.models.robot.robot import Robot
 
 GAIN_SD = 0.3  # of u before any log: torque per ampere right within a third
 LOAD_DEPENDENCE_SD = 0.1  # N m of friction per N m
@@ -98,7 +98,7 @@ class GainCalibration:
         ratio: (n,) true over stated torque per ampere.
         log_covariance: (n, n) of its logarithm.
         x: all parameters of arm and friction, in true torque, as
-            `models.identification.torque_regression`.
+            `wrenchsight.models.identification.torque_regression`.
         standard_deviation: of x.
         structure: of the friction.
         loads: (l, 10) parameters of the loads in the flange's frame.

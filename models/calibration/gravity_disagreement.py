@@ -20,8 +20,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.arrays import Array, Flags
-from models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
 LEAST_TILT = math.radians(1.5)
 SAME_LENGTH = 0.04  # relative; a hand-held push or a load breaks it

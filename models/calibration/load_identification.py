@@ -17,16 +17,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from models.arrays import Array
-from models.calibration.friction_refresh import FrictionDrift
-from models.calibration.load_parameters import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.calibration.friction_refresh import FrictionDrift
+from wrenchsight.models.calibration.load_parameters import (
     inertia_matrix,
     moved_parameters,
     realisable_inertia,
 )
-from models.calibration.prior_least_squares import fit_with_prior
-from models.calibration.residual_noise import ResidualNoise, ResidualRows
-from models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.calibration.prior_least_squares import fit_with_prior
+from wrenchsight.models.calibration.residual_noise import ResidualNoise, ResidualRows
+from wrenchsight.models.friction.velocity_friction import CoulombViscous
 
 REACH = 0.3  # m, of a centre of mass from the flange: sd of the first solution's prior
 # Radius of gyration of a load of 1 kg, m; others have the same density. A ball of this radius of

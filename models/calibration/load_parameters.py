@@ -7,10 +7,10 @@ physical_consistency`): P' = X P X^T with X the homogeneous pose of the old fram
 
 import numpy as np
 
-from models.arrays import Array
-from models.identification.physical_consistency import pseudo_inertia
-from models.robot.robot import Robot
-from models.robot.robot_config import pose_of
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.identification.physical_consistency import pseudo_inertia
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import pose_of
 
 _TENSOR = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # places of the last six parameters
 

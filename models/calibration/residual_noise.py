@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
-from models.arrays import Array
+from wrenchsight.models.arrays import Array
 
 V_REST = 0.01  # rad/s (m/s), below which a joint may rest
 BLOCK = 600  # rows that are taken as dependent; at 10 Hz a minute, far beyond any correlation

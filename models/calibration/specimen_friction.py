@@ -24,9 +24,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from models.arrays import Array
-from models.friction.presliding_friction import PreslidingFriction
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 
 _ROUNDS = 20  # of reweighting; the weights settle within five
 _NORMAL_MAD = 1.4826  # sd of a normal distribution over its median absolute deviation

@@ -39,7 +39,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from models.arrays import Array, Flags
+from wrenchsight.models.arrays import Array, Flags
 
 SIGMA_95 = 1.959963984540054
 _NORMAL, _ACROSS, _MOMENTS, _WRENCH = 0, slice(1, 3), slice(3, 6), 6

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.arrays import Array, Flags
-from models.contact.contact_force import TorqueBlocks
-from models.friction.presliding_friction import PreslidingFriction
-from models.friction.sliding_level import sliding_level, sliding_torque, slip_sides
-from models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.contact.contact_force import TorqueBlocks
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.sliding_level import sliding_level, sliding_torque, slip_sides
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
 LOAD_TIME = 0.1  # s
 LEAST_PART = 3  # samples of a stretch with a known motion, for its acceleration

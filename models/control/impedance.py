@@ -12,14 +12,14 @@ Groups 2, eqs. 10.85, 10.86).
 """
 
 import numpy as np
-from numba import njit
 
-from models.arrays import Array
-from models.control.joint_tracking import friction_feedforward
-from models.rigid_body.rotations import rotation_vector
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.control.joint_tracking import friction_feedforward
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.rigid_body.rotations import rotation_vector
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _left_jacobian_inverse(e: Array, sign: float, out: Array) -> None:
     # 1 - sign/2 [e]x + c [e]x^2; sign -1 gives the right Jacobian's inverse
     theta2 = e[0] * e[0] + e[1] * e[1] + e[2] * e[2]
@@ -41,7 +41,7 @@ def _left_jacobian_inverse(e: Array, sign: float, out: Array) -> None:
     out[2, 1] -= h * e[0]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def pose_error(in_E: bool, R_WE: Array, p_WE: Array, R_WD: Array, p_WD: Array, out: Array) -> None:
     """Writes e (6,), rotation first: from D to E, in axes of E or of W (rad, m)."""
     R = np.empty((3, 3))
@@ -62,7 +62,7 @@ def pose_error(in_E: bool, R_WE: Array, p_WE: Array, R_WD: Array, p_WD: Array, o
             out[3 + i] = p_WE[i] - p_WD[i]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def impedance_wrench(
     in_E: bool,
     stiffness: Array,
@@ -134,7 +134,7 @@ def impedance_wrench(
         wrench[3 + k] = spring[3 + k] - along * free_direction[k] + damper[3 + k]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _to_world(R_WE: Array, wrench: Array) -> None:
     old = wrench.copy()
     for part in (0, 3):
@@ -144,7 +144,7 @@ def _to_world(R_WE: Array, wrench: Array) -> None:
                 wrench[part + i] += R_WE[i, k] * old[part + k]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def impedance_torque(
     effort_limit: Array,
     null_space_damping: float,
@@ -193,7 +193,7 @@ def impedance_torque(
         tau[i] = min(max(tau[i], -effort_limit[i]), effort_limit[i])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def impedance_action(
     in_E: bool,
     stiffness: Array,

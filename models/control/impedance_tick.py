@@ -1,13 +1,12 @@
 """The impedance controller for one tick, with what it reads in few arrays."""
 
-from numba import njit
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.control.impedance import impedance_action
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.rigid_body.flat_terms import flat_motion
 
-from models.arrays import Array
-from models.control.impedance import impedance_action
-from models.rigid_body.flat_terms import flat_motion
 
-
-@njit(cache=True, error_model="numpy")
+@kernel
 def impedance_tick(
     in_E: bool,
     stiffness: Array,

@@ -1,13 +1,13 @@
 """The joint tracking law: feed-forward of a rigid-body model, and feedback of the error."""
 
 import numpy as np
-from numba import njit
 
-from models.arrays import Array
-from models.friction.velocity_friction import friction_torque
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.friction.velocity_friction import friction_torque
+from wrenchsight.models.kernel import kernel
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def friction_feedforward(table: Array, v_d: Array, velocity: float, out: Array) -> None:
     """Writes the friction torque (n,) of a motion at v_d (n,): the law, faded out around rest.
 
@@ -22,7 +22,7 @@ def friction_feedforward(table: Array, v_d: Array, velocity: float, out: Array) 
         out[i] *= abs(v_d[i]) / np.sqrt(v_d[i] * v_d[i] + velocity * velocity)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def tracking_torque(
     computed: bool,
     gains: Array,
@@ -69,7 +69,7 @@ def tracking_torque(
         tau[i] = min(max(tau[i], -effort_limit[i]), effort_limit[i])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def advance_integral(
     time_step: float,
     gains: Array,

@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 from typing import Union
 
 import numpy as np
-from numba import njit
 
-from models.arrays import Array
-from models.files.input_error import InputError
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.kernel import kernel
 
 _STEP, _RAMP, _SINE, _PUSH = 0.0, 1.0, 2.0, 3.0
 _NUM_TONES = 24  # enough for a nearly Gaussian amplitude; few enough for one microsecond a sample
@@ -79,7 +79,7 @@ class HandPush:
 WrenchSegment = Union[WrenchStep, WrenchRamp, WrenchSine, HandPush]  # noqa: UP007 (yaml_load_typed)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def sample_script(table: Array, tones: Array, t: float, out: Array) -> None:
     """The wrench (6,) of a script's `table` and `tones` at time t, into `out`."""
     # table rows: kind, start, end, rise or frequency or fade, phase or first tone, 6 amplitudes,

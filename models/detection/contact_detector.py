@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from models.arrays import Array, Flags
-from models.detection.contact_statistic import (
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.detection.contact_statistic import (
     CHANGE,
     CHANGE_LEVEL,
     CONTACT,
@@ -44,19 +44,19 @@ from models.detection.contact_statistic import (
     state_rows,
     white_log,
 )
-from models.estimation.estimator import EstimateBatch, WrenchEstimator
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.friction.friction_law import FrictionLaw
-from models.identification.contact_noise import ContactNoise
-from models.identification.identified_model import IdentifiedModel
-from models.identification.torque_error_model import (
+from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimator
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.models.identification.contact_noise import ContactNoise
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.identification.torque_error_model import (
     NUM_FEATURES,
     TORQUE_ERROR_ROWS,
     TorqueErrorModel,
     initial_torque_error_state,
 )
-from models.rigid_body.serial_chain import SerialChain
-from models.signals.exceedance_tail import ExceedanceTail, gaussian_tail
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.signals.exceedance_tail import ExceedanceTail, gaussian_tail
 
 LEAST_RATE, LARGEST_RATE = 1e-3, 1e3  # false alarms an hour
 OTHER_DAYS = 1.15  # times the level of the mean: see `contact_statistic`

@@ -6,27 +6,27 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from models.arrays import Array
-from models.detection.contact_detector import ContactDetector, initial_state
-from models.detection.contact_statistic import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.detection.contact_detector import ContactDetector, initial_state
+from wrenchsight.models.detection.contact_statistic import (
     CHANGE_LENGTH,
     MEAN_LENGTH,
     POWER_LENGTH,
     SAMPLE_LENGTH,
     jolts,
 )
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.identification.contact_noise import ContactNoise
-from models.identification.identified_model import IdentifiedModel
-from models.identification.torque_error_fit import HeldOutReading, most_likely
-from models.identification.torque_error_model import (
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.identification.contact_noise import ContactNoise
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.identification.torque_error_fit import HeldOutReading, most_likely
+from wrenchsight.models.identification.torque_error_model import (
     NUM_FEATURES,
     TorqueErrorModel,
     initial_torque_error_state,
     torque_error_features,
 )
-from models.rigid_body.serial_chain import SerialChain
-from models.signals.exceedance_tail import fit_exceedances
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.signals.exceedance_tail import fit_exceedances
 
 USUAL = 0.99  # share of the samples that have no more than the usual jolt
 

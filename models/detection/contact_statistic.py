@@ -75,11 +75,10 @@ which pushes and a drift of friction were added. Neither a high-pass nor more wi
 """
 
 import numpy as np
-from numba import njit
 from scipy.signal import lfilter
 
-from models.arrays import Array, Flags
-from models.identification.torque_error_model import (
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.identification.torque_error_model import (
     NUM_FEATURES,
     TORQUE_ERROR_ROWS,
     TRANSMITTED_ROW,
@@ -88,8 +87,9 @@ from models.identification.torque_error_model import (
     torque_sd_tick,
     variance_parts,
 )
-from models.observers.lag import JACOBIAN_ROWS, see_jacobian, take_jacobian
-from models.rigid_body.small_matrices import factorise_in_place, solve_lower
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.observers.lag import JACOBIAN_ROWS, see_jacobian, take_jacobian
+from wrenchsight.models.rigid_body.small_matrices import factorise_in_place, solve_lower
 
 WINDOW = 0.3  # s
 MISFIT_WINDOW = 0.1  # s
@@ -134,7 +134,7 @@ def state_rows(num_joints: int) -> int:
     return _SINGLE - (-NUM_SINGLE // num_joints)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def misfit_square(
     white: Array, J: Array, s: Array, tau_y: Array, moment_sd: float, M: Array
 ) -> float:
@@ -173,7 +173,7 @@ def misfit_square(
     return square
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def detect_tick(
     error: Array,
     joints: Array,
@@ -365,7 +365,7 @@ def detect_tick(
         out[LINK] = _link(state[_POWER], settings[POWER_LEVEL])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _unexplained(settings: Array, white: Array, tau_ext: Array, work: Array) -> float:
     """D of the sample that `detect_tick` left in `work`, whose rows 2 to 4 are changed."""
     n = tau_ext.shape[0]
@@ -382,7 +382,7 @@ def _unexplained(settings: Array, white: Array, tau_ext: Array, work: Array) -> 
     return misfit_square(white, work[5:11, :n], s, y, settings[MOMENT_SD], work[11:])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _link(power: Array, level: float) -> float:
     """The link (1 to n) that a force away from E acts on, or 0 where the joints cannot tell."""
     beyond = 0.0
@@ -395,7 +395,7 @@ def _link(power: Array, level: float) -> float:
     return 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def detect_log(
     error: Array,
     joints: Array,
@@ -433,7 +433,7 @@ def detect_log(
         )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def white_log(
     error: Array,
     joints: Array,

@@ -7,7 +7,7 @@
 A tick is one call of one kernel, and a log runs the same kernels: the parts without memory in
 parallel over its rows, observer and friction's memory one row after another. Both give the same
 numbers. A friction law with load dependence takes the motor torque of the tick before
-(`models.friction.presliding_friction`).
+(`wrenchsight.models.friction.presliding_friction`).
 """
 
 from dataclasses import dataclass, field, replace
@@ -16,9 +16,9 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.arrays import Array, Flags
-from models.estimation.kernel_choice import kernel_choice
-from models.estimation.tick import (
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.estimation.kernel_choice import kernel_choice
+from wrenchsight.models.estimation.tick import (
     GAIN,
     KNOWN_CORRECTION,
     KNOWN_COUNTS,
@@ -30,18 +30,18 @@ from models.estimation.tick import (
     terms_log,
     trusted_tick,
 )
-from models.estimation.trusted_reading import TrustedReading
-from models.estimation.wrench import (
+from wrenchsight.models.estimation.trusted_reading import TrustedReading
+from wrenchsight.models.estimation.wrench import (
     WrenchReconstruction,
     WrenchReconstructionConfig,
     known_of_wrench,
     live_prior,
 )
-from models.estimation.wrench_kernels import reconstruct_log
-from models.friction.friction_law import FrictionLaw
-from models.identification.identified_model import IdentifiedModel
-from models.observers.momentum_observer import MomentumObserverConfig
-from models.observers.observer import (
+from wrenchsight.models.estimation.wrench_kernels import reconstruct_log
+from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.observers.observer import (
     NUM_SIGNALS,
     TAU_F,
     TAU_J,
@@ -49,10 +49,10 @@ from models.observers.observer import (
     ModelKnowledge,
     Observer,
 )
-from models.observers.observer_kinds import AnyObserverConfig, make_observer
-from models.observers.sample_check import CHECK_ROWS, Codes, SampleCheck, check_sample
-from models.robot.motors import motor_gain
-from models.robot.robot import Robot
+from wrenchsight.models.observers.observer_kinds import AnyObserverConfig, make_observer
+from wrenchsight.models.observers.sample_check import CHECK_ROWS, Codes, SampleCheck, check_sample
+from wrenchsight.models.robot.motors import motor_gain
+from wrenchsight.models.robot.robot import Robot
 
 _PASS = 16384  # rows between two turns of the serial part: bounds the memory of a long log
 
@@ -141,7 +141,7 @@ class Observation(NamedTuple):
         tau_ext: (N, n) N m.
         tau_J: (N, n) N m, motor torque on the joint side.
         tau_f: (N, n) N m, friction.
-        fresh: (N,) see `models.observers.observer`.
+        fresh: (N,) see `wrenchsight.models.observers.observer`.
         J: (N, 6, n) rows [angular; linear] at E in axes of W.
     """
 
@@ -360,7 +360,7 @@ class WrenchEstimator:
             tau_f: (N, n) N m, friction known from elsewhere, in the place of the law's: it is taken
                 off the motor torque, sample by sample.
             seen: (N, NUM_SIGNALS, n), written: the signals of the samples, rows as in
-                `models.observers.observer`.
+                `wrenchsight.models.observers.observer`.
             conditions: whether condition numbers are wanted; NaN where not.
 
         Raises:

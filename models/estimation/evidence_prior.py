@@ -1,14 +1,14 @@
 """A prior from a log itself: the size of the task as its torques show it."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
-from models.arrays import Array
-from models.estimation.wrench import whitening_matrix
-from models.rigid_body.bounded_minimum import bounded_minimum
-from models.rigid_body.small_matrices import factorise
-from models.rigid_body.ties import in_order
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.wrench import whitening_matrix
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.rigid_body.bounded_minimum import bounded_minimum
+from wrenchsight.models.rigid_body.small_matrices import factorise
+from wrenchsight.models.rigid_body.ties import in_order
 
 FORCE_SD_RANGE = (1.0, 1e4)  # N
 MOMENT_SD_RANGE = (0.01, 1e3)  # N m
@@ -100,7 +100,7 @@ def _most_evident(
     return float(force_sd), float(moment_sd), float(scale)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _log_evidence(
     gram: Array, seen: Array, moment_sd: float, force_sd: float, weight: float
 ) -> tuple[float, float, float, float]:

@@ -12,9 +12,9 @@ type names the kernels:
         output = chosen(choice, 0).output
         return lambda choice, table, state, signals, J: output(table, state, signals, J)
 
-The compiled function is kept on disk like every other. The name in the type holds where the
-kernels are written and when that folder's files last changed, so that kernels outside this package
-never run in a version that is no more (those inside are looked after by `models.__init__`).
+The compiled function is kept on disk like every other. The name in the type holds the kernels'
+stamp (`wrenchsight.models.kernel`): a kernel that changed is another choice. Of a kernel outside
+this package it also holds when its folder's files last changed.
 """
 
 import hashlib
@@ -24,9 +24,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wrenchsight.models.kernel import kernel_stamp
+
 KernelChoice = NDArray[np.void]
 
-_PACKAGE = Path(__file__).parents[1]
+_PACKAGE = Path(__file__).resolve().parents[1]
 _known: dict[str, tuple[Any, ...]] = {}
 
 
@@ -51,7 +53,9 @@ def _name(group: tuple[Any, ...]) -> str:
         held = (cell.cell_contents for cell in function.__closure__ or ())
         told.update(repr([value for value in held if isinstance(value, int | float)]).encode())
         source = Path(function.__code__.co_filename)
-        if _PACKAGE in source.parents:
+        if source.is_file():
+            told.update(kernel_stamp(source, function.__qualname__.partition(".")[0]).encode())
+        if _PACKAGE in source.resolve().parents:
             continue
         told.update(function.__code__.co_code)
         for file in sorted(source.parent.glob("*.py")) if source.is_file() else ():

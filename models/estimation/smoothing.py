@@ -14,7 +14,7 @@ beta, the friction's drift, is what a log of some length tells apart from a forc
 follows speed. It is thought to last DRIFT_TIME.
 
 A force that begins or ends is no walk: where the log makes it likely, F changes at once
-(`models.observers.force_changes`).
+(`wrenchsight.models.observers.force_changes`).
 
 A forward-backward first-order filter has no lag either, but no sd of its own: what the filter makes
 of the torque's error depends on how that is spread over frequencies, which the model above says.
@@ -28,12 +28,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.arrays import Array
-from models.estimation.estimator import EstimateBatch, WrenchEstimator
-from models.identification.torque_error_model import TORQUE_ERROR_ROWS
-from models.observers.force_changes import IntervalSmoother
-from models.observers.kalman_observer import KalmanObserver, KalmanObserverConfig
-from models.observers.observer import NUM_SIGNALS
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimator
+from wrenchsight.models.identification.torque_error_model import TORQUE_ERROR_ROWS
+from wrenchsight.models.observers.force_changes import IntervalSmoother
+from wrenchsight.models.observers.kalman_observer import KalmanObserver, KalmanObserverConfig
+from wrenchsight.models.observers.observer import NUM_SIGNALS
 
 DRIFT_TIME = 600.0  # s
 LOOK_AHEAD, MOST_AHEAD = 10.0, 16384  # s, samples: what bounds the memory

@@ -13,21 +13,22 @@ friction is known from elsewhere, so that the law has no say, its torque (n,) N 
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numba.extending import overload
 
-from models.arrays import Array, Flags
-from models.estimation.kernel_choice import KernelChoice, chosen
-from models.estimation.trusted_reading import (
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.estimation.kernel_choice import KernelChoice, chosen
+from wrenchsight.models.estimation.trusted_reading import (
     OBSERVED,
     READING,
     TRUSTED_WORK_ROWS,
     trusted_reading_tick,
 )
-from models.estimation.wrench_kernels import reconstruct
-from models.friction.velocity_friction import friction_torque
-from models.identification.torque_error_model import TRANSMITTED_ROW
-from models.observers.observer import (
+from wrenchsight.models.estimation.wrench_kernels import reconstruct
+from wrenchsight.models.friction.velocity_friction import friction_torque
+from wrenchsight.models.identification.torque_error_model import TRANSMITTED_ROW
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.observers.observer import (
     CTV,
     GRAVITY,
     MOMENTUM,
@@ -39,8 +40,8 @@ from models.observers.observer import (
     Q,
     V,
 )
-from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, observer_terms
-from models.robot.motors import joint_torque
+from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, observer_terms
+from wrenchsight.models.robot.motors import joint_torque
 
 GAIN, ERROR_SD, MOTOR_RATES = range(3)  # rows of `drives`; the last only of coupled joints
 KNOWN_CORRECTION, KNOWN_COUNTS, KNOWN_TAU_F = range(3)  # rows of `known`
@@ -54,7 +55,7 @@ def output_size(num_joints: int) -> int:
     return int(counts_entry(num_joints)) + 1
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def counts_entry(num_joints: int) -> int:
     """Entry of the same that is 1 where tau_ext counts, else 0; the signals and J lie before."""
     return num_joints + NUM_READING + (NUM_SIGNALS + 6) * num_joints
@@ -163,7 +164,7 @@ def _(choice: Any, table: Any, state: Any, q: Any, v: Any, load: Any) -> Any:
 # ----------------------------------------------------------------------------------------------
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _terms(
     chain: Array,
     drives: Array,
@@ -192,7 +193,7 @@ def _terms(
             signals[TAU_F, i] = known[KNOWN_TAU_F, i]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _output(
     choice: KernelChoice,
     slip: Array,
@@ -213,7 +214,7 @@ def _output(
     return fresh
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _update(
     choice: KernelChoice,
     slip: Array,
@@ -231,7 +232,7 @@ def _update(
         _remember(choice, slip, state[rows:], signals[Q], signals[V], load)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _corrected(known: Array, signals: Array, tau_ext: Array, fresh: bool) -> bool:
     """Writes what is read as tau_ext; returns whether it counts."""
     for i in range(tau_ext.shape[0]):
@@ -244,7 +245,7 @@ def _corrected(known: Array, signals: Array, tau_ext: Array, fresh: bool) -> boo
     return fresh and (known.shape[0] == 0 or known[KNOWN_COUNTS, 0] == 1.0)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _read(
     choice: KernelChoice,
     wrench: Array,
@@ -266,14 +267,14 @@ def _read(
         quality[1] = 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _split(tail: Array, n: int) -> tuple[Array, Array]:
     """The signals (NUM_SIGNALS, n) and J (6, n) that one stretch of memory holds."""
     end = NUM_SIGNALS * n
     return tail[:end].reshape(NUM_SIGNALS, n), tail[end : end + 6 * n].reshape(6, n)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _split_scratch(scratch: Array, n: int) -> tuple[Array, Array, Array, Array]:
     """Memory for a pose (4, 3), the chain, the reconstruction and `_split`."""
     end_of_bodies = 12 + n * SCRATCH_COLUMNS
@@ -286,7 +287,7 @@ def _split_scratch(scratch: Array, n: int) -> tuple[Array, Array, Array, Array]:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def estimate_tick(
     choice: KernelChoice,
     chain: Array,
@@ -329,7 +330,7 @@ def estimate_tick(
     _update(choice, slip, observer, rows, state, known, signals, J)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def trusted_tick(
     choice: KernelChoice,
     chain: Array,
@@ -347,7 +348,7 @@ def trusted_tick(
     out: Array,
     scratch: Array,
 ) -> None:
-    """The chain for one sample, read by `models.estimation.trusted_reading`.
+    """The chain for one sample, read by `wrenchsight.models.estimation.trusted_reading`.
 
     Args:
         error, lag, wrench: TrustedReading.tables.
@@ -375,7 +376,7 @@ def trusted_tick(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def tick_output(
     choice: KernelChoice,
     chain: Array,
@@ -415,7 +416,7 @@ def tick_output(
     _read(choice, wrench, observer, parts[:rows], signals, J, counts, out, work)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def tick_update(
     choice: KernelChoice,
     drives: Array,
@@ -441,7 +442,7 @@ def tick_update(
     _update(choice, slip, observer, rows, parts, known, signals, J)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def trusted_output(
     choice: KernelChoice,
     chain: Array,
@@ -489,7 +490,7 @@ def trusted_output(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def trusted_update(
     choice: KernelChoice,
     drives: Array,
@@ -521,7 +522,7 @@ def trusted_update(
 # ----------------------------------------------------------------------------------------------
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@kernel(parallel=True)
 def terms_log(
     chain: Array,
     drives: Array,
@@ -560,7 +561,7 @@ def terms_log(
             )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def serial_log(
     choice: KernelChoice,
     slip: Array,

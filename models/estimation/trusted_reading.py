@@ -1,24 +1,27 @@
 """The reading of tau_ext that takes the observer's error of each sample into account.
 
-    torque error's sds (`models.identification.torque_error_model`) -+
+    torque error's sds (`wrenchsight.models.identification.torque_error_model`) -+
     J as the observer saw it (`models.observers.lag`) --------------+-> wrench, covariance, valid
     tau_ext ---------------------------------------------------------+   + lag and scale
 
-Not valid is what no wrench at E explains (`models.observers.explained_torque`).
+Not valid is what no wrench at E explains (`wrenchsight.models.observers.explained_torque`).
 For models that have a torque error; others read with one covariance for rest and motion alike.
 """
 
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
-from models.arrays import Array, Flags
-from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
-from models.estimation.wrench_kernels import WORK_ROWS, reconstruct_log, reconstruct_with
-from models.friction.friction_law import FrictionLaw
-from models.identification.torque_error_model import (
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
+from wrenchsight.models.estimation.wrench_kernels import (
+    WORK_ROWS,
+    reconstruct_log,
+    reconstruct_with,
+)
+from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.models.identification.torque_error_model import (
     TORQUE_ERROR_ROWS,
     TRANSMITTED_ROW,
     TorqueErrorModel,
@@ -27,13 +30,14 @@ from models.identification.torque_error_model import (
     torque_sd_log,
     torque_sd_tick,
 )
-from models.observers.explained_torque import (
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.observers.explained_torque import (
     explained_log,
     explained_table,
     is_explained,
     unexplained,
 )
-from models.observers.lag import (
+from wrenchsight.models.observers.lag import (
     JACOBIAN_ROWS,
     LAG_SETTINGS,
     LagModel,
@@ -66,7 +70,7 @@ class TrustedReading:
         K_0: (n,) 1/s of the observer; None for one without such a lag.
         time_step: s.
         resolution: (n,) rad of the encoders; None: that of the logs that were fitted.
-        force_bandwidth_hz: see `models.observers.lag`.
+        force_bandwidth_hz: see `wrenchsight.models.observers.lag`.
         usual_sd: see `WrenchReconstruction`.
 
     Raises:
@@ -203,7 +207,7 @@ class TrustedReading:
         return wrench, covariance, quality[:, 0], valid, sd
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def trusted_reading_tick(
     error: Array,
     lag: Array,

@@ -47,8 +47,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.arrays import Array, Flags
-from models.estimation.wrench_kernels import (
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.estimation.wrench_kernels import (
     BAYESIAN,
     FORCE_ONLY,
     METHODS,
@@ -56,7 +56,7 @@ from models.estimation.wrench_kernels import (
     WORK_ROWS,
     reconstruct_log,
 )
-from models.observers.observer import WrenchPrior
+from wrenchsight.models.observers.observer import WrenchPrior
 
 STANDARD_GRAVITY = 9.80665
 PRIOR_LEVER = 0.05  # m; distance of a tool's contact from E, for the live prior
@@ -219,7 +219,7 @@ class WrenchReconstruction:
         """Returns the reading for J ((6, n) or (N, 6, n)) and tau_ext ((n,) or (N, n), N m).
 
         Args:
-            J: as tau_ext saw it, see `models.observers.lag`.
+            J: as tau_ext saw it, see `wrenchsight.models.observers.lag`.
             tau_ext: external joint torque.
             sd: as tau_ext; N m, of its errors; None: 1, so that the torque covariance is theirs.
             stiction: as tau_ext; the part of sd that is stiction; None: 0.

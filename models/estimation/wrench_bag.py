@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from models.arrays import Array
-from models.files.files_read import about_to_read
-from models.files.input_error import InputError
-from models.recordings.rosbag.messages import WRENCH, encoded, nanoseconds
-from models.recordings.rosbag.table import BagWriter, RosbagTable
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.files_read import about_to_read
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.rosbag.messages import WRENCH, encoded, nanoseconds
+from wrenchsight.models.recordings.rosbag.table import BagWriter, RosbagTable
 
 FRAME = "E_W"
 TOPIC = "/wrench"

@@ -1,11 +1,12 @@
 """Kernels of the wrench reconstruction: one sample, or a log; the theory is in `wrench`."""
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
-from models.arrays import Array
-from models.rigid_body.conditioning import condition_number_of, condition_numbers_of
-from models.rigid_body.small_matrices import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.rigid_body.conditioning import condition_number_of, condition_numbers_of
+from wrenchsight.models.rigid_body.small_matrices import (
     factorise,
     invert_transposed,
     largest_eigenvalue_3x3,
@@ -30,7 +31,7 @@ _WELL_CONDITIONED = 1e9  # up to which elimination gives what singular values gi
 _LARGEST = 1e60  # N, N m and their squares; more counts as not finite
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def reconstruct(
     table: Array,
     J: Array,
@@ -58,7 +59,7 @@ def reconstruct(
     reconstruct_with(table, J, J, tau_ext, sd, stiction, wrench, covariance, quality, work)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def reconstruct_with(
     table: Array,
     J_now: Array,
@@ -85,7 +86,7 @@ def reconstruct_with(
     quality[1] = 1.0 if valid else 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _reading(
     table: Array,
     J: Array,
@@ -129,7 +130,7 @@ def _reading(
     return seen and worst <= settings[_MAX_FORCE_SD] ** 2 and feigned <= settings[_MAX_PHANTOM] ** 2
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _nothing(settings: Array, wrench: Array, covariance: Array) -> None:
     """Writes what is known where nothing is read: zero, within the prior."""
     for i in range(6):
@@ -140,7 +141,7 @@ def _nothing(settings: Array, wrench: Array, covariance: Array) -> None:
         covariance[i, i] = known * known
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def whiten(table: Array, J: Array, tau_ext: Array, sd: Array, work: Array) -> None:
     """Writes A = J W^T into the first six rows of `work`, A A^T into those of the gram (lower
     triangle), and A W tau_ext into its last row; W whitens the torque noise.
@@ -171,7 +172,7 @@ def whiten(table: Array, J: Array, tau_ext: Array, sd: Array, work: Array) -> No
             gram[i, j] = total
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _posterior_covariance(
     moment_sd: float, force_sd: float, first: int, covariance: Array, work: Array
 ) -> None:
@@ -201,7 +202,7 @@ def _posterior_covariance(
             covariance[j, i] = covariance[i, j]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _posterior(
     table: Array,
     J: Array,
@@ -257,7 +258,7 @@ def _posterior(
     _feign(gain, stiction, work)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _balanced(
     table: Array,
     J: Array,
@@ -323,7 +324,7 @@ def _balanced(
             wrench[i] += gain[i, k] * tau_ext[k]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _any(stiction: Array) -> bool:
     """Whether there is stiction; without it the work below is saved."""
     total = 0.0
@@ -332,7 +333,7 @@ def _any(stiction: Array) -> bool:
     return total != 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _feign(gain: Array, stiction: Array, work: Array) -> None:
     """Covariance (3, 3) of the force that stiction alone reads as through a gain (3, n)."""
     for i in range(3):
@@ -344,7 +345,7 @@ def _feign(gain: Array, stiction: Array, work: Array) -> None:
             work[_FEIGNED + j, i] = total
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _pseudo_inverse(
     table: Array,
     J: Array,
@@ -434,7 +435,7 @@ def _pseudo_inverse(
     return bool(smallest > floor)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _passed_on(table: Array, H: Array, sd: Array, product: Array, covariance: Array) -> None:
     """Covariance (6, 6) of H (6, n) times torques with errors of these sds (n,)."""
     n = sd.shape[0]
@@ -452,7 +453,7 @@ def _passed_on(table: Array, H: Array, sd: Array, product: Array, covariance: Ar
             covariance[j, i] = total
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@kernel(parallel=True)
 def reconstruct_log(
     table: Array,
     J_now: Array,

@@ -12,11 +12,11 @@ import pyarrow.csv as pa_csv
 import pyarrow.parquet as pa_parquet
 from numpy.typing import NDArray
 
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.files.whole_file import whole_file, writing_to
-from models.recordings.text_table import write_csv_header
-from models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.whole_file import whole_file, writing_to
+from wrenchsight.models.recordings.text_table import write_csv_header
+from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
 
 COLUMNS = ("t", *WRENCH_AXES, *(f"sd_{axis}" for axis in WRENCH_AXES), "condition_number", "valid")
 """The first columns: s; N and N m at E in axes of W, environment on robot; their standard

@@ -26,10 +26,10 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from models.arrays import Array
-from models.identification.base_parameters import BaseParameters, find_base_parameters
-from models.identification.torque_regression import parameter_names
-from models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.identification.base_parameters import BaseParameters, find_base_parameters
+from wrenchsight.models.identification.torque_regression import parameter_names
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
 Measure = Literal["condition_number", "log_det"]
 MEASURES: tuple[Measure, ...] = get_args(Measure)

@@ -21,13 +21,17 @@ from numpy.typing import NDArray
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import MathematicalProgram, SnoptSolver, SolverOptions
 
-from models.arrays import Array
-from models.excitation.excitation_information import ExcitationInformation, Measure
-from models.excitation.excitation_limits import ExcitationLimits
-from models.excitation.fourier_trajectory import FourierTrajectory, between_samples, fourier_basis
-from models.files.input_error import InputError
-from models.rigid_body.serial_chain import SerialChain
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.excitation.excitation_information import ExcitationInformation, Measure
+from wrenchsight.models.excitation.excitation_limits import ExcitationLimits
+from wrenchsight.models.excitation.fourier_trajectory import (
+    FourierTrajectory,
+    between_samples,
+    fourier_basis,
+)
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.robot.robot import Robot
 
 SlackFunction = Callable[[Array], tuple[float, Array]]
 """From q (n,) to a slack in m, at least zero where all is clear, and its gradient (n,)."""

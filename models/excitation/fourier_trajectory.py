@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.arrays import Array
-from models.files.configuration import REQUIRED, load_configuration
-from models.files.input_error import InputError
-from models.motion.paths import JointTrajectory
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.configuration import REQUIRED, load_configuration
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.motion.paths import JointTrajectory
 
 
 @dataclass

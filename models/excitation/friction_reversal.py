@@ -26,11 +26,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.motion.paths import JointTrajectory
-from models.rigid_body.serial_chain import SerialChain
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.motion.paths import JointTrajectory
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.robot.robot import Robot
 
 LEAST_POINTS = 4  # samples of a pass
 OTHER_JOINTS = 0.05  # rad, by which the others may differ between the two passes

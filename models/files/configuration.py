@@ -24,9 +24,9 @@ import yaml
 from pydrake.common import pretty_class_name
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 
-from models.files.files_read import about_to_read
-from models.files.input_error import InputError
-from models.files.whole_file import whole_file
+from wrenchsight.models.files.files_read import about_to_read
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.whole_file import whole_file
 
 T = TypeVar("T")
 

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 
-from models.files.input_error import InputError
+from wrenchsight.models.files.input_error import InputError
 
 _listener: ContextVar[Callable[[Path], None] | None] = ContextVar("told of files", default=None)
 _remembered: ContextVar[list[Path] | None] = ContextVar("files read", default=None)

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from models.files.files_read import about_to_read
-from models.files.input_error import InputError
+from wrenchsight.models.files.files_read import about_to_read
+from wrenchsight.models.files.input_error import InputError
 
 
 def read_limited(path: Path, most: int, kind: str, remedy: str = "") -> bytes:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from models.files.input_error import InputError
+from wrenchsight.models.files.input_error import InputError
 
 LARGEST = 1e12  # of any number, in SI units: five times steel's modulus of elasticity in Pa
 

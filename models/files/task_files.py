@@ -3,8 +3,8 @@
 from importlib import resources
 from pathlib import Path
 
-from models.files.configuration import nearest
-from models.files.input_error import InputError
+from wrenchsight.models.files.configuration import nearest
+from wrenchsight.models.files.input_error import InputError
 
 
 def bundled_tasks(kind: str) -> list[str]:
@@ -29,4 +29,4 @@ def task_file(name_or_path: str | Path, kind: str) -> Path:
 
 
 def _folder(kind: str) -> Path:
-    return Path(str(resources.files("models"))) / "tasks" / kind
+    return Path(str(resources.files("wrenchsight.models"))) / "tasks" / kind

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from models.files.input_error import InputError
+from wrenchsight.models.files.input_error import InputError
 
 
 @contextmanager

@@ -15,14 +15,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from models.arrays import Array
-from models.friction.friction_law import FrictionLaw
-from models.friction.slip_elements import FrictionKernels
-from models.friction.velocity_friction import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.models.friction.slip_elements import FrictionKernels
+from wrenchsight.models.friction.velocity_friction import (
     CoulombViscous,
     SemiParametricFriction,
     friction_torque,
 )
+from wrenchsight.models.kernel import kernel
 
 _VELOCITY_COLUMNS = 7  # of the velocity law's table, which has no networks here
 
@@ -158,7 +159,7 @@ def _kernels(below: FrictionKernels, remembers: bool) -> FrictionKernels:
     return FrictionKernels(add_torque, update, below)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def product(A: Array, x: Array, out: Array) -> None:
     """Writes A x; a NaN in x stays with the rows that it belongs to."""
     for i in range(A.shape[0]):
@@ -169,7 +170,7 @@ def product(A: Array, x: Array, out: Array) -> None:
         out[i] = total
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def add_transposed_product(A: Array, x: Array, out: Array) -> None:
     """Adds A^T x to `out`; NaN as in `product`."""
     for i in range(A.shape[0]):

@@ -8,11 +8,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from models.arrays import Array
-from models.friction.friction_law import FrictionLaw
-from models.friction.friction_terms import FrictionTerm
-from models.friction.slip_elements import FrictionKernels
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.models.friction.friction_terms import FrictionTerm
+from wrenchsight.models.friction.slip_elements import FrictionKernels
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +108,7 @@ class ExtendedFriction:
 @cache
 def _kernels(below: FrictionKernels, bases: tuple[Any, ...], remembers: bool) -> FrictionKernels:
     """The composed kernels. They belong to no file, so that numba keeps no copy of them on disk; a
-    tick that calls them is kept, see `models.estimation.kernel_choice`."""
+    tick that calls them is kept, see `wrenchsight.models.estimation.kernel_choice`."""
     count = len(bases)
     add_below, update_below = below.add_torque, below.update
     total = _total(bases)

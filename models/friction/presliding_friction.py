@@ -38,11 +38,10 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
-from models.arrays import Array
-from models.friction.slip_elements import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.friction.slip_elements import (
     COULOMB,
     CUBIC,
     ELEMENTS,
@@ -60,10 +59,11 @@ from models.friction.slip_elements import (
     add_slip_torque,
     update_slip,
 )
-from models.friction.velocity_friction import (
+from wrenchsight.models.friction.velocity_friction import (
     CoulombViscous,
     SemiParametricFriction,
 )
+from wrenchsight.models.kernel import kernel
 
 RELAXATION = 1.0  # s in which the slip of a joint at rest fades to 1/e
 
@@ -255,7 +255,7 @@ def slip_path(displacement: Array, q: Array, v: Array) -> Array:
     return law.torque_along(q, v, np.zeros_like(q))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _slip_log(table: Array, state: Array, q: Array, v: Array, load: Array, tau_f: Array) -> None:
     for k in range(q.shape[0]):
         for i in range(q.shape[1]):

@@ -10,13 +10,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.arrays import Array
-from models.friction.coupled_friction import CoupledFriction, joint_side
-from models.friction.extended_friction import ExtendedFriction
-from models.friction.friction_law import FrictionLaw
-from models.friction.presliding_friction import PreslidingFriction
-from models.friction.slip_elements import held_stribeck
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.friction.coupled_friction import CoupledFriction, joint_side
+from wrenchsight.models.friction.extended_friction import ExtendedFriction
+from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.slip_elements import held_stribeck
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 
 TERMS = ("coulomb", "viscous", "offset")
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from models.arrays import Array
-from models.friction.presliding_friction import PreslidingFriction, slip_path
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction, slip_path
 
 
 def sliding_level(law: PreslidingFriction, v: Array, load: Array) -> Array:

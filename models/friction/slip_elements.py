@@ -7,9 +7,9 @@ they return at once, and one compiled estimator serves all.
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
-from models.arrays import Array
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import kernel
 
 # Columns of the slip table; then K weights and K displacements. The first seven are what slides:
 # level C, S, 1 / v_s, load; cubic, fitted speed, slope of the cubic part beyond it.
@@ -37,7 +37,7 @@ def held_stribeck(coulomb: Array, stribeck: Array) -> Array:
     return np.asarray(np.maximum(stribeck, (LEAST_HELD - 1.0) * np.maximum(coulomb, 0.0)))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def within_rounding(before: float, q: float, v: float, half_step: float, period: float) -> float:
     """The position after `before` that velocity predicts and the rounded q allows.
 
@@ -49,7 +49,7 @@ def within_rounding(before: float, q: float, v: float, half_step: float, period:
     return min(max(moved, q - half_step), q + half_step)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def bounded_cubic(v: float, cubic: float, limit: float, slope: float) -> float:
     """cubic v^3, and beyond the speed `limit` a line of this slope."""
     if abs(v) <= limit or not np.isfinite(limit):
@@ -57,7 +57,7 @@ def bounded_cubic(v: float, cubic: float, limit: float, slope: float) -> float:
     return float(np.sign(v)) * (cubic * limit**3 + slope * (abs(v) - limit))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _slip(table: Array, state: Array, i: int, k: int, q: float, v: float) -> float:
     """z_k of joint i at this sample; NaN where the position is NaN."""
     reach = table[i, ELEMENTS + (table.shape[1] - ELEMENTS) // 2 + k]
@@ -75,7 +75,7 @@ def _slip(table: Array, state: Array, i: int, k: int, q: float, v: float) -> flo
     return float(z)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def add_slip_torque(table: Array, state: Array, q: Array, v: Array, tau_f: Array) -> None:
     """Single-sample kernel: adds the slip part of tau_f (n,); `state` stays as it is.
 
@@ -100,7 +100,7 @@ def add_slip_torque(table: Array, state: Array, q: Array, v: Array, tau_f: Array
         )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def update_slip(table: Array, state: Array, q: Array, v: Array, transmitted: Array) -> None:
     """Single-sample kernel: takes a sample into `state`, in place.
 

@@ -23,11 +23,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
-from models.arrays import Array
-from models.rigid_body.small_matrices import factorise_in_place, solve_factorised
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.rigid_body.small_matrices import factorise_in_place, solve_factorised
 
 _STICTION, _COULOMB, _SPEED, _VISCOUS, _LOAD, _RIPPLE, _PERIODS = range(7)
 
@@ -87,7 +87,7 @@ class DryFriction:
         return np.asarray(np.sign(v) * dry + self.viscous * v)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def explicit_friction(table: Array, q: Array, v: Array, load: Array, out: Array) -> None:
     """Writes the explicit part (n,), N m, positive where it opposes positive motion."""
     for i in range(table.shape[0]):
@@ -97,7 +97,7 @@ def explicit_friction(table: Array, q: Array, v: Array, load: Array, out: Array)
         out[i] = g * level + table[i, _RIPPLE] * np.sin(table[i, _PERIODS] * q[i])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def explicit_torque(table: Array, state: Array, load: Array, out: Array) -> None:
     """Writes minus the explicit part (n,), N m, at state (2n,): q, then v."""
     n = load.shape[0]
@@ -106,7 +106,7 @@ def explicit_torque(table: Array, state: Array, load: Array, out: Array) -> None
         out[i] = -out[i]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def total_friction(
     table: Array, q: Array, v: Array, load: Array, holding: Array, out: Array
 ) -> None:
@@ -116,7 +116,7 @@ def total_friction(
         out[i] += table[i, _VISCOUS] * v[i] - holding[i]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def holding_torque(
     table: Array,
     damping: float,
@@ -176,7 +176,7 @@ def holding_torque(
         out[i] = min(max(damping * after[i], -limit), limit)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def free_friction(
     table: Array,
     damping: float,
@@ -204,7 +204,7 @@ def free_friction(
         out[i] = -(out[i] + explicit[i])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _potential(
     table: Array, damping: float, A: Array, b: Array, v: Array, gradient: Array
 ) -> float:
@@ -225,7 +225,7 @@ def _potential(
     return value
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _newton_step(
     table: Array, damping: float, A: Array, v: Array, gradient: Array, L: Array, step: Array
 ) -> None:

@@ -9,12 +9,12 @@ from functools import cached_property
 from typing import Literal, Self, cast, get_args
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
-from models.arrays import Array
-from models.friction.friction_network import FrictionNetworks
-from models.friction.slip_elements import SLIP_KERNELS, FrictionKernels
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.friction.friction_network import FrictionNetworks
+from wrenchsight.models.friction.slip_elements import SLIP_KERNELS, FrictionKernels
+from wrenchsight.models.kernel import kernel
 
 Handover = Literal["continuous", "literal"]
 
@@ -212,7 +212,7 @@ class SemiParametricFriction:
         return out.reshape(v.shape)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def friction_torque(table: Array, v: Array, tau_f: Array) -> None:
     """Single-sample kernel: writes tau_f (n,) for v (n,) from `SemiParametricFriction.table`."""
     h = (table.shape[1] - _WEIGHTS) // 3
@@ -229,7 +229,7 @@ def friction_torque(table: Array, v: Array, tau_f: Array) -> None:
             tau_f[i] = table[i, _OFFSET] + table[i, _COULOMB] * np.sign(x) + table[i, _VISCOUS] * x
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _friction_log(table: Array, v: Array, tau_f: Array) -> None:
     for k in range(v.shape[0]):
         friction_torque(table, v[k], tau_f[k])

@@ -5,16 +5,16 @@ from pathlib import Path
 
 import numpy as np
 
-from models.files.configuration import REQUIRED
-from models.files.input_error import InputError
-from models.identification.torque_error_model import NUM_FEATURES
-from models.signals.exceedance_tail import ExceedanceTail
+from wrenchsight.models.files.configuration import REQUIRED
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.identification.torque_error_model import NUM_FEATURES
+from wrenchsight.models.signals.exceedance_tail import ExceedanceTail
 
 
 @dataclass
 class ContactNoise:
     """Learnt from the held-out readings that the torque error is learnt from; see
-    `models.detection.contact_statistic`.
+    `wrenchsight.models.detection.contact_statistic`.
     """
 
     usual_jolt: list[float] = field(default_factory=list, metadata=REQUIRED)

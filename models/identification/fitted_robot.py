@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from models.files.input_error import InputError
-from models.robot.robot import Robot
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.robot import Robot
 
 _TOLERANCE = 1e-6  # of a number: YAML keeps what a person wrote
 

@@ -11,20 +11,24 @@ from typing import Any, cast, get_args
 
 import numpy as np
 
-from models.arrays import Array
-from models.files.configuration import REQUIRED, load_configuration, save_configuration
-from models.files.input_error import InputError
-from models.files.plausible_numbers import check_numbers
-from models.friction.coupled_friction import CoupledFriction
-from models.friction.extended_friction import ExtendedFriction
-from models.friction.friction_law import FrictionLaw
-from models.friction.friction_network import FrictionNetworks
-from models.friction.friction_terms import TERMS, term_of
-from models.friction.presliding_friction import PreslidingFriction
-from models.friction.velocity_friction import CoulombViscous, Handover, SemiParametricFriction
-from models.identification.contact_noise import ContactNoise, check_contact_noise
-from models.identification.fitted_robot import FittedRobot
-from models.identification.torque_error_model import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.configuration import REQUIRED, load_configuration, save_configuration
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.plausible_numbers import check_numbers
+from wrenchsight.models.friction.coupled_friction import CoupledFriction
+from wrenchsight.models.friction.extended_friction import ExtendedFriction
+from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.models.friction.friction_network import FrictionNetworks
+from wrenchsight.models.friction.friction_terms import TERMS, term_of
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.velocity_friction import (
+    CoulombViscous,
+    Handover,
+    SemiParametricFriction,
+)
+from wrenchsight.models.identification.contact_noise import ContactNoise, check_contact_noise
+from wrenchsight.models.identification.fitted_robot import FittedRobot
+from wrenchsight.models.identification.torque_error_model import (
     BEYOND_LOAD,
     BEYOND_SPEED,
     DRIFT,
@@ -33,8 +37,8 @@ from models.identification.torque_error_model import (
     SCALE,
     TorqueErrorModel,
 )
-from models.rigid_body.serial_chain import SerialChain
-from models.robot.robot import Robot
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.robot.robot import Robot
 
 FORMAT = "wrenchsight-model"
 VERSION = 1
@@ -127,7 +131,7 @@ class _PreslidingBlock:
 
 @dataclass
 class _TorqueErrorBlock:
-    """What `models.identification.torque_error_model` says, attribute by attribute."""
+    """What `wrenchsight.models.identification.torque_error_model` says, attribute by attribute."""
 
     constant: list[float] = field(default_factory=list, metadata=REQUIRED)
     speed: list[float] = field(default_factory=list, metadata=REQUIRED)

@@ -4,9 +4,9 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 
-from models.arrays import Array
-from models.identification.physical_consistency import unphysical_links
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.identification.physical_consistency import unphysical_links
+from wrenchsight.models.robot.robot import Robot
 
 
 def identified_urdf(robot: Robot, inertial: Array, reflected_inertia: Array) -> str:

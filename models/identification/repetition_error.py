@@ -25,13 +25,13 @@ several: slip^2 is the mean over REACHES, half a decade apart.
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 from scipy.signal import lfilter
 
-from models.arrays import Array
-from models.friction.slip_elements import within_rounding
-from models.identification.torque_error_model import BEYOND_LOAD
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.friction.slip_elements import within_rounding
+from wrenchsight.models.identification.torque_error_model import BEYOND_LOAD
+from wrenchsight.models.kernel import kernel
 
 # rad (m); settled on one run of the simulated arm, pushed along the initial path
 REACHES = (1e-5, 3e-5, 1e-4)
@@ -138,7 +138,7 @@ def _correlation(errors: Array) -> Array:
     return np.asarray(moment / np.outer(size, size))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def slip_along(
     q: Array, v: Array, half_step: Array, time_step: float, reach: float, z: Array
 ) -> None:

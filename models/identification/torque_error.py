@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.arrays import Array
+from wrenchsight.models.arrays import Array
 
 EDGES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)  # rad/s, between which errors are taken together
 FEWEST = 200  # samples in a class of speeds; with fewer the joint's sd is that of all its samples

@@ -23,13 +23,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
-from models.arrays import Array, Flags
-from models.friction.friction_law import FrictionLaw
-from models.identification.torque_error_model import (
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.models.identification.torque_error_model import (
     NUM_FEATURES,
     Rest,
     TorqueErrorModel,
@@ -37,6 +36,7 @@ from models.identification.torque_error_model import (
     initial_torque_error_state,
     torque_error_features,
 )
+from wrenchsight.models.kernel import kernel
 
 FEWEST_SAMPLES = 200  # of a joint, over all logs
 WINDOWS = (0.1, 0.3, 1.0, 3.0, 10.0)  # s, over which means are taken to find what lasts
@@ -217,7 +217,7 @@ def most_likely(F: Array, e: Array) -> Array:
     return np.where(there, scale * np.exp(found), 0.0)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _minus_log_likelihood(A: Array, fixed: Array, squares: Array, c: Array, slope: Array) -> float:
     """The sum at the top of this file, its sign turned; writes its slope (M,) in c.
 

@@ -42,26 +42,26 @@ differs by about 5 % between days of the same month (and by 35 % over a season: 
 or by joint what the log that is read shows of it, `drift_shown`, where that is more;
 `beyond_speed` and `beyond_load`, because no log covers them; `scale`, an error in proportion to
 what is read (torque per ampere, load-dependent friction); `read_load`, the same joint by joint,
-where the logs hold no change of load at all (`models.machining.air_pass`).
+where the logs hold no change of load at all (`wrenchsight.models.machining.air_pass`).
 """
 
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
-from models.arrays import Array
-from models.friction.coupled_friction import CoupledFriction, joint_side
-from models.friction.extended_friction import ExtendedFriction
-from models.friction.friction_law import FrictionLaw
-from models.friction.slip_elements import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.friction.coupled_friction import CoupledFriction, joint_side
+from wrenchsight.models.friction.extended_friction import ExtendedFriction
+from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.models.friction.slip_elements import (
     SLIDING_COLUMNS,
     bounded_cubic,
     held_stribeck,
     within_rounding,
 )
+from wrenchsight.models.kernel import kernel
 
 DRIFT = 0.05  # of the viscous torque
 BEYOND_SPEED = 0.3  # of the viscous coefficient
@@ -360,7 +360,7 @@ def initial_torque_error_state(num_joints: int) -> Array:
     return state
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _advance(table: Array, state: Array, i: int, q: float, v: float) -> None:
     """Takes joint i's q and v into its state; without a finite pair the state stays."""
     if not (np.isfinite(q) and np.isfinite(v)):
@@ -390,14 +390,14 @@ def _advance(table: Array, state: Array, i: int, q: float, v: float) -> None:
     state[_SLOW_SPEED, i] = pole * state[_SLOW_SPEED, i] + (1.0 - pole) * v
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def breakaway(table: Array, state: Array, i: int) -> float:
     """N m, level of joint i at rest, of the table and state of `torque_sd_tick`."""
     level: float = table[i, _C] + table[i, _S] + table[i, _LOAD] * abs(state[_TRANSMITTED, i])
     return max(level, 0.0)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def torque_sd_tick(
     table: Array, state: Array, q: Array, v: Array, transmitted: Array, sd: Array, stiction: Array
 ) -> None:
@@ -436,7 +436,7 @@ def torque_sd_tick(
             state[_TRANSMITTED, i] = transmitted[i]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def add_read_load(table: Array, tau_ext: Array, sd: Array) -> None:
     """Single-sample kernel: adds to sd (n,) what friction may do under the load that is read.
 
@@ -450,14 +450,14 @@ def add_read_load(table: Array, tau_ext: Array, sd: Array) -> None:
             sd[i] = np.sqrt(sd[i] ** 2 + (table[i, _READ_LOAD] * tau_ext[i]) ** 2)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def add_read_load_log(table: Array, tau_ext: Array, sd: Array) -> None:
     """`add_read_load` of each sample of tau_ext and sd (N, n)."""
     for k in range(len(tau_ext)):
         add_read_load(table, tau_ext[k], sd[k])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def torque_sd_log(
     table: Array, state: Array, q: Array, v: Array, transmitted: Array, sd: Array, stiction: Array
 ) -> None:
@@ -466,7 +466,7 @@ def torque_sd_log(
         torque_sd_tick(table, state, q[k], v[k], transmitted[k], sd[k], stiction[k])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def torque_error_features(
     table: Array, state: Array, q: Array, v: Array, transmitted: Array, features: Array
 ) -> None:
@@ -485,7 +485,7 @@ def torque_error_features(
                 state[_TRANSMITTED, i] = transmitted[k, i]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def variance_parts(table: Array, state: Array, i: int, v: float, load: float, parts: Array) -> None:
     """Single-sample kernel: the features (NUM_FEATURES,) of joint i once `state` has its sample.
 

@@ -5,11 +5,11 @@
 With n joints there are 14 n parameters x: ten inertial ones per moving link (order of
 `SerialChain.inertial_parameters`), then rotor inertia, Coulomb, viscous and offset for each joint.
 Other friction laws put other terms in the place of the last three
-(`models.friction.friction_structure`).
+(`wrenchsight.models.friction.friction_structure`).
 
 Where motors move several joints, all of this is written for the motors: row k is C^T times the
 joints' rows, and rotor inertia and friction are those of motor k at its own speed
-(`models.robot.coupling`).
+(`wrenchsight.models.robot.coupling`).
 
 A log enters as one triangular factor per joint, R^T R = [W tau]^T [W tau]. Everything after (rank,
 weighting passes, fits that leave logs out, residual norms) works on these small matrices.
@@ -23,10 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lstsq, pinvh
 
-from models.arrays import Array
-from models.identification.base_parameters import BaseParameters, realise, triangular_factor
-from models.rigid_body.serial_chain import SerialChain
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.identification.base_parameters import (
+    BaseParameters,
+    realise,
+    triangular_factor,
+)
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.robot.robot import Robot
 
 INERTIAL_NAMES = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 JOINT_NAMES = ("rotor", "coulomb", "viscous", "offset")

@@ -13,20 +13,20 @@ torque within their stiction.
 Friction without memory is evaluated at planned speeds on both passes, and the correction counts
 while the feed is steady. A law with memory follows the measured motion instead: under contact
 forces a joint may stick where it slid through the air, and its friction is then not the lesson's.
-What is left of the error, a second air pass shows (`analyses.methods.runs.air_pass`).
+What is left of the error, a second air pass shows (`wrenchsight.analyses.methods.runs.air_pass`).
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.motion.inverse_kinematics import follow_path
-from models.motion.paths import JointTrajectory
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.motion.inverse_kinematics import follow_path
+from wrenchsight.models.motion.paths import JointTrajectory
+from wrenchsight.models.robot.robot import Robot
 
 LEAD = 0.5  # s at rest before the motion: the observer settles
 
@@ -99,7 +99,7 @@ class TaughtTorque:
         return bool(0.0 <= x <= len(self.t) - 1.0 and self.steady[round(x)] == 1.0)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def taught_tick(tau_ext: Array, steady: Array, period: float, feed_time: float, out: Array) -> None:
     """Writes -at(feed_time) (n,) and counts_at(feed_time) of a TaughtTorque: one tick's, sooner.
 

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.machining.machining_phases import PhasesConfig, check_phases
-from models.motion.inverse_kinematics import follow_path
-from models.motion.paths import JointTrajectory, steady_speed
-from models.motion.surface_path import SurfacePath
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.machining.machining_phases import PhasesConfig, check_phases
+from wrenchsight.models.motion.inverse_kinematics import follow_path
+from wrenchsight.models.motion.paths import JointTrajectory, steady_speed
+from wrenchsight.models.motion.surface_path import SurfacePath
+from wrenchsight.models.robot.robot import Robot
 
 _STEP = 0.01  # s between the times that the trajectory holds
 _SETTLED = 0.4  # s of even feed, after which joints slide and an observer has settled

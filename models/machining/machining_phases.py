@@ -17,10 +17,10 @@ from dataclasses import astuple, dataclass
 from enum import IntEnum
 
 import numpy as np
-from numba import njit
 
-from models.arrays import Array
-from models.files.input_error import InputError
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.kernel import kernel
 
 
 class Phase(IntEnum):
@@ -125,13 +125,13 @@ def initial_state() -> Array:
     return np.zeros(STATE_SIZE)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def force_controlled(phase: int) -> bool:
     """Whether force is controlled in a phase: from the touch to the release."""
     return bool(Phase.TOUCH <= phase <= Phase.RELEASE)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def travelled(t: float, speed: float, distance: float) -> tuple[float, float]:
     """How far (m) and how fast (m/s) t seconds after starting towards `distance`, m.
 
@@ -151,13 +151,13 @@ def travelled(t: float, speed: float, distance: float) -> tuple[float, float]:
     return distance, 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def travel_time(speed: float, distance: float) -> float:
     """Seconds until `travelled` is at its end."""
     return distance / speed + min(RAMP, distance / speed)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def outward_travel(table: Array, state: Array, t: float) -> tuple[float, float]:
     """How far (m) and how fast (m/s) out of the surface, where force is not controlled.
 
@@ -177,7 +177,7 @@ def outward_travel(table: Array, state: Array, t: float) -> tuple[float, float]:
     return table[_LIFT], 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def work_time(state: Array, t: float, duration: float) -> float:
     """Seconds since the feed started: 0 before, the whole `duration` (s) after."""
     phase = int(state[PHASE])
@@ -186,7 +186,7 @@ def work_time(state: Array, t: float, duration: float) -> float:
     return 0.0 if phase <= Phase.TOUCH else duration
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def setpoint(
     table: Array, state: Array, t: float, at_start: float, here: float, at_end: float
 ) -> float:
@@ -212,7 +212,7 @@ def setpoint(
     return 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def advance(
     table: Array,
     state: Array,
@@ -284,13 +284,13 @@ def advance(
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _enter(state: Array, phase: int, t: float) -> bool:
     state[PHASE], state[SINCE], state[ABOVE], state[LOST] = phase, t, 0.0, 0.0
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _retreat(state: Array, fault: int, t: float) -> bool:
     state[FAULT] = fault
     return _enter(state, Phase.RETREAT.value, t)

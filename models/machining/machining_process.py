@@ -16,18 +16,18 @@ v is the feed, tangential to the surface. The zone of cutting follows it with a 
 
 The spindle's unbalance turns with it, across its axis: F_u = unbalance omega^2.
 
-That is a steady process. `models.machining.process_variations` says what makes it vary.
+That is a steady process. `wrenchsight.models.machining.process_variations` says what makes it vary.
 """
 
 import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.machining.process_variations import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.machining.process_variations import (
     ProcessVariations,
     VariationsConfig,
     WorkpieceContact,
@@ -119,7 +119,7 @@ class MachiningProcess:
         return np.zeros(PROCESS_STATE_SIZE + memory)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def cutting_force(table: Array, normal_force: float, feed: Array, force: Array) -> None:
     """Writes the force (3,) N of the workpiece on the tool, against the feed.
 
@@ -134,7 +134,7 @@ def cutting_force(table: Array, normal_force: float, feed: Array, force: Array) 
         force[i] = -size * feed[i] / speed
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def advance_feed(table: Array, time_step: float, n: Array, v: Array, feed: Array) -> None:
     """Moves the lagged feed (3,) on by a tick, in place.
 
@@ -153,7 +153,7 @@ def advance_feed(table: Array, time_step: float, n: Array, v: Array, feed: Array
         feed[i] -= along * n[i]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def advance_process(
     table: Array, time_step: float, contact: Array, V_WE: Array, state: Array
 ) -> None:
@@ -172,7 +172,7 @@ def advance_process(
     cutting_force(table, state[NORMAL_FORCE], state[FEED], state[FORCE])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def advance_varying_process(
     table: Array,
     variations: Array,
@@ -213,7 +213,7 @@ def advance_varying_process(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def add_unbalance_force(table: Array, t: float, R_WE: Array, force: Array) -> None:
     """Adds to `force` (3,) N, axes of W, that of a spindle along E's z which turns evenly."""
     size = table[_UNBALANCE] * table[_OMEGA] ** 2

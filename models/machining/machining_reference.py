@@ -6,10 +6,10 @@ they are decided. That place is the anchor, (15,): R_WD row by row, p_WD and the
 """
 
 import numpy as np
-from numba import njit
 
-from models.arrays import Array
-from models.machining.machining_phases import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.machining.machining_phases import (
     FAULT,
     PHASE,
     Phase,
@@ -19,14 +19,14 @@ from models.machining.machining_phases import (
     setpoint,
     work_time,
 )
-from models.motion.paths import quintic_at
-from models.rigid_body.chain_kernels import pose_and_jacobian
+from wrenchsight.models.motion.paths import quintic_at
+from wrenchsight.models.rigid_body.chain_kernels import pose_and_jacobian
 
 _POSE = 18  # entries of a pose's reference: R_WD (9) row by row, p_WD (3) m, V_WD (6) rad/s, m/s
 _SINGULAR = 1e-6  # damping of J, in m and rad, where it loses rank
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def machining_reference(
     phases: Array,
     chain: Array,
@@ -58,7 +58,7 @@ def machining_reference(
             v_d is then that of going on into the surface at this speed, so that the friction of the
             joints at rest is fed forward together with the contact force.
         t: s.
-        state: (7,) of models.machining.machining_phases.
+        state: (7,) of wrenchsight.models.machining.machining_phases.
         anchor: (15,).
         q: (n,) rad, where the joints are.
         J: (6, n) there.
@@ -101,7 +101,7 @@ def machining_reference(
     out[-1] = 1.0 if _trusts(t_path, trusted, pushes_on, state, t) else 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def advance_reference(
     phases: Array,
     lower: Array,
@@ -146,7 +146,7 @@ def advance_reference(
         anchor[12:] = -R_WE[:, 2]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _trusts(t_path: Array, trusted: Array, pushes_on: float, state: Array, t: float) -> bool:
     """Whether the force feedback can be used now."""
     if pushes_on <= 0.0:
@@ -155,20 +155,20 @@ def _trusts(t_path: Array, trusted: Array, pushes_on: float, state: Array, t: fl
     return int(state[PHASE]) == Phase.WORK and _on_path(t_path, trusted, time) == 1.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _setpoint_now(phases: Array, t_path: Array, force: Array, state: Array, t: float) -> float:
     here = _on_path(t_path, force, work_time(state, t, t_path[-1] - t_path[0]))
     return setpoint(phases, state, t, force[0], here, force[-1])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _on_path(t_path: Array, values: Array, time: float) -> float:
     x = time / (t_path[1] - t_path[0])
     k = min(int(x), values.shape[0] - 2)
     return float(values[k] + (x - k) * (values[k + 1] - values[k]))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _joint_velocity(J: Array, V: Array, v: Array) -> None:
     """Writes v (n,) with J v = V (6,), damped where J loses rank."""
     mobility = np.empty((6, 6))

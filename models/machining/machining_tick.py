@@ -1,17 +1,16 @@
 """What leads and watches a pass in one tick, with what it reads and remembers in few arrays."""
 
-from numba import njit
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.kernel_choice import KernelChoice
+from wrenchsight.models.estimation.tick import tick_update, trusted_update
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.machining.machining_phases import STATE_SIZE
+from wrenchsight.models.machining.machining_reference import advance_reference, machining_reference
+from wrenchsight.models.observers.sample_check import check_current, check_motion, take_sample
+from wrenchsight.models.rigid_body.flat_terms import flat_motion, write_flat_terms
 
-from models.arrays import Array
-from models.estimation.kernel_choice import KernelChoice
-from models.estimation.tick import tick_update, trusted_update
-from models.machining.machining_phases import STATE_SIZE
-from models.machining.machining_reference import advance_reference, machining_reference
-from models.observers.sample_check import check_current, check_motion, take_sample
-from models.rigid_body.flat_terms import flat_motion, write_flat_terms
 
-
-@njit(cache=True, error_model="numpy")
+@kernel
 def lead_tick(
     phases: Array,
     chain: Array,
@@ -49,7 +48,7 @@ def lead_tick(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def take_tick(
     choice: KernelChoice,
     drives: Array,

@@ -46,10 +46,10 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 
-from models.arrays import Array
-from models.files.input_error import InputError
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.kernel import kernel
 
 NUM_WAVES = 24  # of a field
 _REACH = 8  # entries of the memory of chatter before its first turn
@@ -267,7 +267,7 @@ def chatter_limit(damping_ratio: float) -> float:
     return 2.0 * damping_ratio * (1.0 + damping_ratio)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def field_at(waves: Array, x: float, y: float) -> tuple[float, float, float]:
     """A sum of plane waves at x, y (m), and its derivatives in both."""
     value, along_x, along_y = 0.0, 0.0, 0.0
@@ -280,7 +280,7 @@ def field_at(waves: Array, x: float, y: float) -> tuple[float, float, float]:
     return value, along_x, along_y
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def pressed(stiffness: float, exponent: float, force: float, height: float) -> float:
     """The force (N) of a contact whose surface stands higher by `height` (m): 0 to twice `force`.
 
@@ -296,7 +296,7 @@ def pressed(stiffness: float, exponent: float, force: float, height: float) -> f
     return float(min(stiffness * depth**exponent, 2.0 * force))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def share_over_edge(distance: float, radius: float) -> float:
     """Share of a disc's area beyond a straight edge, its centre `distance` beyond it (m)."""
     x = distance / radius
@@ -307,7 +307,7 @@ def share_over_edge(distance: float, radius: float) -> float:
     return float(1.0 - (math.acos(x) - x * math.sqrt(1.0 - x * x)) / math.pi)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def engagement(table: Array, ends: Array, p: Array) -> float:
     """Share of the contact zone, its centre at p (3,) m, over stock: 0 to 1."""
     length = 0.0
@@ -323,7 +323,7 @@ def engagement(table: Array, ends: Array, p: Array) -> float:
     return float(share_over_edge(room, table[_ZONE]))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def regenerated(table: Array, place: float, memory: Array) -> float:
     """The height (m) that the last turn has left, and takes the tool's place into the memory.
 
@@ -351,7 +351,7 @@ def regenerated(table: Array, place: float, memory: Array) -> float:
     return float(table[_CHATTER] * (table[_OVERLAP] * before - vibration))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def vary(
     table: Array,
     waviness: Array,

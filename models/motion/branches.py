@@ -11,14 +11,15 @@ import itertools
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import ArrayLike, NDArray
 
-from models.arrays import Array, Flags
-from models.motion.damped_least_squares import approach_pose, space_of
-from models.motion.inverse_kinematics import closed_form
-from models.rigid_body.ties import whole_turns
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.motion.damped_least_squares import approach_pose, space_of
+from wrenchsight.models.motion.inverse_kinematics import closed_form
+from wrenchsight.models.rigid_body.ties import whole_turns
+from wrenchsight.models.robot.robot import Robot
 
 _TOLERANCE = 1e-9  # m and rad, of the pose that a solution reaches
 _ROUNDING = 1e-13  # of that pose; not worth another step
@@ -169,7 +170,7 @@ def _refine(
     return reached
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@kernel(parallel=True)
 def _refine_batch(
     table: Array,
     lower: Array,

@@ -7,12 +7,12 @@ and vanishes with it, so that the last steps are Newton's own.
 import math
 
 import numpy as np
-from numba import njit
 
-from models.arrays import Array
-from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
-from models.rigid_body.rotations import rotation_vector
-from models.rigid_body.small_matrices import factorise_in_place, solve_factorised
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
+from wrenchsight.models.rigid_body.rotations import rotation_vector
+from wrenchsight.models.rigid_body.small_matrices import factorise_in_place, solve_factorised
 
 Space = tuple[Array, Array, Array, Array, Array, Array, Array, Array]
 """Scratch of the kernels: R (3, 3), p (3,), J (6, n), error (6,), step (n,), a matrix (7, 6),
@@ -24,7 +24,7 @@ _SAME = 1e-15  # rad or m; a shorter step changes nothing
 _SINGULAR = 1e-20  # least pivot of the matrix
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def space_of(n: int) -> Space:
     """Scratch for a chain of n joints."""
     return (
@@ -39,7 +39,7 @@ def space_of(n: int) -> Space:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def pose_error(
     R: Array, p: Array, R_goal: Array, p_goal: Array, error: Array, turn: Array
 ) -> float:
@@ -62,7 +62,7 @@ def pose_error(
     return math.sqrt(total)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def damped_step(J: Array, error: Array, damping: float, step: Array, A: Array) -> bool:
     """step = J^T y of y = (J J^T + damping 1)^-1 error; False where the matrix is singular.
 
@@ -88,7 +88,7 @@ def damped_step(J: Array, error: Array, damping: float, step: Array, A: Array) -
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def approach_pose(
     table: Array,
     lower: Array,

@@ -14,11 +14,11 @@ import numpy as np
 from eaik.pybindings.EAIK import Robot as EaikRobot
 from scipy.spatial.transform import Rotation, Slerp
 
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.motion.damped_least_squares import approach_pose, space_of
-from models.rigid_body.ties import in_order, whole_turns
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.motion.damped_least_squares import approach_pose, space_of
+from wrenchsight.models.rigid_body.ties import in_order, whole_turns
+from wrenchsight.models.robot.robot import Robot
 
 _TOLERANCE = 1e-9  # m and rad, of the pose that a solution reaches
 _ROUNDING = 1e-12  # of that pose; not worth another step

@@ -9,14 +9,20 @@ thousands, so that a search can try every branch of many placements at once.
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import ArrayLike
 
-from models.arrays import Array, Flags
-from models.motion.damped_least_squares import Space, approach_pose, damped_step, space_of
-from models.rigid_body.chain_kernels import pose_and_jacobian
-from models.rigid_body.serial_chain import SerialChain
-from models.rigid_body.ties import whole_turns
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.motion.damped_least_squares import (
+    Space,
+    approach_pose,
+    damped_step,
+    space_of,
+)
+from wrenchsight.models.rigid_body.chain_kernels import pose_and_jacobian
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.rigid_body.ties import whole_turns
 
 _REACHED = 1e-11  # m and rad of the pose
 _MAX_STEPS = 12  # of Newton's method from one point to the next: it doubles the digits each time
@@ -90,7 +96,7 @@ def wrap_within(q: Array, lower: ArrayLike, upper: ArrayLike, prismatic: Flags) 
     return np.asarray(q - np.where(prismatic, 0.0, 2.0 * math.pi * turns))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _reach(
     table: Array,
     R_goal: Array,
@@ -106,7 +112,7 @@ def _reach(
     return left < 10.0 * _REACHED
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _track(
     table: Array,
     q_mid: Array,
@@ -150,7 +156,7 @@ def _track(
     return True
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@kernel(parallel=True)
 def _track_batch(
     table: Array,
     q_mid: Array,
@@ -168,7 +174,7 @@ def _track_batch(
             reached[i] = _track(table, q_mid[i], n_W[i], path_length, max_joint_step, q[i], space)
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@kernel(parallel=True)
 def _solve_batch(
     table: Array, R_WE: Array, p_WE: Array, q: Array, max_steps: int, reached: Flags
 ) -> None:
@@ -217,7 +223,7 @@ def pull_back(chain: SerialChain, q: Array, by_q: Array, path_length: float) -> 
     return by_path, left
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@kernel(parallel=True)
 def _correct_batch(
     table: Array, q: Array, n_W: Array, p_WM: Array, R_WE: Array, path_length: float, reached: Flags
 ) -> None:
@@ -234,7 +240,7 @@ def _correct_batch(
         reached[i] = good
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@kernel(parallel=True)
 def _pull_back_batch(
     table: Array, q: Array, by_q: Array, path_length: float, by_path: Array, left: Array
 ) -> None:

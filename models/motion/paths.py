@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.interpolate import make_interp_spline
 
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.motion.inverse_kinematics import follow_path
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.motion.inverse_kinematics import follow_path
+from wrenchsight.models.robot.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -220,7 +220,7 @@ class JointTrajectory:
         )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def quintic_at(t: Array, q: Array, v: Array, vdot: Array, time: float, out: Array) -> None:
     """Quintic Hermite interpolation at one time; out (3, n) takes q, v, vdot."""
     last = t.shape[0] - 1
@@ -249,7 +249,7 @@ def quintic_at(t: Array, q: Array, v: Array, vdot: Array, time: float, out: Arra
         out[2, j] = (2.0 * c2 + x * (6.0 * c3 + x * (12.0 * c4 + x * 20.0 * c5))) / (h * h)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _quintic(t: Array, q: Array, v: Array, vdot: Array, times: Array, out: Array) -> None:
     """The same at many times; out (N, 3, n)."""
     for i in range(times.shape[0]):

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.arrays import Array, Flags
-from models.motion.branches import all_branches
-from models.motion.posture_measures import PostureMeasure
-from models.motion.surface_path import frame_about, rotation_about
-from models.rigid_body.ties import SAME, first_of_least
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.motion.branches import all_branches
+from wrenchsight.models.motion.posture_measures import PostureMeasure
+from wrenchsight.models.motion.surface_path import frame_about, rotation_about
+from wrenchsight.models.rigid_body.ties import SAME, first_of_least
+from wrenchsight.models.robot.robot import Robot
 
 _DIRECTIONS, _TURNS = 37, 8  # tried at each point: directions in the cone, turns about the tool
 _REFINED_DIRECTIONS, _REFINEMENTS = 6, 3  # round the best one, and how often, each time nearer

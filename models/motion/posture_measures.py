@@ -14,17 +14,18 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import ArrayLike
 
-from models.arrays import Array
-from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
-from models.estimation.wrench_kernels import reconstruct
-from models.files.input_error import InputError
-from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
-from models.rigid_body.serial_chain import SerialChain
-from models.rigid_body.small_matrices import orthogonalise_rows
-from models.rigid_body.structural_rank import parallel_columns, structural_rank
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
+from wrenchsight.models.estimation.wrench_kernels import reconstruct
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.rigid_body.small_matrices import orthogonalise_rows
+from wrenchsight.models.rigid_body.structural_rank import parallel_columns, structural_rank
 
 # Starting threads costs more than a path's postures.
 _PARALLEL_FROM = 128
@@ -211,7 +212,7 @@ def _rows(chain: SerialChain, q: ArrayLike) -> Array:
     return np.ascontiguousarray(array).reshape(-1, chain.num_joints)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def contract(J: Array, G: Array, gradient: Array) -> None:
     """gradient_j = sum_i G_i . dJ_i/dq_j; J and G (6, n)."""
     n = J.shape[1]
@@ -234,7 +235,7 @@ def contract(J: Array, G: Array, gradient: Array) -> None:
             gradient[j] += J[3, j] * cx + J[4, j] * cy + J[5, j] * cz
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _condition_number_gradient(J: Array, B: Array, Q: Array, G: Array, gradient: Array) -> float:
     """Condition number of J (6, n), n >= 6, and gradient (n,); B, G (6, n) and Q (6, 6) scratch."""
     n = J.shape[1]
@@ -264,7 +265,7 @@ def _condition_number_gradient(J: Array, B: Array, Q: Array, G: Array, gradient:
     return value
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _condition_number_rows(table: Array, q: Array, values: Array, gradients: Array) -> None:
     n = q.shape[1]
     scratch = np.empty((n, SCRATCH_COLUMNS))
@@ -275,14 +276,14 @@ def _condition_number_rows(table: Array, q: Array, values: Array, gradients: Arr
         values[k] = _condition_number_gradient(J, B, Q, G, gradients[k])
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@kernel(parallel=True)
 def _condition_number_batch(table: Array, q: Array, values: Array, gradients: Array) -> None:
     for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
         rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
         _condition_number_rows(table, q[rows], values[rows], gradients[rows])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _posterior_trace(
     settings: Array,
     precision: Array,
@@ -317,7 +318,7 @@ def _posterior_trace(
     return float(covariance[3, 3] + covariance[4, 4] + covariance[5, 5])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _inverse_trace(covariance_tau: Array, J: Array, G: Array, B: Array, Q: Array) -> float:
     """The same for the plain inverse."""
     n = J.shape[1]
@@ -364,7 +365,7 @@ def _inverse_trace(covariance_tau: Array, J: Array, G: Array, B: Array, Q: Array
     return trace
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _force_sd_rows(
     table: Array,
     settings: Array,
@@ -395,7 +396,7 @@ def _force_sd_rows(
             gradients[k, j] = gradients[k, j] / (2.0 * value) if value < _UNREADABLE else 0.0
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@kernel(parallel=True)
 def _force_sd_batch(
     table: Array,
     settings: Array,

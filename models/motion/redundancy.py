@@ -24,17 +24,18 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
-from models.arrays import Array, Flags
-from models.files.input_error import InputError
-from models.motion.branches import all_branches, is_closed_form
-from models.motion.posture_measures import PostureMeasure
-from models.motion.surface_path import SurfacePath
-from models.rigid_body.ties import first_of_least, whole_turns
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.motion.branches import all_branches, is_closed_form
+from wrenchsight.models.motion.posture_measures import PostureMeasure
+from wrenchsight.models.motion.surface_path import SurfacePath
+from wrenchsight.models.rigid_body.ties import first_of_least, whole_turns
+from wrenchsight.models.robot.robot import Robot
 
 _ON_TASK = 1e-10  # m and rad; a posture this close to the task needs no further step
 _KEPT = 1e-9  # m and rad; a posture farther from the task is not used
@@ -485,7 +486,7 @@ def _turns_freely(robot: Robot) -> NDArray[np.bool_]:
     return np.asarray(~robot.chain.prismatic & (span > 4.0 * math.pi - 0.1))
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@kernel(parallel=True)
 def _advance(
     before: Array,
     now: Array,

@@ -13,14 +13,19 @@ there is no kink. It lies above the condition number by a factor of at most 6^(1
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
-from models.arrays import Array
-from models.motion.posture_measures import ConditionNumber, PostureMeasure, check_joints, contract
-from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
-from models.rigid_body.serial_chain import SerialChain
-from models.rigid_body.small_matrices import orthogonalise_rows
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.motion.posture_measures import (
+    ConditionNumber,
+    PostureMeasure,
+    check_joints,
+    contract,
+)
+from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.rigid_body.small_matrices import orthogonalise_rows
 
 _UNREADABLE = 1e12  # stands for infinity, where a solver needs a number
 
@@ -70,7 +75,7 @@ def smoothed(chain: SerialChain, measure: PostureMeasure, sharpness: float) -> P
     return measure
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _rows(table: Array, sharpness: float, q: Array, values: Array, gradients: Array) -> None:
     n = q.shape[1]
     scratch = np.empty((n, SCRATCH_COLUMNS))

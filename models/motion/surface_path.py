@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.arrays import Array
-from models.files.files_read import about_to_read
-from models.files.input_error import InputError
-from models.motion.workpieces import Surface
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.files_read import about_to_read
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.motion.workpieces import Surface
 
 COLUMNS = ("x", "y", "z", "nx", "ny", "nz")
 _UNIT = 1e-3  # how far from 1 the length of a normal may be: CAM prints four digits or more

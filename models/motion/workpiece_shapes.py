@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from models.motion.workpieces import BladeSection, Plate
+from wrenchsight.models.motion.workpieces import BladeSection, Plate
 
 
 @dataclass

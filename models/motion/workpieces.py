@@ -13,8 +13,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from models.arrays import Array
-from models.files.input_error import InputError
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
 
 Indices = NDArray[np.int32]
 _Complex = NDArray[np.complex128]

@@ -18,11 +18,11 @@ WITHIN. What a wrong current reads below them is no larger than a force could be
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
-from models.arrays import Array, Flags
-from models.rigid_body.small_matrices import factorise_with_floor, solve_lower
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.rigid_body.small_matrices import factorise_with_floor, solve_lower
 
 BEYOND = 6.0
 WITHIN = 3.0
@@ -53,7 +53,7 @@ def explained_table(
     return np.concatenate([numbers, np.asarray(correlation, float).ravel()])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def unexplained(table: Array, J: Array, tau_ext: Array, sd: Array) -> float:
     """D of one sample; J (6, n) as tau_ext saw it, tau_ext (n,) N m, sd (n,) N m."""
     n = tau_ext.shape[0]
@@ -77,7 +77,7 @@ def unexplained(table: Array, J: Array, tau_ext: Array, sd: Array) -> float:
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def is_explained(table: Array, doubt: float, D: float) -> tuple[bool, float]:
     """Whether a reading may be valid, and the s of doubt left after it; `doubt` of before, NaN at
     the start. A D that is not finite says nothing.
@@ -88,7 +88,7 @@ def is_explained(table: Array, doubt: float, D: float) -> tuple[bool, float]:
     return left <= 0.0, left
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def explained_log(
     table: Array, state: Array, J: Array, tau_ext: Array, sd: Array, explained: Flags
 ) -> None:

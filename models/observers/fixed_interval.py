@@ -6,10 +6,10 @@ noise grows, and the adjoint tells what speaks for such a change (`models.observ
 """
 
 import numpy as np
-from numba import njit
 
-from models.arrays import Array, Flags
-from models.observers.kalman_kernels import (
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.observers.kalman_kernels import (
     JUMP_F,
     KEPT_F,
     NOISE_F,
@@ -19,8 +19,8 @@ from models.observers.kalman_kernels import (
     sample_momentum,
     split_table,
 )
-from models.observers.observer import CTV, GRAVITY, TAU_F, TAU_J
-from models.rigid_body.small_matrices import (
+from wrenchsight.models.observers.observer import CTV, GRAVITY, TAU_F, TAU_J
+from wrenchsight.models.rigid_body.small_matrices import (
     factorise_in_place,
     factorise_with_floor,
     solve_factorised,
@@ -36,7 +36,7 @@ _SMOOTH, _SLOW, _KEEPS, _MISS, NUM_PERIOD = range(5)
 LIKELIER, FORCE_GAIN, BLOW_GAIN, NUM_EVIDENCE = range(4)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _gain(
     P: Array,
     rounding: Array,
@@ -55,7 +55,7 @@ def _gain(
         solve_factorised(L, n, K[a])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _step_matrix(
     numbers: Array,
     sixes: Array,
@@ -77,7 +77,7 @@ def _step_matrix(
         A[n + a, n + a] = sixes[KEPT_F, a]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def forward_log(
     table: Array,
     kept_drift: float,
@@ -163,7 +163,7 @@ def forward_log(
             P[n + a, n + a] += sixes[NOISE_F, a] + changes[k] * sixes[JUMP_F, a]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _renew(
     kept: Array,
     mixing: Array,
@@ -185,7 +185,7 @@ def _renew(
             P[n + 6 + i, n + 6 + j] += mixing[i, j] * np.sqrt(fade)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _times(
     A: Array,
     z: Array,
@@ -201,7 +201,7 @@ def _times(
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _congruent(
     A: Array,
     P: Array,
@@ -229,7 +229,7 @@ def _congruent(
             P[b, a] = P[a, b]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def backward_log(
     table: Array,
     kept_drift: float,
@@ -315,7 +315,7 @@ def backward_log(
             _smoothed(z_log[k], P_log[k], small, large, n, wrench[k], covariance[k])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _weigh_change(
     small: Array,
     large: Array,
@@ -325,7 +325,7 @@ def _weigh_change(
 ) -> None:
     """Writes what a change of F, of variance diag(jump), or of any p explains, before a sample.
 
-    The equations are those of `models.observers.force_changes`.
+    The equations are those of `wrenchsight.models.observers.force_changes`.
     """
     evidence[:] = 0.0
     L, left = np.empty((6, 6)), np.empty(6)
@@ -347,7 +347,7 @@ def _weigh_change(
             evidence[BLOW_GAIN] += 0.5 * blow[i] * blow[i]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _adjoint(
     A: Array,
     small: Array,
@@ -377,7 +377,7 @@ def _adjoint(
             large[b, c] = total
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _smoothed(
     z: Array,
     P: Array,

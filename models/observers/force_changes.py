@@ -31,8 +31,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from models.arrays import Array, Flags
-from models.observers.fixed_interval import (
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.observers.fixed_interval import (
     BLOW_GAIN,
     FORCE_GAIN,
     LIKELIER,
@@ -42,8 +42,8 @@ from models.observers.fixed_interval import (
     backward_log,
     forward_log,
 )
-from models.observers.kalman_kernels import JUMP_F, PERIOD, START_F, split_table
-from models.observers.kalman_observer import CHANGE_ODDS, CHANGE_TIMES
+from wrenchsight.models.observers.kalman_kernels import JUMP_F, PERIOD, START_F, split_table
+from wrenchsight.models.observers.kalman_observer import CHANGE_ODDS, CHANGE_TIMES
 
 PASSES = 4
 
@@ -53,7 +53,7 @@ class IntervalReading(NamedTuple):
 
     Attributes:
         wrench, covariance: (K, 6), (K, 6, 6) of the first K <= N samples; as `WrenchEstimator`'s.
-        evidence: (N, NUM_EVIDENCE) of `models.observers.fixed_interval`.
+        evidence: (N, NUM_EVIDENCE) of `wrenchsight.models.observers.fixed_interval`.
     """
 
     wrench: Array
@@ -167,7 +167,7 @@ def likely_changes(evidence: Array, sought: ChangesSought) -> Array:
     """Shares (N,) of the live prior's variance that F is to gain after each sample.
 
     Args:
-        evidence: (N, NUM_EVIDENCE) of `models.observers.fixed_interval`.
+        evidence: (N, NUM_EVIDENCE) of `wrenchsight.models.observers.fixed_interval`.
         sought: how far, and against what.
     """
     N = len(evidence)

@@ -4,11 +4,11 @@ The equations are those of `models.observers.kalman_observer`, whose table and s
 """
 
 import numpy as np
-from numba import njit
 
-from models.arrays import Array
-from models.identification.torque_error_model import TORQUE_ERROR_ROWS, torque_sd_tick
-from models.observers.observer import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.identification.torque_error_model import TORQUE_ERROR_ROWS, torque_sd_tick
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.observers.observer import (
     CTV,
     GRAVITY,
     TAU_EXT,
@@ -18,8 +18,8 @@ from models.observers.observer import (
     Q,
     V,
 )
-from models.observers.period_torque import arrived_momentum
-from models.rigid_body.small_matrices import factorise_with_floor, solve_lower
+from wrenchsight.models.observers.period_torque import arrived_momentum
+from wrenchsight.models.rigid_body.small_matrices import factorise_with_floor, solve_lower
 
 # Table: numbers, 6-vectors, n-vectors, an (n, n), and the torque error's own table, all flat.
 PERIOD, BEFORE, SETTLED, HAS_ERROR, GROSS, CHANGED, KEPT_SUM = range(7)
@@ -33,7 +33,7 @@ MOST_DOUBT = 1e4  # times that a gross innovation widens the variance
 _LOST, _RUNNING = 0.0, 1.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def split_state(
     flat: Array,
     n: int,
@@ -61,7 +61,7 @@ def split_state(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def split_table(
     table: Array,
     n: int,
@@ -79,14 +79,14 @@ def split_table(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def sample_momentum(table: Array, signals: Array, i: int) -> float:
     """y of joint i."""
     y: float = arrived_momentum(0.5 * table[PERIOD], table[BEFORE], signals, i)
     return y
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _is_measured(
     table: Array,
     status: Array,
@@ -98,7 +98,7 @@ def _is_measured(
     return finite
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _read_force(
     table: Array,
     state: Array,
@@ -117,7 +117,7 @@ def _read_force(
     return measured
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def kalman_output(table: Array, state: Array, signals: Array, J: Array) -> bool:
     """Writes tau_ext = J^T F right after a sample; see `observer`."""
     n = signals.shape[1]
@@ -132,7 +132,7 @@ def kalman_output(table: Array, state: Array, signals: Array, J: Array) -> bool:
     return bool(measured and status[1] >= table[SETTLED])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def kalman_wrench(
     table: Array,
     state: Array,
@@ -168,7 +168,7 @@ def kalman_wrench(
             covariance[b, a] = total
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _rounding(
     table: Array,
     n: int,
@@ -178,7 +178,7 @@ def _rounding(
     return rounding
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def kalman_update(table: Array, state: Array, signals: Array, J: Array) -> None:
     """Takes a sample into `state`, in place; see `observer`.
 
@@ -235,7 +235,7 @@ def kalman_update(table: Array, state: Array, signals: Array, J: Array) -> None:
             sums[:] = 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def begin(mixing: Array, sixes: Array, x: Array, P: Array, C: Array) -> None:
     """Writes x, P and C of a filter that has read nothing yet."""
     n = mixing.shape[0]
@@ -245,7 +245,7 @@ def begin(mixing: Array, sixes: Array, x: Array, P: Array, C: Array) -> None:
     P[n + 6 :, n + 6 :] = mixing
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def whitened_innovation(x: Array, P: Array, C: Array, rounding: Array, arrived: Array) -> Array:
     """L^-1 (y - p) (n,), of covariance 1."""
     n = arrived.shape[0]
@@ -257,7 +257,7 @@ def whitened_innovation(x: Array, P: Array, C: Array, rounding: Array, arrived: 
     return left
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def sum_innovations(numbers: Array, sums: Array, whitened: Array) -> float:
     """Takes a whitened innovation (n,) into `sums` (SUMS, n), in place; the largest |sum|^2.
 
@@ -274,7 +274,7 @@ def sum_innovations(numbers: Array, sums: Array, whitened: Array) -> float:
     return largest
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def innovation_factor(P: Array, C: Array, rounding: Array, L: Array) -> None:
     """Writes the lower triangle L (n, n) of the coming innovation's covariance L L^T."""
     n = L.shape[0]
@@ -287,7 +287,7 @@ def innovation_factor(P: Array, C: Array, rounding: Array, L: Array) -> None:
     factorise_with_floor(L, n, rounding)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def error_parts(
     numbers: Array,
     joints: Array,
@@ -327,7 +327,7 @@ def error_parts(
         white[i] = joints[WHITE, i] * moving * numbers[PERIOD]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def measure(
     x: Array,
     gain: Array,
@@ -362,7 +362,7 @@ def measure(
             P[b, a] = total
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def renew(
     kept: Array,
     mixing: Array,
@@ -388,7 +388,7 @@ def renew(
             P[first + i, first + j] += mixing[i, j] * np.sqrt(fade)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def advance(
     T: float,
     J: Array,
@@ -444,7 +444,7 @@ def advance(
             P[b, a] = P[a, b]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def find_gain(
     P: Array,
     C: Array,

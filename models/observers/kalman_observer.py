@@ -64,9 +64,9 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from scipy.stats import chi2
 
-from models.arrays import Array
-from models.identification.torque_error_model import TORQUE_ERROR_ROWS
-from models.observers.kalman_kernels import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.identification.torque_error_model import TORQUE_ERROR_ROWS
+from wrenchsight.models.observers.kalman_kernels import (
     BEFORE,
     CHANGED,
     GROSS,
@@ -93,8 +93,8 @@ from models.observers.kalman_kernels import (
     kalman_wrench,
     split_state,
 )
-from models.observers.observer import ModelKnowledge, ObserverKernels, WrenchPrior
-from models.observers.period_torque import checked_period, motor_share
+from wrenchsight.models.observers.observer import ModelKnowledge, ObserverKernels, WrenchPrior
+from wrenchsight.models.observers.period_torque import checked_period, motor_share
 
 WHITE_SHARE = 0.6  # of a moving joint's error variance behind K_0: the UR10e's three fitted runs
 SETTLING = 3.0  # 1 / K_0 of the error model

@@ -30,10 +30,10 @@ stated relative sd: Sigma_F <- Sigma_F + (scale F) (scale F)^T.
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
-from models.arrays import Array, Flags
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.kernel import kernel
 
 JACOBIAN_ROWS = 6  # of the state, (JACOBIAN_ROWS, n), NaN before the first sample
 _DOUBTED = 0.1  # pace of LP_omega where the reading is not valid
@@ -99,7 +99,7 @@ def jacobian_seen(J: ArrayLike, K_0: ArrayLike, time_step: float) -> Array:
     return J
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def see_jacobian(poles: Array, state: Array, J: Array, seen: Array) -> None:
     """Single-sample kernel: writes J_seen (6, n) right after a sample; `state` stays as it is.
 
@@ -115,7 +115,7 @@ def see_jacobian(poles: Array, state: Array, J: Array, seen: Array) -> None:
                 seen[i, j] = known + half * J[i, j]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def take_jacobian(poles: Array, state: Array, J: Array, seen: Array) -> None:
     """Single-sample kernel: takes a sample and its `see_jacobian` into `state`, in place.
 
@@ -127,7 +127,7 @@ def take_jacobian(poles: Array, state: Array, J: Array, seen: Array) -> None:
             state[i, j] = poles[j] * seen[i, j] + half * J[i, j]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def jacobian_seen_log(poles: Array, state: Array, J: Array) -> None:
     """Replaces J (N, 6, n) by J_seen, one sample after another."""
     seen = np.empty((6, poles.shape[0]))
@@ -137,7 +137,7 @@ def jacobian_seen_log(poles: Array, state: Array, J: Array) -> None:
         J[k] = seen
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def lag_tick(
     settings: Array, state: Array, wrench: Array, covariance: Array, lateness: Array
 ) -> None:
@@ -161,7 +161,7 @@ def lag_tick(
         lateness[i] = late_i
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _late(settings: Array, slow: float, value: float, variance: float) -> float:
     """f_i of one component."""
     if not np.isfinite(slow):
@@ -171,7 +171,7 @@ def _late(settings: Array, slow: float, value: float, variance: float) -> float:
     return late * (1.0 - variance / square) if square > variance else 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def lag_update(settings: Array, state: Array, wrench: Array, valid: bool) -> None:
     """Single-sample kernel: takes the reading of a sample into `state`, in place."""
     pole = settings[_POLE] if valid else settings[_DOUBTED_POLE]
@@ -183,7 +183,7 @@ def lag_update(settings: Array, state: Array, wrench: Array, valid: bool) -> Non
                 state[i] = wrench[i]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def lag_log(settings: Array, state: Array, wrench: Array, valid: Flags, covariance: Array) -> None:
     """`lag_tick` and `lag_update` for N samples, one after another."""
     lateness = np.empty(6)

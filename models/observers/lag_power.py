@@ -19,9 +19,9 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numba import njit
 
-from models.arrays import Array
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import kernel
 
 SHARE = 3.0 * (1.0 - 0.25 * np.pi)
 LAG_POWER_ROWS = 7  # of the state: LP_omega of the wrench, then LP_omega(g g^T)
@@ -76,7 +76,7 @@ class LagPower:
             lag_power_log(self.pole, self.factor, state, wrench, noise, covariance)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def lag_power_log(
     pole: float, factor: float, state: Array, wrench: Array, noise: Array, covariance: Array
 ) -> None:

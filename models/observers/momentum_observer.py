@@ -32,10 +32,10 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar, Self
 
 import numpy as np
-from numba import njit
 
-from models.arrays import Array, Flags
-from models.observers.observer import (
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.observers.observer import (
     CTV,
     GRAVITY,
     MOMENTUM,
@@ -45,7 +45,11 @@ from models.observers.observer import (
     TAU_J,
     ObserverKernels,
 )
-from models.observers.period_torque import arrived_momentum, checked_period, positive_per_joint
+from wrenchsight.models.observers.period_torque import (
+    arrived_momentum,
+    checked_period,
+    positive_per_joint,
+)
 
 START_SHARE = 0.05  # 3 / K_0 after the start
 HELD_SHARE = START_SHARE / 50.0  # a gap of up to 4 / K_0 costs its own rows, a longer one more
@@ -65,7 +69,7 @@ class MomentumObserverConfig:
     torque_samples: str = "held"  # mean motor torque of a period: "held" or "trapezoidal"
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def observer_output(table: Array, state: Array, signals: Array, J: Array) -> bool:
     """Writes the estimate right after a sample; see `observer`.
 
@@ -92,7 +96,7 @@ def observer_output(table: Array, state: Array, signals: Array, J: Array) -> boo
     return fresh
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def observer_update(table: Array, state: Array, signals: Array, J: Array) -> None:
     """Takes a sample and its `observer_output` into `state`, in place; see `observer`.
 
@@ -112,7 +116,7 @@ def observer_update(table: Array, state: Array, signals: Array, J: Array) -> Non
         state[1, i] = signals[TAU_EXT, i]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _observer_log(table: Array, state: Array, signals: Array, J: Array, fresh: Flags) -> None:
     for k in range(signals.shape[0]):
         fresh[k] = observer_output(table, state, signals[k], J)

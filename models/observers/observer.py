@@ -1,8 +1,8 @@
 """What an observer of external joint torque is: constants, a state, and two kernels.
 
 An observer is one file of this room and one entry of `observer_kinds.OBSERVERS`. The estimator of a
-log (`estimator`), its diagram (`systems.external_torque_observer`) and its fused block
-(`systems.wrench_estimator`) run the same two kernels:
+log (`estimator`), its diagram (`wrenchsight.systems.external_torque_observer`) and its fused block
+(`wrenchsight.systems.wrench_estimator`) run the same two kernels:
 
     output(table, state, signals, J) -> bool
         Writes the estimate right after a sample into signals[TAU_EXT]; returns whether it is
@@ -31,9 +31,9 @@ from typing import Any, ClassVar, NamedTuple, Protocol, Self, runtime_checkable
 
 from numpy.typing import ArrayLike
 
-from models.arrays import Array
-from models.friction.friction_law import FrictionLaw
-from models.identification.torque_error_model import TorqueErrorModel
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
 
 # Rows of `signals`.
 Q, V = 0, 1  # rad, rad/s

@@ -3,10 +3,10 @@
 import re
 from typing import TYPE_CHECKING, Any, Union
 
-from models.observers import observer
-from models.observers.kalman_observer import KalmanObserver
-from models.observers.momentum_observer import MomentumObserver
-from models.observers.super_twisting_observer import SuperTwistingObserver
+from wrenchsight.models.observers import observer
+from wrenchsight.models.observers.kalman_observer import KalmanObserver
+from wrenchsight.models.observers.momentum_observer import MomentumObserver
+from wrenchsight.models.observers.super_twisting_observer import SuperTwistingObserver
 
 OBSERVERS: list[type[observer.Observer]] = [
     MomentumObserver,

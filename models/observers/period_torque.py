@@ -7,16 +7,16 @@ sample belongs to the period that ends with it is therefore known before the nex
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
-from models.arrays import Array
-from models.observers.observer import CTV, GRAVITY, MOMENTUM, TAU_F, TAU_J
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.observers.observer import CTV, GRAVITY, MOMENTUM, TAU_F, TAU_J
 
 TORQUE_SAMPLES = ("held", "trapezoidal")
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def arrived_momentum(half: float, before: float, signals: Array, i: int) -> float:
     """Momentum of joint i less what the sample's own torque adds to the period that it ends.
 

@@ -30,11 +30,11 @@ size tells no spike: drives that start change their current by up to 1.5 of the 
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from models.arrays import Array
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.robot.robot import Robot
 
 Codes = NDArray[np.int64]
 
@@ -127,7 +127,7 @@ class SampleCheck:
         return checked, codes
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def check_motion(
     table: Array,
     state: Array,
@@ -153,7 +153,7 @@ def check_motion(
     return found
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def check_current(
     table: Array,
     state: Array,
@@ -169,7 +169,7 @@ def check_current(
         checked[2, j] = current[j] if wrong == 0 else np.nan
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def take_sample(
     table: Array,
     state: Array,
@@ -218,7 +218,7 @@ def take_sample(
             state[_I, j], state[_I_AGE, j] = current[j], 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _wrong_motion(
     table: Array,
     state: Array,
@@ -249,7 +249,7 @@ def _wrong_motion(
     return 0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _wrong_current(
     table: Array,
     state: Array,
@@ -272,7 +272,7 @@ def _wrong_current(
     return FROZEN if i == state[_I, j] and state[_SAME, j] >= FROZEN_TIME else 0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _disagreement(
     state: Array,
     age: float,
@@ -285,7 +285,7 @@ def _disagreement(
     return r
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _bound(
     table: Array,
     state: Array,
@@ -296,7 +296,7 @@ def _bound(
     return largest
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def check_sample(
     table: Array,
     state: Array,
@@ -316,7 +316,7 @@ def check_sample(
     return found
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _check_log(
     table: Array,
     state: Array,

@@ -34,10 +34,10 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar, Self
 
 import numpy as np
-from numba import njit
 
-from models.arrays import Array
-from models.observers.observer import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.observers.observer import (
     CTV,
     GRAVITY,
     TAU_EXT,
@@ -46,7 +46,7 @@ from models.observers.observer import (
     ModelKnowledge,
     ObserverKernels,
 )
-from models.observers.period_torque import (
+from wrenchsight.models.observers.period_torque import (
     arrived_momentum,
     checked_period,
     motor_share,
@@ -74,7 +74,7 @@ class SuperTwistingObserverConfig:
     torque_samples: str = "held"  # mean motor torque of a period: "held" or "trapezoidal"
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _left(
     row: Array,
     b: float,
@@ -89,7 +89,7 @@ def _left(
     return left
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def super_twisting_output(table: Array, state: Array, signals: Array, J: Array) -> bool:
     """Writes the estimate right after a sample; see `observer`."""
     fresh = True
@@ -110,7 +110,7 @@ def super_twisting_output(table: Array, state: Array, signals: Array, J: Array) 
     return fresh
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def super_twisting_update(table: Array, state: Array, signals: Array, J: Array) -> None:
     """Takes a sample and its `super_twisting_output` into `state`, in place; see `observer`.
 

@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from models.arrays import Array, Flags
-from models.motion.path_postures import correct_paths, pull_back
-from models.motion.posture_measures import PostureMeasure
-from models.placement.placement_program import PlacementBounds
-from models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.motion.path_postures import correct_paths, pull_back
+from wrenchsight.models.motion.posture_measures import PostureMeasure
+from wrenchsight.models.placement.placement_program import PlacementBounds
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
 _MEMORY = 8  # pairs that L-BFGS keeps
 _LONGEST = 0.15  # rad or m of the path in one step

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from models.motion.path_postures import correct_paths
-from models.placement.placement_program import Placement
-from models.robot.robot import Robot
+from wrenchsight.models.motion.path_postures import correct_paths
+from wrenchsight.models.placement.placement_program import Placement
+from wrenchsight.models.robot.robot import Robot
 
 
 def on_path(robot: Robot, placement: Placement, path_length: float) -> Placement | None:

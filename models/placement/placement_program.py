@@ -19,16 +19,16 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import IpoptSolver, MathematicalProgram, SnoptSolver, SolverOptions
 
-from models.arrays import Array
-from models.motion.posture_measures import PathMeasure
-from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
-from models.rigid_body.rotations import quaternion_of
-from models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.motion.posture_measures import PathMeasure
+from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
+from wrenchsight.models.rigid_body.rotations import quaternion_of
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
 SOLVERS = ("snopt", "ipopt")
 
@@ -443,7 +443,7 @@ def _with_gradient(x: NDArray[Any], values: Array, gradient: Array) -> Any:
     return InitializeAutoDiff(values[:, np.newaxis], gradient)[:, 0]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _pose_constraints(
     table: Array,
     q: Array,

@@ -5,7 +5,7 @@ stops where it meets one. Whatever starts from such an end (a simulation, a read
 digits from another start or on another machine. So
 
 1. the program is solved again from there, to a tighter tolerance, with the measure smoothed and the
-   smoothing taken back step by step (`models.motion.smooth_condition_number`);
+   smoothing taken back step by step (`wrenchsight.models.motion.smooth_condition_number`);
 2. of a family of placements that measure and constraints do not tell apart, one stands for all: the
    first joint is turned to the middle of its range at the path's midpoint, the last one too, wrist
    and elbow are those nearest to the middle of theirs, and the path runs towards the positive side
@@ -18,19 +18,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.arrays import Array
-from models.motion.branches import all_branches
-from models.motion.path_postures import track_paths
-from models.motion.posture_measures import PathMeasure
-from models.motion.smooth_condition_number import smoothed
-from models.placement.placement_program import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.motion.branches import all_branches
+from wrenchsight.models.motion.path_postures import track_paths
+from wrenchsight.models.motion.posture_measures import PathMeasure
+from wrenchsight.models.motion.smooth_condition_number import smoothed
+from wrenchsight.models.placement.placement_program import (
     Placement,
     PlacementProgram,
     Solution,
     quaternion_from,
 )
-from models.rigid_body.ties import SAME, first_of_least
-from models.robot.robot import Robot
+from wrenchsight.models.rigid_body.ties import SAME, first_of_least
+from wrenchsight.models.robot.robot import Robot
 
 SHARPNESS = (1e2, 1e3, 1e4, 1e5)  # of the smoothed measure, one solve each
 _NO_WORSE = 1e-6  # relative; what an exact optimum may lose by the remaining smoothing

@@ -34,20 +34,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from models.arrays import Array, Flags
-from models.motion.branches import all_branches, is_closed_form
-from models.motion.path_postures import solve_poses, track_paths, wrap_within
-from models.placement.placement_descent import PlacementBatch, PlacementDescent
-from models.placement.placement_points import between_points, on_path
-from models.placement.placement_program import (
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.motion.branches import all_branches, is_closed_form
+from wrenchsight.models.motion.path_postures import solve_poses, track_paths, wrap_within
+from wrenchsight.models.placement.placement_descent import PlacementBatch, PlacementDescent
+from wrenchsight.models.placement.placement_points import between_points, on_path
+from wrenchsight.models.placement.placement_program import (
     Placement,
     PlacementProgram,
     Solution,
     quaternion_from,
 )
-from models.placement.placement_refinement import finished
-from models.rigid_body.ties import in_order
-from models.robot.robot import Robot
+from wrenchsight.models.placement.placement_refinement import finished
+from wrenchsight.models.rigid_body.ties import in_order
+from wrenchsight.models.robot.robot import Robot
 
 FEASIBLE = 1e-7  # m and rad, of every constraint; postures are then corrected to rounding
 BETWEEN = 1e-3  # rad and m, of joint limits between the points; clearance there is kept in full

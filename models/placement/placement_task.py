@@ -6,16 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
-from models.arrays import Array
-from models.files.configuration import REQUIRED, load_configuration
-from models.files.input_error import InputError
-from models.files.plausible_numbers import check_numbers
-from models.files.task_files import task_file
-from models.motion.paths import StraightPath
-from models.motion.posture_measures import check_joints
-from models.placement.placement_program import PlacementBounds
-from models.robot.robot import Robot
-from models.robot.robot_config import PoseConfig
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.configuration import REQUIRED, load_configuration
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.plausible_numbers import check_numbers
+from wrenchsight.models.files.task_files import task_file
+from wrenchsight.models.motion.paths import StraightPath
+from wrenchsight.models.motion.posture_measures import check_joints
+from wrenchsight.models.placement.placement_program import PlacementBounds
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import PoseConfig
 
 
 @dataclass

@@ -15,8 +15,8 @@ from functools import cache
 
 import numpy as np
 
-from models.arrays import Array
-from models.recordings.recording import Recording, concatenated
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.recordings.recording import Recording, concatenated
 
 HALF_WINDOW_S = 0.03
 """Half of the stretch that a velocity is taken from. It differs from the drives' own velocity by 3

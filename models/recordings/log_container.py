@@ -12,8 +12,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from models.arrays import Array
-from models.recordings.recording_format import RecordingFormat
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.recordings.recording_format import RecordingFormat
 
 RowNumbers = NDArray[np.int64]
 

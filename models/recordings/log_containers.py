@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from models.recordings.log_container import LogContainer
-from models.recordings.npz_table import NpzContainer
-from models.recordings.parquet_table import ParquetContainer
-from models.recordings.rosbag.table import RosbagContainer, is_bag
-from models.recordings.text_table import TextContainer
+from wrenchsight.models.recordings.log_container import LogContainer
+from wrenchsight.models.recordings.npz_table import NpzContainer
+from wrenchsight.models.recordings.parquet_table import ParquetContainer
+from wrenchsight.models.recordings.rosbag.table import RosbagContainer, is_bag
+from wrenchsight.models.recordings.text_table import TextContainer
 
 TEXT = TextContainer()
 """Also of a log with any other ending, where a description says how to read it."""

@@ -9,11 +9,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.files.whole_file import whole_file, writing_to
-from models.recordings.recording_format import RecordingFormat
-from models.recordings.table_checks import first_missing, rows_within
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.whole_file import whole_file, writing_to
+from wrenchsight.models.recordings.recording_format import RecordingFormat
+from wrenchsight.models.recordings.table_checks import first_missing, rows_within
 
 Lines = NDArray[np.int64]
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.arrays import Array
+from wrenchsight.models.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.recordings.plausibility.drive_evidence import DriveEvidence, SignEvidence
-from models.recordings.recording import Recording, concatenated, place_of
-from models.recordings.recording_format import ColumnLayout
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.plausibility.drive_evidence import DriveEvidence, SignEvidence
+from wrenchsight.models.recordings.recording import Recording, concatenated, place_of
+from wrenchsight.models.recordings.recording_format import ColumnLayout
+from wrenchsight.models.robot.robot import Robot
 
 _DEGREE = np.pi / 180
 _LIMIT_MARGIN = 0.2  # rad or m beyond a position limit: logs exceed soft limits a little

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from models.arrays import Array
-from models.files.configuration import REQUIRED, load_configuration
-from models.files.input_error import InputError
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.configuration import REQUIRED, load_configuration
+from wrenchsight.models.files.input_error import InputError
 
 MOST_COLUMNS = 10_000  # of a log
 MOST_SKIPPED_LINES = 1_000_000

@@ -10,18 +10,22 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from models.arrays import Array
-from models.files.files_read import about_to_read
-from models.files.input_error import InputError
-from models.recordings.differentiation import HALF_WINDOW_S, with_velocities
-from models.recordings.layouts.external_torque import external_torque_layout
-from models.recordings.layouts.header_layouts import known_layout, time_columns
-from models.recordings.log_container import LogTable
-from models.recordings.log_containers import TEXT, container_of, usual_suffixes
-from models.recordings.plausibility.drive_evidence import DOUBTFUL, SignEvidence, odds_text
-from models.recordings.recording import Recording, concatenated, place_of
-from models.recordings.recording_checks import RecordingChecks
-from models.recordings.recording_format import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.files_read import about_to_read
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.differentiation import HALF_WINDOW_S, with_velocities
+from wrenchsight.models.recordings.layouts.external_torque import external_torque_layout
+from wrenchsight.models.recordings.layouts.header_layouts import known_layout, time_columns
+from wrenchsight.models.recordings.log_container import LogTable
+from wrenchsight.models.recordings.log_containers import TEXT, container_of, usual_suffixes
+from wrenchsight.models.recordings.plausibility.drive_evidence import (
+    DOUBTFUL,
+    SignEvidence,
+    odds_text,
+)
+from wrenchsight.models.recordings.recording import Recording, concatenated, place_of
+from wrenchsight.models.recordings.recording_checks import RecordingChecks
+from wrenchsight.models.recordings.recording_format import (
     MOST_COLUMNS,
     ColumnLayout,
     RecordingFormat,
@@ -33,9 +37,9 @@ from models.recordings.recording_format import (
     resolve_layout,
     rows_for,
 )
-from models.recordings.resampling import plausible_step, time_error
-from models.recordings.rosbag.table import is_bag
-from models.robot.robot import Robot
+from wrenchsight.models.recordings.resampling import plausible_step, time_error
+from wrenchsight.models.recordings.rosbag.table import is_bag
+from wrenchsight.models.robot.robot import Robot
 
 _BEYOND_ANY_ROBOT = 1e9  # SI; sums of squares of smaller numbers cannot overflow
 _BEYOND_ANY_CLOCK = 1e19  # s; nanoseconds since 1970 read as seconds have a message of their own

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from models.files.input_error import InputError
-from models.recordings.log_containers import container_of, usual_suffixes
-from models.recordings.recording import Recording
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.log_containers import container_of, usual_suffixes
+from wrenchsight.models.recordings.recording import Recording
 
 
 def write_recording(recording: Recording, path: str | Path) -> None:

@@ -16,9 +16,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.recordings.recording import Recording, concatenated, place_of
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.recording import Recording, concatenated, place_of
 
 UNIFORM_TOLERANCE = 0.01  # of the step
 DROPOUT_STEPS = 1.75  # a longer step misses a sample; jitter stays below in logs of real robots

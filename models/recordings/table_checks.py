@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from models.arrays import Array, Flags
-from models.files.input_error import InputError
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.files.input_error import InputError
 
 
 def rows_within(

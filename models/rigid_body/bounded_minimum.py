@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize
 
-from models.arrays import Array
-from models.rigid_body.ties import SAME
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.rigid_body.ties import SAME
 
 _DIFFERENCE = 1e-5  # of the variables, for the second derivatives
 _NEWTON_STEPS = 8

@@ -4,10 +4,11 @@ Each loop calls the kernel of one sample, so that a sample and a row of a millio
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
-from models.arrays import Array
-from models.rigid_body.chain_kernels import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.rigid_body.chain_kernels import (
     SCRATCH_COLUMNS,
     add_coupled_rotors,
     gravity_terms,
@@ -21,21 +22,21 @@ from models.rigid_body.chain_kernels import (
     tool_jacobian,
     tool_pose,
 )
-from models.rigid_body.conditioning import condition_numbers_of
+from wrenchsight.models.rigid_body.conditioning import condition_numbers_of
 
 # Starting threads costs some microseconds, as much as a few samples.
 PARALLEL_FROM = 64
 _BLOCK = 128
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def pose_rows(table: Array, q: Array, R_WE: Array, p_WE: Array, scratch: Array) -> None:
     for k in range(q.shape[0]):
         place_links(table, q[k], scratch)
         tool_pose(table, scratch, R_WE[k], p_WE[k])
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@kernel(parallel=True)
 def pose_batch(table: Array, q: Array, R_WE: Array, p_WE: Array) -> None:
     for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
         rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
@@ -43,7 +44,7 @@ def pose_batch(table: Array, q: Array, R_WE: Array, p_WE: Array) -> None:
         pose_rows(table, q[rows], R_WE[rows], p_WE[rows], scratch)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def jacobian_rows(table: Array, q: Array, J: Array, scratch: Array) -> None:
     R_WE = np.empty((3, 3))
     p_WE = np.empty(3)
@@ -53,7 +54,7 @@ def jacobian_rows(table: Array, q: Array, J: Array, scratch: Array) -> None:
         tool_jacobian(scratch, p_WE, J[k])
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@kernel(parallel=True)
 def jacobian_batch(table: Array, q: Array, J: Array) -> None:
     for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
         rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
@@ -61,14 +62,14 @@ def jacobian_batch(table: Array, q: Array, J: Array) -> None:
         jacobian_rows(table, q[rows], J[rows], scratch)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def condition_number_rows(table: Array, q: Array, out: Array, scratch: Array) -> None:
     J = np.empty((q.shape[0], 6, q.shape[1]))  # of a block of rows
     jacobian_rows(table, q, J, scratch)
     condition_numbers_of(J, out)
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@kernel(parallel=True)
 def condition_number_batch(table: Array, q: Array, out: Array) -> None:
     for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
         rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
@@ -76,14 +77,14 @@ def condition_number_batch(table: Array, q: Array, out: Array) -> None:
         condition_number_rows(table, q[rows], out[rows], scratch)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def gravity_torque_rows(table: Array, q: Array, G: Array, scratch: Array) -> None:
     for k in range(q.shape[0]):
         place_links(table, q[k], scratch)
         gravity_terms(table, G[k], scratch)
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@kernel(parallel=True)
 def gravity_torque_batch(table: Array, q: Array, G: Array) -> None:
     for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
         rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
@@ -91,7 +92,7 @@ def gravity_torque_batch(table: Array, q: Array, G: Array) -> None:
         gravity_torque_rows(table, q[rows], G[rows], scratch)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def momentum_terms_rows(
     table: Array, q: Array, v: Array, momentum: Array, CTv: Array, G: Array, scratch: Array
 ) -> None:
@@ -102,7 +103,7 @@ def momentum_terms_rows(
         momentum_and_forces(table, v[k], momentum[k], CTv[k], G[k], scratch)
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@kernel(parallel=True)
 def momentum_terms_batch(
     table: Array, q: Array, v: Array, momentum: Array, CTv: Array, G: Array
 ) -> None:
@@ -112,7 +113,7 @@ def momentum_terms_batch(
         momentum_terms_rows(table, q[rows], v[rows], momentum[rows], CTv[rows], G[rows], scratch)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def inverse_dynamics_rows(
     table: Array, q: Array, v: Array, vdot: Array, tau: Array, scratch: Array
 ) -> None:
@@ -127,7 +128,7 @@ def inverse_dynamics_rows(
         add_coupled_rotors(table, vdot[k], tau[k])
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@kernel(parallel=True)
 def inverse_dynamics_batch(table: Array, q: Array, v: Array, vdot: Array, tau: Array) -> None:
     for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
         rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
@@ -135,7 +136,7 @@ def inverse_dynamics_batch(table: Array, q: Array, v: Array, vdot: Array, tau: A
         inverse_dynamics_rows(table, q[rows], v[rows], vdot[rows], tau[rows], scratch)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def regressor_rows(table: Array, q: Array, v: Array, vdot: Array, Y: Array, scratch: Array) -> None:
     n = q.shape[1]
     gx, gy, gz = table[n, 12], table[n, 13], table[n, 14]
@@ -146,7 +147,7 @@ def regressor_rows(table: Array, q: Array, v: Array, vdot: Array, Y: Array, scra
         inverse_dynamics_regressor(Y[k], scratch)
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@kernel(parallel=True)
 def regressor_batch(table: Array, q: Array, v: Array, vdot: Array, Y: Array) -> None:
     for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
         rows = slice(b * _BLOCK, (b + 1) * _BLOCK)

@@ -17,9 +17,8 @@ no fast-math reordering, so that one sample and a row of a million agree bit for
 
 import math
 
-from numba import njit
-
-from models.arrays import Array
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import kernel
 
 # Columns of SerialChain.table, one row per joint; the last row holds E and gravity. The kernels
 # spell the columns of vectors as numbers: 0-8 R_PJ row by row, 9-11 p_PJ, 12-14 axis, 15 prismatic
@@ -35,7 +34,7 @@ REFLECTED = 26
 SCRATCH_COLUMNS = 40
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def place_links(table: Array, q: Array, scratch: Array) -> None:
     """Pose and screw of every joint."""
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
@@ -116,7 +115,7 @@ def place_links(table: Array, q: Array, scratch: Array) -> None:
         scratch[i, 11] = pz
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def tool_pose(table: Array, scratch: Array, R_WE: Array, p_WE: Array) -> None:
     """Pose of E; needs place_links."""
     n = table.shape[0] - 1
@@ -129,7 +128,7 @@ def tool_pose(table: Array, scratch: Array, R_WE: Array, p_WE: Array) -> None:
         p_WE[r] = scratch[n - 1, 9 + r] + (x * table[n, 9] + y * table[n, 10] + z * table[n, 11])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def tool_jacobian(scratch: Array, p_WE: Array, J: Array) -> None:
     """Jacobian [angular; linear] at E; needs place_links and tool_pose."""
     x, y, z = p_WE[0], p_WE[1], p_WE[2]
@@ -143,7 +142,7 @@ def tool_jacobian(scratch: Array, p_WE: Array, J: Array) -> None:
         J[5, i] = scratch[i, 17] + (sx * y - sy * x)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def place_inertia(table: Array, scratch: Array) -> None:
     """Inertia of every body about W's origin; needs place_links."""
     for i in range(table.shape[0] - 1):
@@ -187,7 +186,7 @@ def place_inertia(table: Array, scratch: Array) -> None:
         scratch[i, 33] = a20 * r20 + a21 * r21 + a22 * r22 + (dx + dy)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def times_inertia(
     scratch: Array, i: int, wx: float, wy: float, wz: float, vx: float, vy: float, vz: float
 ) -> tuple[float, float, float, float, float, float]:
@@ -206,7 +205,7 @@ def times_inertia(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def link_velocities(v: Array, scratch: Array) -> None:
     """Spatial velocity of every body; needs place_links."""
     wx, wy, wz, vx, vy, vz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -226,7 +225,7 @@ def link_velocities(v: Array, scratch: Array) -> None:
         scratch[i, 23] = vz
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def momentum_and_forces(
     table: Array, v: Array, momentum: Array, CTv: Array, G: Array, scratch: Array
 ) -> None:
@@ -274,7 +273,7 @@ def momentum_and_forces(
     add_coupled_rotors(table, v, momentum)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def add_coupled_rotors(table: Array, rate: Array, out: Array) -> None:
     """Adds the rotors' part of M times `rate` (n,), where motors move several joints."""
     if table.shape[1] == TABLE_COLUMNS:
@@ -284,7 +283,7 @@ def add_coupled_rotors(table: Array, rate: Array, out: Array) -> None:
             out[j] += table[j, TABLE_COLUMNS + k] * rate[k]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def gravity_terms(table: Array, G: Array, scratch: Array) -> None:
     """G; needs place_links only, since first moments need no inertia."""
     n = G.shape[0]
@@ -306,7 +305,7 @@ def gravity_terms(table: Array, G: Array, scratch: Array) -> None:
         )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def composite_mass_matrix(table: Array, M: Array, scratch: Array) -> None:
     """M from the composite inertias; needs place_links and place_inertia."""
     m, hx, hy, hz = 0.0, 0.0, 0.0, 0.0
@@ -341,7 +340,7 @@ def composite_mass_matrix(table: Array, M: Array, scratch: Array) -> None:
             M[j, k] += table[j, TABLE_COLUMNS + k]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def link_accelerations(
     v: Array, vdot: Array, gx: float, gy: float, gz: float, scratch: Array
 ) -> None:
@@ -369,7 +368,7 @@ def link_accelerations(
         scratch[i, 39] = bz
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def newton_euler(table: Array, vdot: Array, tau: Array, scratch: Array) -> None:
     """Torques that cause the accelerations; needs place_inertia and link_accelerations.
 
@@ -396,7 +395,7 @@ def newton_euler(table: Array, vdot: Array, tau: Array, scratch: Array) -> None:
         )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def coriolis_torque(table: Array, v: Array, Cv: Array, scratch: Array) -> None:
     """C v; needs place_inertia and link_velocities."""
     for i in range(v.shape[0]):
@@ -405,7 +404,7 @@ def coriolis_torque(table: Array, v: Array, Cv: Array, scratch: Array) -> None:
     newton_euler(table, Cv, Cv, scratch)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def inverse_dynamics_regressor(Y: Array, scratch: Array) -> None:
     """Regressor of the inertial parameters; needs link_accelerations.
 
@@ -481,7 +480,7 @@ def inverse_dynamics_regressor(Y: Array, scratch: Array) -> None:
                 Y[j, k] = 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def observer_terms(
     table: Array,
     q: Array,
@@ -510,7 +509,7 @@ def observer_terms(
     tool_jacobian(scratch, p_WE, J)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def all_terms(
     table: Array,
     q: Array,
@@ -539,7 +538,7 @@ def all_terms(
     V_WE[5] = scratch[n - 1, 23] + (x * p_WE[1] - y * p_WE[0])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def dynamics_terms(
     table: Array, q: Array, v: Array, Cv: Array, G: Array, M: Array, scratch: Array
 ) -> None:
@@ -568,7 +567,7 @@ def dynamics_terms(
     coriolis_torque(table, v, Cv, scratch)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def pose_and_jacobian(
     table: Array, q: Array, R_WE: Array, p_WE: Array, J: Array, scratch: Array
 ) -> None:

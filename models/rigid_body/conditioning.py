@@ -13,11 +13,12 @@ fast, and the same bits).
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import ArrayLike
 
-from models.arrays import Array
-from models.rigid_body.small_matrices import MAX_SWEEPS, ORTHOGONAL, turn_rows
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.rigid_body.small_matrices import MAX_SWEEPS, ORTHOGONAL, turn_rows
 
 # A smallest singular value below this part of the largest, times the matrix's size, is rounding.
 _ROUNDING = float(np.finfo(np.float64).eps)
@@ -30,7 +31,7 @@ _PARALLEL_FROM = 64
 _BLOCK = 8 * _LANES
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _orthogonalise(J: Array, work: Array) -> tuple[int, int]:
     """Turns the min(6, n) rows (columns where n < 6) of J orthogonal; returns count and length."""
     n = J.shape[1]
@@ -54,7 +55,7 @@ def _orthogonalise(J: Array, work: Array) -> tuple[int, int]:
     return count, length
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _ratio(squares: Array, size: float) -> float:
     """Largest over smallest singular value from their squares; inf within rounding of zero."""
     smallest, largest, total = math.inf, 0.0, 0.0
@@ -70,7 +71,7 @@ def _ratio(squares: Array, size: float) -> float:
     return math.sqrt(largest / smallest)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def condition_number_of(J: Array, work: Array) -> float:
     """Condition number of one Jacobian, for other kernels; see `condition_number`.
 
@@ -88,7 +89,7 @@ def condition_number_of(J: Array, work: Array) -> float:
     return _ratio(work[:count, 0], length)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _turn_side_by_side(rows: Array, a: Array, b: Array, g: Array, c: Array, s: Array) -> bool:
     """One sweep of `_orthogonalise` over (count, length, lanes); whether any lane turned.
 
@@ -132,7 +133,7 @@ def _turn_side_by_side(rows: Array, a: Array, b: Array, g: Array, c: Array, s: A
     return turned > 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _squared_singular_values(J: Array, out: Array) -> None:
     """Squares (N, min(6, n)), in no order, of N Jacobians: in groups, the rest one by one."""
     n = J.shape[2]
@@ -169,7 +170,7 @@ def _squared_singular_values(J: Array, out: Array) -> None:
                 out[m, i] = total
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def condition_numbers_of(J: Array, out: Array) -> None:
     """Condition numbers (N,) of Jacobians (N, 6, n), for other kernels' blocks of samples."""
     squares = np.empty((J.shape[0], min(6, J.shape[2])))
@@ -178,14 +179,14 @@ def condition_numbers_of(J: Array, out: Array) -> None:
         out[m] = _ratio(squares[m], max(6, J.shape[2]))
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@kernel(parallel=True)
 def _condition_number_batch(J: Array, out: Array) -> None:
     for b in prange((J.shape[0] + _BLOCK - 1) // _BLOCK):
         rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
         condition_numbers_of(J[rows], out[rows])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _singular_values_rows(J: Array, out: Array) -> None:
     _squared_singular_values(J, out)
     for m in range(J.shape[0]):
@@ -198,7 +199,7 @@ def _singular_values_rows(J: Array, out: Array) -> None:
             out[m, j] = value
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@kernel(parallel=True)
 def _singular_values_batch(J: Array, out: Array) -> None:
     for b in prange((J.shape[0] + _BLOCK - 1) // _BLOCK):
         rows = slice(b * _BLOCK, (b + 1) * _BLOCK)

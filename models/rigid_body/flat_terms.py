@@ -1,10 +1,9 @@
 """Every term of a chain's motion in one array: for kernels called from Python, where each array
 that is handed over costs time."""
 
-from numba import njit
-
-from models.arrays import Array
-from models.rigid_body.chain_kernels import all_terms
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.rigid_body.chain_kernels import all_terms
 
 
 def flat_size(num_joints: int) -> int:
@@ -13,7 +12,7 @@ def flat_size(num_joints: int) -> int:
     return 4 * n + n * n + 6 * n + 18
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def write_flat_terms(table: Array, q: Array, v: Array, flat: Array, scratch: Array) -> None:
     """Writes M v, C^T v, C v and G (n,), M and J row by row, R_WE row by row, p_WE and V_WE.
 
@@ -31,7 +30,7 @@ def write_flat_terms(table: Array, q: Array, v: Array, flat: Array, scratch: Arr
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def flat_motion(flat: Array, n: int) -> tuple[Array, Array, Array, Array, Array]:
     """Views of M (n, n), J (6, n), R_WE (3, 3), p_WE (3,) and V_WE (6,)."""
     of_J = 4 * n + n * n

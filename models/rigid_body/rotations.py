@@ -3,12 +3,12 @@
 import math
 
 import numpy as np
-from numba import njit
 
-from models.arrays import Array
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import kernel
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def rotation_vector(R: Array, out: Array) -> None:
     """Writes the rotation vector (3,) of R (3, 3), its length in [0, pi], through the quaternion.
 
@@ -36,7 +36,7 @@ def rotation_vector(R: Array, out: Array) -> None:
     out[0], out[1], out[2] = scale * x, scale * y, scale * z
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def quaternion_of(R: Array, quaternion: Array) -> None:
     """Writes the unit quaternion (w, x, y, z) of a rotation matrix; its sign is arbitrary."""
     trace = R[0, 0] + R[1, 1] + R[2, 2]

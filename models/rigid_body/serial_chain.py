@@ -5,7 +5,6 @@ The kernels, and the conventions that they keep, are those of `models.rigid_body
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -22,9 +21,10 @@ from pydrake.multibody.tree import (
     WeldJoint,
 )
 
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.rigid_body.chain_batches import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.kernel import is_compiled
+from wrenchsight.models.rigid_body.chain_batches import (
     PARALLEL_FROM,
     condition_number_batch,
     condition_number_rows,
@@ -41,7 +41,7 @@ from models.rigid_body.chain_batches import (
     regressor_batch,
     regressor_rows,
 )
-from models.rigid_body.chain_kernels import (
+from wrenchsight.models.rigid_body.chain_kernels import (
     PRISMATIC,
     REFLECTED,
     SCRATCH_COLUMNS,
@@ -443,18 +443,7 @@ def kernels_are_compiled(*kernels: Any) -> bool:
     False announces a wait of some seconds at the first call. Without arguments, this module's
     `all_terms` and `momentum_terms` over many samples.
     """
-    return all(_is_compiled(kernel) for kernel in kernels or (all_terms, momentum_terms_batch))
-
-
-def _is_compiled(kernel: Any) -> bool:
-    if kernel.signatures:
-        return True
-    function = kernel.py_func
-    source = Path(function.__code__.co_filename)
-    # numba's index file: <module>.<function>-<line>.<python>.nbi, beside or in a cache folder.
-    pattern = f"{source.stem}.{function.__qualname__}-{function.__code__.co_firstlineno}.*.nbi"
-    written = [file.stat().st_mtime for file in Path(kernel.stats.cache_path).glob(pattern)]
-    return bool(written) and max(written) >= source.stat().st_mtime
+    return all(is_compiled(kernel) for kernel in kernels or (all_terms, momentum_terms_batch))
 
 
 def _moved_parameters(m: float, com: Array, inertia: Array, X: RigidTransform) -> Array:

@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
-from numba import njit
 
-from models.arrays import Array
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import kernel
 
 # Two rows are orthogonal below this cosine: a few rounding errors of a dot product.
 ORTHOGONAL = 1e-14
@@ -13,7 +13,7 @@ ORTHOGONAL = 1e-14
 MAX_SWEEPS = 40
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def factorise(L: Array, R: Array) -> None:
     """Cholesky of a 6x6 matrix that is at least the identity, and the factor's inverse.
 
@@ -40,7 +40,7 @@ def factorise(L: Array, R: Array) -> None:
             R[i, j] = -total * R[i, i]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def factorise_in_place(A: Array, n: int, least: float) -> bool:
     """Cholesky of a symmetric matrix, in its lower triangle.
 
@@ -65,7 +65,7 @@ def factorise_in_place(A: Array, n: int, least: float) -> bool:
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def factorise_with_floor(A: Array, n: int, floor: Array) -> None:
     """As `factorise_in_place` of a matrix that is positive definite but for rounding.
 
@@ -82,7 +82,7 @@ def factorise_with_floor(A: Array, n: int, floor: Array) -> None:
             A[i, j] = math.sqrt(max(total, floor[i])) if i == j else total / A[j, j]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def solve_lower(L: Array, n: int, x: Array) -> None:
     """Solves L y = x in place of x (n+,), with the factor that `factorise_in_place` leaves."""
     for i in range(n):
@@ -92,7 +92,7 @@ def solve_lower(L: Array, n: int, x: Array) -> None:
         x[i] = total / L[i, i]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def solve_factorised(L: Array, n: int, x: Array) -> None:
     """Solves L L^T y = x in place of x (n+,), with the factor that `factorise_in_place` leaves."""
     solve_lower(L, n, x)
@@ -103,7 +103,7 @@ def solve_factorised(L: Array, n: int, x: Array) -> None:
         x[i] = total / L[i, i]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def invert_transposed(A: Array, L: Array, X: Array) -> bool:
     """Inverse of the transpose of a 6x6 matrix, by elimination with pivots from each column.
 
@@ -148,7 +148,7 @@ def invert_transposed(A: Array, L: Array, X: Array) -> bool:
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def turn_rows(B: Array, p: int, q: int, length: int) -> tuple[float, float]:
     """Turns two rows of B orthogonal to each other: the smaller of the two turns that do it.
 
@@ -171,7 +171,7 @@ def turn_rows(B: Array, p: int, q: int, length: int) -> tuple[float, float]:
     return c, s
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def rotate_rows(B: Array, p: int, q: int, length: int, c: float, s: float) -> None:
     """Rows p and q of B become c p - s q and s p + c q."""
     for k in range(length):
@@ -180,7 +180,7 @@ def rotate_rows(B: Array, p: int, q: int, length: int, c: float, s: float) -> No
         B[q, k] = s * x + c * y
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def orthogonalise_rows(J: Array, B: Array, Q: Array) -> None:
     """One-sided Jacobi: writes Q (6, 6), orthogonal, and B = Q J whose rows are orthogonal.
 
@@ -204,7 +204,7 @@ def orthogonalise_rows(J: Array, B: Array, Q: Array) -> None:
             break
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def largest_eigenvalue_3x3(A: Array) -> float:
     """Largest eigenvalue of a symmetric 3x3 matrix, in closed form (Smith, 1961)."""
     mean = (A[0, 0] + A[1, 1] + A[2, 2]) / 3.0

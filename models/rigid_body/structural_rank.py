@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from models.arrays import Array
-from models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
 _POSTURES = 8  # random; at a singular one alone nothing is said
 _ROUNDING = 1e-9  # relative, of a singular value or of a sine

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from models.arrays import Array
+from wrenchsight.models.arrays import Array
 
 SAME = 1e-9  # relative: a million times the rounding of sums and solvers, too little to matter
 _HALF_TURN = 1e-9  # of a turn

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from models.robot.convex_hulls import UnusableMeshError, hull_file
+from wrenchsight.models.robot.convex_hulls import UnusableMeshError, hull_file
 
 
 class CollisionMeshes:

@@ -10,9 +10,9 @@ import numpy as np
 from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.robot.collision_meshes import CollisionMeshes
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.collision_meshes import CollisionMeshes
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ with tau_J positive along positive joint motion, before friction.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
-from models.arrays import Array
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import kernel
 
 
 def current_to_torque(
@@ -50,14 +50,14 @@ def motor_gain(torque_per_ampere: ArrayLike, current_sign: ArrayLike = 1.0) -> A
     return np.asarray(gain * sign)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def motor_torque(gain: Array, current: Array, tau_J: Array) -> None:
     """Single-sample kernel: writes tau_J (n,) from the signed gain and the current (n,)."""
     for i in range(gain.shape[0]):
         tau_J[i] = gain[i] * current[i]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def joint_torque(gain: Array, motor_rates: Array, current: Array, tau_J: Array) -> None:
     """Single-sample kernel: as `motor_torque`, for motors that move several joints.
 

@@ -20,21 +20,21 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JointIndex, ModelInstanceIndex
 
-from models.arrays import Array
-from models.files.configuration import load_configuration, nearest
-from models.files.input_error import InputError
-from models.rigid_body.serial_chain import SerialChain
-from models.robot.coupling import coupling_notice, coupling_of, is_coupled, motor_rates
-from models.robot.effective_urdf import EffectiveUrdf, JointLimits
-from models.robot.motors import current_to_torque, torque_to_current
-from models.robot.robot_config import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.configuration import load_configuration, nearest
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.robot.coupling import coupling_notice, coupling_of, is_coupled, motor_rates
+from wrenchsight.models.robot.effective_urdf import EffectiveUrdf, JointLimits
+from wrenchsight.models.robot.motors import current_to_torque, torque_to_current
+from wrenchsight.models.robot.robot_config import (
     DriveConfig,
     PoseConfig,
     RobotConfig,
     ToolConfig,
 )
-from models.robot.truth_config import JointFrictionConfig, SimulatedTruthConfig
-from models.robot.urdf import read_urdf
+from wrenchsight.models.robot.truth_config import JointFrictionConfig, SimulatedTruthConfig
+from wrenchsight.models.robot.urdf import read_urdf
 
 # Limits that no robot exceeds: a number beyond is a wrong unit or a typing error.
 _FAR = 1e3  # m, rad, m/s^2, A
@@ -304,7 +304,7 @@ def bundled_robots() -> list[str]:
 
 
 def _bundled_folder() -> Path:
-    return Path(str(resources.files("models"))) / "robots"
+    return Path(str(resources.files("wrenchsight.models"))) / "robots"
 
 
 def _robot_file(name_or_path: "str | Path") -> Path:

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from models.files.configuration import REQUIRED
-from models.robot.truth_config import SimulatedTruthConfig
+from wrenchsight.models.files.configuration import REQUIRED
+from wrenchsight.models.robot.truth_config import SimulatedTruthConfig
 
 
 @dataclass

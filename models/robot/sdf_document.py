@@ -17,8 +17,8 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint, WeldJoint
 
-from models.arrays import Array
-from models.files.input_error import InputError
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
 
 _SHAPES = ("visual", "collision")
 

@@ -31,7 +31,7 @@ Where the numbers and the equations come from:
 The bundled arms of the article and of Universal Robots (UR10e) have all of them; the plain truth of
 each lies in plain_truth.yaml beside its robot.yaml (`models.truth.true_robot.plain_truth`).
 
-The equations, as they are simulated, stand in `models.truth.joint_kernels`.
+The equations, as they are simulated, stand in `wrenchsight.models.truth.joint_kernels`.
 """
 
 from dataclasses import dataclass, field

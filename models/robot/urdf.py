@@ -14,18 +14,18 @@ import numpy as np
 from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
-from models.arrays import Array
-from models.files.configuration import nearest
-from models.files.input_error import InputError
-from models.robot.collision_meshes import CollisionMeshes
-from models.robot.effective_urdf import EffectiveUrdf, JointLimits
-from models.robot.mimic_joints import followed_positions, leader_of
-from models.robot.robot_config import RobotConfig, ShapeConfig, ToolConfig
-from models.robot.rotational_inertia import inertia_matrix, unphysical
-from models.robot.rounded_angles import exact_angle
-from models.robot.urdf_document import read_document
-from models.robot.urdf_pictures import drop_pictures
-from models.robot.urdf_shapes import settle_colours, settle_filters
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.configuration import nearest
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.collision_meshes import CollisionMeshes
+from wrenchsight.models.robot.effective_urdf import EffectiveUrdf, JointLimits
+from wrenchsight.models.robot.mimic_joints import followed_positions, leader_of
+from wrenchsight.models.robot.robot_config import RobotConfig, ShapeConfig, ToolConfig
+from wrenchsight.models.robot.rotational_inertia import inertia_matrix, unphysical
+from wrenchsight.models.robot.rounded_angles import exact_angle
+from wrenchsight.models.robot.urdf_document import read_document
+from wrenchsight.models.robot.urdf_pictures import drop_pictures
+from wrenchsight.models.robot.urdf_shapes import settle_colours, settle_filters
 
 _MOVING = ("revolute", "continuous", "prismatic")
 _KNOWN_TYPES = (*_MOVING, "fixed", "floating", "planar")

@@ -4,10 +4,10 @@ import xml.etree.ElementTree as ET
 import xml.parsers.expat
 from pathlib import Path
 
-from models.files.input_error import InputError
-from models.files.limited_file import read_limited
-from models.robot.sdf_document import urdf_of_sdf
-from models.robot.xacro_document import urdf_of_xacro
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.limited_file import read_limited
+from wrenchsight.models.robot.sdf_document import urdf_of_sdf
+from wrenchsight.models.robot.xacro_document import urdf_of_xacro
 
 LARGEST_DOCUMENT = 1 << 26  # bytes
 

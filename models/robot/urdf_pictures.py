@@ -3,11 +3,11 @@
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-from models.files.files_read import about_to_read
-from models.robot.collision_meshes import CollisionMeshes
-from models.robot.convex_hulls import HULL_SUFFIXES
-from models.robot.gltf import gltf_fault
-from models.robot.urdf_shapes import hull_fault, size_fault
+from wrenchsight.models.files.files_read import about_to_read
+from wrenchsight.models.robot.collision_meshes import CollisionMeshes
+from wrenchsight.models.robot.convex_hulls import HULL_SUFFIXES
+from wrenchsight.models.robot.gltf import gltf_fault
+from wrenchsight.models.robot.urdf_shapes import hull_fault, size_fault
 
 _MESHES = (".obj", ".gltf", ".vtk")
 _SHAPES = ("box", "cylinder", "sphere", "capsule", "ellipsoid", "drake:capsule", "drake:ellipsoid")

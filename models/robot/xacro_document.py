@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from models.files.files_read import about_to_read
-from models.files.input_error import InputError
+from wrenchsight.models.files.files_read import about_to_read
+from wrenchsight.models.files.input_error import InputError
 
 
 def urdf_of_xacro(path: Path) -> bytes:

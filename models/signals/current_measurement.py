@@ -3,12 +3,12 @@
 import math
 
 import numpy as np
-from numba import njit
 
-from models.arrays import Array
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import kernel
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def update_lag(bandwidth: Array, time_step: float, current_true: Array, state: Array) -> None:
     """Single-sample kernel: takes one tick of current into `state`, in place.
 
@@ -35,7 +35,7 @@ def update_lag(bandwidth: Array, time_step: float, current_true: Array, state: A
             state[i] = pole * state[i] + (1.0 - pole) * u
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def report_current(
     noise_sd: Array, resolution: Array, current_true: Array, noise: Array, current: Array
 ) -> None:
@@ -62,7 +62,7 @@ def report_current(
         current[i] = value
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def measure_current(
     table: Array, time_step: float, current_true: Array, noise: Array, state: Array, current: Array
 ) -> None:

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 from scipy.stats import chi, genpareto
 
-from models.arrays import Array
+from wrenchsight.models.arrays import Array
 
 GAP = 0.5  # s
 SHARES = (0.02, 0.05, 0.1)  # of the samples above the level: the first with ENOUGH excursions

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from scipy import signal
 
-from models.arrays import Array
-from models.files.input_error import InputError
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.kernel import kernel
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class LowPass:
         return y
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def low_pass_step(A: Array, B: Array, u: Array, x: Array) -> None:
     """Advances the states x (channels, order) in place by one tick under inputs u (channels,)."""
     order = B.shape[0]
@@ -77,7 +77,7 @@ def low_pass_step(A: Array, B: Array, u: Array, x: Array) -> None:
             x[channel, i] = value
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _low_pass_log(A: Array, B: Array, C: Array, u: Array, x: Array, y: Array) -> None:
     for k in range(u.shape[0]):
         for channel in range(u.shape[1]):
@@ -87,7 +87,7 @@ def _low_pass_log(A: Array, B: Array, C: Array, u: Array, x: Array, y: Array) ->
         low_pass_step(A, B, u[k], x)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def low_pass_update(A: Array, B: Array, C: Array, signal: Array, state: Array) -> None:
     """As low_pass_step, with x row by row in `state`; puts the new outputs in the inputs' place."""
     x = state.reshape(signal.shape[0], B.shape[0])

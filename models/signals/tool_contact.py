@@ -5,16 +5,16 @@ contact to its centre, exact on any smooth surface.
 """
 
 import numpy as np
-from numba import njit
 
-from models.arrays import Array
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import kernel
 
 CONTACT_SIZE, NORMAL_SIZE = 10, 4
 WRENCH, NORMAL_FORCE, NORMAL = slice(6), 6, slice(7, 10)  # of the array
 _SHORTEST = 1e-9  # m; a shorter vector has no direction
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def add_contact(
     p_WE: Array,
     R_WE: Array,
@@ -51,7 +51,7 @@ def add_contact(
     contact[6] += max(0.0, push)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def sum_with_contact(
     applied: Array, contact: Array, J: Array, tau_contact: Array, out: Array
 ) -> None:

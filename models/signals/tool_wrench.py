@@ -1,10 +1,10 @@
 """From the reaction at the tool's mount to the wrench that the environment applies at E."""
 
 import numpy as np
-from numba import njit
 
-from models.arrays import Array
-from models.signals.low_pass import low_pass_update
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.signals.low_pass import low_pass_update
 
 # Rows of the table of constants, (_NUM_ROWS, 3).
 _MASS, _COM, _INERTIA, _GRAVITY, _P_EJ, _R_EJ, _NUM_ROWS = 0, 1, 2, 5, 6, 7, 10
@@ -32,26 +32,26 @@ def tool_table(
     return table
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _turn(R: Array, x: Array, y: Array) -> None:
     for i in range(3):
         y[i] = R[i, 0] * x[0] + R[i, 1] * x[1] + R[i, 2] * x[2]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _turn_back(R: Array, x: Array, y: Array) -> None:
     for i in range(3):
         y[i] = R[0, i] * x[0] + R[1, i] * x[1] + R[2, i] * x[2]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _add_cross(gain: float, a: Array, b: Array, y: Array) -> None:
     y[0] += gain * (a[1] * b[2] - a[2] * b[1])
     y[1] += gain * (a[2] * b[0] - a[0] * b[2])
     y[2] += gain * (a[0] * b[1] - a[1] * b[0])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def tool_acceleration(J: Array, v: Array, vdot: Array, out: Array) -> None:
     """Writes the acceleration J vdot + dJ/dt v of E (6,), rotation first, axes of W.
 
@@ -77,7 +77,7 @@ def tool_acceleration(J: Array, v: Array, vdot: Array, out: Array) -> None:
             w[k] += rate[k]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def contact_wrench(
     table: Array, R_WE: Array, w_WE: Array, A_WE: Array, reaction: Array, out: Array
 ) -> None:
@@ -124,7 +124,7 @@ def contact_wrench(
     _turn(R_WE, force, out[3:])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def measure_contact_wrench(
     table: Array,
     A: Array,

@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from models.arrays import Array
+from wrenchsight.models.arrays import Array
 
 
 @dataclass(frozen=True)

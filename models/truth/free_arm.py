@@ -12,27 +12,27 @@ as a time-stepping plant takes it. At each tick all see the state before it.
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
-from models.arrays import Array
-from models.control.joint_tracking import advance_integral, tracking_torque
-from models.control.wrench_script import WrenchScript, sample_script
-from models.friction.velocity_friction import SemiParametricFriction
-from models.motion.paths import JointTrajectory
-from models.rigid_body.chain_kernels import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.control.joint_tracking import advance_integral, tracking_torque
+from wrenchsight.models.control.wrench_script import WrenchScript, sample_script
+from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.motion.paths import JointTrajectory
+from wrenchsight.models.rigid_body.chain_kernels import (
     SCRATCH_COLUMNS,
     dynamics_terms,
     tool_jacobian,
     tool_pose,
 )
-from models.rigid_body.serial_chain import SerialChain
-from models.rigid_body.small_matrices import factorise_in_place, solve_factorised
-from models.robot.motors import motor_gain
-from models.robot.robot import Robot
-from models.signals.current_measurement import report_current, update_lag
-from models.signals.gaussian_noise import gaussian_noise
-from models.truth.joint_kernels import (
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.rigid_body.small_matrices import factorise_in_place, solve_factorised
+from wrenchsight.models.robot.motors import motor_gain
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.current_measurement import report_current, update_lag
+from wrenchsight.models.signals.gaussian_noise import gaussian_noise
+from wrenchsight.models.truth.joint_kernels import (
     MOTOR_CURRENT,
     RISE,
     SIGNALS,
@@ -43,8 +43,8 @@ from models.truth.joint_kernels import (
     joint_tick,
     tick_work,
 )
-from models.truth.true_joints import TrueJoints
-from models.truth.true_robot import true_robot
+from wrenchsight.models.truth.true_joints import TrueJoints
+from wrenchsight.models.truth.true_robot import true_robot
 
 _CHUNK = 50_000  # ticks for which the trajectory is sampled at a time: it is much memory
 VELOCITY_STREAM = 3 * 2**32
@@ -194,7 +194,7 @@ def simulate_free_arm(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _run(
     table: Array,
     on_motor: bool,
@@ -306,7 +306,7 @@ def _run(
                 state[i, j] = after[i, j]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def _step(n: int, M: Array, time_step: float, vdot: Array, q: Array, v: Array) -> None:
     """Takes q and v of the links to the tick's end, in place: M (v+ - v) / h = `vdot`, the torques.
 

@@ -42,23 +42,23 @@ motor reads q + d, v + d':
 
 Friction is the motor's and the gear's, before its springs: v in s_k, limit and c is v + d', and a
 push that only bends the gear turns no friction round. (An element without displacement follows v;
-where a gear bends there is none, see `models.truth.true_joints`.)
+where a gear bends there is none, see `wrenchsight.models.truth.true_joints`.)
 
 Contact forces are known when the plant has solved for them: where something touches, tau_ext is
 that of the tick before, and springs are shortened by the displacement that came of it.
 
 The deflection is the slow manifold of Spong's flexible joint with a lag; the fast motion of rotor
-against link, tens of Hz, is left out. Sources: `models.robot.truth_config`.
+against link, tens of Hz, is left out. Sources: `wrenchsight.models.robot.truth_config`.
 """
 
 import math
 
 import numpy as np
-from numba import njit
 
-from models.arrays import Array
-from models.rigid_body.small_matrices import factorise_in_place, solve_factorised
-from models.signals.gaussian_noise import gaussian_noise
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.rigid_body.small_matrices import factorise_in_place, solve_factorised
+from wrenchsight.models.signals.gaussian_noise import gaussian_noise
 
 RIGID = 1e5
 """N m s/rad of an element without displacement: a joint at rest creeps by its torque over this."""
@@ -88,7 +88,7 @@ SIGNALS = 4
 FORCE, DAMPER, END, STEP, TRIAL, GRADIENT, CURVATURE, RIGHT, MATRIX = range(9)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def tick_work(state: Array) -> Array:
     """What `joint_tick` overwrites: made once, as memory that is come by takes time."""
     n = state.shape[1]
@@ -96,7 +96,7 @@ def tick_work(state: Array) -> Array:
     return np.empty((MATRIX + 2 * n + 4 * K, n))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def joint_tick(
     table: Array,
     time_step: float,
@@ -145,7 +145,7 @@ def joint_tick(
         )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def _tick(
     n: int,
     K: int,
@@ -251,7 +251,7 @@ def _tick(
         after[RATE, i], after[DEFLECTION, i] = rate, d + time_step * rate
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def spring_torque(table: Array, time_step: float, state: Array, i: int, k: int, v: float) -> float:
     """Torque in the spring of joint i's element k, N m, now that its velocity is v, rad/s.
 
@@ -263,13 +263,13 @@ def spring_torque(table: Array, time_step: float, state: Array, i: int, k: int, 
     return float(min(max(s, state[row + 1, i]), state[row + 2, i]))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def deflection(table: Array, i: int, state: float, G: float) -> float:
     """Of joint i, rad; before its first tick that of a joint at rest under G, N m."""
     return G * table[i, COMPLIANCE] if math.isnan(state) else state
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def encoder_reading(
     table: Array,
     state: Array,
@@ -311,7 +311,7 @@ def encoder_reading(
             v_read[i] = np.rint(v_read[i] / step) * step
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def velocity_after(n: int, K: int, M: Array, time_step: float, v: Array, work: Array) -> None:
     """Writes v+ (n,) at the tick's end into row END: the equation at the top of this file.
 
@@ -362,7 +362,7 @@ def velocity_after(n: int, K: int, M: Array, time_step: float, v: Array, work: A
         value = lower
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def _potential(n: int, K: int, at: int, work: Array) -> float:
     """Value at the velocity in row `at`; writes its gradient and the elements' curvature."""
     value = 0.0

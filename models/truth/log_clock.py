@@ -3,11 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
 
-from models.arrays import Array
-from models.recordings.recording import Recording
-from models.robot.truth_config import ClockConfig
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.truth_config import ClockConfig
 
 
 def clocked(recording: Recording, clock: ClockConfig | None, seed: int) -> Recording:
@@ -42,7 +42,7 @@ def _at(times: Array, t: Array, signal: Array) -> Array:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _interpolate(times: Array, t: Array, signal: Array, out: Array) -> None:
     """Writes `out` (N, n). Each time is looked for from where the one before it was found."""
     last, k = t.shape[0] - 1, 0

@@ -5,16 +5,20 @@ here they only share memory, so that a simulation calls them together.
 """
 
 import numpy as np
-from numba import njit
 
-from models.arrays import Array
-from models.machining.machining_process import FORCE, add_unbalance_force, advance_process
-from models.rigid_body.chain_kernels import all_terms
-from models.signals.current_measurement import measure_current, update_lag
-from models.signals.gaussian_noise import gaussian_noise
-from models.signals.tool_contact import CONTACT_SIZE, add_contact, sum_with_contact
-from models.signals.tool_wrench import measure_contact_wrench
-from models.truth.joint_kernels import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.machining.machining_process import (
+    FORCE,
+    add_unbalance_force,
+    advance_process,
+)
+from wrenchsight.models.rigid_body.chain_kernels import all_terms
+from wrenchsight.models.signals.current_measurement import measure_current, update_lag
+from wrenchsight.models.signals.gaussian_noise import gaussian_noise
+from wrenchsight.models.signals.tool_contact import CONTACT_SIZE, add_contact, sum_with_contact
+from wrenchsight.models.signals.tool_wrench import measure_contact_wrench
+from wrenchsight.models.truth.joint_kernels import (
     EXTERNAL,
     MOTOR_CURRENT,
     SIGNALS,
@@ -29,13 +33,13 @@ def motion_size(num_joints: int) -> int:
     return 2 * n + 4 * n + n * n + 6 * n + 18 + 12
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _tick_of(t: float, time_step: float) -> int:
     # As `systems.gaussian_noise_source.tick_of`.
     return int(t / time_step + 1e-3)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _tool(motion: Array, n: int) -> tuple[Array, Array, Array, Array]:
     """J (6, n), R_WE (3, 3), p_WE (3,) and V_WE (6,) of what `arm_motion` writes."""
     R = 6 * n + n * n + 6 * n
@@ -47,7 +51,7 @@ def _tool(motion: Array, n: int) -> tuple[Array, Array, Array, Array]:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def arm_motion(
     chain: Array,
     joints: Array,
@@ -111,7 +115,7 @@ def arm_motion(
     add_unbalance_force(process, t, R_WE, applied[3:])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def arm_truth(
     num_joints: int,
     own: Array,
@@ -140,7 +144,7 @@ def arm_truth(
     sum_with_contact(own, contact, J, tau_contact, truth)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def arm_drives(
     joints: Array,
     sensor: Array,
@@ -200,7 +204,7 @@ def arm_drives(
         measure_current(sensor, time_step, signals[MOTOR_CURRENT], noise[:n], lagged, current)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def arm_memory(
     sensor: Array,
     tool: Array,

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.rigid_body.serial_chain import SerialChain
-from models.robot.motors import motor_gain
-from models.robot.robot import Robot
-from models.robot.truth_config import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.robot.motors import motor_gain
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.truth_config import (
     ElasticityConfig,
     EncoderConfig,
     LoadFrictionConfig,
@@ -25,7 +25,7 @@ from models.robot.truth_config import (
     SlipConfig,
     WanderConfig,
 )
-from models.truth.joint_kernels import (
+from wrenchsight.models.truth.joint_kernels import (
     BACKWARDS,
     COMPLIANCE,
     COULOMB,
@@ -69,7 +69,7 @@ _PHASES, _DAY, _HARMONICS = 17, 18, 20  # streams of the individual's and the da
 
 @dataclass(frozen=True, eq=False)
 class TrueJoints:
-    """What `models.truth.joint_kernels` reads of a robot.
+    """What `wrenchsight.models.truth.joint_kernels` reads of a robot.
 
     Attributes:
         table: (n, ELEMENTS + 3 K + 3 H).

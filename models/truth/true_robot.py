@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from models.files.configuration import load_configuration
-from models.files.input_error import InputError
-from models.robot.robot import Robot
-from models.robot.truth_config import TRUTHS, SimulatedTruthConfig
+from wrenchsight.models.files.configuration import load_configuration
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.truth_config import TRUTHS, SimulatedTruthConfig
 
 PLAIN = "plain_truth.yaml"  # beside robot.yaml
 _FRAMES = 19  # stream of the individual's random numbers

@@ -19,9 +19,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from models.files.input_error import InputError
-from models.robot.robot import Robot
-from models.robot.truth_config import (
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.truth_config import (
     MechanismsConfig,
     SimulatedTruthConfig,
 )

@@ -4,16 +4,16 @@ import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from models.arrays import Array
-from models.control.impedance_tick import impedance_tick
-from models.machining.air_pass import TaughtTorque, taught_tick
-from models.machining.machining_tick import lead_tick, take_tick
-from models.rigid_body.chain_kernels import SCRATCH_COLUMNS
-from models.rigid_body.flat_terms import flat_size
-from models.rigid_body.serial_chain import SerialChain
-from systems.impedance_controller import ImpedanceController
-from systems.machining.machining_reference import MachiningReference
-from systems.wrench_estimator import WrenchEstimatorSystem
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.control.impedance_tick import impedance_tick
+from wrenchsight.models.machining.air_pass import TaughtTorque, taught_tick
+from wrenchsight.models.machining.machining_tick import lead_tick, take_tick
+from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
+from wrenchsight.models.rigid_body.flat_terms import flat_size
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.systems.impedance_controller import ImpedanceController
+from wrenchsight.systems.machining.machining_reference import MachiningReference
+from wrenchsight.systems.wrench_estimator import WrenchEstimatorSystem
 
 _POSE_SIZE = 12
 

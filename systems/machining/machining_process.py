@@ -17,16 +17,16 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from models.arrays import Array
-from models.machining.machining_process import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.machining.machining_process import (
     FORCE,
     MachiningProcess,
     add_unbalance_force,
     advance_process,
     advance_varying_process,
 )
-from models.rigid_body.serial_chain import RigidBodyTerms
-from models.signals.tool_contact import NORMAL_SIZE
+from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms
+from wrenchsight.models.signals.tool_contact import NORMAL_SIZE
 
 
 class MachiningProcessSystem(LeafSystem):

@@ -11,14 +11,14 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from models.arrays import Array
-from models.machining.machining_path import MachiningPath
-from models.machining.machining_phases import PhasesConfig, initial_state
-from models.machining.machining_reference import advance_reference, machining_reference
-from models.rigid_body.chain_kernels import SCRATCH_COLUMNS
-from models.rigid_body.serial_chain import RigidBodyTerms, SerialChain
-from models.robot.robot import Robot
-from systems.pose_reference import POSE_REFERENCE_SIZE
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.machining.machining_path import MachiningPath
+from wrenchsight.models.machining.machining_phases import PhasesConfig, initial_state
+from wrenchsight.models.machining.machining_reference import advance_reference, machining_reference
+from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
+from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms, SerialChain
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.systems.pose_reference import POSE_REFERENCE_SIZE
 
 _Leading = tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array, float]
 _Advancing = tuple[Array, Array, Array, Array, Array, Array, float, float]

@@ -10,9 +10,14 @@ from pydrake.multibody.plant import ContactResults
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from models.arrays import Array
-from models.rigid_body.serial_chain import RigidBodyTerms
-from models.signals.tool_contact import CONTACT_SIZE, NORMAL_SIZE, add_contact, sum_with_contact
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms
+from wrenchsight.models.signals.tool_contact import (
+    CONTACT_SIZE,
+    NORMAL_SIZE,
+    add_contact,
+    sum_with_contact,
+)
 
 _USUAL_CONTACTS = 4
 

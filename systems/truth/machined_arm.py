@@ -8,23 +8,23 @@ from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ContactResults, ExternallyAppliedSpatialForce
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from models.machining.machining_process import FORCE
-from models.rigid_body.chain_kernels import SCRATCH_COLUMNS
-from models.rigid_body.serial_chain import SerialChain
-from models.truth.free_arm import VELOCITY_STREAM, WANDER_STREAM
-from models.truth.joint_kernels import SIGNALS, tick_work
-from models.truth.machined_arm import (
+from wrenchsight.models.machining.machining_process import FORCE
+from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.truth.free_arm import VELOCITY_STREAM, WANDER_STREAM
+from wrenchsight.models.truth.joint_kernels import SIGNALS, tick_work
+from wrenchsight.models.truth.machined_arm import (
     arm_drives,
     arm_memory,
     arm_motion,
     arm_truth,
     motion_size,
 )
-from models.truth.true_joints import TrueJoints
-from systems.force_torque_sensor import ForceTorqueSensor
-from systems.machining.machining_process import MachiningProcessSystem
-from systems.motor_current_sensor import MotorCurrentSensor
-from systems.truth.environment_truth import EnvironmentTruth
+from wrenchsight.models.truth.true_joints import TrueJoints
+from wrenchsight.systems.force_torque_sensor import ForceTorqueSensor
+from wrenchsight.systems.machining.machining_process import MachiningProcessSystem
+from wrenchsight.systems.motor_current_sensor import MotorCurrentSensor
+from wrenchsight.systems.truth.environment_truth import EnvironmentTruth
 
 
 class MachinedArm(LeafSystem):

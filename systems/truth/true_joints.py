@@ -12,18 +12,18 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from models.arrays import Array
-from models.rigid_body.serial_chain import RigidBodyTerms
-from models.signals.gaussian_noise import gaussian_noise
-from models.truth.free_arm import VELOCITY_STREAM, WANDER_STREAM
-from models.truth.joint_kernels import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms
+from wrenchsight.models.signals.gaussian_noise import gaussian_noise
+from wrenchsight.models.truth.free_arm import VELOCITY_STREAM, WANDER_STREAM
+from wrenchsight.models.truth.joint_kernels import (
     EXTERNAL,
     SIGNALS,
     encoder_reading,
     joint_tick,
     tick_work,
 )
-from models.truth.true_joints import TrueJoints
+from wrenchsight.models.truth.true_joints import TrueJoints
 
 
 class TrueJointsSystem(LeafSystem):

@@ -14,20 +14,20 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from analyses import __main__ as command_line
-from analyses.output.compilation import ANNOUNCEMENT
-from analyses.output.progress import Progress, ProgressDisplay
-from analyses.study import study
-from analyses.study.outcome import StudyResult
-from analyses.study.registry import REGISTRY
-from models.files.input_error import InputError
+from wrenchsight.analyses import __main__ as command_line
+from wrenchsight.analyses.output.compilation import ANNOUNCEMENT
+from wrenchsight.analyses.output.progress import Progress, ProgressDisplay
+from wrenchsight.analyses.study import study
+from wrenchsight.analyses.study.outcome import StudyResult
+from wrenchsight.analyses.study.registry import REGISTRY
+from wrenchsight.models.files.input_error import InputError
 
 ROOT = Path(study.__file__).parents[2]
 COMMANDS = ("study", "identify", "estimate", "simulate")
 
 _EXPERIMENT = """
 import time
-from analyses.study.experiment import ComparisonRow, Experiment, ExperimentResult
+from wrenchsight.analyses.study.experiment import ComparisonRow, Experiment, ExperimentResult
 
 def run(context):
     {body}
@@ -102,7 +102,7 @@ def test_each_command_has_help(invoke, command):
 
 def test_help_answers_at_once():
     program = (
-        "import sys; from analyses.__main__ import app\n"
+        "import sys; from wrenchsight.analyses.__main__ import app\n"
         "try: app(['study', '--help'])\n"
         "except SystemExit: pass\n"
         "heavy = ('numpy', 'pydrake', 'numba', 'torch', 'scipy', 'matplotlib', 'pyarrow')\n"
@@ -285,7 +285,7 @@ def test_an_interrupt_is_one_line_and_its_code(tmp_path, number, code):
         f"sys.path.insert(0, {str(tmp_path)!r})\n"
         "if __name__ == '__main__':\n"
         "    from analyses import __main__\n"
-        "    from analyses.study.registry import REGISTRY\n"
+        "    from wrenchsight.analyses.study.registry import REGISTRY\n"
         "    REGISTRY.register('fake_slow')\n"
         f"    sys.argv = ['wrenchsight', 'study', 'slow', '--out', {str(tmp_path / 'out')!r}]\n"
         "    __main__.main()\n"
@@ -389,8 +389,8 @@ def test_on_a_terminal_there_are_bars():
 
 
 def test_options_reach_the_estimate(invoke, monkeypatch, tmp_path):
-    from analyses.methods.reading import estimation
-    from analyses.methods.reading.estimate_config import EstimateConfig
+    from wrenchsight.analyses.methods.reading import estimation
+    from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
 
     seen = []
 
@@ -418,10 +418,10 @@ def test_options_reach_the_estimate(invoke, monkeypatch, tmp_path):
 
 def test_the_defaults_are_those_of_the_analyses(invoke, monkeypatch):
     """An option must not change what the same call from Python does."""
-    from analyses.methods.learning import identification
-    from analyses.methods.learning.identification_config import IdentificationConfig
-    from analyses.methods.reading import estimation
-    from analyses.methods.reading.estimate_config import EstimateConfig
+    from wrenchsight.analyses.methods.learning import identification
+    from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+    from wrenchsight.analyses.methods.reading import estimation
+    from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
 
     configurations = []
 
@@ -440,7 +440,7 @@ def test_the_defaults_are_those_of_the_analyses(invoke, monkeypatch):
 
 
 def test_an_estimate_prints_its_table_and_its_doubts(invoke, monkeypatch, tmp_path):
-    from analyses.methods.reading import estimation
+    from wrenchsight.analyses.methods.reading import estimation
 
     force = {"mean_n": -24.6789, "rms_n": 25.5, "max_abs_n": 40.34, "mean_sd_n": None}
     metrics = {
@@ -482,7 +482,7 @@ def test_an_estimate_prints_its_table_and_its_doubts(invoke, monkeypatch, tmp_pa
     ],
 )
 def test_options_reach_the_simulation(invoke, monkeypatch, tmp_path, scenario, asked):
-    from analyses.methods.runs import simulation
+    from wrenchsight.analyses.methods.runs import simulation
 
     seen = {}
 
@@ -509,7 +509,7 @@ def test_options_reach_the_simulation(invoke, monkeypatch, tmp_path, scenario, a
 
 @pytest.mark.parametrize("sensor", [True, False])
 def test_a_simulation_prints_its_errors_and_its_files(invoke, monkeypatch, tmp_path, sensor):
-    from analyses.methods.runs import simulation
+    from wrenchsight.analyses.methods.runs import simulation
 
     units = {"fx": "n", "fy": "n", "fz": "n", "mx": "nm", "my": "nm", "mz": "nm"}
     errors = {f"rmse_{axis}_{unit}": 0.5 for axis, unit in units.items()}
@@ -550,7 +550,7 @@ def test_a_simulation_prints_its_errors_and_its_files(invoke, monkeypatch, tmp_p
     ],
 )
 def test_validate_takes_several_logs(invoke, monkeypatch, arguments, logs, validate):
-    from analyses.methods.learning import identification
+    from wrenchsight.analyses.methods.learning import identification
 
     seen = []
 

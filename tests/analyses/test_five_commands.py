@@ -12,8 +12,8 @@ import pytest
 from package_meshes import PackageMeshes
 from typer.testing import CliRunner
 
-from analyses.__main__ import app
-from models.robot.robot import Robot
+from wrenchsight.analyses.__main__ import app
+from wrenchsight.models.robot.robot import Robot
 
 ARMS = {
     "z1": "z1_description/urdf/z1.urdf",

@@ -7,21 +7,21 @@ the runs. That the article's figures come out is what the studies themselves sho
 import numpy as np
 import pytest
 
-from analyses.experiments.free_motion import (
+from wrenchsight.analyses.experiments.free_motion import (
     combined,
     friction,
     repeat_cycle,
     repeat_cycle_push,
 )
-from analyses.methods.arms.arm_models import LAWS, ArmModels
-from analyses.methods.runs import repeated_cycles
-from analyses.methods.runs.simulation import known_model
-from analyses.methods.runs.task_runs import run_task, task_path, task_scenario
-from analyses.output.outputs import json_text, plain_metrics
-from analyses.study.experiment import ExperimentContext
-from analyses.study.outcome import look_up
-from analyses.study.registry import REGISTRY
-from models.identification.repetition_error import RepetitionError
+from wrenchsight.analyses.methods.arms.arm_models import LAWS, ArmModels
+from wrenchsight.analyses.methods.runs import repeated_cycles
+from wrenchsight.analyses.methods.runs.simulation import known_model
+from wrenchsight.analyses.methods.runs.task_runs import run_task, task_path, task_scenario
+from wrenchsight.analyses.output.outputs import json_text, plain_metrics
+from wrenchsight.analyses.study.experiment import ExperimentContext
+from wrenchsight.analyses.study.outcome import look_up
+from wrenchsight.analyses.study.registry import REGISTRY
+from wrenchsight.models.identification.repetition_error import RepetitionError
 
 MODULES = {
     module.EXPERIMENT.name: module

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from analyses.__main__ import app
-from analyses.output.result_marker import MARKER
-from analyses.study import study
-from models.recordings.recording import Recording
-from models.recordings.recording_writer import write_recording
-from models.robot.robot import Robot
+from wrenchsight.analyses.__main__ import app
+from wrenchsight.analyses.output.result_marker import MARKER
+from wrenchsight.analyses.study import study
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_writer import write_recording
+from wrenchsight.models.robot.robot import Robot
 
 ROOT = Path(study.__file__).parents[2]
 _BUNDLED = ROOT / "models" / "robots" / "sts_sre4_600"

@@ -21,23 +21,23 @@ import pytest
 from pydrake.multibody.plant import MultibodyPlant
 from typer.testing import CliRunner
 
-from analyses.__main__ import app
-from analyses.methods.planning.excitation import excite
-from analyses.methods.planning.excitation_config import ExcitationConfig
-from analyses.methods.runs.simulation import simulate
-from analyses.output.outputs import OutputFolder
-from diagrams.scenario import HoldMotion, Scenario, make_trajectory
-from models.arrays import Array
-from models.control.wrench_script import WrenchStep
-from models.estimation.estimator import WrenchEstimatorConfig
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.excitation.excitation_limits import ExcitationLimits
-from models.files.input_error import InputError
-from models.identification.identified_model import IdentifiedModel
-from models.observers.momentum_observer import MomentumObserverConfig
-from models.robot.robot import Robot
-from systems.force_torque_sensor import ForceTorqueSensorConfig
-from systems.impedance_controller import ImpedanceConfig
+from wrenchsight.analyses.__main__ import app
+from wrenchsight.analyses.methods.planning.excitation import excite
+from wrenchsight.analyses.methods.planning.excitation_config import ExcitationConfig
+from wrenchsight.analyses.methods.runs.simulation import simulate
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.diagrams.scenario import HoldMotion, Scenario, make_trajectory
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.control.wrench_script import WrenchStep
+from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.excitation.excitation_limits import ExcitationLimits
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.systems.force_torque_sensor import ForceTorqueSensorConfig
+from wrenchsight.systems.impedance_controller import ImpedanceConfig
 
 # tests/robots/tilted_arm, once more. Poses: xyz in m, rpy in rad.
 _BRACKET = (0.35, -0.5, 0.2)  # rpy of the base in the room

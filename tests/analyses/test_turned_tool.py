@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analyses.methods.planning.jcn_map import sample
-from analyses.methods.planning.placement import place
-from analyses.methods.planning.redundancy import find_redundancy
-from analyses.methods.planning.redundancy_task import RedundancyTask
-from models.arrays import Array
-from models.placement.placement_search import SearchEffort
-from models.placement.placement_task import load_task
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.planning.jcn_map import sample
+from wrenchsight.analyses.methods.planning.placement import place
+from wrenchsight.analyses.methods.planning.redundancy import find_redundancy
+from wrenchsight.analyses.methods.planning.redundancy_task import RedundancyTask
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.placement.placement_search import SearchEffort
+from wrenchsight.models.placement.placement_task import load_task
+from wrenchsight.models.robot.robot import Robot
 
 _SMALL = SearchEffort(
     num_samples=2000, num_poses=6, num_starts=10, num_rounds=1, num_kinds=4, num_steps=12,

@@ -19,15 +19,15 @@ from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 from sample_models import sample_torque_error
 
-from diagrams.closed_loop import make_closed_loop
-from diagrams.estimator import add_estimator, make_estimator
-from diagrams.scenario import load_scenario
-from models.arrays import Array
-from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.identified_model import IdentifiedModel
-from models.robot.motors import torque_to_current
-from models.robot.robot import Robot
+from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.estimator import add_estimator, make_estimator
+from wrenchsight.diagrams.scenario import load_scenario
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.robot.motors import torque_to_current
+from wrenchsight.models.robot.robot import Robot
 
 Tick = Callable[[int], Array]
 

@@ -11,10 +11,10 @@ import numba
 import numpy as np
 import pinocchio
 
-from analyses.methods.planning.jcn_map import sample, slice_plane
-from analyses.methods.planning.jcn_map_settings import SliceConfig
-from models.arrays import Array
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.planning.jcn_map import sample, slice_plane
+from wrenchsight.analyses.methods.planning.jcn_map_settings import SliceConfig
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.robot.robot import Robot
 
 NUM_SAMPLES = 500_000
 PART = 10_000  # of them, for the loop

@@ -8,10 +8,10 @@ import time
 
 import numpy as np
 
-from analyses.methods.learning.friction_training import train_networks
-from analyses.methods.planning.excitation import excite
-from models.friction.velocity_friction import CoulombViscous
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.learning.friction_training import train_networks
+from wrenchsight.analyses.methods.planning.excitation import excite
+from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.robot.robot import Robot
 
 NUM_SAMPLES = 3000  # of friction, each joint
 

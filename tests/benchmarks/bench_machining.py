@@ -16,15 +16,15 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
-from diagrams.closed_loop import make_closed_loop
-from diagrams.machining import make_machining_path
-from diagrams.robot_cell import RobotCell
-from diagrams.scenario import Scenario, load_scenario
-from models.arrays import Array
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.identified_model import IdentifiedModel
-from models.machining.machining_phases import Phase
-from models.robot.robot import Robot
+from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.machining import make_machining_path
+from wrenchsight.diagrams.robot_cell import RobotCell
+from wrenchsight.diagrams.scenario import Scenario, load_scenario
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.machining.machining_phases import Phase
+from wrenchsight.models.robot.robot import Robot
 
 STRETCH = 0.25  # s of simulated time
 STRETCHES = 12

@@ -13,11 +13,11 @@ import numba
 import numpy as np
 import pinocchio
 
-from models.arrays import Array
-from models.rigid_body.chain_kernels import SCRATCH_COLUMNS, all_terms, observer_terms
-from models.rigid_body.conditioning import condition_number
-from models.rigid_body.serial_chain import SerialChain
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, all_terms, observer_terms
+from wrenchsight.models.rigid_body.conditioning import condition_number
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.robot.robot import Robot
 
 REPETITIONS = 5
 

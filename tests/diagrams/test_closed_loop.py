@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from diagrams.closed_loop import make_closed_loop, setpoint_at
-from diagrams.machining import make_machining_path
-from diagrams.scenario import (
+from wrenchsight.diagrams.closed_loop import make_closed_loop, setpoint_at
+from wrenchsight.diagrams.machining import make_machining_path
+from wrenchsight.diagrams.scenario import (
     ForceSetpoint,
     HoldMotion,
     JointSineMotion,
@@ -15,15 +15,15 @@ from diagrams.scenario import (
     Scenario,
     load_scenario,
 )
-from models.control.wrench_script import WrenchStep
-from models.files.input_error import InputError
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.identified_model import IdentifiedModel
-from models.machining.machining_phases import Phase
-from models.robot.robot_config import PoseConfig
-from systems.force_torque_sensor import ForceTorqueSensorConfig
-from systems.impedance_controller import ForceControlConfig, ImpedanceConfig
-from systems.joint_tracking_controller import JointTrackingConfig
+from wrenchsight.models.control.wrench_script import WrenchStep
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.machining.machining_phases import Phase
+from wrenchsight.models.robot.robot_config import PoseConfig
+from wrenchsight.systems.force_torque_sensor import ForceTorqueSensorConfig
+from wrenchsight.systems.impedance_controller import ForceControlConfig, ImpedanceConfig
+from wrenchsight.systems.joint_tracking_controller import JointTrackingConfig
 
 QUIET = Scenario(friction="none", current_noise=False)
 DOWN = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]

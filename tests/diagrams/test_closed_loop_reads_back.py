@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from diagrams.closed_loop import make_closed_loop
-from diagrams.scenario import HoldMotion, JointSineMotion, Scenario
-from models.control.wrench_script import WrenchStep
-from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.identification.identified_model import IdentifiedModel
-from models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.scenario import HoldMotion, JointSineMotion, Scenario
+from wrenchsight.models.control.wrench_script import WrenchStep
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 
 K_0 = 20.0
 FORCE, MOMENT = [6.0, -4.0, 20.0], [0.5, -0.8, 0.3]

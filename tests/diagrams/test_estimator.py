@@ -9,16 +9,16 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from diagrams.estimator import add_estimator, make_estimator
-from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.files.input_error import InputError
-from models.friction.coupled_friction import CoupledFriction
-from models.friction.presliding_friction import PreslidingFriction
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.identified_model import IdentifiedModel
-from models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
-from systems.recording_player import RecordingPlayer, Samples
+from wrenchsight.diagrams.estimator import add_estimator, make_estimator
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.coupled_friction import CoupledFriction
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
+from wrenchsight.systems.recording_player import RecordingPlayer, Samples
 
 T = 1e-3
 OUTPUTS = ("tau_ext", "wrench", "covariance", "condition_number", "valid")

@@ -8,16 +8,16 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
-from diagrams.estimator import add_estimator, make_estimator
-from models.estimation.estimator import Taught, WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.estimation.wrench_kernels import METHODS
-from models.friction.friction_network import FrictionNetworks
-from models.friction.presliding_friction import PreslidingFriction
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.identified_model import IdentifiedModel
-from models.observers.momentum_observer import MomentumObserverConfig
-from systems.recording_player import RecordingPlayer, Samples
+from wrenchsight.diagrams.estimator import add_estimator, make_estimator
+from wrenchsight.models.estimation.estimator import Taught, WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.estimation.wrench_kernels import METHODS
+from wrenchsight.models.friction.friction_network import FrictionNetworks
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.systems.recording_player import RecordingPlayer, Samples
 
 T = 1e-3
 N = 6

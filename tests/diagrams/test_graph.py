@@ -6,10 +6,10 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from diagrams import graph
-from diagrams.graph import graph_text, write_graph
-from models.files.input_error import InputError
-from systems.motor_current_torque_source import MotorCurrentTorqueSource
+from wrenchsight.diagrams import graph
+from wrenchsight.diagrams.graph import graph_text, write_graph
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.systems.motor_current_torque_source import MotorCurrentTorqueSource
 
 needs_dot = pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")
 

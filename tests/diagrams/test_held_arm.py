@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from diagrams.held_arm import make_held_arm
-from models.control.wrench_script import WrenchScript, WrenchStep
-from models.estimation.estimator import WrenchEstimatorConfig
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.diagrams.held_arm import make_held_arm
+from wrenchsight.models.control.wrench_script import WrenchScript, WrenchStep
+from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 
 FORCE, MOMENT = [6.0, -4.0, 20.0], [0.5, -0.8, 0.3]
 

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from diagrams.closed_loop import make_closed_loop
-from diagrams.kept_signals import KeptSignals
-from diagrams.scenario import load_scenario
-from models.files.input_error import InputError
-from models.identification.identified_model import IdentifiedModel
+from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.kept_signals import KeptSignals
+from wrenchsight.diagrams.scenario import load_scenario
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.identification.identified_model import IdentifiedModel
 
 
 @pytest.fixture

@@ -5,14 +5,14 @@ import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
-from diagrams.closed_loop import make_closed_loop
-from diagrams.machining import longest_duration, make_machining_path
-from diagrams.scenario import load_scenario
-from diagrams.workpiece import pose_of_workpiece
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.identified_model import IdentifiedModel
-from models.machining.machining_phases import Fault, Phase
-from models.robot.robot_config import PoseConfig
+from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.machining import longest_duration, make_machining_path
+from wrenchsight.diagrams.scenario import load_scenario
+from wrenchsight.diagrams.workpiece import pose_of_workpiece
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.machining.machining_phases import Fault, Phase
+from wrenchsight.models.robot.robot_config import PoseConfig
 
 SHORT = {
     "standoff": 0.006,

@@ -11,21 +11,21 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from sample_models import knowing_model
 
-from diagrams.closed_loop import make_closed_loop
-from diagrams.machining import make_machining_path
-from diagrams.scenario import HoldMotion, Scenario, load_scenario
-from models.control.wrench_script import WrenchStep
-from models.files.input_error import InputError
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.identified_model import IdentifiedModel
-from models.machining.air_pass import TaughtTorque
-from models.machining.machining_phases import Phase
-from models.observers.kalman_observer import KalmanObserverConfig
-from models.observers.momentum_observer import MomentumObserverConfig
-from models.robot.robot import Robot
-from models.truth.true_robot import plain_truth
-from systems.force_torque_sensor import ForceTorqueSensorConfig
-from systems.machining.machining_reference import MachiningReference
+from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.machining import make_machining_path
+from wrenchsight.diagrams.scenario import HoldMotion, Scenario, load_scenario
+from wrenchsight.models.control.wrench_script import WrenchStep
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.machining.air_pass import TaughtTorque
+from wrenchsight.models.machining.machining_phases import Phase
+from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.truth.true_robot import plain_truth
+from wrenchsight.systems.force_torque_sensor import ForceTorqueSensorConfig
+from wrenchsight.systems.machining.machining_reference import MachiningReference
 
 SYSTEMS = str(Path(sys.modules[MomentumObserverConfig.__module__].__file__).parents[2] / "systems")
 MORE = ("tau_f_true", "tau_J_true", "state", "wrench_unbalance")  # what else an arm tells

@@ -8,21 +8,21 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
-from diagrams.estimator import add_estimator, make_estimator
-from models.estimation.estimator import (
+from wrenchsight.diagrams.estimator import add_estimator, make_estimator
+from wrenchsight.models.estimation.estimator import (
     EstimateBatch,
     Taught,
     WrenchEstimator,
     WrenchEstimatorConfig,
 )
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.identification.identified_model import IdentifiedModel
-from models.identification.torque_error_model import TorqueErrorModel
-from models.observers.kalman_observer import KalmanObserver, KalmanObserverConfig
-from models.observers.observer_kinds import OBSERVERS
-from models.observers.super_twisting_observer import SuperTwistingObserverConfig
-from models.robot.robot import Robot
-from systems.recording_player import RecordingPlayer, Samples
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
+from wrenchsight.models.observers.kalman_observer import KalmanObserver, KalmanObserverConfig
+from wrenchsight.models.observers.observer_kinds import OBSERVERS
+from wrenchsight.models.observers.super_twisting_observer import SuperTwistingObserverConfig
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.systems.recording_player import RecordingPlayer, Samples
 
 T = 1e-3
 ROWS = 240

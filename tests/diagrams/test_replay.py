@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from diagrams.replay import make_replay
-from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.identification.identified_model import IdentifiedModel
-from models.observers.momentum_observer import MomentumObserverConfig
-from models.recordings.recording_reader import read_recording
-from models.recordings.resampling import resampled
+from wrenchsight.diagrams.replay import make_replay
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.resampling import resampled
 
 
 def config(time_step, torque_samples="held"):

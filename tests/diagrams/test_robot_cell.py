@@ -6,13 +6,13 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
-from diagrams.robot_cell import make_robot_cell
-from diagrams.scenario import PlateConfig, Scenario
-from models.control.wrench_script import WrenchStep
-from models.files.input_error import InputError
-from models.robot.robot_config import PoseConfig
-from systems.force_torque_sensor import ForceTorqueSensorConfig
-from systems.joint_friction import HOLDING_DAMPING
+from wrenchsight.diagrams.robot_cell import make_robot_cell
+from wrenchsight.diagrams.scenario import PlateConfig, Scenario
+from wrenchsight.models.control.wrench_script import WrenchStep
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.robot_config import PoseConfig
+from wrenchsight.systems.force_torque_sensor import ForceTorqueSensorConfig
+from wrenchsight.systems.joint_friction import HOLDING_DAMPING
 
 T = 1e-3
 QUIET = Scenario(friction="none", current_noise=False)

@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagrams.scenario import (
+from wrenchsight.diagrams.scenario import (
     BladeConfig,
     FourierMotion,
     HoldMotion,
@@ -17,15 +17,15 @@ from diagrams.scenario import (
     load_scenario,
     make_trajectory,
 )
-from models.control.wrench_script import HandPush
-from models.estimation.estimator import WrenchEstimatorConfig
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.files.input_error import InputError
-from models.machining.machining_phases import PhasesConfig
-from models.machining.machining_process import ProcessConfig
-from models.observers.kalman_observer import KalmanObserverConfig
-from models.robot.robot import Robot
-from systems.impedance_controller import ForceControlConfig, ImpedanceConfig
+from wrenchsight.models.control.wrench_script import HandPush
+from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.machining.machining_phases import PhasesConfig
+from wrenchsight.models.machining.machining_process import ProcessConfig
+from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.systems.impedance_controller import ForceControlConfig, ImpedanceConfig
 
 
 @pytest.mark.parametrize("name", sorted(bundled_scenarios()))

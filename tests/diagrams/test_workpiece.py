@@ -3,9 +3,9 @@ import math
 import numpy as np
 import pytest
 
-from diagrams.scenario import load_scenario
-from diagrams.workpiece import pose_of_workpiece, process_contact, surface_of
-from models.motion.surface_path import SurfacePath
+from wrenchsight.diagrams.scenario import load_scenario
+from wrenchsight.diagrams.workpiece import pose_of_workpiece, process_contact, surface_of
+from wrenchsight.models.motion.surface_path import SurfacePath
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from models.files.configuration import REQUIRED
+from wrenchsight.models.files.configuration import REQUIRED
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
@@ -84,13 +84,15 @@ def test_every_room_has_its_page(site_pages):
         name for page in PAGES for name in re.findall(r"<!-- api: ([\w.]+) -->", page.read_text())
     }
     rooms = {
-        ".".join(file.relative_to(ROOT).parent.parts)
+        ".".join(("wrenchsight", *file.relative_to(ROOT).parent.parts))
         for package in ("models", "systems", "diagrams", "analyses")
         for file in (ROOT / package).rglob("*.py")
         if not file.stem.startswith("_")
     }
     assert shown == rooms
-    assert "::: models.estimation.wrench" in site_pages.api_of("models.estimation")
+    assert "::: wrenchsight.models.estimation.wrench" in site_pages.api_of(
+        "wrenchsight.models.estimation"
+    )
 
 
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md", ROOT / "CONTRIBUTING.md"])

@@ -9,8 +9,8 @@ from fuzzing.clean_inputs import motion
 from fuzzing.judging import checksums
 from fuzzing.sandbox import Sandbox
 
-from analyses.study.stored_result import read_result
-from models.recordings.recording_writer import write_recording
+from wrenchsight.analyses.study.stored_result import read_result
+from wrenchsight.models.recordings.recording_writer import write_recording
 
 _LOG = ("long.csv", "--robot", "robot")
 _EXPERIMENT = "quick-experiment"

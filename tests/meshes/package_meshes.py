@@ -13,7 +13,7 @@ import pinocchio
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull
 
-from models.robot.robot import Robot
+from wrenchsight.models.robot.robot import Robot
 
 _POSTURES = 60  # that tell whether a pair always overlaps
 

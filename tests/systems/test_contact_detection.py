@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from diagrams.estimator import make_estimator
-from diagrams.replay import make_replay
-from models.detection.contact_detector import ContactDetectionConfig, ContactDetector
-from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.contact_noise import ContactNoise
-from models.identification.identified_model import IdentifiedModel
-from models.identification.torque_error_model import TorqueErrorModel
-from models.observers.momentum_observer import MomentumObserverConfig
-from models.signals.exceedance_tail import ExceedanceTail
-from systems.contact_detection import DETECTION, ContactDetection
+from wrenchsight.diagrams.estimator import make_estimator
+from wrenchsight.diagrams.replay import make_replay
+from wrenchsight.models.detection.contact_detector import ContactDetectionConfig, ContactDetector
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.contact_noise import ContactNoise
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.signals.exceedance_tail import ExceedanceTail
+from wrenchsight.systems.contact_detection import DETECTION, ContactDetection
 
 T, N, ROWS = 2e-3, 6, 700
 

@@ -4,8 +4,8 @@ from pydrake.multibody.tree import PrismaticJoint, SpatialInertia, UnitInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from models.control.wrench_script import WrenchScript, WrenchSine, WrenchStep
-from systems.external_wrench_source import ExternalWrenchSource
+from wrenchsight.models.control.wrench_script import WrenchScript, WrenchSine, WrenchStep
+from wrenchsight.systems.external_wrench_source import ExternalWrenchSource
 
 
 def cart(p_BE=(0.0, 0.0, 0.0)):

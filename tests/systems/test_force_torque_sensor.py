@@ -18,12 +18,12 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, LogVectorOutput
 
-from models.files.input_error import InputError
-from models.rigid_body.serial_chain import SerialChain
-from models.signals.low_pass import LowPass
-from systems.force_torque_sensor import ForceTorqueSensor, ForceTorqueSensorConfig
-from systems.gaussian_noise_source import GaussianNoiseSource
-from systems.rigid_body_terms import RigidBodyTermsSystem
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.signals.low_pass import LowPass
+from wrenchsight.systems.force_torque_sensor import ForceTorqueSensor, ForceTorqueSensorConfig
+from wrenchsight.systems.gaussian_noise_source import GaussianNoiseSource
+from wrenchsight.systems.rigid_body_terms import RigidBodyTermsSystem
 
 T = 1e-3
 WRENCH = np.array([0.4, -0.7, 0.9, 5.0, -8.0, 12.0])

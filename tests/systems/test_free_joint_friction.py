@@ -5,14 +5,14 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
-from diagrams.robot_cell import make_robot_cell
-from diagrams.scenario import Scenario
-from models.control.wrench_script import HandPush
-from models.friction.true_friction import DryFriction
-from models.rigid_body.serial_chain import RigidBodyTerms
-from models.robot.robot import Robot
-from systems.free_joint_friction import FreeJointFriction
-from systems.joint_friction import HOLDING_DAMPING
+from wrenchsight.diagrams.robot_cell import make_robot_cell
+from wrenchsight.diagrams.scenario import Scenario
+from wrenchsight.models.control.wrench_script import HandPush
+from wrenchsight.models.friction.true_friction import DryFriction
+from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.systems.free_joint_friction import FreeJointFriction
+from wrenchsight.systems.joint_friction import HOLDING_DAMPING
 
 T = 1e-3
 

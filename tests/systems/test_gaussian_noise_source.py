@@ -6,8 +6,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
-from models.signals.gaussian_noise import gaussian_noise
-from systems.gaussian_noise_source import GaussianNoiseSource
+from wrenchsight.models.signals.gaussian_noise import gaussian_noise
+from wrenchsight.systems.gaussian_noise_source import GaussianNoiseSource
 
 TIME_STEP = 1e-3
 

@@ -7,9 +7,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
-from models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
-from models.rigid_body.serial_chain import RigidBodyTerms
-from systems.generalized_momentum_observer import GeneralizedMomentumObserver
+from wrenchsight.models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
+from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms
+from wrenchsight.systems.generalized_momentum_observer import GeneralizedMomentumObserver
 
 T = 1e-3
 

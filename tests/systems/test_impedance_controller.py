@@ -9,11 +9,15 @@ from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, LogV
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from models.files.input_error import InputError
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.rigid_body.serial_chain import SerialChain
-from systems.impedance_controller import ForceControlConfig, ImpedanceConfig, ImpedanceController
-from systems.rigid_body_terms import RigidBodyTermsSystem
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.systems.impedance_controller import (
+    ForceControlConfig,
+    ImpedanceConfig,
+    ImpedanceController,
+)
+from wrenchsight.systems.rigid_body_terms import RigidBodyTermsSystem
 
 T = 1e-3
 ORDER = [3, 4, 5, 0, 1, 2]  # from translation first to rotation first

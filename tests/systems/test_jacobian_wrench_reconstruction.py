@@ -8,10 +8,10 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
-from models.estimation.wrench_kernels import METHODS
-from systems.jacobian_wrench_reconstruction import JacobianWrenchReconstruction
-from systems.rigid_body_terms import RigidBodyTermsSystem
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
+from wrenchsight.models.estimation.wrench_kernels import METHODS
+from wrenchsight.systems.jacobian_wrench_reconstruction import JacobianWrenchReconstruction
+from wrenchsight.systems.rigid_body_terms import RigidBodyTermsSystem
 
 Q = np.array([0.3, -0.4, 0.5, 0.2, -0.7, 1.1])
 WRENCH = np.array([0.5, 1.5, 1.0, -3.0, 4.0, 25.0])  # rotation first

@@ -6,8 +6,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, VectorLogSink
 
-from models.friction.true_friction import DryFriction
-from systems.joint_friction import HOLDING_DAMPING, JointFriction, add_holding_actuators
+from wrenchsight.models.friction.true_friction import DryFriction
+from wrenchsight.systems.joint_friction import HOLDING_DAMPING, JointFriction, add_holding_actuators
 
 INERTIA = 0.8  # kg m^2 of the link about its joint
 REFLECTED = 0.5  # kg m^2 of the rotor on the joint side

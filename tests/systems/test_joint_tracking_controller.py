@@ -6,10 +6,13 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, LogVectorOutput
 
-from models.files.input_error import InputError
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from systems.joint_tracking_controller import JointTrackingConfig, JointTrackingController
-from systems.rigid_body_terms import RigidBodyTermsSystem
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.systems.joint_tracking_controller import (
+    JointTrackingConfig,
+    JointTrackingController,
+)
+from wrenchsight.systems.rigid_body_terms import RigidBodyTermsSystem
 
 T = 1e-3
 NO_FRICTION = SemiParametricFriction(CoulombViscous.zero(6))

@@ -6,7 +6,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, Sine
 
-from systems.motor_current_sensor import MotorCurrentSensor, add_motor_current_sensor
+from wrenchsight.systems.motor_current_sensor import MotorCurrentSensor, add_motor_current_sensor
 
 TIME_STEP = 1e-3
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from systems.motor_current_torque_source import MotorCurrentTorqueSource
+from wrenchsight.systems.motor_current_torque_source import MotorCurrentTorqueSource
 
 GAIN = np.array([12.0, 10.0, 0.5])
 SIGN = np.array([1.0, -1.0, 1.0])

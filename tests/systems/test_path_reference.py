@@ -3,8 +3,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Integrator
 
-from models.motion.paths import JointTrajectory
-from systems.path_reference import PathReference
+from wrenchsight.models.motion.paths import JointTrajectory
+from wrenchsight.systems.path_reference import PathReference
 
 
 def quintic():

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from systems.pose_reference import PoseReference
+from wrenchsight.systems.pose_reference import PoseReference
 
 
 @pytest.fixture(scope="module")

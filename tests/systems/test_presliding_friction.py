@@ -7,13 +7,13 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from models.friction.presliding_friction import (
+from wrenchsight.models.friction.presliding_friction import (
     PreslidingFriction,
     add_slip_torque,
     update_slip,
 )
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from systems.presliding_friction import PreslidingFrictionSystem
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.systems.presliding_friction import PreslidingFrictionSystem
 
 N, STEP = 2, 0.01
 VISCOUS, OFFSET = np.array([3.0, 1.0]), np.array([0.2, -0.1])

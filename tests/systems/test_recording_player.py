@@ -6,7 +6,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
-from systems.recording_player import RecordingPlayer, Samples
+from wrenchsight.systems.recording_player import RecordingPlayer, Samples
 
 T = 0.01
 

@@ -8,7 +8,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer
 
-from systems.rigid_body_terms import RigidBodyTermsSystem
+from wrenchsight.systems.rigid_body_terms import RigidBodyTermsSystem
 
 Q = np.array([0.3, -0.4, 0.5, 0.2, -0.7, 1.1])
 V = np.array([0.5, -0.3, 0.8, -1.0, 0.4, 0.9])

@@ -6,9 +6,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, Sine
 
-from models.friction.friction_network import FrictionNetworks
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from systems.semi_parametric_friction import SemiParametricFrictionSystem
+from wrenchsight.models.friction.friction_network import FrictionNetworks
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.systems.semi_parametric_friction import SemiParametricFrictionSystem
 
 COULOMB, VISCOUS, OFFSET = np.array([4.0, 2.0]), np.array([10.0, 3.0]), np.array([0.5, -0.2])
 V_CRIT = np.array([0.1, 0.2])

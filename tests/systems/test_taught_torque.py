@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from models.machining.air_pass import TaughtTorque
-from systems.taught_torque import TaughtTorqueSource
+from wrenchsight.models.machining.air_pass import TaughtTorque
+from wrenchsight.systems.taught_torque import TaughtTorqueSource
 
 TAUGHT = TaughtTorque(0.5 * np.arange(3), np.array([[1.0, -2.0], [3.0, 2.0], [5.0, 0.0]]))
 

@@ -10,13 +10,13 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 from sample_models import knowing_model
 
-from diagrams.estimator import add_estimator, make_estimator
-from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.estimation.wrench_kernels import METHODS
-from models.observers.momentum_observer import MomentumObserverConfig
-from systems.recording_player import RecordingPlayer, Samples
-from systems.trusted_wrench_reading import TrustedWrenchReading
+from wrenchsight.diagrams.estimator import add_estimator, make_estimator
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.estimation.wrench_kernels import METHODS
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.systems.recording_player import RecordingPlayer, Samples
+from wrenchsight.systems.trusted_wrench_reading import TrustedWrenchReading
 
 T, N, ROWS = 1e-3, 6, 300
 OUTPUTS = ("tau_ext", "wrench", "covariance", "condition_number", "valid")

@@ -3,7 +3,13 @@ import pytest
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat
 
-from systems.wrench_arrows import HEAD_LENGTH, PATH, ArrowStyle, WrenchArrows, arrow_pose
+from wrenchsight.systems.wrench_arrows import (
+    HEAD_LENGTH,
+    PATH,
+    ArrowStyle,
+    WrenchArrows,
+    arrow_pose,
+)
 
 STYLES = {"force true": ArrowStyle((0, 0, 0)), "force estimated": ArrowStyle((0, 0, 1), 0.5)}
 

@@ -30,29 +30,29 @@ from pydrake.systems.framework import Context
 from pydrake.systems.primitives import VectorLogSink
 from scipy.optimize import minimize_scalar
 
-from analyses.methods.advance import advance
-from analyses.output.axes import legend_above, log_scale
-from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
-from analyses.study.experiment import (
+from wrenchsight.analyses.methods.advance import advance
+from wrenchsight.analyses.output.axes import legend_above, log_scale
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
+from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
     FigureFile,
 )
-from diagrams.held_arm import HeldArm, make_held_arm
-from models.arrays import Array
-from models.control.wrench_script import (
+from wrenchsight.diagrams.held_arm import HeldArm, make_held_arm
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.control.wrench_script import (
     WrenchRamp,
     WrenchScript,
     WrenchSegment,
     WrenchSine,
     WrenchStep,
 )
-from models.estimation.estimator import WrenchEstimatorConfig
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.observers.momentum_observer import MomentumObserverConfig
-from models.robot.robot import Robot
+from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.robot.robot import Robot
 
 ComplexArray = NDArray[np.complex128]
 Progress = Callable[[float, str], None]

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analyses.methods.arms.arm_models import identify_arm
-from analyses.methods.arms.simulated_logs import ROBOT
-from analyses.methods.planning.article_paths import found_path
-from analyses.methods.reading.force_errors import (
+from wrenchsight.analyses.methods.arms.arm_models import identify_arm
+from wrenchsight.analyses.methods.arms.simulated_logs import ROBOT
+from wrenchsight.analyses.methods.planning.article_paths import found_path
+from wrenchsight.analyses.methods.reading.force_errors import (
     ForceReading,
     draw_signal,
     reductions,
     variants_figure,
 )
-from analyses.methods.runs.task_runs import (
+from wrenchsight.analyses.methods.runs.task_runs import (
     PATHS,
     TaskRun,
     highest_speed,
@@ -29,7 +29,7 @@ from analyses.methods.runs.task_runs import (
     uniform_motion,
     write_runs_page,
 )
-from analyses.methods.runs.task_variants import (
+from wrenchsight.analyses.methods.runs.task_variants import (
     FAST,
     EstimatorVariant,
     axes_figure,
@@ -37,19 +37,19 @@ from analyses.methods.runs.task_variants import (
     lag_alone,
     read_variants,
 )
-from analyses.output.figures import COLOUR, legend_below, new_figure
-from analyses.study.experiment import (
+from wrenchsight.analyses.output.figures import COLOUR, legend_below, new_figure
+from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
     FigureFile,
 )
-from analyses.study.figure_files import saved_figures
-from analyses.study.wording import change, compared, listed
-from diagrams.scenario import LineMotion
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.rigid_body.spatial_vectors import AXES
+from wrenchsight.analyses.study.figure_files import saved_figures
+from wrenchsight.analyses.study.wording import change, compared, listed
+from wrenchsight.diagrams.scenario import LineMotion
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.rigid_body.spatial_vectors import AXES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

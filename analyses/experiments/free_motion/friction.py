@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analyses.methods.arms.arm_models import identify_arm
-from analyses.methods.arms.simulated_logs import ROBOT
-from analyses.methods.reading.force_errors import (
+from wrenchsight.analyses.methods.arms.arm_models import identify_arm
+from wrenchsight.analyses.methods.arms.simulated_logs import ROBOT
+from wrenchsight.analyses.methods.reading.force_errors import (
     ForceReading,
     draw_signal,
     envelope,
     reductions,
     variants_figure,
 )
-from analyses.methods.runs.task_runs import (
+from wrenchsight.analyses.methods.runs.task_runs import (
     TaskRun,
     highest_speed,
     run_task,
@@ -26,7 +26,7 @@ from analyses.methods.runs.task_runs import (
     uniform_motion,
     write_runs_page,
 )
-from analyses.methods.runs.task_variants import (
+from wrenchsight.analyses.methods.runs.task_variants import (
     FAST,
     EstimatorVariant,
     against_lagged,
@@ -34,18 +34,18 @@ from analyses.methods.runs.task_variants import (
     lag_alone,
     read_variants,
 )
-from analyses.output.axes import limit_y
-from analyses.output.figures import COLOUR, SERIES, legend_below, new_figure
-from analyses.study.experiment import (
+from wrenchsight.analyses.output.axes import limit_y
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, legend_below, new_figure
+from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
     FigureFile,
 )
-from analyses.study.figure_files import saved_figures
-from analyses.study.wording import change
-from diagrams.scenario import LineMotion
+from wrenchsight.analyses.study.figure_files import saved_figures
+from wrenchsight.analyses.study.wording import change
+from wrenchsight.diagrams.scenario import LineMotion
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

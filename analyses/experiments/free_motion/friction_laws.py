@@ -26,35 +26,48 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analyses.methods.arms.friction_reversal import (
+from wrenchsight.analyses.methods.arms.friction_reversal import (
     SeparatedFriction,
     reversal_recordings,
     separate_recordings,
 )
-from analyses.methods.arms.semi_parametric import POSTURES, semi_parametric_model
-from analyses.methods.arms.simulated_identification import CONFIG, identify_simulated_arm
-from analyses.methods.arms.simulated_logs import ROBOT
-from analyses.methods.arms.ur10e_logs import FOLDER, identify_ur10e, validation_recordings
-from analyses.methods.learning.identification import identify, predict_torque
-from analyses.methods.learning.identification_config import LAWS, IdentificationConfig
-from analyses.methods.learning.torque_fit import TorqueFit
-from analyses.output.figures import COLOUR, SERIES, legend_below, new_figure, panels_in_pairs
-from analyses.study.experiment import (
+from wrenchsight.analyses.methods.arms.semi_parametric import POSTURES, semi_parametric_model
+from wrenchsight.analyses.methods.arms.simulated_identification import (
+    CONFIG,
+    identify_simulated_arm,
+)
+from wrenchsight.analyses.methods.arms.simulated_logs import ROBOT
+from wrenchsight.analyses.methods.arms.ur10e_logs import (
+    FOLDER,
+    identify_ur10e,
+    validation_recordings,
+)
+from wrenchsight.analyses.methods.learning.identification import identify, predict_torque
+from wrenchsight.analyses.methods.learning.identification_config import LAWS, IdentificationConfig
+from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit
+from wrenchsight.analyses.output.figures import (
+    COLOUR,
+    SERIES,
+    legend_below,
+    new_figure,
+    panels_in_pairs,
+)
+from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
 )
-from analyses.study.figure_files import saved_figures
-from analyses.study.wording import change
-from models.arrays import Array
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.identified_model import IdentifiedModel
-from models.recordings.recording import Recording
-from models.recordings.recording_reader import read_recording
-from models.recordings.resampling import resampled
-from models.robot.robot import Robot
-from models.signals.zero_phase import ZeroPhaseLowPass, derivative
+from wrenchsight.analyses.study.figure_files import saved_figures
+from wrenchsight.analyses.study.wording import change
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

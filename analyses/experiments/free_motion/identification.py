@@ -12,23 +12,23 @@ from typing import Any
 
 import numpy as np
 
-from analyses.methods.arms.simulated_identification import (
+from wrenchsight.analyses.methods.arms.simulated_identification import (
     CONFIG,
     identify_simulated_arm,
     inertial_error,
     with_known_friction,
 )
-from analyses.methods.arms.simulated_logs import PERIODS, ROBOT
-from analyses.methods.learning.identification_figures import torque_figure
-from analyses.output.figures import save_figure
-from analyses.study.experiment import (
+from wrenchsight.analyses.methods.arms.simulated_logs import PERIODS, ROBOT
+from wrenchsight.analyses.methods.learning.identification_figures import torque_figure
+from wrenchsight.analyses.output.figures import save_figure
+from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
     FigureFile,
 )
-from models.arrays import Array
+from wrenchsight.models.arrays import Array
 
 ARTICLE_RMSE = [3.2926, 3.5804, 2.2578, 0.5272, 0.7846, 0.3602]  # N m, section 4.1
 

@@ -29,38 +29,49 @@ from typing import Any
 
 import numpy as np
 
-from analyses.methods.arms.arm_models import identify_arm
-from analyses.methods.arms.simulated_logs import (
+from wrenchsight.analyses.methods.arms.arm_models import identify_arm
+from wrenchsight.analyses.methods.arms.simulated_logs import (
     PERIODS,
     ROBOT,
     simulate_excitation,
     stored_excitation,
 )
-from analyses.methods.arms.ur10e_logs import FOLDER, identify_ur10e
-from analyses.methods.learning.identification_config import IdentificationConfig
-from analyses.methods.reading.known_payload import payload_reference
-from analyses.methods.reading.put_in_pushes import push_forces, pushed
-from analyses.output.figures import COLOUR, SERIES, legend_below, new_figure, save_figure
-from analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult, FigureFile
-from analyses.study.wording import change_between, listed
-from models.arrays import Array, Flags
-from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.point_of_action import find_point_of_action
-from models.estimation.smoothing import smoothed_estimate
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.excitation.fourier_trajectory import FourierTrajectory
-from models.identification.identified_model import IdentifiedModel
-from models.identification.torque_error_fit import HeldOutReading, fit_torque_error
-from models.observers.kalman_observer import KalmanObserverConfig
-from models.observers.momentum_observer import MomentumObserverConfig
-from models.observers.observer_kinds import OBSERVERS, kind_name
-from models.recordings.position_resolution import position_resolution
-from models.recordings.recording import Recording
-from models.recordings.recording_reader import read_recording
-from models.recordings.resampling import resampled
-from models.robot.robot import Robot
-from models.robot.robot_config import PoseConfig
-from models.signals.zero_phase import ZeroPhaseLowPass
+from wrenchsight.analyses.methods.arms.ur10e_logs import FOLDER, identify_ur10e
+from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.reading.known_payload import payload_reference
+from wrenchsight.analyses.methods.reading.put_in_pushes import push_forces, pushed
+from wrenchsight.analyses.output.figures import (
+    COLOUR,
+    SERIES,
+    legend_below,
+    new_figure,
+    save_figure,
+)
+from wrenchsight.analyses.study.experiment import (
+    Experiment,
+    ExperimentContext,
+    ExperimentResult,
+    FigureFile,
+)
+from wrenchsight.analyses.study.wording import change_between, listed
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.point_of_action import find_point_of_action
+from wrenchsight.models.estimation.smoothing import smoothed_estimate
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.excitation.fourier_trajectory import FourierTrajectory
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.identification.torque_error_fit import HeldOutReading, fit_torque_error
+from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.observers.observer_kinds import OBSERVERS, kind_name
+from wrenchsight.models.recordings.position_resolution import position_resolution
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import PoseConfig
+from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass
 
 MORE = "ur10e_more"  # below the data folder
 FREE = {

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analyses.methods.arms.simulated_logs import ROBOT
-from analyses.methods.planning.article_paths import branch_start, followed
-from analyses.methods.reading.force_errors import (
+from wrenchsight.analyses.methods.arms.simulated_logs import ROBOT
+from wrenchsight.analyses.methods.planning.article_paths import branch_start, followed
+from wrenchsight.analyses.methods.reading.force_errors import (
     draw_signal,
     envelope,
     variants_figure,
 )
-from analyses.methods.runs.repeated_cycles import (
+from wrenchsight.analyses.methods.runs.repeated_cycles import (
     AFTER,
     BEFORE,
     OURS,
@@ -28,24 +28,30 @@ from analyses.methods.runs.repeated_cycles import (
     force_figure,
     repeat_cycles,
 )
-from analyses.methods.runs.task_runs import (
+from wrenchsight.analyses.methods.runs.task_runs import (
     PATHS,
     task_path,
     write_runs_page,
 )
-from analyses.output.figures import COLOUR, SERIES, new_figure
-from analyses.study.experiment import (
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure
+from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
     FigureFile,
 )
-from analyses.study.figure_files import saved_figures
-from analyses.study.wording import change, change_between, listed
-from models.arrays import Array
-from models.motion.paths import TimeLaw, constant_speed, steady_speed, thirds, uniform_acceleration
-from models.robot.robot import Robot
+from wrenchsight.analyses.study.figure_files import saved_figures
+from wrenchsight.analyses.study.wording import change, change_between, listed
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.motion.paths import (
+    TimeLaw,
+    constant_speed,
+    steady_speed,
+    thirds,
+    uniform_acceleration,
+)
+from wrenchsight.models.robot.robot import Robot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

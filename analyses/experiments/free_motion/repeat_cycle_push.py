@@ -10,9 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analyses.methods.arms.simulated_logs import ROBOT
-from analyses.methods.reading.force_errors import draw_signal, force_metrics, variants_figure
-from analyses.methods.runs.repeated_cycles import (
+from wrenchsight.analyses.methods.arms.simulated_logs import ROBOT
+from wrenchsight.analyses.methods.reading.force_errors import (
+    draw_signal,
+    force_metrics,
+    variants_figure,
+)
+from wrenchsight.analyses.methods.runs.repeated_cycles import (
     AFTER,
     BEFORE,
     OURS,
@@ -22,18 +26,18 @@ from analyses.methods.runs.repeated_cycles import (
     force_figure,
     repeat_cycles,
 )
-from analyses.methods.runs.task_runs import PATHS, write_runs_page
-from analyses.output.axes import legend_above, limit_y
-from analyses.output.figures import COLOUR, new_figure
-from analyses.study.experiment import (
+from wrenchsight.analyses.methods.runs.task_runs import PATHS, write_runs_page
+from wrenchsight.analyses.output.axes import legend_above, limit_y
+from wrenchsight.analyses.output.figures import COLOUR, new_figure
+from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
     FigureFile,
 )
-from analyses.study.figure_files import saved_figures
-from analyses.study.wording import change, compared
+from wrenchsight.analyses.study.figure_files import saved_figures
+from wrenchsight.analyses.study.wording import change, compared
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

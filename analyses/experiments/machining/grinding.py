@@ -1,8 +1,8 @@
 """Experiment `grinding`: a blade under a varying force, the normal force read (section 5.2)."""
 
-from analyses.methods.runs.machining import MachiningTask
-from analyses.methods.runs.machining_study import study_machining
-from analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
+from wrenchsight.analyses.methods.runs.machining import MachiningTask
+from wrenchsight.analyses.methods.runs.machining_study import study_machining
+from wrenchsight.analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
 
 TASK = MachiningTask(
     scenario="Grinding",

@@ -1,8 +1,8 @@
 """Experiment `polishing`: a plate under a held force, the tangential force read (section 5.1)."""
 
-from analyses.methods.runs.machining import MachiningTask
-from analyses.methods.runs.machining_study import study_machining
-from analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
+from wrenchsight.analyses.methods.runs.machining import MachiningTask
+from wrenchsight.analyses.methods.runs.machining_study import study_machining
+from wrenchsight.analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
 
 TASK = MachiningTask(
     scenario="Polishing",

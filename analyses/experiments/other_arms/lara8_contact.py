@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from analyses.methods.contact.lara8_reading import (
+from wrenchsight.analyses.methods.contact.lara8_reading import (
     FOLDER,
     FORMAT,
     K_0,
@@ -32,17 +32,17 @@ from analyses.methods.contact.lara8_reading import (
     rmse_by_joint,
     settled_from,
 )
-from analyses.methods.sensors.comparison import SensorComparison
-from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure, save_figure
-from analyses.study.experiment import (
+from wrenchsight.analyses.methods.sensors.comparison import SensorComparison
+from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure, save_figure
+from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
     FigureFile,
 )
-from models.arrays import Array, Flags
-from models.recordings.recording_reader import read_recording
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.recordings.recording_reader import read_recording
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

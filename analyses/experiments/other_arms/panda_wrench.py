@@ -16,15 +16,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.external_torque.force_readings import (
+from wrenchsight.analyses.methods.external_torque.force_readings import (
     Knowledge,
     LogReading,
     MethodReading,
     knowledge_by_evidence,
     rms,
 )
-from analyses.output.axes import log_scale
-from analyses.output.figures import (
+from wrenchsight.analyses.output.axes import log_scale
+from wrenchsight.analyses.output.figures import (
     BAND_ALPHA,
     COLOUR,
     SERIES,
@@ -32,22 +32,22 @@ from analyses.output.figures import (
     new_figure,
     save_figure,
 )
-from analyses.study.experiment import (
+from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
     FigureFile,
 )
-from analyses.study.wording import compared
-from models.arrays import Array
-from models.estimation.evidence_prior import evidence_prior
-from models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
-from models.estimation.wrench_kernels import METHODS
-from models.files.input_error import InputError
-from models.recordings.recording import Recording
-from models.recordings.recording_reader import read_recording
-from models.rigid_body.spatial_vectors import FORCE_FIRST
+from wrenchsight.analyses.study.wording import compared
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.evidence_prior import evidence_prior
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
+from wrenchsight.models.estimation.wrench_kernels import METHODS
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
 
 FOLDER = "panda_ati_gamma"  # below the data folder
 NUM_POSES = 10
@@ -117,7 +117,7 @@ def _joined(logs: Sequence[PoseLog]) -> tuple[Array, Array]:
 
 
 def read_forces(logs: Sequence[PoseLog], method: str, knowledge: Knowledge) -> MethodReading:
-    """Reads every row of every log by one method of `models.estimation.wrench`."""
+    """Reads every row of every log by one method of `wrenchsight.models.estimation.wrench`."""
     config = WrenchReconstructionConfig(method, knowledge.force_sd, knowledge.moment_sd)
     poses = []
     for log in logs:

@@ -2,7 +2,7 @@
 
 A Staubli TX40 moves for nine seconds at up to its speed limits. Motor 6 turns with joints 5 and 6,
 so that joint 5 moves against the friction of two motors: `coupling` of robot.yaml
-(`models.robot.coupling`) says it, and friction and rotors belong to the motors.
+(`wrenchsight.models.robot.coupling`) says it, and friction and rotors belong to the motors.
 
 There is one recording. It is cut into stretches; each is predicted by a fit of the others, from
 which EDGE seconds beside it are left out as well, so that the low-pass carries nothing over. All
@@ -21,21 +21,21 @@ from typing import Any
 import numpy as np
 import yaml
 
-from analyses.methods.learning.identification import identify
-from analyses.methods.learning.identification_config import IdentificationConfig
-from analyses.methods.learning.identification_figures import torque_figure
-from analyses.methods.learning.torque_fit import TorqueFit
-from analyses.output.figures import save_figure
-from analyses.study.experiment import (
+from wrenchsight.analyses.methods.learning.identification import identify
+from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.learning.identification_figures import torque_figure
+from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit
+from wrenchsight.analyses.output.figures import save_figure
+from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
     FigureFile,
 )
-from models.recordings.recording import Recording
-from models.recordings.recording_reader import read_recording
-from models.robot.robot import Robot
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.robot.robot import Robot
 
 FOLDER = "staubli_tx40"  # below the data folder
 LOG = "excitation.csv"

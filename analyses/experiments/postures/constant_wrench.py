@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from analyses.methods.planning.article_paths import (
+from wrenchsight.analyses.methods.planning.article_paths import (
     INITIAL_PATH,
     INITIAL_POSTURE,
     OPTIMISED_PATH,
@@ -21,22 +21,27 @@ from analyses.methods.planning.article_paths import (
     branch_start,
     found_path,
 )
-from analyses.output.axes import legend_above, log_scale
-from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
-from analyses.study.experiment import (
+from wrenchsight.analyses.output.axes import legend_above, log_scale
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
+from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
     FigureFile,
 )
-from analyses.study.wording import change
-from models.arrays import Array
-from models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
-from models.motion.inverse_kinematics import follow_path
-from models.motion.paths import StraightPath, there_and_back, thirds, uniform_acceleration
-from models.rigid_body.conditioning import condition_number
-from models.robot.robot import Robot
+from wrenchsight.analyses.study.wording import change
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
+from wrenchsight.models.motion.inverse_kinematics import follow_path
+from wrenchsight.models.motion.paths import (
+    StraightPath,
+    there_and_back,
+    thirds,
+    uniform_acceleration,
+)
+from wrenchsight.models.rigid_body.conditioning import condition_number
+from wrenchsight.models.robot.robot import Robot
 
 # Rotation first; as the article prints it: -3 0 25 N, 0.5 1.5 1 N m. Which of the two bodies it
 # acts on (the article's sign is the opposite of ours) changes no error.

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from analyses.methods.planning.jcn_map import (
+from wrenchsight.analyses.methods.planning.jcn_map import (
     draw_cloud,
     draw_distribution,
     draw_slice,
@@ -16,15 +16,15 @@ from analyses.methods.planning.jcn_map import (
     sample,
     slice_plane,
 )
-from analyses.methods.planning.jcn_map_settings import NUM_SAMPLES, SliceConfig
-from analyses.study.experiment import (
+from wrenchsight.analyses.methods.planning.jcn_map_settings import NUM_SAMPLES, SliceConfig
+from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
     FigureFile,
 )
-from models.robot.robot import Robot
+from wrenchsight.models.robot.robot import Robot
 
 NUM_SAMPLES_QUICK = 50_000
 

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from analyses.methods.planning.article_paths import (
+from wrenchsight.analyses.methods.planning.article_paths import (
     OPTIMISED_PATH,
     OPTIMISED_POSTURE,
     OTHER_ELBOW_POSTURE,
 )
-from analyses.methods.planning.particle_swarm import SwarmConfig
-from analyses.methods.planning.placement import (
+from wrenchsight.analyses.methods.planning.particle_swarm import SwarmConfig
+from wrenchsight.analyses.methods.planning.placement import (
     EFFORT,
     EFFORT_WITH_CLEARANCE,
     PlacementResult,
@@ -26,24 +26,24 @@ from analyses.methods.planning.placement import (
     place,
     write_placement_page,
 )
-from analyses.output.axes import log_scale
-from analyses.output.figures import COLOUR, new_figure
-from analyses.output.outputs import OutputFolder
-from analyses.study.experiment import (
+from wrenchsight.analyses.output.axes import log_scale
+from wrenchsight.analyses.output.figures import COLOUR, new_figure
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
     FigureFile,
 )
-from analyses.study.wording import compared
-from diagrams.distances.placement_cell import PlacementCell
-from models.arrays import Array
-from models.motion.inverse_kinematics import follow_path
-from models.motion.paths import StraightPath
-from models.placement.placement_search import SearchEffort
-from models.placement.placement_task import ClearanceConfig, load_task
-from models.robot.robot import Robot
+from wrenchsight.analyses.study.wording import compared
+from wrenchsight.diagrams.distances.placement_cell import PlacementCell
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.motion.inverse_kinematics import follow_path
+from wrenchsight.models.motion.paths import StraightPath
+from wrenchsight.models.placement.placement_search import SearchEffort
+from wrenchsight.models.placement.placement_task import ClearanceConfig, load_task
+from wrenchsight.models.robot.robot import Robot
 
 NUM_SEEDS, NUM_SEEDS_QUICK = 10, 2
 _OPTIMA = 2  # stated: the narrow one, and the wide one beside it

@@ -20,21 +20,25 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
-from analyses.output.axes import log_scale
-from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
-from analyses.study.experiment import (
+from wrenchsight.analyses.output.axes import log_scale
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
+from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
     FigureFile,
 )
-from models.arrays import Array
-from models.estimation.wrench import WrenchReconstructionConfig, live_prior, reconstruct_wrench
-from models.friction.true_friction import DryFriction
-from models.rigid_body.conditioning import condition_number, singular_values
-from models.robot.robot import Robot
-from models.truth.true_robot import plain_truth
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.wrench import (
+    WrenchReconstructionConfig,
+    live_prior,
+    reconstruct_wrench,
+)
+from wrenchsight.models.friction.true_friction import DryFriction
+from wrenchsight.models.rigid_body.conditioning import condition_number, singular_values
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.truth.true_robot import plain_truth
 
 NUM_POSTURES, NUM_POSTURES_QUICK = 2000, 400
 NUM_MODELS = 20  # identified models; each posture meets one of them

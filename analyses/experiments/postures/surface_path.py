@@ -6,18 +6,18 @@ the article uses, and the optimum (Figs. 11-13).
 
 from typing import Any
 
-from analyses.methods.planning.redundancy import ROUNDING, find_redundancy
-from analyses.methods.planning.redundancy_results import draw
-from analyses.methods.planning.redundancy_task import RedundancyTask
-from analyses.study.experiment import (
+from wrenchsight.analyses.methods.planning.redundancy import ROUNDING, find_redundancy
+from wrenchsight.analyses.methods.planning.redundancy_results import draw
+from wrenchsight.analyses.methods.planning.redundancy_task import RedundancyTask
+from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
 )
-from models.files.configuration import load_configuration
-from models.files.task_files import task_file
-from models.robot.robot import Robot
+from wrenchsight.models.files.configuration import load_configuration
+from wrenchsight.models.files.task_files import task_file
+from wrenchsight.models.robot.robot import Robot
 
 
 def run(context: ExperimentContext) -> ExperimentResult:

@@ -13,35 +13,40 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from analyses.methods.arms.ur10e_logs import (
+from wrenchsight.analyses.methods.arms.ur10e_logs import (
     FITTED,
     FOLDER,
     LOADED,
     VALIDATED,
     identify_ur10e,
 )
-from analyses.methods.learning.identification_config import IdentificationConfig
-from analyses.methods.reading.known_payload import (
+from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.reading.known_payload import (
     LEARNING_STRIDE,
     LEARNING_TIME,
     MARGIN,
     MASS,
     TIME_STEP,
 )
-from analyses.methods.reading.repeated_pass import LoadedPass, Pass, PassErrors, loaded_pass
-from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
-from analyses.study.experiment import (
+from wrenchsight.analyses.methods.reading.repeated_pass import (
+    LoadedPass,
+    Pass,
+    PassErrors,
+    loaded_pass,
+)
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
+from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
     FigureFile,
 )
-from models.estimation.point_of_action import find_point_of_action
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.identified_model import IdentifiedModel
-from models.rigid_body.spatial_vectors import AXES
-from models.robot.robot import Robot
+from wrenchsight.models.estimation.point_of_action import find_point_of_action
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.rigid_body.spatial_vectors import AXES
+from wrenchsight.models.robot.robot import Robot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

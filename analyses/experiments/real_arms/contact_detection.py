@@ -6,7 +6,7 @@ E and off it (`analyses.methods.reading.contact_trials`), a log of hand collisio
 the arm at rest, and a simulated arm that is pushed while it moves. For false alarms alone count
 logs that move one joint at a time, static postures, a log of seven weeks before, the fitted runs,
 each read by a model of the other two, and hours of simulated twins of all these motions
-(`analyses.methods.realism.contact_free_twins`).
+(`wrenchsight.analyses.methods.realism.contact_free_twins`).
 
 In sight when the statistic was settled: the fitted runs, 15harm50sec, 10harm and those of joints 1,
 3 and 5; the stop that ends 7harm (the rule for jumps of motor torque); the pushes at rest (the rule
@@ -23,13 +23,13 @@ from typing import Any
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from analyses.methods.advance import advance, even_stretches
-from analyses.methods.arms.simulated_identification import identify_simulated_arm
-from analyses.methods.arms.simulated_logs import ROBOT, TRACKING, stored_excitation
-from analyses.methods.arms.ur10e_logs import FITTED, FOLDER, identify_ur10e
-from analyses.methods.learning.identification import identify
-from analyses.methods.learning.identification_config import IdentificationConfig
-from analyses.methods.reading.contact_trials import (
+from wrenchsight.analyses.methods.advance import advance, even_stretches
+from wrenchsight.analyses.methods.arms.simulated_identification import identify_simulated_arm
+from wrenchsight.analyses.methods.arms.simulated_logs import ROBOT, TRACKING, stored_excitation
+from wrenchsight.analyses.methods.arms.ur10e_logs import FITTED, FOLDER, identify_ur10e
+from wrenchsight.analyses.methods.learning.identification import identify
+from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.reading.contact_trials import (
     Tally,
     TrialLog,
     false_alarm_metrics,
@@ -38,23 +38,23 @@ from analyses.methods.reading.contact_trials import (
     put_in,
     schedule,
 )
-from analyses.methods.realism.contact_free_twins import alarms_of_twins, model_of_twins
-from analyses.output.figures import SERIES, new_figure, save_figure
-from analyses.study.experiment import (
+from wrenchsight.analyses.methods.realism.contact_free_twins import alarms_of_twins, model_of_twins
+from wrenchsight.analyses.output.figures import SERIES, new_figure, save_figure
+from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
     FigureFile,
 )
-from diagrams.closed_loop import make_closed_loop
-from diagrams.scenario import Scenario
-from models.arrays import Array
-from models.control.wrench_script import WrenchStep
-from models.identification.identified_model import IdentifiedModel
-from models.recordings.recording import Recording
-from models.recordings.recording_reader import read_recording
-from models.robot.robot import Robot
+from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.scenario import Scenario
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.control.wrench_script import WrenchStep
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.robot.robot import Robot
 
 MORE = "ur10e_more"  # below the data folder
 PUSHES = "ur10e_pushes"

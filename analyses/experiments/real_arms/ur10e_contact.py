@@ -9,43 +9,43 @@ own motion in the air. `analyses.methods.contact.contact_reading` says what each
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from analyses.methods.contact.contact_errors import (
+from wrenchsight.analyses.methods.contact.contact_errors import (
     AS_IT_IS,
     KINDS,
     error_parts,
     largest_first,
     torque_residuals,
 )
-from analyses.methods.contact.contact_figures import (
+from wrenchsight.analyses.methods.contact.contact_figures import (
     error_figure,
     force_figure,
     one_run_a_group,
     parts_figure,
 )
-from analyses.methods.contact.contact_runs import (
+from wrenchsight.analyses.methods.contact.contact_runs import (
     CONTROLLERS,
     FOLDER,
     JUDGED,
     ROTOR_INERTIA,
     SCENES,
 )
-from analyses.methods.contact.contact_study import (
+from wrenchsight.analyses.methods.contact.contact_study import (
     SETTLED_ON,
     ContactStudy,
     contact_metrics,
     prepare_runs,
     read_runs,
 )
-from analyses.study.experiment import (
+from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
     FigureFile,
 )
-from analyses.study.figure_files import saved_figure
-from models.contact.contact_force import ContactForceConfig
-from models.robot.robot import Robot
+from wrenchsight.analyses.study.figure_files import saved_figure
+from wrenchsight.models.contact.contact_force import ContactForceConfig
+from wrenchsight.models.robot.robot import Robot
 
 if TYPE_CHECKING:
     pass

@@ -14,21 +14,21 @@ from typing import Any
 
 import numpy as np
 
-from analyses.methods.arms.ur10e_logs import FITTED, FOLDER, VALIDATED, identify_ur10e
-from analyses.methods.learning.identification import IdentificationResult, best_law
-from analyses.methods.learning.identification_config import LAWS, IdentificationConfig
-from analyses.methods.learning.identification_figures import torque_figure
-from analyses.methods.learning.torque_fit import TorqueFit
-from analyses.output.figures import SERIES, new_figure, save_figure
-from analyses.study.experiment import (
+from wrenchsight.analyses.methods.arms.ur10e_logs import FITTED, FOLDER, VALIDATED, identify_ur10e
+from wrenchsight.analyses.methods.learning.identification import IdentificationResult, best_law
+from wrenchsight.analyses.methods.learning.identification_config import LAWS, IdentificationConfig
+from wrenchsight.analyses.methods.learning.identification_figures import torque_figure
+from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit
+from wrenchsight.analyses.output.figures import SERIES, new_figure, save_figure
+from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
     FigureFile,
 )
-from analyses.study.wording import change, change_between, listed
-from models.robot.robot import Robot
+from wrenchsight.analyses.study.wording import change, change_between, listed
+from wrenchsight.models.robot.robot import Robot
 
 
 def run(context: ExperimentContext) -> ExperimentResult:

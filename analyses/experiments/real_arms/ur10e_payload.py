@@ -20,7 +20,7 @@ no log yet, half the weight of the rated payload with a lever of 5 cm
 more. The payload's centre of mass sits some 18 cm off the flange, so that a reading of a force at
 the flange is wrong there. Below `best.at_load` the point where the force acts, its mean and the sds
 of its deviations come from the first 10 s of the loaded run by their marginal likelihood
-(`models.estimation.point_of_action`); the rest is the test, read at that point.
+(`wrenchsight.models.estimation.point_of_action`); the rest is the test, read at that point.
 `bayesian_zero_mean` there is the same prior without a mean, with sds of its own.
 
 Not blind: which rule finds that point, and that the friction's load is taken from the motor torque
@@ -35,15 +35,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analyses.methods.arms.ur10e_logs import (
+from wrenchsight.analyses.methods.arms.ur10e_logs import (
     FITTED,
     FOLDER,
     LOADED,
     VALIDATED,
     identify_ur10e,
 )
-from analyses.methods.learning.identification_config import IdentificationConfig
-from analyses.methods.reading.known_payload import (
+from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.reading.known_payload import (
     MARGIN,
     MASS,
     METHODS,
@@ -58,20 +58,24 @@ from analyses.methods.reading.known_payload import (
     read_at_load,
     rms,
 )
-from analyses.methods.reading.payload_figures import force_figure, methods_figure, singular_figure
-from analyses.study.experiment import (
+from wrenchsight.analyses.methods.reading.payload_figures import (
+    force_figure,
+    methods_figure,
+    singular_figure,
+)
+from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
 )
-from analyses.study.figure_files import saved_figure
-from analyses.study.wording import change_between
-from models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
-from models.estimation.wrench import WrenchReconstruction, live_prior
-from models.identification.identified_model import IdentifiedModel
-from models.rigid_body.spatial_vectors import AXES
-from models.robot.robot import Robot
+from wrenchsight.analyses.study.figure_files import saved_figure
+from wrenchsight.analyses.study.wording import change_between
+from wrenchsight.models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
+from wrenchsight.models.estimation.wrench import WrenchReconstruction, live_prior
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.rigid_body.spatial_vectors import AXES
+from wrenchsight.models.robot.robot import Robot
 
 if TYPE_CHECKING:
     pass

@@ -27,31 +27,34 @@ from typing import Any
 
 import numpy as np
 
-from analyses.methods.arms.ur10e_logs import FOLDER, identify_ur10e
-from analyses.methods.calibration.friction_refreshing import refresh_model
-from analyses.methods.learning.identification_config import IdentificationConfig, RefreshConfig
-from analyses.methods.reading.drifted_band import covariance_about
-from analyses.methods.reading.friction_watch import FrictionWatch
-from analyses.methods.reading.known_payload import payload_reference
-from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
-from analyses.study.experiment import (
+from wrenchsight.analyses.methods.arms.ur10e_logs import FOLDER, identify_ur10e
+from wrenchsight.analyses.methods.calibration.friction_refreshing import refresh_model
+from wrenchsight.analyses.methods.learning.identification_config import (
+    IdentificationConfig,
+    RefreshConfig,
+)
+from wrenchsight.analyses.methods.reading.drifted_band import covariance_about
+from wrenchsight.analyses.methods.reading.friction_watch import FrictionWatch
+from wrenchsight.analyses.methods.reading.known_payload import payload_reference
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
+from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
     FigureFile,
 )
-from models.arrays import Array, Flags
-from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.point_of_action import find_point_of_action, jacobian_at
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.identification.identified_model import IdentifiedModel
-from models.observers.momentum_observer import MomentumObserverConfig
-from models.recordings.position_resolution import position_resolution
-from models.recordings.recording import Recording
-from models.recordings.recording_reader import read_recording
-from models.recordings.resampling import resampled
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.point_of_action import find_point_of_action, jacobian_at
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.recordings.position_resolution import position_resolution
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.robot.robot import Robot
 
 MORE = "ur10e_more"  # below the data folder
 FREE = {

@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from analyses.methods.arms.ur10e_logs import FOLDER
-from analyses.methods.realism.chance import ToldApart, told_apart
-from analyses.methods.realism.comparison import (
+from wrenchsight.analyses.methods.arms.ur10e_logs import FOLDER
+from wrenchsight.analyses.methods.realism.chance import ToldApart, told_apart
+from wrenchsight.analyses.methods.realism.comparison import (
     CHECKED,
     DAY_DRAWS,
     FIT,
@@ -35,16 +35,16 @@ from analyses.methods.realism.comparison import (
     compared,
     twins,
 )
-from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
-from analyses.study.experiment import (
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
+from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
     FigureFile,
 )
-from models.arrays import Array
-from models.recordings.recording_reader import read_recording
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.recordings.recording_reader import read_recording
 
 MORE = "ur10e_more"  # below the data folder
 AIM = 0.25  # by which a simulated statistic may differ from the real one

@@ -24,7 +24,7 @@ and of the first posture that are slower than the task's planned motion:
     Sigma_tau   = D R D,  D = diag(sd),  R = the outputs' correlations (about zero) over all samples
 
 Nothing of it comes from a task's run. Eq. 4, where the first cycle's torque stands for the model,
-has an error of its own: `analyses.methods.arms.repetition_errors`.
+has an error of its own: `wrenchsight.analyses.methods.arms.repetition_errors`.
 """
 
 from collections.abc import Callable, Mapping
@@ -33,23 +33,29 @@ from typing import TypeVar
 
 import numpy as np
 
-from analyses.methods.arms.friction_reversal import reversal_recordings, separate_recordings
-from analyses.methods.arms.semi_parametric import POSTURES, semi_parametric_model
-from analyses.methods.arms.simulated_identification import CONFIG, identify_simulated_arm
-from analyses.methods.arms.simulated_logs import PERIODS
-from analyses.methods.learning.friction_training import TrainingConfig
-from analyses.methods.learning.identification import identify
-from analyses.study.shared_results import digest, shared
-from models.arrays import Array, Flags
-from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.identification.identified_model import IdentifiedModel
-from models.identification.torque_error_fit import HeldOutReading, fit_torque_error
-from models.identification.torque_error_model import TorqueErrorModel
-from models.observers.momentum_observer import MomentumObserverConfig
-from models.recordings.position_resolution import position_resolution
-from models.recordings.recording import Recording
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.arms.friction_reversal import (
+    reversal_recordings,
+    separate_recordings,
+)
+from wrenchsight.analyses.methods.arms.semi_parametric import POSTURES, semi_parametric_model
+from wrenchsight.analyses.methods.arms.simulated_identification import (
+    CONFIG,
+    identify_simulated_arm,
+)
+from wrenchsight.analyses.methods.arms.simulated_logs import PERIODS
+from wrenchsight.analyses.methods.learning.friction_training import TrainingConfig
+from wrenchsight.analyses.methods.learning.identification import identify
+from wrenchsight.analyses.study.shared_results import digest, shared
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.identification.torque_error_fit import HeldOutReading, fit_torque_error
+from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.recordings.position_resolution import position_resolution
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
 
 ProgressCallback = Callable[[float, str], None]
 Result = TypeVar("Result")

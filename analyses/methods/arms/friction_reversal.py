@@ -14,16 +14,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analyses.methods.arms.simulated_logs import simulate_motion
-from analyses.output.figures import COLOUR, legend_below, panels_in_pairs
-from models.arrays import Array
-from models.excitation.friction_reversal import ReversalSamples, reversal_motion, separate
-from models.friction.velocity_friction import CoulombViscous
-from models.identification.identified_model import IdentifiedModel
-from models.recordings.recording import Recording
-from models.recordings.resampling import resampled
-from models.robot.robot import Robot
-from models.signals.zero_phase import ZeroPhaseLowPass, derivative
+from wrenchsight.analyses.methods.arms.simulated_logs import simulate_motion
+from wrenchsight.analyses.output.figures import COLOUR, legend_below, panels_in_pairs
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.excitation.friction_reversal import (
+    ReversalSamples,
+    reversal_motion,
+    separate,
+)
+from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

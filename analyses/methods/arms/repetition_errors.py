@@ -4,7 +4,7 @@ Motion as slow as a task's joints, done twice, shows what does not repeat: torqu
 minus the other's. (Two periods of an excitation are too fast: drives are louder above .05 rad/s,
 and 20 s are too short for friction that wanders over half a second.) What a push does to friction,
 such runs cannot show: the Coulomb friction of the model that is identified from excitation 1 says
-how much may turn round (`models.identification.repetition_error`).
+how much may turn round (`wrenchsight.models.identification.repetition_error`).
 """
 
 from collections.abc import Callable, Sequence
@@ -12,15 +12,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from analyses.methods.arms.friction_reversal import reversal_recordings
-from analyses.methods.arms.semi_parametric import POSTURES
-from analyses.methods.arms.simulated_identification import CONFIG, identify_simulated_arm
-from analyses.methods.arms.simulated_logs import PERIODS
-from analyses.methods.reading.repetition import repetition_torque
-from models.identification.repetition_error import RepetitionError, repetition_error
-from models.recordings.position_resolution import position_resolution
-from models.recordings.recording import Recording
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.arms.friction_reversal import reversal_recordings
+from wrenchsight.analyses.methods.arms.semi_parametric import POSTURES
+from wrenchsight.analyses.methods.arms.simulated_identification import (
+    CONFIG,
+    identify_simulated_arm,
+)
+from wrenchsight.analyses.methods.arms.simulated_logs import PERIODS
+from wrenchsight.analyses.methods.reading.repetition import repetition_torque
+from wrenchsight.models.identification.repetition_error import RepetitionError, repetition_error
+from wrenchsight.models.recordings.position_resolution import position_resolution
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
 
 ProgressCallback = Callable[[float, str], None]
 
@@ -46,7 +49,7 @@ def repetition_errors(
         progress: told the share done.
     """
     postures = np.asarray(robot.home) + np.asarray(POSTURES[1:2] if quick else POSTURES[1:3])
-    # The first of the two as in `analyses.methods.arms.arm_models`.
+    # The first of the two as in `wrenchsight.analyses.methods.arms.arm_models`.
     first, second = (
         reversal_recordings(
             robot,

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from analyses.output.scratch_folder import scratch_folder
-from diagrams.distances.clearance import Clearance
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.files.whole_file import whole_file, writing_to
-from models.robot.mimic_joints import leader_of
-from models.robot.robot import Robot
-from models.robot.urdf_document import read_document
+from wrenchsight.analyses.output.scratch_folder import scratch_folder
+from wrenchsight.diagrams.distances.clearance import Clearance
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.whole_file import whole_file, writing_to
+from wrenchsight.models.robot.mimic_joints import leader_of
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.urdf_document import read_document
 
 FILL_IN = "FILL IN"
 """Marks, in the comments of a draft, a number that the URDF does not hold."""

@@ -2,20 +2,20 @@
 
 from dataclasses import replace
 
-from analyses.methods.arms.friction_reversal import (
+from wrenchsight.analyses.methods.arms.friction_reversal import (
     SeparatedFriction,
 )
-from analyses.methods.learning.friction_training import (
+from wrenchsight.analyses.methods.learning.friction_training import (
     TrainedNetworks,
     TrainingConfig,
     train_networks,
 )
-from analyses.methods.learning.identification import (
+from wrenchsight.analyses.methods.learning.identification import (
     IdentificationResult,
 )
-from models.friction.velocity_friction import SemiParametricFriction
-from models.identification.identified_model import IdentifiedModel
-from models.robot.robot import Robot
+from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.robot.robot import Robot
 
 # Departures from the home posture, rad; the last one is the test's.
 POSTURES = (

@@ -9,19 +9,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from analyses.methods.arms.simulated_logs import (
+from wrenchsight.analyses.methods.arms.simulated_logs import (
     PERIODS,
     SimulatedLog,
     simulate_excitation,
     stored_excitation,
 )
-from analyses.methods.learning.identification import IdentificationResult, identify
-from analyses.methods.learning.identification_config import IdentificationConfig
-from analyses.study.shared_results import shared
-from models.arrays import Array
-from models.identification.identified_model import IdentifiedModel
-from models.recordings.recording import Recording
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.learning.identification import IdentificationResult, identify
+from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.study.shared_results import shared
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
 
 ProgressCallback = Callable[[float, str], None]
 

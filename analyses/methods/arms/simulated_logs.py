@@ -11,19 +11,19 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from analyses.methods.advance import advance, even_stretches
-from analyses.study.shared_results import shared
-from diagrams.closed_loop import make_closed_loop
-from diagrams.scenario import Scenario
-from models.arrays import Array
-from models.excitation.fourier_trajectory import FourierTrajectory
-from models.identification.identified_model import IdentifiedModel
-from models.motion.paths import JointTrajectory
-from models.recordings.recording import Recording
-from models.robot.robot import Robot
-from models.truth.free_arm import Servo, simulate_free_arm
-from models.truth.log_clock import clocked
-from systems.joint_tracking_controller import JointTrackingConfig
+from wrenchsight.analyses.methods.advance import advance, even_stretches
+from wrenchsight.analyses.study.shared_results import shared
+from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.scenario import Scenario
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.excitation.fourier_trajectory import FourierTrajectory
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.motion.paths import JointTrajectory
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.truth.free_arm import Servo, simulate_free_arm
+from wrenchsight.models.truth.log_clock import clocked
+from wrenchsight.systems.joint_tracking_controller import JointTrackingConfig
 
 ProgressCallback = Callable[[float, str], None]
 

@@ -4,11 +4,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from analyses.methods.learning.identification import IdentificationResult, identify
-from analyses.methods.learning.identification_config import IdentificationConfig
-from models.recordings.recording import Recording
-from models.recordings.recording_reader import read_recording
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.learning.identification import IdentificationResult, identify
+from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.robot.robot import Robot
 
 FOLDER = "ur10e"  # below the data folder
 FITTED = (

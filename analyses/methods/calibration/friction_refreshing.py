@@ -12,26 +12,29 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analyses.methods.calibration.model_residual import ModelResidual, with_friction
-from analyses.methods.learning.identification_config import IdentifySettings, RefreshConfig
-from analyses.output.figures import COLOUR, legend_below, panels_in_pairs
-from analyses.output.outputs import OutputFolder
-from analyses.output.result_folder import result_folder
-from models.arrays import Array
-from models.calibration.friction_refresh import (
+from wrenchsight.analyses.methods.calibration.model_residual import ModelResidual, with_friction
+from wrenchsight.analyses.methods.learning.identification_config import (
+    IdentifySettings,
+    RefreshConfig,
+)
+from wrenchsight.analyses.output.figures import COLOUR, legend_below, panels_in_pairs
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.result_folder import result_folder
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.calibration.friction_refresh import (
     FrictionDrift,
     FrictionRefresh,
     refresh_friction,
 )
-from models.calibration.residual_noise import V_REST, ResidualRows
-from models.files.input_error import InputError
-from models.friction.sliding_friction import TERMS, with_sliding
-from models.identification.identified_model import FrictionSource, IdentifiedModel
-from models.identification.torque_error_model import TorqueErrorModel
-from models.recordings.recording import Recording
-from models.recordings.recording_reader import read_recording
-from models.robot.coupling import refuse_coupling
-from models.robot.robot import Robot
+from wrenchsight.models.calibration.residual_noise import V_REST, ResidualRows
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.sliding_friction import TERMS, with_sliding
+from wrenchsight.models.identification.identified_model import FrictionSource, IdentifiedModel
+from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.robot.coupling import refuse_coupling
+from wrenchsight.models.robot.robot import Robot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -15,36 +15,39 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.learning.friction_fit import Solution
-from analyses.methods.learning.identification import IdentificationResult, identify
-from analyses.methods.learning.identification_config import IdentificationConfig, IdentifySettings
-from analyses.methods.learning.low_passed_logs import (
+from wrenchsight.analyses.methods.learning.friction_fit import Solution
+from wrenchsight.analyses.methods.learning.identification import IdentificationResult, identify
+from wrenchsight.analyses.methods.learning.identification_config import (
+    IdentificationConfig,
+    IdentifySettings,
+)
+from wrenchsight.analyses.methods.learning.low_passed_logs import (
     LowPassedLog,
     check_recording,
     decimation,
     log_names,
     low_pass_log,
 )
-from analyses.output.figures import COLOUR, new_figure
-from analyses.output.outputs import OutputFolder
-from analyses.output.result_folder import result_folder
-from models.arrays import Array
-from models.calibration.gain_calibration import (
+from wrenchsight.analyses.output.figures import COLOUR, new_figure
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.result_folder import result_folder
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.calibration.gain_calibration import (
     CalibrationLog,
     GainCalibration,
     GainProblem,
     KnownLoad,
 )
-from models.files.configuration import save_configuration
-from models.files.input_error import InputError
-from models.friction.friction_structure import LARGEST_LOAD, FrictionStructure
-from models.friction.presliding_friction import PreslidingFriction
-from models.identification.identified_model import IdentifiedModel
-from models.identification.torque_regression import split_terms
-from models.recordings.recording import Recording
-from models.recordings.recording_reader import read_recording
-from models.robot.coupling import refuse_coupling
-from models.robot.robot import Robot
+from wrenchsight.models.files.configuration import save_configuration
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.friction_structure import LARGEST_LOAD, FrictionStructure
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.identification.torque_regression import split_terms
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.robot.coupling import refuse_coupling
+from wrenchsight.models.robot.robot import Robot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

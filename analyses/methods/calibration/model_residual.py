@@ -11,8 +11,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.learning.identification_config import IdentificationConfig
-from analyses.methods.learning.low_passed_logs import (
+from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.learning.low_passed_logs import (
     LowPassedLog,
     check_recording,
     decimation,
@@ -20,17 +20,17 @@ from analyses.methods.learning.low_passed_logs import (
     low_pass_log,
     median_step,
 )
-from models.arrays import Array
-from models.calibration.load_identification import LoadRows
-from models.calibration.load_parameters import load_columns
-from models.calibration.residual_noise import ResidualRows
-from models.friction.friction_law import FrictionLaw
-from models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
-from models.identification.identified_model import IdentifiedModel
-from models.identification.torque_regression import parameter_names
-from models.recordings.recording import Recording
-from models.rigid_body.serial_chain import SerialChain
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.calibration.load_identification import LoadRows
+from wrenchsight.models.calibration.load_parameters import load_columns
+from wrenchsight.models.calibration.residual_noise import ResidualRows
+from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.identification.torque_regression import parameter_names
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.robot.robot import Robot
 
 SHORTEST = 15.0  # periods of the cutoff: 3 s at 5 Hz, of which the filter's transients take 1 s
 # The sds in model.yaml are those of independent rows. Twice them makes the load that is read from

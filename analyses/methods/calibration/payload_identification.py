@@ -13,29 +13,33 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.calibration.model_residual import ModelResidual
-from analyses.methods.calibration.payload_config import PayloadConfig, PayloadSettings
-from analyses.output.figures import COLOUR, legend_below, panels_in_pairs
-from analyses.output.outputs import OutputFolder
-from analyses.output.result_folder import result_folder
-from models.arrays import Array
-from models.calibration.friction_refresh import FrictionDrift
-from models.calibration.load_identification import LoadEstimate, LoadPrior, estimate_load
-from models.calibration.load_parameters import (
+from wrenchsight.analyses.methods.calibration.model_residual import ModelResidual
+from wrenchsight.analyses.methods.calibration.payload_config import PayloadConfig, PayloadSettings
+from wrenchsight.analyses.output.figures import COLOUR, legend_below, panels_in_pairs
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.result_folder import result_folder
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.calibration.friction_refresh import FrictionDrift
+from wrenchsight.models.calibration.load_identification import (
+    LoadEstimate,
+    LoadPrior,
+    estimate_load,
+)
+from wrenchsight.models.calibration.load_parameters import (
     body_parameters,
     flange_map,
     inertia_matrix,
     realisable_inertia,
 )
-from models.calibration.residual_noise import ResidualRows
-from models.files.input_error import InputError
-from models.identification.identified_model import IdentifiedModel
-from models.recordings.recording import Recording
-from models.recordings.recording_reader import read_recording
-from models.rigid_body.spatial_vectors import AXES
-from models.robot.coupling import refuse_coupling
-from models.robot.robot import Robot
-from models.robot.robot_config import ToolConfig
+from wrenchsight.models.calibration.residual_noise import ResidualRows
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.rigid_body.spatial_vectors import AXES
+from wrenchsight.models.robot.coupling import refuse_coupling
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import ToolConfig
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -15,31 +15,35 @@ from typing import Any, Final
 
 import numpy as np
 
-from analyses.methods.contact.contact_friction import NUM_JOINTS, air_fit, known_friction
-from analyses.methods.contact.contact_reading import (
+from wrenchsight.analyses.methods.contact.contact_friction import (
+    NUM_JOINTS,
+    air_fit,
+    known_friction,
+)
+from wrenchsight.analyses.methods.contact.contact_reading import (
     BLOCK,
     PreparedRun,
     averaged,
     block_mean,
     prepare,
 )
-from analyses.methods.contact.contact_runs import JUDGED
-from analyses.methods.contact.contact_study import (
+from wrenchsight.analyses.methods.contact.contact_runs import JUDGED
+from wrenchsight.analyses.methods.contact.contact_study import (
     FOUND,
     ContactStudy,
     torque_constants,
     with_gain,
 )
-from analyses.methods.sensors.judged_force import ForceReading, Judgement
-from models.arrays import Array
-from models.contact.contact_force import (
+from wrenchsight.analyses.methods.sensors.judged_force import ForceReading, Judgement
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.contact.contact_force import (
     ContactForceConfig,
     FrictionErrorConfig,
     read_contact_force,
 )
-from models.contact.torque_blocks import torque_blocks
-from models.friction.presliding_friction import PreslidingFriction
-from models.robot.robot import Robot
+from wrenchsight.models.contact.torque_blocks import torque_blocks
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.robot.robot import Robot
 
 KINDS: Final = ("rest", "straight_slide", "ramp_slide")
 AS_IT_IS: Final = "as_it_is"

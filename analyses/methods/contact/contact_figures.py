@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from analyses.methods.contact.contact_reading import block_mean
-from analyses.methods.contact.contact_runs import JUDGED
-from analyses.methods.contact.contact_study import ContactStudy, ReadRun
-from analyses.output.axes import limit_y
-from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
-from models.contact.contact_force import SIGMA_95
+from wrenchsight.analyses.methods.contact.contact_reading import block_mean
+from wrenchsight.analyses.methods.contact.contact_runs import JUDGED
+from wrenchsight.analyses.methods.contact.contact_study import ContactStudy, ReadRun
+from wrenchsight.analyses.output.axes import limit_y
+from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
+from wrenchsight.models.contact.contact_force import SIGMA_95
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -10,17 +10,17 @@ from typing import Final
 
 import numpy as np
 
-from analyses.methods.contact.contact_runs import ContactRun
-from models.arrays import Array, Flags
-from models.calibration.specimen_friction import (
+from wrenchsight.analyses.methods.contact.contact_runs import ContactRun
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.calibration.specimen_friction import (
     SlidingRows,
     SpecimenFit,
     SpecimenPrior,
     fit_specimen,
 )
-from models.contact.torque_blocks import MotionTerms, known_parts, slip_along
-from models.friction.presliding_friction import PreslidingFriction
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.contact.torque_blocks import MotionTerms, known_parts, slip_along
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 
 NUM_JOINTS: Final = 6
 AIR_JOINTS: Final = (1, 2, 3)  # counted from 0: those that move where nothing touches the tool

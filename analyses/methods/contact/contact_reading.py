@@ -1,6 +1,6 @@
 """The contact runs read by several methods, all on one grid of time.
 
-    ours        `models.contact.contact_force`, with friction by `contact_friction`
+    ours        `wrenchsight.models.contact.contact_force`, with friction by `contact_friction`
     article     momentum observer, Coulomb-viscous friction, eq. 22
     by_hand     K (i - i_target) through the inverse of J^T
     two_joints  K (i - i_target) of joints 2 and 3 alone, by least squares on the force
@@ -14,20 +14,20 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.contact.contact_friction import FrictionRows, friction_rows
-from analyses.methods.contact.contact_runs import ContactRun
-from analyses.methods.sensors.judged_force import ForceReading
-from models.arrays import Array, Flags
-from models.contact.contact_force import (
+from wrenchsight.analyses.methods.contact.contact_friction import FrictionRows, friction_rows
+from wrenchsight.analyses.methods.contact.contact_runs import ContactRun
+from wrenchsight.analyses.methods.sensors.judged_force import ForceReading
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.contact.contact_force import (
     SIGMA_95,
     ContactForce,
     ContactForceConfig,
     read_contact_force,
 )
-from models.contact.torque_blocks import MotionTerms, motion_terms, torque_blocks
-from models.friction.presliding_friction import PreslidingFriction
-from models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
-from models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.contact.torque_blocks import MotionTerms, motion_terms, torque_blocks
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
 BLOCK: Final = 10  # samples of 2 ms
 WINDOW: Final = 5  # blocks: a force is judged over 0.1 s

@@ -16,13 +16,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from models.arrays import Array, Flags
-from models.files.input_error import InputError
-from models.recordings.recording import Recording
-from models.recordings.recording_reader import read_recording
-from models.rigid_body.serial_chain import SerialChain
-from models.robot.robot import Robot
-from models.robot.robot_config import PoseConfig, ToolConfig
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import PoseConfig, ToolConfig
 
 FOLDER: Final = "ur10e_contact"  # below the data folder
 FORMAT: Final = "ur10e-contact"

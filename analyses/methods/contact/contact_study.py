@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from analyses.methods.contact.contact_friction import (
+from wrenchsight.analyses.methods.contact.contact_friction import (
     AIR_JOINTS,
     NUM_JOINTS,
     air_fit,
@@ -16,7 +16,7 @@ from analyses.methods.contact.contact_friction import (
     plain_friction,
     sensor_fit,
 )
-from analyses.methods.contact.contact_reading import (
+from wrenchsight.analyses.methods.contact.contact_reading import (
     PreparedRun,
     averaged,
     prepare,
@@ -25,7 +25,7 @@ from analyses.methods.contact.contact_reading import (
     read_ours,
     read_two_joints,
 )
-from analyses.methods.contact.contact_runs import (
+from wrenchsight.analyses.methods.contact.contact_runs import (
     CONTROLLERS,
     INTERVALS,
     JUDGED,
@@ -34,10 +34,14 @@ from analyses.methods.contact.contact_runs import (
     read_run,
     tool_chain,
 )
-from analyses.methods.sensors.judged_force import ForceReading, Judgement, pooled_judgement
-from models.arrays import Array
-from models.calibration.specimen_friction import SpecimenFit
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.sensors.judged_force import (
+    ForceReading,
+    Judgement,
+    pooled_judgement,
+)
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.calibration.specimen_friction import SpecimenFit
+from wrenchsight.models.robot.robot import Robot
 
 METHODS: Final = ("no_sensor", "calibrated", "article", "by_hand", "two_joints", "carried_over")
 SPEEDS: Final = ("v10", "v25", "v90")

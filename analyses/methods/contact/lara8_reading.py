@@ -16,23 +16,27 @@ from typing import Final
 
 import numpy as np
 
-from analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
-from analyses.methods.sensors.mounting import Mounting
-from analyses.methods.sensors.reference_config import ReferenceConfig
-from analyses.methods.sensors.sensor_log import SensorLog, SensorLogCollector
-from models.arrays import Array, Flags
-from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
-from models.files.input_error import InputError
-from models.friction.presliding_friction import PreslidingFriction
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.identified_model import IdentifiedModel, Provenance
-from models.identification.torque_error_model import TorqueErrorModel
-from models.observers.momentum_observer import MomentumObserverConfig
-from models.recordings.recording import Recording
-from models.recordings.recording_reader import read_recording
-from models.recordings.resampling import resampled
-from models.rigid_body.spatial_vectors import FORCE_FIRST
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
+from wrenchsight.analyses.methods.sensors.mounting import Mounting
+from wrenchsight.analyses.methods.sensors.reference_config import ReferenceConfig
+from wrenchsight.analyses.methods.sensors.sensor_log import SensorLog, SensorLogCollector
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.estimation.estimator import (
+    EstimateBatch,
+    WrenchEstimator,
+    WrenchEstimatorConfig,
+)
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel, Provenance
+from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
+from wrenchsight.models.robot.robot import Robot
 
 FOLDER: Final = "neura_lara8"  # below the data folder
 FORMAT: Final = "neura-lara8"

@@ -2,7 +2,7 @@
 
 What a reading needs beside the torque comes from the torques, by a rule: the prior's sds and the
 torque noise (one sd for all joints, where nothing tells them apart) are those of greatest evidence
-over all logs together (`models.estimation.evidence_prior`). A sensor only judges.
+over all logs together (`wrenchsight.models.estimation.evidence_prior`). A sensor only judges.
 """
 
 from collections.abc import Sequence
@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import rankdata
 
-from models.arrays import Array, Flags
-from models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from analyses.methods.sensors.reference_config import ReferenceConfig, reference_columns
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.recordings.layouts.external_torque import JACOBIAN, TAU_EXT, jacobians
-from models.recordings.recording import Recording
-from models.recordings.recording_reader import RecordingReader
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.sensors.reference_config import ReferenceConfig, reference_columns
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.layouts.external_torque import JACOBIAN, TAU_EXT, jacobians
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import RecordingReader
+from wrenchsight.models.robot.robot import Robot
 
 _CHUNK = 1 << 15  # rows that are worked on at a time
 

@@ -17,14 +17,14 @@ from typing import Any
 
 import numpy as np
 
-from analyses.methods.external_torque.force_readings import (
+from wrenchsight.analyses.methods.external_torque.force_readings import (
     Knowledge,
     MethodReading,
     knowledge_by_evidence,
 )
-from analyses.methods.external_torque.rows_beside_sensor import RowsBesideSensor
-from analyses.methods.external_torque.torque_log import TorqueLog
-from analyses.methods.reading.estimate_config import (
+from wrenchsight.analyses.methods.external_torque.rows_beside_sensor import RowsBesideSensor
+from wrenchsight.analyses.methods.external_torque.torque_log import TorqueLog
+from wrenchsight.analyses.methods.reading.estimate_config import (
     FLOOR_SHARE,
     PRIORS,
     EstimateConfig,
@@ -32,28 +32,28 @@ from analyses.methods.reading.estimate_config import (
     checked_config,
     stated_prior,
 )
-from analyses.methods.reading.estimate_summary import EstimateSummary
-from analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
-from analyses.methods.sensors.mounting import find_mounting, tare_of
-from analyses.methods.sensors.reference_config import REFERENCE, ReferenceConfig
-from analyses.methods.sensors.sensor_log import SensorLogCollector, joined_logs
-from analyses.output.outputs import OutputFolder
-from analyses.output.result_folder import result_folder
-from analyses.output.stream_summary import EvenSample
-from models.estimation.wrench import (
+from wrenchsight.analyses.methods.reading.estimate_summary import EstimateSummary
+from wrenchsight.analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
+from wrenchsight.analyses.methods.sensors.mounting import find_mounting, tare_of
+from wrenchsight.analyses.methods.sensors.reference_config import REFERENCE, ReferenceConfig
+from wrenchsight.analyses.methods.sensors.sensor_log import SensorLogCollector, joined_logs
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.result_folder import result_folder
+from wrenchsight.analyses.output.stream_summary import EvenSample
+from wrenchsight.models.estimation.wrench import (
     WrenchReconstruction,
     WrenchReconstructionConfig,
     live_prior,
 )
-from models.estimation.wrench_bag import WrenchBagWriter
-from models.estimation.wrench_table import WrenchTableWriter
-from models.files.input_error import InputError
-from models.identification.identified_model import Validity
-from models.recordings.layouts.external_torque import TAU_EXT
-from models.recordings.recording import Recording
-from models.recordings.resampling import plausible_step
-from models.rigid_body.spatial_vectors import FORCE_FIRST
-from models.robot.robot import Robot
+from wrenchsight.models.estimation.wrench_bag import WrenchBagWriter
+from wrenchsight.models.estimation.wrench_table import WrenchTableWriter
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.identification.identified_model import Validity
+from wrenchsight.models.recordings.layouts.external_torque import TAU_EXT
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.resampling import plausible_step
+from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
+from wrenchsight.models.robot.robot import Robot
 
 ProgressCallback = Callable[[float, str], None]
 

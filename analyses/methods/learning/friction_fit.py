@@ -24,17 +24,17 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.learning.identification_config import SELECTIONS
-from models.arrays import Array
-from models.friction.friction_structure import LARGEST_LOAD, FrictionStructure
-from models.friction.presliding_friction import slip_path
-from models.identification.base_parameters import (
+from wrenchsight.analyses.methods.learning.identification_config import SELECTIONS
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.friction.friction_structure import LARGEST_LOAD, FrictionStructure
+from wrenchsight.models.friction.presliding_friction import slip_path
+from wrenchsight.models.identification.base_parameters import (
     BaseParameters,
     find_base_parameters,
     independent_columns,
 )
-from models.identification.physical_consistency import fit_consistent
-from models.identification.torque_regression import (
+from wrenchsight.models.identification.physical_consistency import fit_consistent
+from wrenchsight.models.identification.torque_regression import (
     RegressionRows,
     TorqueEstimate,
     TorqueFactors,
@@ -46,9 +46,9 @@ from models.identification.torque_regression import (
     solve_values,
     split_terms,
 )
-from models.rigid_body.serial_chain import SerialChain
-from models.rigid_body.ties import SAME, first_of_least
-from models.robot.robot import Robot
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.rigid_body.ties import SAME, first_of_least
+from wrenchsight.models.robot.robot import Robot
 
 DISPLACEMENTS = (3e-5, 5e-5, 7e-5, 1e-4, 1.4e-4, 2e-4, 3e-4, 5e-4, 1e-3)  # rad or m
 STRIBECK_VELOCITIES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4)  # rad/s or m/s
@@ -81,7 +81,7 @@ class Solution:
         structure: of its friction.
         base: combinations of parameters that the rows determine.
         estimate: of them.
-        x: all parameters, as `models.identification.torque_regression`.
+        x: all parameters, as `wrenchsight.models.identification.torque_regression`.
         names: of all parameters.
     """
 
@@ -143,7 +143,7 @@ class FrictionFit:
         selection: of `SELECTIONS`; the second takes the lowest held-out error, whatever the
             others' are.
         consistent: whether `fit` returns a physical robot, see
-            `models.identification.physical_consistency`.
+            `wrenchsight.models.identification.physical_consistency`.
         weights: per log (m, n), of the squared residuals; None for one.
         groups: per log, which motion it shows: logs of one motion are held out together; None:
             each log has its own.

@@ -2,7 +2,7 @@
 
 One 1-10-1 network a joint (tanh, linear; Lu et al., section 3.1), all joints in one batch, on the
 samples with |v| <= v_crit. Outside it the velocity law holds; a correction closes the gap between
-the two at +-v_crit (models.friction.velocity_friction).
+the two at +-v_crit (wrenchsight.models.friction.velocity_friction).
 
 The rule for v_crit, joint by joint: the samples' deviation from the law, counted positive against
 the motion, is averaged over `BINS` ranges of |v| with as many samples each. v_crit is the speed at
@@ -22,10 +22,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.friction.friction_network import FrictionNetworks
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.friction_network import FrictionNetworks
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 
 if TYPE_CHECKING:
     import torch
@@ -59,7 +59,7 @@ class TrainedNetworks:
     """Networks, and how well they do.
 
     Attributes:
-        networks: to be evaluated by `models.friction.friction_network`.
+        networks: to be evaluated by `wrenchsight.models.friction.friction_network`.
         v_crit: (n,) rad/s.
         rmse: (n,) N m, on the held-out samples of the band.
         law_rmse: (n,) N m, of the velocity law on the same samples.

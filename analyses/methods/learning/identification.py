@@ -28,18 +28,22 @@ from typing import Any
 
 import numpy as np
 
-from analyses.methods.learning.friction_fit import FrictionFit, Motion, Solution
-from analyses.methods.learning.identification_checks import contradictions, doubts, repeated_logs
-from analyses.methods.learning.identification_config import (
+from wrenchsight.analyses.methods.learning.friction_fit import FrictionFit, Motion, Solution
+from wrenchsight.analyses.methods.learning.identification_checks import (
+    contradictions,
+    doubts,
+    repeated_logs,
+)
+from wrenchsight.analyses.methods.learning.identification_config import (
     WITH_NETWORK,
     IdentificationConfig,
     IdentifySettings,
     checked_config,
 )
-from analyses.methods.learning.identification_figures import torque_figure
-from analyses.methods.learning.identification_report import filter_text
-from analyses.methods.learning.law_fits import LawFit, LawFits
-from analyses.methods.learning.low_passed_logs import (
+from wrenchsight.analyses.methods.learning.identification_figures import torque_figure
+from wrenchsight.analyses.methods.learning.identification_report import filter_text
+from wrenchsight.analyses.methods.learning.law_fits import LawFit, LawFits
+from wrenchsight.analyses.methods.learning.low_passed_logs import (
     LowPassedLog,
     check_recording,
     decimation,
@@ -48,39 +52,45 @@ from analyses.methods.learning.low_passed_logs import (
     low_pass_logs,
     median_step,
 )
-from analyses.methods.learning.repeated_motion import motion_groups, repeated_motion_notes
-from analyses.methods.learning.torque_error_learning import (
+from wrenchsight.analyses.methods.learning.repeated_motion import (
+    motion_groups,
+    repeated_motion_notes,
+)
+from wrenchsight.analyses.methods.learning.torque_error_learning import (
     held_out_readings,
     learn_torque_error,
 )
-from analyses.methods.learning.torque_fit import SIMILARITY, TorqueFit, pooled_rmse
-from analyses.output.outputs import OutputFolder
-from analyses.output.result_folder import result_folder
-from analyses.study.shared_results import digest, shared
-from models.arrays import Array
-from models.detection.contact_noise_fit import fit_contact_noise
-from models.files.input_error import InputError
-from models.friction.coupled_friction import CoupledFriction
-from models.friction.extended_friction import ExtendedFriction
-from models.friction.friction_law import FrictionLaw
-from models.friction.friction_structure import structures
-from models.friction.presliding_friction import PreslidingFriction
-from models.identification.base_parameters import BaseParameters
-from models.identification.fitted_robot import FittedRobot
-from models.identification.identified_model import (
+from wrenchsight.analyses.methods.learning.torque_fit import SIMILARITY, TorqueFit, pooled_rmse
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.result_folder import result_folder
+from wrenchsight.analyses.study.shared_results import digest, shared
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.detection.contact_noise_fit import fit_contact_noise
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.coupled_friction import CoupledFriction
+from wrenchsight.models.friction.extended_friction import ExtendedFriction
+from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.models.friction.friction_structure import structures
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.identification.base_parameters import BaseParameters
+from wrenchsight.models.identification.fitted_robot import FittedRobot
+from wrenchsight.models.identification.identified_model import (
     BaseParameterTable,
     IdentifiedModel,
     Provenance,
     Validity,
 )
-from models.identification.identified_urdf import identified_urdf
-from models.identification.physical_consistency import unphysical_links
-from models.identification.torque_regression import TorqueEstimate
-from models.recordings.plausibility.drive_evidence import SignEvidence, recordings_sign_evidence
-from models.recordings.recording import Recording
-from models.recordings.recording_reader import read_recording
-from models.rigid_body.ties import beyond_rounding, first_of_least
-from models.robot.robot import Robot
+from wrenchsight.models.identification.identified_urdf import identified_urdf
+from wrenchsight.models.identification.physical_consistency import unphysical_links
+from wrenchsight.models.identification.torque_regression import TorqueEstimate
+from wrenchsight.models.recordings.plausibility.drive_evidence import (
+    SignEvidence,
+    recordings_sign_evidence,
+)
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.rigid_body.ties import beyond_rounding, first_of_least
+from wrenchsight.models.robot.robot import Robot
 
 ProgressCallback = Callable[[float, str], None]
 
@@ -204,7 +214,7 @@ def identify(
     """Fits a model to logs of free motion, without contact and without unmodelled payload.
 
     Within a study the same fit is made once for all experiments, and what fits of the same logs
-    have in common as well: see `analyses.study.shared_results`.
+    have in common as well: see `wrenchsight.analyses.study.shared_results`.
 
     Args:
         recordings: one log or more.

@@ -7,20 +7,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from analyses.methods.learning.friction_fit import FrictionFit, Solution
-from analyses.methods.learning.low_passed_logs import LowPassedLog
-from analyses.methods.learning.torque_fit import TorqueFit, pooled_rmse, rms
-from models.arrays import Array
-from models.identification.base_parameters import BaseParameters, triangular_factor
-from models.identification.identified_model import (
+from wrenchsight.analyses.methods.learning.friction_fit import FrictionFit, Solution
+from wrenchsight.analyses.methods.learning.low_passed_logs import LowPassedLog
+from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit, pooled_rmse, rms
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.identification.base_parameters import BaseParameters, triangular_factor
+from wrenchsight.models.identification.identified_model import (
     IdentifiedModel,
 )
-from models.identification.torque_regression import INERTIAL_NAMES, TorqueFactors
-from models.recordings.recording import Recording
-from models.robot.robot import Robot
+from wrenchsight.models.identification.torque_regression import INERTIAL_NAMES, TorqueFactors
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
 
 _INERTIAL = len(INERTIAL_NAMES)
-RANK_TOLERANCE = 1e-7  # as models.identification.base_parameters
+RANK_TOLERANCE = 1e-7  # as wrenchsight.models.identification.base_parameters
 GAUSS_NEWTON_STEPS = 6
 
 

@@ -4,11 +4,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from models.files.configuration import nearest
-from models.files.input_error import InputError
-from models.friction.friction_structure import STRUCTURES, structures
+from wrenchsight.models.files.configuration import nearest
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.friction_structure import STRUCTURES, structures
 
-# Rules by which a law's shape is chosen (`analyses.methods.learning.friction_fit`).
+# Rules by which a law's shape is chosen (`wrenchsight.analyses.methods.learning.friction_fit`).
 SELECTIONS = ("one-standard-error", "lowest-error")
 # Laws of `--friction`; those of STRUCTURES, and the ones with a network near zero velocity.
 WITH_NETWORK = {"semi-parametric": "coulomb-viscous-offset", "presliding+network": "presliding"}
@@ -27,7 +27,7 @@ class IdentificationConfig:
     friction: str = "coulomb-viscous-offset"  # a law of LAWS, or "best": cross-validation chooses
     consistent: bool = False  # whether every link's inertia must be physical
     selection: str = SELECTIONS[0]  # rule of the shape's choice
-    loss: str = "huber"  # or "squares"; see analyses.methods.learning.friction_fit
+    loss: str = "huber"  # or "squares"; see wrenchsight.analyses.methods.learning.friction_fit
     cross_validate: bool = True  # whether each log is predicted from the others, too
     seed: int = 0  # of the networks' training
 

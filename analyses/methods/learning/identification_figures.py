@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
-from analyses.methods.learning.torque_fit import TorqueFit
-from analyses.output.figures import BAND_ALPHA, COLOUR, legend_below, panels_in_pairs
+from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit
+from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, legend_below, panels_in_pairs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from analyses.methods.learning.identification_config import IdentificationConfig
-from models.arrays import Array
+from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.models.arrays import Array
 
 
 def filter_text(config: IdentificationConfig) -> str:

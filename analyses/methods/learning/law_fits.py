@@ -6,19 +6,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.learning.friction_fit import FrictionFit, Solution
-from analyses.methods.learning.friction_training import train_networks
-from analyses.methods.learning.identification_config import WITH_NETWORK, IdentificationConfig
-from analyses.methods.learning.low_passed_logs import LowPassedLog
-from analyses.methods.learning.torque_fit import TorqueFit, pooled_rmse
-from analyses.study.shared_results import shared
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.friction.coupled_friction import CoupledFriction
-from models.friction.friction_law import FrictionLaw
-from models.friction.friction_structure import FrictionStructure
-from models.friction.presliding_friction import PreslidingFriction
-from models.rigid_body.serial_chain import SerialChain
+from wrenchsight.analyses.methods.learning.friction_fit import FrictionFit, Solution
+from wrenchsight.analyses.methods.learning.friction_training import train_networks
+from wrenchsight.analyses.methods.learning.identification_config import (
+    WITH_NETWORK,
+    IdentificationConfig,
+)
+from wrenchsight.analyses.methods.learning.low_passed_logs import LowPassedLog
+from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit, pooled_rmse
+from wrenchsight.analyses.study.shared_results import shared
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.coupled_friction import CoupledFriction
+from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.models.friction.friction_structure import FrictionStructure
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
 EXTREME = 0.8  # share of the samples by speed, beyond which a joint's are fast
 

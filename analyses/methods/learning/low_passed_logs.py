@@ -8,20 +8,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.learning.identification_config import IdentificationConfig
-from analyses.methods.learning.torque_fit import TorqueFit
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.friction.friction_law import FrictionLaw
-from models.identification.identified_model import (
+from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.models.identification.identified_model import (
     LogSource,
 )
-from models.identification.torque_regression import RegressionRows
-from models.recordings.recording import Recording
-from models.recordings.resampling import resampled
-from models.rigid_body.serial_chain import SerialChain
-from models.robot.robot import Robot
-from models.signals.zero_phase import ZeroPhaseLowPass, derivative
+from wrenchsight.models.identification.torque_regression import RegressionRows
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
 
 ProgressCallback = Callable[[float, str], None]
 

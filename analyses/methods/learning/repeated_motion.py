@@ -10,8 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from analyses.methods.learning.low_passed_logs import LowPassedLog
-from models.arrays import Array
+from wrenchsight.analyses.methods.learning.low_passed_logs import LowPassedLog
+from wrenchsight.models.arrays import Array
 
 POSITION_TOLERANCE = 0.01  # of a joint's travel over all logs
 SPEED_TOLERANCE = 0.03  # of its largest speed

@@ -2,7 +2,7 @@
 
 Each fold of the cross-validation is read causally, sample by sample as a controller would, by the
 model of the others: rounded positions, raw currents, friction with its memory. Nothing touches the
-arm, so that what is read is error (`models.identification.torque_error_fit`).
+arm, so that what is read is error (`wrenchsight.models.identification.torque_error_fit`).
 """
 
 from collections.abc import Sequence
@@ -10,18 +10,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from analyses.methods.learning.law_fits import HeldOutModel
-from analyses.methods.learning.low_passed_logs import LowPassedLog
-from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.identification.identified_model import IdentifiedModel
-from models.identification.torque_error_fit import HeldOutReading, fit_torque_error
-from models.identification.torque_error_model import TorqueErrorModel
-from models.identification.torque_regression import RegressionRows
-from models.observers.momentum_observer import MomentumObserverConfig
-from models.recordings.position_resolution import position_resolution
-from models.recordings.recording import Recording
-from models.recordings.resampling import resampled
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.learning.law_fits import HeldOutModel
+from wrenchsight.analyses.methods.learning.low_passed_logs import LowPassedLog
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.identification.torque_error_fit import HeldOutReading, fit_torque_error
+from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
+from wrenchsight.models.identification.torque_regression import RegressionRows
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.recordings.position_resolution import position_resolution
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.robot.robot import Robot
 
 SETTLING = 5.0  # 1 / K_0 after the start of a log: the observer begins at zero
 _LEAST_SHARE = 1e-6  # of the largest torque: a floor for logs without any noise

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from models.arrays import Array
+from wrenchsight.models.arrays import Array
 
 SIMILARITY = (
     "similarity_pct is the correlation of measured and predicted torque, the article's figure: it "

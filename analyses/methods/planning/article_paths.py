@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from analyses.methods.planning.placement import place
-from analyses.study.shared_results import shared
-from models.arrays import Array
-from models.identification.identified_model import IdentifiedModel
-from models.motion.inverse_kinematics import follow_path
-from models.motion.paths import StraightPath
-from models.placement.placement_task import load_task
-from models.robot.robot import Robot
-from models.robot.truth_config import SimulatedTruthConfig
+from wrenchsight.analyses.methods.planning.placement import place
+from wrenchsight.analyses.study.shared_results import shared
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.motion.inverse_kinematics import follow_path
+from wrenchsight.models.motion.paths import StraightPath
+from wrenchsight.models.placement.placement_task import load_task
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.truth_config import SimulatedTruthConfig
 
 _LIMIT_MARGIN = 2.0  # deg
 

@@ -14,23 +14,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analyses.methods.planning.excitation_config import ExcitationConfig, ExciteSettings
-from analyses.output.figures import SERIES, new_figure
-from analyses.output.outputs import OutputFolder
-from analyses.output.result_folder import result_folder
-from diagrams.distances.clearance import Clearance, ClosestPair
-from diagrams.pages.motion_page import write_motion_page
-from models.arrays import Array
-from models.excitation.excitation_information import MEASURES, ExcitationInformation
-from models.excitation.excitation_program import (
+from wrenchsight.analyses.methods.planning.excitation_config import ExcitationConfig, ExciteSettings
+from wrenchsight.analyses.output.figures import SERIES, new_figure
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.result_folder import result_folder
+from wrenchsight.diagrams.distances.clearance import Clearance, ClosestPair
+from wrenchsight.diagrams.pages.motion_page import write_motion_page
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.excitation.excitation_information import MEASURES, ExcitationInformation
+from wrenchsight.models.excitation.excitation_program import (
     ExcitationProgram,
     ExcitationSolution,
     MotionBounds,
 )
-from models.excitation.fourier_trajectory import FourierTrajectory
-from models.files.configuration import nearest, save_configuration
-from models.files.input_error import InputError
-from models.robot.robot import Robot
+from wrenchsight.models.excitation.fourier_trajectory import FourierTrajectory
+from wrenchsight.models.files.configuration import nearest, save_configuration
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.robot import Robot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

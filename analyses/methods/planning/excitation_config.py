@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from models.excitation.excitation_limits import ExcitationLimits
+from wrenchsight.models.excitation.excitation_limits import ExcitationLimits
 
 if TYPE_CHECKING:
     pass

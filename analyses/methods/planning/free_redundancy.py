@@ -14,19 +14,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analyses.methods.planning.redundancy_task import RedundancyClearance, RedundancyTask
-from diagrams.distances.clearance import Clearance, ClosestPair
-from diagrams.scenario import BladeConfig, PlateConfig
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.motion.redundancy import (
+from wrenchsight.analyses.methods.planning.redundancy_task import (
+    RedundancyClearance,
+    RedundancyTask,
+)
+from wrenchsight.diagrams.distances.clearance import Clearance, ClosestPair
+from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.motion.redundancy import (
     Candidates,
     RedundancyProblem,
     Trajectory,
     best_on_grid,
     refine,
 )
-from models.robot.robot import Robot
+from wrenchsight.models.robot.robot import Robot
 
 _SAMPLES_APART, _ANGLES_APART = 4, 2  # of the coarse part
 _MOST_ROUNDS = 60

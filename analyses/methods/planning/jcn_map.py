@@ -13,21 +13,25 @@ from typing import Any
 
 import numpy as np
 
-from analyses.methods.planning.jcn_map_settings import NUM_SAMPLES, JcnMapSettings, SliceConfig
-from analyses.output.axes import log_scale
-from analyses.output.figures import COLOUR, new_figure, save_figure
-from analyses.output.outputs import OutputFolder
-from analyses.output.result_folder import result_folder
-from diagrams.distances.clearance import Clearance
-from diagrams.pages.cloud_page import write_cloud_page
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.motion.branches import is_closed_form
-from models.motion.posture_map import PostureMap, best_postures
-from models.motion.posture_measures import ConditionNumber, check_joints
-from models.motion.surface_path import frame_about
-from models.rigid_body.ties import first_of_least
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.planning.jcn_map_settings import (
+    NUM_SAMPLES,
+    JcnMapSettings,
+    SliceConfig,
+)
+from wrenchsight.analyses.output.axes import log_scale
+from wrenchsight.analyses.output.figures import COLOUR, new_figure, save_figure
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.result_folder import result_folder
+from wrenchsight.diagrams.distances.clearance import Clearance
+from wrenchsight.diagrams.pages.cloud_page import write_cloud_page
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.motion.branches import is_closed_form
+from wrenchsight.models.motion.posture_map import PostureMap, best_postures
+from wrenchsight.models.motion.posture_measures import ConditionNumber, check_joints
+from wrenchsight.models.motion.surface_path import frame_about
+from wrenchsight.models.rigid_body.ties import first_of_least
+from wrenchsight.models.robot.robot import Robot
 
 THRESHOLD = 11.0  # the article's figure of a good configuration
 MOST_SAMPLES = 10_000_000  # of q alone 0.6 GB

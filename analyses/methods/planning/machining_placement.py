@@ -26,20 +26,20 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
-from analyses.methods.arms.arm_models import SLOW_SPEEDS, ArmModels, identify_arm
-from diagrams.distances.clearance import Clearance, workpiece_clearance
-from diagrams.scenario import BladeConfig, PlateConfig, Scenario, load_scenario
-from diagrams.workpiece import pose_of_workpiece, surface_of
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.identification.torque_error import TorqueError
-from models.motion.branches import all_branches
-from models.motion.inverse_kinematics import follow_path
-from models.motion.surface_path import SurfacePath
-from models.motion.workpieces import mesh
-from models.rigid_body.ties import better, in_order
-from models.robot.robot import Robot
-from models.robot.robot_config import PoseConfig
+from wrenchsight.analyses.methods.arms.arm_models import SLOW_SPEEDS, ArmModels, identify_arm
+from wrenchsight.diagrams.distances.clearance import Clearance, workpiece_clearance
+from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig, Scenario, load_scenario
+from wrenchsight.diagrams.workpiece import pose_of_workpiece, surface_of
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.identification.torque_error import TorqueError
+from wrenchsight.models.motion.branches import all_branches
+from wrenchsight.models.motion.inverse_kinematics import follow_path
+from wrenchsight.models.motion.surface_path import SurfacePath
+from wrenchsight.models.motion.workpieces import mesh
+from wrenchsight.models.rigid_body.ties import better, in_order
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import PoseConfig
 
 LAW = "semi-parametric"
 K_0 = 20.0  # 1/s

@@ -18,19 +18,19 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from models.arrays import Array
-from models.motion.branches import all_branches
-from models.motion.path_postures import track_paths
-from models.placement.placement_descent import PlacementBatch
-from models.placement.placement_program import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.motion.branches import all_branches
+from wrenchsight.models.motion.path_postures import track_paths
+from wrenchsight.models.placement.placement_descent import PlacementBatch
+from wrenchsight.models.placement.placement_program import (
     Placement,
     PlacementClearance,
     PlacementProgram,
     quaternion_from,
 )
-from models.placement.placement_search import Optimum, SearchResult, one_thread
-from models.rigid_body.ties import better, in_order
-from models.robot.robot import Robot
+from wrenchsight.models.placement.placement_search import Optimum, SearchResult, one_thread
+from wrenchsight.models.rigid_body.ties import better, in_order
+from wrenchsight.models.robot.robot import Robot
 
 UNREACHED = 1e4  # of a path that cannot be followed
 

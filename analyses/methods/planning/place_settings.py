@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from models.placement.placement_task import PlacementTask
+from wrenchsight.models.placement.placement_task import PlacementTask
 
 
 @dataclass

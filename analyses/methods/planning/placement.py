@@ -15,36 +15,55 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analyses.methods.planning.particle_swarm import SwarmConfig, place_by_swarm
-from analyses.methods.planning.place_settings import PlaceSettings
-from analyses.output.axes import log_scale
-from analyses.output.figures import COLOUR, SERIES, new_figure
-from analyses.output.outputs import OutputFolder
-from analyses.output.result_folder import result_folder
-from diagrams.distances.coming_and_going import distance_of_ends, sentence_of_ends, with_floor
-from diagrams.distances.placement_cell import PlacementCell
-from diagrams.pages.cell_picture import cell_picture
-from diagrams.pages.path_page import PathMotion, write_path_page
-from models.arrays import Array
-from models.estimation.wrench import WrenchReconstructionConfig, live_prior
-from models.files.configuration import nearest
-from models.files.input_error import InputError
-from models.identification.identified_model import IdentifiedModel
-from models.motion.branches import all_branches, is_closed_form
-from models.motion.path_postures import track_paths
-from models.motion.posture_measures import ConditionNumber, ForceSd, PathMeasure, PostureMeasure
-from models.placement.placement_descent import PlacementDescent
-from models.placement.placement_points import between_points
-from models.placement.placement_program import SOLVERS, Placement, PlacementProgram, quaternion_from
-from models.placement.placement_search import (
+from wrenchsight.analyses.methods.planning.particle_swarm import SwarmConfig, place_by_swarm
+from wrenchsight.analyses.methods.planning.place_settings import PlaceSettings
+from wrenchsight.analyses.output.axes import log_scale
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.result_folder import result_folder
+from wrenchsight.diagrams.distances.coming_and_going import (
+    distance_of_ends,
+    sentence_of_ends,
+    with_floor,
+)
+from wrenchsight.diagrams.distances.placement_cell import PlacementCell
+from wrenchsight.diagrams.pages.cell_picture import cell_picture
+from wrenchsight.diagrams.pages.path_page import PathMotion, write_path_page
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior
+from wrenchsight.models.files.configuration import nearest
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.motion.branches import all_branches, is_closed_form
+from wrenchsight.models.motion.path_postures import track_paths
+from wrenchsight.models.motion.posture_measures import (
+    ConditionNumber,
+    ForceSd,
+    PathMeasure,
+    PostureMeasure,
+)
+from wrenchsight.models.placement.placement_descent import PlacementDescent
+from wrenchsight.models.placement.placement_points import between_points
+from wrenchsight.models.placement.placement_program import (
+    SOLVERS,
+    Placement,
+    PlacementProgram,
+    quaternion_from,
+)
+from wrenchsight.models.placement.placement_search import (
     FEASIBLE,
     PlacementSearch,
     SearchEffort,
     SearchResult,
 )
-from models.placement.placement_task import ClearanceConfig, PlacementTask, check_task, load_task
-from models.rigid_body.ties import beyond_rounding, first_of_least
-from models.robot.robot import Robot
+from wrenchsight.models.placement.placement_task import (
+    ClearanceConfig,
+    PlacementTask,
+    check_task,
+    load_task,
+)
+from wrenchsight.models.rigid_body.ties import beyond_rounding, first_of_least
+from wrenchsight.models.robot.robot import Robot
 
 OBJECTIVES = ("jcn", "force-sd")
 PLACE_SOLVERS = (*SOLVERS, "pso-ga")

@@ -14,18 +14,27 @@ from typing import Any
 import numpy as np
 from pydrake.math import RollPitchYaw
 
-from analyses.methods.planning.free_redundancy import best_free, clear_of_all, surroundings
-from analyses.methods.planning.redundancy_task import PatchPathConfig, RedundancyTask
-from diagrams.distances.clearance import ClosestPair
-from diagrams.pages.path_page import TriangleMesh
-from models.arrays import Array
-from models.estimation.wrench import WrenchReconstructionConfig, live_prior
-from models.files.input_error import InputError
-from models.files.plausible_numbers import check_numbers
-from models.identification.identified_model import IdentifiedModel
-from models.motion.branches import is_closed_form
-from models.motion.posture_measures import ConditionNumber, ForceSd, PostureMeasure, check_joints
-from models.motion.redundancy import (
+from wrenchsight.analyses.methods.planning.free_redundancy import (
+    best_free,
+    clear_of_all,
+    surroundings,
+)
+from wrenchsight.analyses.methods.planning.redundancy_task import PatchPathConfig, RedundancyTask
+from wrenchsight.diagrams.distances.clearance import ClosestPair
+from wrenchsight.diagrams.pages.path_page import TriangleMesh
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.plausible_numbers import check_numbers
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.motion.branches import is_closed_form
+from wrenchsight.models.motion.posture_measures import (
+    ConditionNumber,
+    ForceSd,
+    PostureMeasure,
+    check_joints,
+)
+from wrenchsight.models.motion.redundancy import (
     Candidates,
     RedundancyProblem,
     Trajectory,
@@ -36,10 +45,10 @@ from models.motion.redundancy import (
     refine,
     task,
 )
-from models.motion.surface_path import SurfacePath
-from models.motion.workpieces import Surface, mesh
-from models.rigid_body.ties import better, beyond_rounding, first_of_least
-from models.robot.robot import Robot
+from wrenchsight.models.motion.surface_path import SurfacePath
+from wrenchsight.models.motion.workpieces import Surface, mesh
+from wrenchsight.models.rigid_body.ties import better, beyond_rounding, first_of_least
+from wrenchsight.models.robot.robot import Robot
 
 OBJECTIVES = ("jcn", "force-sd")
 ROUNDING = 1e-9  # m and rad, of position and normal

@@ -7,21 +7,21 @@ from pathlib import Path
 
 import numpy as np
 
-from analyses.methods.planning.redundancy import RedundancyResult, find_redundancy
-from analyses.methods.planning.redundancy_task import RedundancySettings, RedundancyTask
-from analyses.output.axes import log_scale
-from analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
-from analyses.output.result_folder import result_folder
-from analyses.study.experiment import (
+from wrenchsight.analyses.methods.planning.redundancy import RedundancyResult, find_redundancy
+from wrenchsight.analyses.methods.planning.redundancy_task import RedundancySettings, RedundancyTask
+from wrenchsight.analyses.output.axes import log_scale
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
+from wrenchsight.analyses.output.result_folder import result_folder
+from wrenchsight.analyses.study.experiment import (
     FigureFile,
 )
-from diagrams.pages.path_page import PathMotion, write_path_page
-from models.files.configuration import load_configuration
-from models.files.task_files import task_file
-from models.motion.redundancy import (
+from wrenchsight.diagrams.pages.path_page import PathMotion, write_path_page
+from wrenchsight.models.files.configuration import load_configuration
+from wrenchsight.models.files.task_files import task_file
+from wrenchsight.models.motion.redundancy import (
     Trajectory,
 )
-from models.robot.robot import Robot
+from wrenchsight.models.robot.robot import Robot
 
 
 def draw(result: RedundancyResult, out: Path) -> tuple[list[FigureFile], list[FigureFile]]:

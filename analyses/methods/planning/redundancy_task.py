@@ -11,9 +11,9 @@ or, in the place of the surface, `csv: points.csv` with the columns x,y,z,nx,ny,
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from models.files.configuration import REQUIRED
-from models.motion.workpiece_shapes import BladeShapeConfig, PlateShapeConfig
-from models.robot.robot_config import PoseConfig
+from wrenchsight.models.files.configuration import REQUIRED
+from wrenchsight.models.motion.workpiece_shapes import BladeShapeConfig, PlateShapeConfig
+from wrenchsight.models.robot.robot_config import PoseConfig
 
 
 @dataclass

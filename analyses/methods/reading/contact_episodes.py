@@ -1,7 +1,7 @@
 """The contacts of a log, one after another, as they stream by.
 
 A contact that begins less than GAP after another's end is that one going on: a hand that yields for
-a moment is one contact, and so does `models.signals.exceedance_tail` count.
+a moment is one contact, and so does `wrenchsight.models.signals.exceedance_tail` count.
 """
 
 from dataclasses import dataclass
@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from models.arrays import Array, Flags
-from models.detection.contact_detector import Detection
-from models.signals.exceedance_tail import GAP
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.detection.contact_detector import Detection
+from wrenchsight.models.signals.exceedance_tail import GAP
 
 KEPT = 1000  # contacts that are listed one by one; further ones are only counted
 SHOWN = 8  # lines of the command

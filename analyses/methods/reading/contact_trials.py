@@ -12,16 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from models.arrays import Array, Flags
-from models.detection.contact_detector import ContactDetectionConfig, ContactDetector, Detection
-from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.identification.identified_model import IdentifiedModel
-from models.observers.momentum_observer import MomentumObserverConfig
-from models.recordings.position_resolution import position_resolution
-from models.recordings.recording import Recording
-from models.recordings.resampling import resampled
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.detection.contact_detector import (
+    ContactDetectionConfig,
+    ContactDetector,
+    Detection,
+)
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.recordings.position_resolution import position_resolution
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.robot.robot import Robot
 
 LATE = 0.1  # s after a push in which it may still be found: the observer's own lag and more
 PROMPT = 0.05 + 1e-9  # s, the delay that is wanted; delays are multiples of the period
@@ -37,7 +41,7 @@ class TrialLog:
         model: that reads it.
         time_step: s.
         K_0: 1/s.
-        method: what a contact at E is, see `models.detection.contact_statistic`.
+        method: what a contact at E is, see `wrenchsight.models.detection.contact_statistic`.
     """
 
     def __init__(

@@ -9,8 +9,8 @@ F' and a covariance Sigma' of its own; about the reading F its second moment is
 
 import numpy as np
 
-from models.arrays import Array
-from models.estimation.estimator import EstimateBatch
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.estimator import EstimateBatch
 
 
 def covariance_about(wrench: Array, mean: Array, covariance: Array) -> Array:

@@ -4,16 +4,20 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from analyses.methods.sensors.reference_config import ReferenceConfig, checked_reference
-from models.detection.contact_detector import LARGEST_RATE, LEAST_RATE, ContactDetectionConfig
-from models.estimation.estimator import WrenchEstimatorConfig
-from models.estimation.wrench import known_of_wrench, live_prior
-from models.estimation.wrench_kernels import METHODS
-from models.estimation.wrench_table import TABLES
-from models.files.input_error import InputError
-from models.observers.momentum_observer import LEAST_K_0, MomentumObserverConfig
-from models.observers.observer_kinds import OBSERVERS, kind_name, make_observer
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.sensors.reference_config import ReferenceConfig, checked_reference
+from wrenchsight.models.detection.contact_detector import (
+    LARGEST_RATE,
+    LEAST_RATE,
+    ContactDetectionConfig,
+)
+from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import known_of_wrench, live_prior
+from wrenchsight.models.estimation.wrench_kernels import METHODS
+from wrenchsight.models.estimation.wrench_table import TABLES
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.observers.momentum_observer import LEAST_K_0, MomentumObserverConfig
+from wrenchsight.models.observers.observer_kinds import OBSERVERS, kind_name, make_observer
+from wrenchsight.models.robot.robot import Robot
 
 ENGINES = ("batch", "diagram")
 LARGEST_DRIFT = 10.0  # of the viscous torque

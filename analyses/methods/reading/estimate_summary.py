@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
-from analyses.output.stream_summary import Envelope, EvenSample
-from models.arrays import Array, Flags
-from models.estimation.estimator import EstimateBatch, WrenchEstimatorConfig
-from models.estimation.wrench import WrenchEstimate
-from models.identification.identified_model import Validity
-from models.observers.sample_check import BEYOND, DISAGREES, FROZEN
-from models.recordings.recording import Recording
-from models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
+from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
+from wrenchsight.analyses.output.stream_summary import Envelope, EvenSample
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import WrenchEstimate
+from wrenchsight.models.identification.identified_model import Validity
+from wrenchsight.models.observers.sample_check import BEYOND, DISAGREES, FROZEN
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -17,9 +17,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.reading.contact_episodes import ContactEpisodes
-from analyses.methods.reading.drifted_band import with_band_of
-from analyses.methods.reading.estimate_config import (
+from wrenchsight.analyses.methods.reading.contact_episodes import ContactEpisodes
+from wrenchsight.analyses.methods.reading.drifted_band import with_band_of
+from wrenchsight.analyses.methods.reading.estimate_config import (
     FLOOR_SHARE,
     PRIORS,
     EstimateConfig,
@@ -27,35 +27,47 @@ from analyses.methods.reading.estimate_config import (
     checked_config,
     stated_prior,
 )
-from analyses.methods.reading.estimate_summary import EstimateSummary
-from analyses.methods.reading.friction_watch import FrictionWatch
-from analyses.methods.reading.sample_screen import FAULT, SampleScreen
-from analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
-from analyses.methods.sensors.reference_config import REFERENCE, ReferenceConfig, reference_columns
-from analyses.methods.sensors.sensor_log import SensorLogCollector
-from analyses.output.outputs import OutputFolder
-from analyses.output.result_folder import result_folder
-from analyses.output.stream_summary import EvenSample
-from models.arrays import Array, Flags
-from models.calibration.gravity_disagreement import GravityWatch
-from models.detection.contact_detector import ContactDetectionConfig, ContactDetector, Detection
-from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.evidence_prior import evidence_prior
-from models.estimation.smoothing import WrenchSmoother
-from models.estimation.wrench import live_prior
-from models.estimation.wrench_bag import WrenchBagWriter
-from models.estimation.wrench_table import WrenchTableWriter
-from models.files.input_error import InputError
-from models.identification.identified_model import IdentifiedModel
-from models.observers.momentum_observer import MomentumObserverConfig
-from models.observers.observer_kinds import kind_name, kind_of, make_observer
-from models.observers.sample_check import BEYOND
-from models.recordings.position_resolution import position_resolution
-from models.recordings.recording import Recording, concatenated
-from models.recordings.recording_reader import RecordingReader
-from models.recordings.resampling import plausible_step, resample_chunks
-from models.rigid_body.spatial_vectors import FORCE_FIRST
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.reading.estimate_summary import EstimateSummary
+from wrenchsight.analyses.methods.reading.friction_watch import FrictionWatch
+from wrenchsight.analyses.methods.reading.sample_screen import FAULT, SampleScreen
+from wrenchsight.analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
+from wrenchsight.analyses.methods.sensors.reference_config import (
+    REFERENCE,
+    ReferenceConfig,
+    reference_columns,
+)
+from wrenchsight.analyses.methods.sensors.sensor_log import SensorLogCollector
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.result_folder import result_folder
+from wrenchsight.analyses.output.stream_summary import EvenSample
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.calibration.gravity_disagreement import GravityWatch
+from wrenchsight.models.detection.contact_detector import (
+    ContactDetectionConfig,
+    ContactDetector,
+    Detection,
+)
+from wrenchsight.models.estimation.estimator import (
+    EstimateBatch,
+    WrenchEstimator,
+    WrenchEstimatorConfig,
+)
+from wrenchsight.models.estimation.evidence_prior import evidence_prior
+from wrenchsight.models.estimation.smoothing import WrenchSmoother
+from wrenchsight.models.estimation.wrench import live_prior
+from wrenchsight.models.estimation.wrench_bag import WrenchBagWriter
+from wrenchsight.models.estimation.wrench_table import WrenchTableWriter
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.observers.observer_kinds import kind_name, kind_of, make_observer
+from wrenchsight.models.observers.sample_check import BEYOND
+from wrenchsight.models.recordings.position_resolution import position_resolution
+from wrenchsight.models.recordings.recording import Recording, concatenated
+from wrenchsight.models.recordings.recording_reader import RecordingReader
+from wrenchsight.models.recordings.resampling import plausible_step, resample_chunks
+from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
+from wrenchsight.models.robot.robot import Robot
 
 ProgressCallback = Callable[[float, str], None]
 
@@ -112,7 +124,7 @@ def estimate_log(
 
     Writes the table (see `models.estimation.wrench_table`), metrics.json, config.yaml and
     figures/wrench.png; with a force sensor in the log also figures/reference.png; wrench.mcap (see
-    `models.estimation.wrench_bag`) where it is asked for.
+    `wrenchsight.models.estimation.wrench_bag`) where it is asked for.
 
     Args:
         log: as `read_recording`.
@@ -398,7 +410,7 @@ class _DiagramEngine:
     ) -> None:
         from pydrake.systems.analysis import Simulator
 
-        from diagrams.replay import make_replay
+        from wrenchsight.diagrams.replay import make_replay
 
         self._replay = make_replay(robot, model, config, detection)
         self._simulator = Simulator(self._replay.diagram)

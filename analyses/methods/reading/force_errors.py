@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
-from models.arrays import Array
-from models.rigid_body.spatial_vectors import AXES
+from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.rigid_body.spatial_vectors import AXES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

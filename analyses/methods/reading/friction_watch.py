@@ -2,7 +2,7 @@
 
 What the observer reads there is the model's error. About ten rows a second of it are kept, with
 what friction's coefficients add to it through the observer's own pole, and judged by
-`models.calibration.friction_disagreement`.
+`wrenchsight.models.calibration.friction_disagreement`.
 """
 
 from dataclasses import replace
@@ -10,14 +10,17 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import lfilter
 
-from analyses.methods.reading.estimate_config import LARGEST_DRIFT
-from models.arrays import Array, Flags
-from models.calibration.friction_disagreement import FrictionDisagreement, friction_disagreements
-from models.calibration.friction_refresh import refresh_friction
-from models.calibration.residual_noise import ResidualRows
-from models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
-from models.identification.identified_model import IdentifiedModel
-from models.rigid_body.serial_chain import SerialChain
+from wrenchsight.analyses.methods.reading.estimate_config import LARGEST_DRIFT
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.calibration.friction_disagreement import (
+    FrictionDisagreement,
+    friction_disagreements,
+)
+from wrenchsight.models.calibration.friction_refresh import refresh_friction
+from wrenchsight.models.calibration.residual_noise import ResidualRows
+from wrenchsight.models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
 ROW_TIME = 0.1  # s
 MOST_ROWS = 6000  # ten minutes

@@ -7,23 +7,31 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.stats import spearmanr
 
-from models.arrays import Array, Flags
-from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.evidence_prior import evidence_prior
-from models.estimation.point_of_action import PointOfAction, find_point_of_action, jacobian_at
-from models.estimation.wrench import (
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.estimation.estimator import (
+    EstimateBatch,
+    WrenchEstimator,
+    WrenchEstimatorConfig,
+)
+from wrenchsight.models.estimation.evidence_prior import evidence_prior
+from wrenchsight.models.estimation.point_of_action import (
+    PointOfAction,
+    find_point_of_action,
+    jacobian_at,
+)
+from wrenchsight.models.estimation.wrench import (
     WrenchEstimate,
     WrenchReconstruction,
     WrenchReconstructionConfig,
 )
-from models.identification.identified_model import IdentifiedModel
-from models.observers.momentum_observer import MomentumObserverConfig
-from models.recordings.recording import Recording
-from models.recordings.recording_reader import read_recording
-from models.recordings.resampling import resampled
-from models.rigid_body.spatial_vectors import AXES
-from models.robot.robot import Robot
-from models.signals.zero_phase import ZeroPhaseLowPass, derivative
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.rigid_body.spatial_vectors import AXES
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
 
 if TYPE_CHECKING:
     pass

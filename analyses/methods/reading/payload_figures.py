@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analyses.methods.reading.known_payload import (
+from wrenchsight.analyses.methods.reading.known_payload import (
     MASS,
     METHODS,
     SIGMA_95,
@@ -13,10 +13,10 @@ from analyses.methods.reading.known_payload import (
     Reading,
     Reference,
 )
-from analyses.output.axes import limit_y, log_scale
-from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
-from models.arrays import Array, Flags
-from models.rigid_body.spatial_vectors import AXES
+from wrenchsight.analyses.output.axes import limit_y, log_scale
+from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.rigid_body.spatial_vectors import AXES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

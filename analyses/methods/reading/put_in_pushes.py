@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.arrays import Array
-from models.recordings.recording import Recording
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
 
 RISE = 0.03  # s, of a hand's push
 

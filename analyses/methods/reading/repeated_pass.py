@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from analyses.methods.reading.known_payload import (
+from wrenchsight.analyses.methods.reading.known_payload import (
     LEARNING_TIME,
     MARGIN,
     REFERENCE_CUTOFF,
@@ -24,13 +24,13 @@ from analyses.methods.reading.known_payload import (
     estimate_run,
     payload_reference,
 )
-from analyses.methods.sensors.judged_force import ForceReading, Judgement
-from models.arrays import Array
-from models.estimation.point_of_action import jacobian_at
-from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
-from models.identification.identified_model import IdentifiedModel
-from models.recordings.recording import Recording
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.sensors.judged_force import ForceReading, Judgement
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.point_of_action import jacobian_at
+from wrenchsight.models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
 
 REVERSAL: Final = 0.3  # s about a joint's turning
 _LARGEST_SHIFT = 0.1  # s between the starts of two logs that are cut alike

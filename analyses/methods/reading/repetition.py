@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.signal import lfilter
 
-from models.arrays import Array
-from models.recordings.recording import Recording
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
 
 
 def repetition_torque(

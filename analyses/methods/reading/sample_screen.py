@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.arrays import Array
-from models.observers.sample_check import BEYOND, SampleCheck
-from models.recordings.recording import Recording, place_of
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.observers.sample_check import BEYOND, SampleCheck
+from wrenchsight.models.recordings.recording import Recording, place_of
+from wrenchsight.models.robot.robot import Robot
 
 FAULT = "sample fault"
 """Signal of `Recording.extra`: 1 where a sample is missing because it is impossible; resampled,

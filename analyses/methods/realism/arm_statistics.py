@@ -19,13 +19,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from analyses.methods.calibration.model_residual import ModelResidual
-from models.arrays import Array
-from models.calibration.load_parameters import load_columns
-from models.identification.identified_model import IdentifiedModel
-from models.recordings.recording import Recording
-from models.recordings.resampling import resampled
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.calibration.model_residual import ModelResidual
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.calibration.load_parameters import load_columns
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.robot.robot import Robot
 
 SPEEDS = (0.0, 0.01, 0.03, 0.1, 0.3, np.inf)  # rad/s, edges of the bins
 FEWEST = 60  # samples in a bin

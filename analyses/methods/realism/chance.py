@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from models.arrays import Array
+from wrenchsight.models.arrays import Array
 
 ERROR = 0.05  # of calling what is chance a difference, a number
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analyses.methods.arms.ur10e_logs import FITTED
-from analyses.methods.learning.identification import identify
-from analyses.methods.learning.identification_config import IdentificationConfig
-from analyses.methods.realism.arm_statistics import (
+from wrenchsight.analyses.methods.arms.ur10e_logs import FITTED
+from wrenchsight.analyses.methods.learning.identification import identify
+from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.realism.arm_statistics import (
     TorqueError,
     at_rest,
     correlation_time,
@@ -18,12 +18,12 @@ from analyses.methods.realism.arm_statistics import (
     pass_repeatability,
     residual_by_speed,
 )
-from analyses.methods.realism.twin_logs import twin_log
-from models.arrays import Array
-from models.identification.identified_model import IdentifiedModel
-from models.recordings.recording import Recording
-from models.robot.robot import Robot
-from models.robot.robot_config import ToolConfig
+from wrenchsight.analyses.methods.realism.twin_logs import twin_log
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import ToolConfig
 
 ProgressCallback = Callable[[float, str], None]
 

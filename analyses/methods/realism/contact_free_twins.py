@@ -7,13 +7,13 @@ that differ from day to day, and knows that nothing touches it.
 
 from collections.abc import Callable, Mapping, Sequence
 
-from analyses.methods.learning.identification import identify
-from analyses.methods.learning.identification_config import IdentificationConfig
-from analyses.methods.reading.contact_trials import TrialLog, onsets
-from analyses.methods.realism.twin_logs import twin_log
-from models.identification.identified_model import IdentifiedModel
-from models.recordings.recording import Recording
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.learning.identification import identify
+from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.reading.contact_trials import TrialLog, onsets
+from wrenchsight.analyses.methods.realism.twin_logs import twin_log
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
 
 FIRST_DAY = 10  # of the twins that are read; those of the fit are 1 and on
 

@@ -9,18 +9,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from analyses.methods.arms.simulated_logs import drive_servo
-from models.identification.identified_model import IdentifiedModel
-from models.motion.paths import JointTrajectory
-from models.recordings.position_resolution import position_resolution
-from models.recordings.recording import Recording
-from models.recordings.resampling import resampled
-from models.robot.robot import Robot
-from models.robot.robot_config import PoseConfig, ToolConfig
-from models.signals.zero_phase import ZeroPhaseLowPass
-from models.truth.free_arm import simulate_free_arm
-from models.truth.log_clock import clocked
-from models.truth.true_robot import true_robot
+from wrenchsight.analyses.methods.arms.simulated_logs import drive_servo
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.motion.paths import JointTrajectory
+from wrenchsight.models.recordings.position_resolution import position_resolution
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import PoseConfig, ToolConfig
+from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass
+from wrenchsight.models.truth.free_arm import simulate_free_arm
+from wrenchsight.models.truth.log_clock import clocked
+from wrenchsight.models.truth.true_robot import true_robot
 
 TIME_STEP = 0.01  # s, of the reference
 CUTOFF = 8.0  # Hz, of the reference: more than twice what the motions hold

@@ -2,7 +2,7 @@
 
 The true robot follows the planned motion some millimetres above the surface under its drives' own
 stiff position control, which knows the nominal model only; the observer's output along it is what
-`models.machining.air_pass` takes off later.
+`wrenchsight.models.machining.air_pass` takes off later.
 """
 
 from collections.abc import Callable, Mapping
@@ -11,27 +11,27 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from analyses.methods.advance import advance, even_stretches
-from analyses.methods.arms.simulated_logs import TRACKING
-from analyses.methods.runs.fast_runs import is_free, run_free
-from diagrams.closed_loop import make_closed_loop
-from diagrams.scenario import HoldMotion, Scenario
-from models.arrays import Array
-from models.estimation.estimator import (
+from wrenchsight.analyses.methods.advance import advance, even_stretches
+from wrenchsight.analyses.methods.arms.simulated_logs import TRACKING
+from wrenchsight.analyses.methods.runs.fast_runs import is_free, run_free
+from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.scenario import HoldMotion, Scenario
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.estimator import (
     EstimateBatch,
     Taught,
     WrenchEstimator,
     WrenchEstimatorConfig,
 )
-from models.identification.identified_model import IdentifiedModel
-from models.identification.torque_error_fit import HeldOutReading, fit_torque_error
-from models.identification.torque_error_model import BEYOND_LOAD, Rest, TorqueErrorModel
-from models.machining.air_pass import LEAD, TaughtTorque, raised_motion
-from models.machining.machining_path import MachiningPath
-from models.motion.paths import JointTrajectory
-from models.recordings.position_resolution import position_resolution
-from models.recordings.recording import Recording
-from models.robot.robot import Robot
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.identification.torque_error_fit import HeldOutReading, fit_torque_error
+from wrenchsight.models.identification.torque_error_model import BEYOND_LOAD, Rest, TorqueErrorModel
+from wrenchsight.models.machining.air_pass import LEAD, TaughtTorque, raised_motion
+from wrenchsight.models.machining.machining_path import MachiningPath
+from wrenchsight.models.motion.paths import JointTrajectory
+from wrenchsight.models.recordings.position_resolution import position_resolution
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
 
 ProgressCallback = Callable[[float, str], None]
 

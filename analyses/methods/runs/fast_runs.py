@@ -5,20 +5,20 @@ faster: `models.truth.free_arm` for arm, drives and controller, the force/torque
 """
 
 import numpy as np
-from numba import njit
 
-from analyses.methods.arms.simulated_logs import drive_servo
-from diagrams.scenario import Scenario, make_trajectory
-from models.arrays import Array
-from models.control.wrench_script import WrenchScript
-from models.identification.identified_model import IdentifiedModel
-from models.motion.paths import JointTrajectory
-from models.robot.robot import Robot
-from models.signals.gaussian_noise import gaussian_noise
-from models.signals.low_pass import LowPass
-from models.truth.free_arm import simulate_free_arm
-from systems.force_torque_sensor import ForceTorqueSensorConfig
-from systems.joint_tracking_controller import JointTrackingConfig
+from wrenchsight.analyses.methods.arms.simulated_logs import drive_servo
+from wrenchsight.diagrams.scenario import Scenario, make_trajectory
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.control.wrench_script import WrenchScript
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.motion.paths import JointTrajectory
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.gaussian_noise import gaussian_noise
+from wrenchsight.models.signals.low_pass import LowPass
+from wrenchsight.models.truth.free_arm import simulate_free_arm
+from wrenchsight.systems.force_torque_sensor import ForceTorqueSensorConfig
+from wrenchsight.systems.joint_tracking_controller import JointTrackingConfig
 
 
 def is_free(scenario: Scenario, robot: Robot) -> bool:
@@ -86,7 +86,7 @@ def sensed(wrench: Array, config: ForceTorqueSensorConfig, time_step: float, see
     return LowPass.butterworth(config.cutoff, config.order, time_step).filter(noisy)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _fill(seed: int, noise: Array) -> None:
     for tick in range(noise.shape[0]):
         gaussian_noise(seed, tick, noise[tick])

@@ -24,22 +24,22 @@ from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
-from analyses.methods.advance import advance, even_stretches
-from analyses.methods.arms.arm_models import ArmModels
-from analyses.methods.reading.force_errors import BAND_95
-from diagrams.closed_loop import make_closed_loop
-from diagrams.machining import longest_duration, view_of
-from diagrams.pages.run_page import make_meshcat, start_animation, write_page
-from diagrams.scenario import Scenario
-from models.arrays import Array, Flags
-from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.identification.identified_model import IdentifiedModel
-from models.machining.air_pass import TaughtTorque
-from models.machining.machining_path import MachiningPath
-from models.machining.machining_phases import Fault, Phase
-from models.observers.momentum_observer import MomentumObserverConfig
-from models.rigid_body.spatial_vectors import AXES
+from wrenchsight.analyses.methods.advance import advance, even_stretches
+from wrenchsight.analyses.methods.arms.arm_models import ArmModels
+from wrenchsight.analyses.methods.reading.force_errors import BAND_95
+from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.machining import longest_duration, view_of
+from wrenchsight.diagrams.pages.run_page import make_meshcat, start_animation, write_page
+from wrenchsight.diagrams.scenario import Scenario
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.machining.air_pass import TaughtTorque
+from wrenchsight.models.machining.machining_path import MachiningPath
+from wrenchsight.models.machining.machining_phases import Fault, Phase
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.rigid_body.spatial_vectors import AXES
 
 ProgressCallback = Callable[[float, str], None]
 

@@ -3,17 +3,23 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from analyses.methods.reading.force_errors import draw_signal
-from analyses.methods.runs.machining import COMPONENTS, FEEDS, MachiningRun, MachiningTask, feed_key
-from analyses.output.axes import limit_y
-from analyses.output.figures import COLOUR, legend_below, new_figure
-from analyses.study.experiment import (
+from wrenchsight.analyses.methods.reading.force_errors import draw_signal
+from wrenchsight.analyses.methods.runs.machining import (
+    COMPONENTS,
+    FEEDS,
+    MachiningRun,
+    MachiningTask,
+    feed_key,
+)
+from wrenchsight.analyses.output.axes import limit_y
+from wrenchsight.analyses.output.figures import COLOUR, legend_below, new_figure
+from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
     FigureFile,
 )
-from analyses.study.figure_files import saved_figures
-from models.arrays import Array
-from models.machining.machining_phases import Phase
+from wrenchsight.analyses.study.figure_files import saved_figures
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.machining.machining_phases import Phase
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

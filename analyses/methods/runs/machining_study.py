@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analyses.methods.arms.arm_models import ArmModels, identify_arm
-from analyses.methods.arms.simulated_logs import ROBOT
-from analyses.methods.runs.air_pass import learn_air_passes
-from analyses.methods.runs.machining import (
+from wrenchsight.analyses.methods.arms.arm_models import ArmModels, identify_arm
+from wrenchsight.analyses.methods.arms.simulated_logs import ROBOT
+from wrenchsight.analyses.methods.runs.air_pass import learn_air_passes
+from wrenchsight.analyses.methods.runs.machining import (
     COMPONENTS,
     FEEDBACKS,
     FEEDS,
@@ -33,17 +33,17 @@ from analyses.methods.runs.machining import (
     regulation,
     run_machining,
 )
-from analyses.methods.runs.machining_figures import machining_figures
-from analyses.study.experiment import (
+from wrenchsight.analyses.methods.runs.machining_figures import machining_figures
+from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     ExperimentContext,
     ExperimentResult,
     FigureFile,
 )
-from diagrams.machining import make_machining_path
-from diagrams.scenario import load_scenario
-from models.arrays import Array
-from models.machining.machining_phases import FAULT_SENTENCES
+from wrenchsight.diagrams.machining import make_machining_path
+from wrenchsight.diagrams.scenario import load_scenario
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.machining.machining_phases import FAULT_SENTENCES
 
 if TYPE_CHECKING:
     pass

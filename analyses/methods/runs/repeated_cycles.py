@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analyses.methods.arms.repetition_errors import repetition_errors
-from analyses.methods.arms.simulated_logs import ROBOT
-from analyses.methods.reading.force_errors import (
+from wrenchsight.analyses.methods.arms.repetition_errors import repetition_errors
+from wrenchsight.analyses.methods.arms.simulated_logs import ROBOT
+from wrenchsight.analyses.methods.reading.force_errors import (
     ForceReading,
     draw_band,
     draw_signal,
     reductions,
 )
-from analyses.methods.reading.repetition import repetition_torque
-from analyses.methods.runs.task_runs import (
+from wrenchsight.analyses.methods.reading.repetition import repetition_torque
+from wrenchsight.analyses.methods.runs.task_runs import (
     PATHS,
     RepetitionReader,
     TaskRun,
@@ -30,15 +30,19 @@ from analyses.methods.runs.task_runs import (
     task_path,
     task_scenario,
 )
-from analyses.output.axes import legend_above, limit_y
-from analyses.output.figures import COLOUR, new_figure
-from analyses.study.experiment import (
+from wrenchsight.analyses.output.axes import legend_above, limit_y
+from wrenchsight.analyses.output.figures import COLOUR, new_figure
+from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
 )
-from diagrams.scenario import LineMotion, Scenario
-from models.arrays import Array
-from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig, live_prior
-from models.rigid_body.spatial_vectors import AXES
+from wrenchsight.diagrams.scenario import LineMotion, Scenario
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.wrench import (
+    WrenchReconstruction,
+    WrenchReconstructionConfig,
+    live_prior,
+)
+from wrenchsight.models.rigid_body.spatial_vectors import AXES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

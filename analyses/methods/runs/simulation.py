@@ -16,41 +16,41 @@ from pydrake.common.yaml import yaml_dump_typed
 from pydrake.systems.analysis import Simulator
 from scipy.optimize import nnls
 
-from analyses.methods.advance import advance
-from analyses.methods.reading.force_errors import envelope
-from analyses.methods.runs.air_pass import learn_air_passes
-from analyses.methods.runs.simulate_settings import SimulateSettings
-from analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
-from analyses.output.outputs import OutputFolder
-from analyses.output.result_folder import result_folder
-from diagrams.closed_loop import ClosedLoop, make_closed_loop
-from diagrams.distances.machining_way import overlaps
-from diagrams.graph import write_graph
-from diagrams.kept_signals import KeptSignals
-from diagrams.machining import longest_duration, make_machining_path, view_of
-from diagrams.pages.run_page import make_meshcat, start_animation, write_page
-from diagrams.robot_cell import true_friction
-from diagrams.scenario import (
+from wrenchsight.analyses.methods.advance import advance
+from wrenchsight.analyses.methods.reading.force_errors import envelope
+from wrenchsight.analyses.methods.runs.air_pass import learn_air_passes
+from wrenchsight.analyses.methods.runs.simulate_settings import SimulateSettings
+from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.result_folder import result_folder
+from wrenchsight.diagrams.closed_loop import ClosedLoop, make_closed_loop
+from wrenchsight.diagrams.distances.machining_way import overlaps
+from wrenchsight.diagrams.graph import write_graph
+from wrenchsight.diagrams.kept_signals import KeptSignals
+from wrenchsight.diagrams.machining import longest_duration, make_machining_path, view_of
+from wrenchsight.diagrams.pages.run_page import make_meshcat, start_animation, write_page
+from wrenchsight.diagrams.robot_cell import true_friction
+from wrenchsight.diagrams.scenario import (
     FourierMotion,
     Scenario,
     check_scenario,
     load_scenario,
     make_trajectory,
 )
-from diagrams.truth.hard_joints import hard_joints
-from models.arrays import Array, Flags
-from models.excitation.fourier_trajectory import FourierTrajectory
-from models.files.input_error import InputError
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.identified_model import IdentifiedModel
-from models.machining.machining_phases import FAULT_SENTENCES, Fault, Phase
-from models.motion.paths import JointTrajectory
-from models.recordings.recording import Recording
-from models.recordings.recording_writer import write_recording
-from models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
-from models.robot.robot import Robot
-from models.truth.true_robot import with_truth_named
-from systems.impedance_controller import ImpedanceConfig
+from wrenchsight.diagrams.truth.hard_joints import hard_joints
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.excitation.fourier_trajectory import FourierTrajectory
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.machining.machining_phases import FAULT_SENTENCES, Fault, Phase
+from wrenchsight.models.motion.paths import JointTrajectory
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_writer import write_recording
+from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.truth.true_robot import with_truth_named
+from wrenchsight.systems.impedance_controller import ImpedanceConfig
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -256,7 +256,7 @@ def simulate_scenario(
         model_path: a model.yaml; without it see `known_model`.
         motion_path: a trajectory.yaml of `excite`, in the place of the scenario's motion and for
             its duration; in the default scenario nothing then touches the arm.
-        truth: of the arm, one of `models.robot.truth_config.TRUTHS`.
+        truth: of the arm, one of `wrenchsight.models.robot.truth_config.TRUTHS`.
         seed, duration: in the place of the scenario's.
         quick: at most a second.
         record: whether to write recording.html.

@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from analyses.methods.advance import advance, even_stretches
-from analyses.methods.planning.article_paths import (
+from wrenchsight.analyses.methods.advance import advance, even_stretches
+from wrenchsight.analyses.methods.planning.article_paths import (
     INITIAL_PATH,
     INITIAL_POSTURE,
     OPTIMISED_PATH,
@@ -27,27 +27,27 @@ from analyses.methods.planning.article_paths import (
     branch_start,
     found_path,
 )
-from analyses.methods.reading.force_errors import ForceReading
-from analyses.methods.reading.repetition import repetition_torque
-from analyses.methods.runs.fast_runs import is_free, run_free
-from analyses.study.experiment import FigureFile
-from analyses.study.shared_results import shared
-from diagrams.closed_loop import make_closed_loop
-from diagrams.pages.path_page import PathMotion, write_path_page
-from diagrams.scenario import LineMotion, Scenario, load_scenario, make_trajectory
-from models.arrays import Array
-from models.control.wrench_script import HandPush, WrenchSegment
-from models.estimation.estimator import WrenchEstimator
-from models.estimation.wrench import WrenchEstimate, WrenchReconstruction
-from models.identification.identified_model import IdentifiedModel
-from models.identification.repetition_error import RepetitionError
-from models.motion.paths import JointTrajectory, StraightPath
-from models.observers.lag_power import LagPower
-from models.recordings.recording import Recording
-from models.rigid_body.serial_chain import SerialChain
-from models.robot.robot import Robot
-from models.robot.truth_config import SimulatedTruthConfig
-from models.truth.log_clock import clocked
+from wrenchsight.analyses.methods.reading.force_errors import ForceReading
+from wrenchsight.analyses.methods.reading.repetition import repetition_torque
+from wrenchsight.analyses.methods.runs.fast_runs import is_free, run_free
+from wrenchsight.analyses.study.experiment import FigureFile
+from wrenchsight.analyses.study.shared_results import shared
+from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.pages.path_page import PathMotion, write_path_page
+from wrenchsight.diagrams.scenario import LineMotion, Scenario, load_scenario, make_trajectory
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.control.wrench_script import HandPush, WrenchSegment
+from wrenchsight.models.estimation.estimator import WrenchEstimator
+from wrenchsight.models.estimation.wrench import WrenchEstimate, WrenchReconstruction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.identification.repetition_error import RepetitionError
+from wrenchsight.models.motion.paths import JointTrajectory, StraightPath
+from wrenchsight.models.observers.lag_power import LagPower
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.truth_config import SimulatedTruthConfig
+from wrenchsight.models.truth.log_clock import clocked
 
 ProgressCallback = Callable[[float, str], None]
 

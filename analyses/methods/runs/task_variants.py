@@ -13,21 +13,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.signal import lfilter
 
-from analyses.methods.arms.arm_models import ArmModels
-from analyses.methods.reading.force_errors import (
+from wrenchsight.analyses.methods.arms.arm_models import ArmModels
+from wrenchsight.analyses.methods.reading.force_errors import (
     ForceReading,
     draw_band,
     draw_signal,
     force_metrics,
 )
-from analyses.methods.runs.task_runs import TaskRun, read_run
-from analyses.output.axes import limit_y
-from analyses.output.figures import COLOUR, legend_below, new_figure
-from models.arrays import Array
-from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.observers.momentum_observer import MomentumObserverConfig
-from models.rigid_body.spatial_vectors import AXES
+from wrenchsight.analyses.methods.runs.task_runs import TaskRun, read_run
+from wrenchsight.analyses.output.axes import limit_y
+from wrenchsight.analyses.output.figures import COLOUR, legend_below, new_figure
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.rigid_body.spatial_vectors import AXES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

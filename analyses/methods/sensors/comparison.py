@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from analyses.methods.sensors.judged_force import ForceReading, Judgement
-from analyses.methods.sensors.mounting import Mounting, find_mounting
-from analyses.methods.sensors.reference_config import ReferenceConfig, check_columns
-from analyses.methods.sensors.sensor_log import WINDOW, SensorLog
-from analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
-from models.arrays import Array, Flags
+from wrenchsight.analyses.methods.sensors.judged_force import ForceReading, Judgement
+from wrenchsight.analyses.methods.sensors.mounting import Mounting, find_mounting
+from wrenchsight.analyses.methods.sensors.reference_config import ReferenceConfig, check_columns
+from wrenchsight.analyses.methods.sensors.sensor_log import WINDOW, SensorLog
+from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
+from wrenchsight.models.arrays import Array, Flags
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

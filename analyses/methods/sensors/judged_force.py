@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.arrays import Array, Flags
-from models.contact.contact_force import SIGMA_95
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.contact.contact_force import SIGMA_95
 
 
 @dataclass(frozen=True, eq=False)

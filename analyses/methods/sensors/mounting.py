@@ -19,15 +19,15 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from analyses.methods.sensors.reference_config import (
+from wrenchsight.analyses.methods.sensors.reference_config import (
     FOUND,
     ReferenceConfig,
     check_tare,
     tare_numbers,
 )
-from analyses.methods.sensors.sensor_log import SensorLog
-from models.arrays import Array
-from models.files.input_error import InputError
+from wrenchsight.analyses.methods.sensors.sensor_log import SensorLog
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
 
 MAX_DELAY: Final = 0.3  # s
 TARE_TIME: Final = 0.5  # s, of the tare `start`

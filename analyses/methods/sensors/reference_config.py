@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from models.files.input_error import InputError
-from models.recordings.recording_format import SignalColumns, column_items
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.recording_format import SignalColumns, column_items
 
 SIZES = (1, 3, 6)  # columns: a force along an axis, a force, a force and a moment
 FRAMES = ("found", "world", "tool")

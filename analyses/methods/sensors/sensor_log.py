@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from models.arrays import Array, Flags
+from wrenchsight.models.arrays import Array, Flags
 
 BLOCK: Final = 0.02  # s
 WINDOW: Final = 5  # blocks: forces are judged over 0.1 s

@@ -19,12 +19,12 @@ from typing import TypeVar
 
 import numpy as np
 
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.recordings.layouts.header_layouts import KnownLayout, time_columns
-from models.recordings.recording import Recording
-from models.recordings.recording_format import RecordingFormat, SignalColumns
-from models.rigid_body.spatial_vectors import FORCE_FIRST
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.layouts.header_layouts import KnownLayout, time_columns
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_format import RecordingFormat, SignalColumns
+from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
 
 TAU_EXT, JACOBIAN = "tau_ext", "jacobian"  # the signals of a recording
 _TIMES = ("t", "time", "timestamp", "__time")

@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from models.files.input_error import InputError
-from models.recordings.recording_format import RecordingFormat, SignalColumns
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.recording_format import RecordingFormat, SignalColumns
 
 _WRENCH = ("force/x", "force/y", "force/z", "torque/x", "torque/y", "torque/z")
 _TIMES = ("__time", "t", "time", "timestamp")

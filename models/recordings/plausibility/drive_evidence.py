@@ -26,9 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from models.arrays import Array
-from models.recordings.recording import Recording
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
 
 CORRELATION = 0.25  # s that an error of the model lasts
 REST_CORRELATION = 2.5  # s, of stiction

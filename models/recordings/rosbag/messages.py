@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from models.arrays import Array
+from wrenchsight.models.arrays import Array
 
 Stamps = NDArray[np.int64]
 

@@ -4,17 +4,17 @@ from importlib import invalidate_caches
 
 import pytest
 
-from analyses.campaign.campaign import CampaignSettings, run_campaign
-from analyses.study.registry import REGISTRY
+from wrenchsight.analyses.campaign.campaign import CampaignSettings, run_campaign
+from wrenchsight.analyses.study.registry import REGISTRY
 
 _MODULE = '''
 import os, signal, time
 from pathlib import Path
 import numpy as np
-from analyses.study.experiment import (
+from wrenchsight.analyses.study.experiment import (
     ComparisonRow, Experiment, ExperimentContext, ExperimentResult
 )
-from analyses.study.shared_results import shared
+from wrenchsight.analyses.study.shared_results import shared
 
 FOLDER = Path({folder!r})
 
@@ -58,7 +58,7 @@ class Fake:
     source = Path("nowhere/robot.yaml")
 
     def __init__(self, config=None):
-        from models.robot.truth_config import JointFrictionConfig, SimulatedTruthConfig
+        from wrenchsight.models.robot.truth_config import JointFrictionConfig, SimulatedTruthConfig
         self.truth = SimulatedTruthConfig(JointFrictionConfig(stiction=[2.0], coulomb=[1.0]))
         self._config = config
 

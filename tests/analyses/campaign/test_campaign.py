@@ -10,9 +10,9 @@ import time
 import pyarrow.parquet as pq
 import pytest
 
-from analyses.campaign.campaign import CampaignSettings, run_campaign
-from models.files.input_error import InputError
-from models.truth.worlds import draw_world
+from wrenchsight.analyses.campaign.campaign import CampaignSettings, run_campaign
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.truth.worlds import draw_world
 
 
 def test_one_row_a_world_experiment_and_key(tmp_path, experiment, campaign, counted):
@@ -155,8 +155,8 @@ def test_an_interrupt_keeps_what_is_done(tmp_path, experiment, number):
     out = tmp_path / "campaign"
     program = (
         "from pathlib import Path\n"
-        "from analyses.campaign.campaign import CampaignSettings, run_campaign\n"
-        "from analyses.study.registry import REGISTRY\n"
+        "from wrenchsight.analyses.campaign.campaign import CampaignSettings, run_campaign\n"
+        "from wrenchsight.analyses.study.registry import REGISTRY\n"
         "if __name__ == '__main__':\n"
         "    REGISTRY.register('campaign_toy')\n"
         f"    run_campaign(CampaignSettings(('toy',), 3), Path({str(out)!r}), jobs=2)\n"
@@ -202,7 +202,7 @@ def test_a_kill_keeps_what_is_done(tmp_path, experiment, campaign, counted):
     experiment("other")
     campaign("toy", worlds=2)
     parts = tmp_path / "campaign" / ".campaign"
-    from analyses.campaign.campaign_store import WorldParts, read_table
+    from wrenchsight.analyses.campaign.campaign_store import WorldParts, read_table
 
     # As if killed after its worlds, before the file: what is beside counts.
     record = read_table(tmp_path / "campaign" / "campaign.parquet")
@@ -244,8 +244,8 @@ def test_another_campaign_s_folder_is_refused(tmp_path, experiment, campaign, co
     ],
 )
 def test_what_a_user_gets_wrong_is_one_line(tmp_path, words, said, capfd, monkeypatch):
-    from analyses.__main__ import main
-    from analyses.campaign import workers
+    from wrenchsight.analyses.__main__ import main
+    from wrenchsight.analyses.campaign import workers
 
     monkeypatch.setattr(workers, "_CONNECT", 1)
     monkeypatch.setattr(sys, "argv", ["wrenchsight", "campaign", *words, "--out", f"{tmp_path}/c"])

@@ -2,8 +2,8 @@
 
 import pytest
 
-from models.files.input_error import InputError
-from models.truth.worlds import draw_world
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.truth.worlds import draw_world
 
 distributed = pytest.importorskip("distributed")
 dask = pytest.importorskip("dask")
@@ -80,7 +80,7 @@ def test_a_scheduler_without_workers_is_refused(experiment, campaign):
 
 
 def test_workers_of_other_software_are_refused(experiment, campaign, monkeypatch):
-    from analyses.campaign import campaign as module
+    from wrenchsight.analyses.campaign import campaign as module
 
     experiment("toy")
     monkeypatch.setattr(module, "software_hash", lambda name: "another")

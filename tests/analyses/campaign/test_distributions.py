@@ -3,13 +3,17 @@
 import numpy as np
 import pytest
 
-from analyses.campaign.campaign_report import table_row, violin_figure, write_campaign_report
-from analyses.campaign.campaign_store import CampaignRecord, read_table, write_table
-from analyses.campaign.distributions import distribution_metrics, distributions
-from analyses.campaign.world_run import WorldOutcome
-from analyses.output.outputs import OutputFolder
-from analyses.study.readme_table import FEWEST_WORLDS
-from models.files.input_error import InputError
+from wrenchsight.analyses.campaign.campaign_report import (
+    table_row,
+    violin_figure,
+    write_campaign_report,
+)
+from wrenchsight.analyses.campaign.campaign_store import CampaignRecord, read_table, write_table
+from wrenchsight.analyses.campaign.distributions import distribution_metrics, distributions
+from wrenchsight.analyses.campaign.world_run import WorldOutcome
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.study.readme_table import FEWEST_WORLDS
+from wrenchsight.models.files.input_error import InputError
 
 
 def row(label, key, article, unit="N", ours="", more_is_better=False):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import false_discovery_control, spearmanr
 
-from analyses.campaign.influences import LEVEL, MOST, holm, influences, said
+from wrenchsight.analyses.campaign.influences import LEVEL, MOST, holm, influences, said
 
 WORLDS = 200
 

@@ -4,12 +4,12 @@ from importlib import import_module
 
 import pytest
 
-from analyses.campaign.world_run import WorldTask, numbers_in, run_world
-from analyses.output.outputs import plain_metrics
-from analyses.study.experiment import ExperimentContext
-from analyses.study.fingerprint import software_hash
-from analyses.study.registry import REGISTRY
-from models.truth.worlds import WorldRanges, draw_world
+from wrenchsight.analyses.campaign.world_run import WorldTask, numbers_in, run_world
+from wrenchsight.analyses.output.outputs import plain_metrics
+from wrenchsight.analyses.study.experiment import ExperimentContext
+from wrenchsight.analyses.study.fingerprint import software_hash
+from wrenchsight.analyses.study.registry import REGISTRY
+from wrenchsight.models.truth.worlds import WorldRanges, draw_world
 
 NAMES = ("identification", "friction", "combined", "repeat-cycle")
 

@@ -7,10 +7,10 @@ from importlib.metadata import EntryPoint
 import pytest
 from typer.testing import CliRunner
 
-from analyses.__main__ import app
-from analyses.commands import discovery
-from analyses.commands.discovery import find_commands, load_command
-from models.files.input_error import InputError
+from wrenchsight.analyses.__main__ import app
+from wrenchsight.analyses.commands import discovery
+from wrenchsight.analyses.commands.discovery import find_commands, load_command
+from wrenchsight.models.files.input_error import InputError
 
 _MODULE = '''
 """A command of another package."""
@@ -50,10 +50,10 @@ def test_every_command_has_a_summary_and_options():
 
 def test_summaries_need_no_import():
     program = (
-        "import sys; from analyses.__main__ import app\n"
+        "import sys; from wrenchsight.analyses.__main__ import app\n"
         "try: app(['--help'])\n"
         "except SystemExit: pass\n"
-        "heavy = ('numpy', 'pydrake', 'numba', 'analyses.commands.estimate')\n"
+        "heavy = ('numpy', 'pydrake', 'numba', 'wrenchsight.analyses.commands.estimate')\n"
         "sys.exit(str([name for name in heavy if name in sys.modules]))"
     )
     command = [sys.executable, "-c", program]

@@ -7,21 +7,21 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from analyses.__main__ import app
-from analyses.methods.reading import estimation
-from analyses.methods.reading.estimate_config import (
+from wrenchsight.analyses.__main__ import app
+from wrenchsight.analyses.methods.reading import estimation
+from wrenchsight.analyses.methods.reading.estimate_config import (
     EstimateConfig,
     EstimateSettings,
     checked_config,
     with_observer,
 )
-from analyses.output.outputs import OutputFolder
-from models.files.input_error import InputError
-from models.observers.kalman_observer import KalmanObserverConfig
-from models.observers.momentum_observer import MomentumObserverConfig
-from models.observers.observer_kinds import OBSERVERS, kind_name
-from models.observers.super_twisting_observer import SuperTwistingObserverConfig
-from models.robot.robot import Robot
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.observers.observer_kinds import OBSERVERS, kind_name
+from wrenchsight.models.observers.super_twisting_observer import SuperTwistingObserverConfig
+from wrenchsight.models.robot.robot import Robot
 
 
 @pytest.fixture

@@ -8,23 +8,23 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from analyses.__main__ import app
-from analyses.commands.discovery import find_commands, load_command
-from analyses.methods.learning import identification
-from analyses.methods.learning.identification_config import IdentifySettings
-from analyses.methods.planning import excitation, jcn_map, placement, redundancy_results
-from analyses.methods.planning.excitation_config import ExciteSettings
-from analyses.methods.planning.jcn_map_settings import JcnMapSettings, SliceConfig
-from analyses.methods.planning.place_settings import PlaceSettings
-from analyses.methods.planning.redundancy_task import RedundancySettings, RedundancyTask
-from analyses.methods.reading import estimation
-from analyses.methods.reading.estimate_config import EstimateConfig, EstimateSettings
-from analyses.methods.runs import simulation
-from analyses.methods.runs.simulate_settings import SimulateSettings
-from analyses.output.outputs import OutputFolder
-from models.files.configuration import load_configuration
-from models.files.task_files import task_file
-from models.placement.placement_task import load_task
+from wrenchsight.analyses.__main__ import app
+from wrenchsight.analyses.commands.discovery import find_commands, load_command
+from wrenchsight.analyses.methods.learning import identification
+from wrenchsight.analyses.methods.learning.identification_config import IdentifySettings
+from wrenchsight.analyses.methods.planning import excitation, jcn_map, placement, redundancy_results
+from wrenchsight.analyses.methods.planning.excitation_config import ExciteSettings
+from wrenchsight.analyses.methods.planning.jcn_map_settings import JcnMapSettings, SliceConfig
+from wrenchsight.analyses.methods.planning.place_settings import PlaceSettings
+from wrenchsight.analyses.methods.planning.redundancy_task import RedundancySettings, RedundancyTask
+from wrenchsight.analyses.methods.reading import estimation
+from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig, EstimateSettings
+from wrenchsight.analyses.methods.runs import simulation
+from wrenchsight.analyses.methods.runs.simulate_settings import SimulateSettings
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.models.files.configuration import load_configuration
+from wrenchsight.models.files.task_files import task_file
+from wrenchsight.models.placement.placement_task import load_task
 
 # What does the work of a command, by the command's name.
 WORK = {

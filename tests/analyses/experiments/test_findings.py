@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analyses.experiments.free_motion import (
+from wrenchsight.analyses.experiments.free_motion import (
     bandwidth,
     combined,
     friction,
@@ -21,17 +21,17 @@ from analyses.experiments.free_motion import (
     repeat_cycle,
     repeat_cycle_push,
 )
-from analyses.experiments.machining import grinding, polishing
-from analyses.experiments.other_arms import panda_wrench
-from analyses.experiments.postures import (
+from wrenchsight.analyses.experiments.machining import grinding, polishing
+from wrenchsight.analyses.experiments.other_arms import panda_wrench
+from wrenchsight.analyses.experiments.postures import (
     constant_wrench,
     jcn_map,
     metrics_compare,
     surface_path,
 )
-from analyses.experiments.real_arms import ur10e_identification, ur10e_payload
-from analyses.methods.planning.jcn_map_settings import SliceConfig
-from analyses.methods.runs import machining_study
+from wrenchsight.analyses.experiments.real_arms import ur10e_identification, ur10e_payload
+from wrenchsight.analyses.methods.planning.jcn_map_settings import SliceConfig
+from wrenchsight.analyses.methods.runs import machining_study
 
 _KNOWN = panda_wrench.Knowledge(20.0, 1.0, 0.01 * np.eye(7))
 FINDINGS = {

@@ -6,7 +6,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.primitives import Integrator
 
-from analyses.methods.advance import advance, even_stretches
+from wrenchsight.analyses.methods.advance import advance, even_stretches
 
 
 @pytest.fixture

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analyses.output.axes import legend_above, limit_y, log_label, log_scale, log_ticks
-from analyses.output.figures import new_figure
+from wrenchsight.analyses.output.axes import legend_above, limit_y, log_label, log_scale, log_ticks
+from wrenchsight.analyses.output.figures import new_figure
 
 ANALYSES = Path(__file__).resolve().parents[3] / "analyses"
 

@@ -6,7 +6,14 @@ import sys
 import numpy as np
 import pytest
 
-from analyses.output.figures import COLOUR, DOTS_PER_INCH, SERIES, WIDTH, new_figure, save_figure
+from wrenchsight.analyses.output.figures import (
+    COLOUR,
+    DOTS_PER_INCH,
+    SERIES,
+    WIDTH,
+    new_figure,
+    save_figure,
+)
 
 
 def _draw(path):

@@ -8,7 +8,11 @@ import weakref
 
 import pytest
 
-from analyses.output.interruption import TerminatedError, ends_are_interrupts, uninterrupted
+from wrenchsight.analyses.output.interruption import (
+    TerminatedError,
+    ends_are_interrupts,
+    uninterrupted,
+)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])

@@ -4,8 +4,8 @@ import os
 
 import pytest
 
-from analyses.output.marked_page import refuse_unmarked, write_marked
-from models.files.input_error import InputError
+from wrenchsight.analyses.output.marked_page import refuse_unmarked, write_marked
+from wrenchsight.models.files.input_error import InputError
 
 
 def test_an_earlier_page_is_replaced(tmp_path):

@@ -15,15 +15,15 @@ import numpy as np
 import pytest
 import yaml
 
-from analyses.output.figures import new_figure
-from analyses.output.outputs import (
+from wrenchsight.analyses.output.figures import new_figure
+from wrenchsight.analyses.output.outputs import (
     OutputFolder,
     json_text,
     plain,
     recover_folder,
     replace_folder,
 )
-from models.files.input_error import InputError
+from wrenchsight.models.files.input_error import InputError
 
 
 class Method(Enum):
@@ -194,7 +194,7 @@ def test_a_killed_writer_leaves_the_earlier_file(tmp_path):
     program = """
 import sys
 from pathlib import Path
-from analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.outputs import OutputFolder
 with OutputFolder(Path(sys.argv[1])).atomic("big.txt") as partial:
     with partial.open("w") as file:
         while True:

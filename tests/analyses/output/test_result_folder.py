@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from analyses.output import result_folder as module
-from analyses.output.outputs import OutputFolder
-from analyses.output.result_folder import STAGING, recover, result_folder
-from analyses.output.result_marker import MARKER, ResultMarker, strangers
-from models.files.files_read import about_to_read
-from models.files.input_error import InputError
+from wrenchsight.analyses.output import result_folder as module
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.result_folder import STAGING, recover, result_folder
+from wrenchsight.analyses.output.result_marker import MARKER, ResultMarker, strangers
+from wrenchsight.models.files.files_read import about_to_read
+from wrenchsight.models.files.input_error import InputError
 
 ROOT = Path(module.__file__).parents[2]
 
@@ -324,8 +324,8 @@ def test_what_was_changed_after_such_a_kill_is_not_overwritten(out, monkeypatch)
 _LOOP = """
 import itertools, sys
 from pathlib import Path
-from analyses.output.interruption import ends_are_interrupts
-from analyses.output.result_folder import result_folder
+from wrenchsight.analyses.output.interruption import ends_are_interrupts
+from wrenchsight.analyses.output.result_folder import result_folder
 out = Path(sys.argv[1])
 print("ready", flush=True)
 with ends_are_interrupts():

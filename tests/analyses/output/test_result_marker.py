@@ -5,7 +5,7 @@ import os
 
 import pytest
 
-from analyses.output.result_marker import (
+from wrenchsight.analyses.output.result_marker import (
     MARKER,
     ResultMarker,
     Stranger,

@@ -6,7 +6,7 @@ import tempfile
 
 import pytest
 
-from analyses.output.scratch_folder import scratch_folder
+from wrenchsight.analyses.output.scratch_folder import scratch_folder
 
 
 @pytest.fixture
@@ -25,7 +25,8 @@ def test_it_is_gone_at_the_end(place):
 
 def test_what_a_kill_left_goes_with_the_next(place):
     code = (
-        "import os, sys, tempfile\nfrom analyses.output.scratch_folder import scratch_folder\n"
+        "import os, sys, tempfile\n"
+        "from wrenchsight.analyses.output.scratch_folder import scratch_folder\n"
         "tempfile.tempdir = sys.argv[1]\nwith scratch_folder():\n    os.kill(os.getpid(), 9)\n"
     )
     subprocess.run([sys.executable, "-c", code, str(place)], check=False)

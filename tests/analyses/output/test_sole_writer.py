@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from analyses.output.sole_writer import LOCK, sole_writer
-from models.files.input_error import InputError
+from wrenchsight.analyses.output.sole_writer import LOCK, sole_writer
+from wrenchsight.models.files.input_error import InputError
 
 
 def test_a_second_writer_is_refused_in_one_line(tmp_path):
@@ -30,7 +30,7 @@ def test_nothing_is_left(tmp_path):
 def test_the_lock_ends_with_its_process(tmp_path):
     program = (
         "import sys, time; from pathlib import Path\n"
-        "from analyses.output.sole_writer import sole_writer\n"
+        "from wrenchsight.analyses.output.sole_writer import sole_writer\n"
         "with sole_writer(Path(sys.argv[1])):\n"
         "    print('locked', flush=True)\n"
         "    time.sleep(60)\n"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from analyses.output.stream_summary import Envelope, EvenSample
+from wrenchsight.analyses.output.stream_summary import Envelope, EvenSample
 
 
 @pytest.mark.parametrize("chunk", [1, 3, 64, 1000])

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from analyses.study.compare_studies import differences, main
-from models.files.input_error import InputError
+from wrenchsight.analyses.study.compare_studies import differences, main
+from wrenchsight.models.files.input_error import InputError
 
 METRICS = {"rmse": 1.23456, "list": [1.0, 2.0], "inner": {"count": 3, "missing": None}}
 ROW = {

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from analyses.study import fingerprint as module
-from analyses.study.fingerprint import (
+from wrenchsight.analyses.study import fingerprint as module
+from wrenchsight.analyses.study.fingerprint import (
     ROOT,
     difference,
     fingerprint,
@@ -16,7 +16,7 @@ from analyses.study.fingerprint import (
     software_hash,
     source_files,
 )
-from analyses.study.registry import REGISTRY
+from wrenchsight.analyses.study.registry import REGISTRY
 
 
 @pytest.fixture
@@ -28,10 +28,10 @@ def packages(tmp_path, monkeypatch):
         "models/unused.py": "y = 1\n",
         "models/robots/arm/robot.yaml": "mass: 1\n",
         "systems/__init__.py": "",
-        "systems/block.py": "def f():\n    from models import deep\n    return deep.x\n",
+        "systems/block.py": "from wrenchsight.models import deep\n",
         "analyses/__init__.py": "",
-        "analyses/one.py": "import numpy\nfrom systems.block import f\n",
-        "analyses/two.py": "import models.unused\n",
+        "analyses/one.py": "import numpy\nfrom wrenchsight.systems.block import f\n",
+        "analyses/two.py": "import wrenchsight.models.unused\n",
         "analyses/study.py": "",
         "analyses/stored_result.py": "",
         "analyses/templates/report.html": "",
@@ -61,24 +61,24 @@ def packages(tmp_path, monkeypatch):
     ],
 )
 def test_what_is_reached_by_imports_counts(packages, changed, counts):
-    before = software_hash("analyses.one")
-    assert software_hash("analyses.one") == before
+    before = software_hash("wrenchsight.analyses.one")
+    assert software_hash("wrenchsight.analyses.one") == before
     with (packages / changed).open("a") as file:
         file.write("# changed\n")
-    assert (software_hash("analyses.one") != before) is counts
+    assert (software_hash("wrenchsight.analyses.one") != before) is counts
 
 
 def test_a_new_data_file_counts(packages):
-    before = software_hash("analyses.one")
+    before = software_hash("wrenchsight.analyses.one")
     (packages / "models" / "new.yaml").touch()
-    assert software_hash("analyses.one") != before
+    assert software_hash("wrenchsight.analyses.one") != before
 
 
 def test_a_file_that_cannot_be_parsed_counts_by_its_content(packages):
     (packages / "models" / "deep.py").write_text("def (")
-    before = software_hash("analyses.one")
+    before = software_hash("wrenchsight.analyses.one")
     (packages / "models" / "deep.py").write_text("def ((")
-    assert software_hash("analyses.one") != before
+    assert software_hash("wrenchsight.analyses.one") != before
 
 
 @pytest.mark.slow
@@ -93,7 +93,7 @@ def test_all_that_a_run_really_imports_is_found():
     result = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=ROOT
     )
-    loaded = {Path(line) for line in result.stdout.splitlines()}
+    loaded = {Path(line).resolve() for line in result.stdout.splitlines()}
     packages = [ROOT / package for package in module.PACKAGES]
     ours = {file for file in loaded if any(file.is_relative_to(p) for p in packages)}
     assert len(ours) > 20
@@ -122,12 +122,12 @@ def test_a_folder_is_its_names_and_contents(tmp_path):
 
 def test_the_difference_is_named(packages, tmp_path):
     options = {"seed": 0, "quick": False}
-    one = fingerprint("analyses.one", tmp_path, ["models"], **options)
+    one = fingerprint("wrenchsight.analyses.one", tmp_path, ["models"], **options)
     assert difference(one, one) == ""
     assert "seed" in difference(one, one | {"seed": 1})
     assert "library" in difference(one, one | {"libraries": {}})
     assert "software" in difference({}, {"software": "x"})
     (tmp_path / "models" / "log.csv").touch()  # data and software at once: the software first
     assert "software" in difference(
-        one, fingerprint("analyses.one", tmp_path, ["models"], **options)
+        one, fingerprint("wrenchsight.analyses.one", tmp_path, ["models"], **options)
     )

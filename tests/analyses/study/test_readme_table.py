@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from analyses.output.outputs import OutputFolder
-from analyses.study import readme_table
-from analyses.study.readme_table import (
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.study import readme_table
+from wrenchsight.analyses.study.readme_table import (
     BEGIN,
     END,
     FEWEST_WORLDS,
@@ -23,7 +23,7 @@ from analyses.study.readme_table import (
     shown_rows,
     together,
 )
-from models.files.input_error import InputError
+from wrenchsight.models.files.input_error import InputError
 
 README = f"# Title\n\n{BEGIN}\nold\n{END}\n\nAfter ü.\n"
 
@@ -152,7 +152,13 @@ def test_a_folder_without_results_is_named(tmp_path, content, capsys):
 
 
 def test_it_runs_as_a_module(study, readme):
-    command = [sys.executable, "-m", "analyses.study.readme_table", str(study), str(readme)]
+    command = [
+        sys.executable,
+        "-m",
+        "wrenchsight.analyses.study.readme_table",
+        str(study),
+        str(readme),
+    ]
     result = subprocess.run(command, capture_output=True, text=True, check=True)
     assert "filled" in result.stdout
     assert "24.86" in readme.read_text(encoding="utf-8")

@@ -6,13 +6,13 @@ from importlib.metadata import EntryPoint
 
 import pytest
 
-from analyses.study import registry
-from analyses.study.registry import REGISTRY, ExperimentRegistry, read_entry
-from analyses.study.study import run_study
-from models.files.input_error import InputError
+from wrenchsight.analyses.study import registry
+from wrenchsight.analyses.study.registry import REGISTRY, ExperimentRegistry, read_entry
+from wrenchsight.analyses.study.study import run_study
+from wrenchsight.models.files.input_error import InputError
 
 _MODULE = """
-from analyses.study.experiment import ComparisonRow, Experiment, ExperimentResult
+from wrenchsight.analyses.study.experiment import ComparisonRow, Experiment, ExperimentResult
 
 def run(context):
     return ExperimentResult(

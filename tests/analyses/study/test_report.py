@@ -6,10 +6,10 @@ from urllib.parse import unquote
 
 import pytest
 
-from analyses.output.figures import new_figure
-from analyses.output.outputs import OutputFolder
-from analyses.study.outcome import Outcome, StudySettings, look_up
-from analyses.study.report import comparisons, number, write_report
+from wrenchsight.analyses.output.figures import new_figure
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.study.outcome import Outcome, StudySettings, look_up
+from wrenchsight.analyses.study.report import comparisons, number, write_report
 
 METRICS = {
     "initial": {"max_error_y_n": 24.71234, "max_jcn": None},

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analyses.study import shared_results
-from analyses.study.shared_results import digest, shared, sharing_in
+from wrenchsight.analyses.study import shared_results
+from wrenchsight.analyses.study.shared_results import digest, shared, sharing_in
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def test_who_asks_meanwhile_waits_for_the_other_process(tmp_path):
     program = """
 import sys, time
 from pathlib import Path
-from analyses.study.shared_results import shared, sharing_in
+from wrenchsight.analyses.study.shared_results import shared, sharing_in
 folder = Path(sys.argv[1])
 def compute():
     with (folder / "calls").open("a") as file:
@@ -123,7 +123,8 @@ def test_unlike_values_have_unlike_digests(one, other):
 
 def test_a_robot_s_digest_is_its_own_in_every_process(sts, ur10e):
     program = (
-        "from analyses.study.shared_results import digest; from models.robot.robot import Robot; "
+        "from wrenchsight.analyses.study.shared_results import digest; "
+        "from wrenchsight.models.robot.robot import Robot; "
         "r = Robot.load('ur10e'); r.chain; print(digest(r))"
     )
     root = Path(shared_results.__file__).parents[2]

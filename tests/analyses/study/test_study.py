@@ -12,23 +12,23 @@ from pathlib import Path
 import pytest
 import yaml
 
-from analyses.output.outputs import OutputFolder
-from analyses.output.progress import Progress
-from analyses.output.sole_writer import sole_writer
-from analyses.study import study
-from analyses.study.registry import REGISTRY
-from analyses.study.study import check_names, run_study
-from models.files.input_error import InputError
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.progress import Progress
+from wrenchsight.analyses.output.sole_writer import sole_writer
+from wrenchsight.analyses.study import study
+from wrenchsight.analyses.study.registry import REGISTRY
+from wrenchsight.analyses.study.study import check_names, run_study
+from wrenchsight.models.files.input_error import InputError
 
 _MODULE = """
 from pathlib import Path
 import os, sys, time
 from dataclasses import replace
 import numpy as np
-from analyses.study.experiment import (
+from wrenchsight.analyses.study.experiment import (
     ComparisonRow, Experiment, ExperimentContext, ExperimentResult, FigureFile
 )
-from models.files.input_error import InputError
+from wrenchsight.models.files.input_error import InputError
 
 def run(context: ExperimentContext) -> ExperimentResult:
 {body}
@@ -109,7 +109,7 @@ def test_the_names_of_the_first_experiments_are_known():
 
 def test_listing_names_imports_nothing_heavy():
     program = (
-        "import sys; import analyses.study.study; "
+        "import sys; import wrenchsight.analyses.study.study; "
         "heavy = ('pydrake', 'numba', 'torch', 'scipy', 'matplotlib', 'jinja2', 'rich'); "
         "print([name for name in heavy if name in sys.modules])"
     )
@@ -563,7 +563,7 @@ from pathlib import Path
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background ignores it
 sys.path.insert(0, {str(module_folder)!r})
 if __name__ == "__main__":
-    from analyses.study import registry, study
+    from wrenchsight.analyses.study import registry, study
     registry.REGISTRY.register("fake_slow")
     study.run_study(["slow"], Path({str(tmp_path / "study")!r}), Path("."))
 """

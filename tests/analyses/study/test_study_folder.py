@@ -5,10 +5,10 @@ import signal
 
 import pytest
 
-from analyses.output.outputs import OutputFolder
-from analyses.output.result_marker import MARKER, ResultMarker
-from analyses.study.study_folder import StudyFolder, mark_experiment
-from models.files.input_error import InputError
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.result_marker import MARKER, ResultMarker
+from wrenchsight.analyses.study.study_folder import StudyFolder, mark_experiment
+from wrenchsight.models.files.input_error import InputError
 
 NAMES = ("one", "two")
 

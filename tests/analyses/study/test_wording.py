@@ -2,7 +2,7 @@
 
 import pytest
 
-from analyses.study.wording import change, change_between, compared, listed
+from wrenchsight.analyses.study.wording import change, change_between, compared, listed
 
 
 def test_a_reduction_is_less_or_more():

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from pydrake.multibody.plant import MultibodyPlant
 
-from diagrams.distances.clearance import INFLUENCE, Clearance, workpiece_clearance
-from diagrams.scenario import BladeConfig, PlateConfig
-from models.robot.robot_config import PoseConfig
+from wrenchsight.diagrams.distances.clearance import INFLUENCE, Clearance, workpiece_clearance
+from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig
+from wrenchsight.models.robot.robot_config import PoseConfig
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from package_meshes import PackageMeshes
 
-from diagrams.distances.clearance import Clearance
-from models.robot.robot import Robot
+from wrenchsight.diagrams.distances.clearance import Clearance
+from wrenchsight.models.robot.robot import Robot
 
 
 @pytest.fixture(scope="module")
@@ -44,8 +44,8 @@ def test_hulls_are_never_farther_apart_than_their_meshes(ur5: Robot) -> None:
 def test_a_shape_that_is_lost_is_named(
     wheel_robot: Callable[[str], Robot], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from models.robot import collision_meshes
-    from models.robot.convex_hulls import UnusableMeshError, hull_file
+    from wrenchsight.models.robot import collision_meshes
+    from wrenchsight.models.robot.convex_hulls import UnusableMeshError, hull_file
 
     def without_forearm(mesh: Path) -> Path:
         if mesh.name == "forearm.stl":

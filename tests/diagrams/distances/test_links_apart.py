@@ -7,18 +7,18 @@ import pytest
 from pydrake.geometry import Meshcat, Role
 from pydrake.systems.analysis import Simulator
 
-import diagrams.closed_loop
-from diagrams.closed_loop import make_closed_loop
-from diagrams.distances.clearance import workpiece_clearance, workpiece_distances
-from diagrams.distances.links_apart import KEPT, links_apart
-from diagrams.machining import make_machining_path
-from diagrams.robot_cell import make_robot_cell
-from diagrams.scenario import PlateConfig, load_scenario
-from models.control.wrench_script import WrenchStep
-from models.files.input_error import InputError
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.identified_model import IdentifiedModel
-from models.robot.robot import Robot
+import wrenchsight.diagrams.closed_loop
+from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.distances.clearance import workpiece_clearance, workpiece_distances
+from wrenchsight.diagrams.distances.links_apart import KEPT, links_apart
+from wrenchsight.diagrams.machining import make_machining_path
+from wrenchsight.diagrams.robot_cell import make_robot_cell
+from wrenchsight.diagrams.scenario import PlateConfig, load_scenario
+from wrenchsight.models.control.wrench_script import WrenchStep
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.robot.robot import Robot
 
 TOOL = "polishing_tool"
 
@@ -105,7 +105,9 @@ def test_the_loop_leaves_them_out_and_its_numbers_stay(hard, polishing, monkeypa
     plan, logs = make_machining_path(polishing, hard), []
     for kept in (False, True):
         if kept:
-            monkeypatch.setattr(diagrams.closed_loop, "links_apart", lambda *_: frozenset())
+            monkeypatch.setattr(
+                wrenchsight.diagrams.closed_loop, "links_apart", lambda *_: frozenset()
+            )
         loop = make_closed_loop(polishing, hard, model, machining_path=plan, fused=True)
         assert ("link_3_collision_0" in solid_shapes(loop)) is kept
         assert {f"{TOOL}_collision_0", f"{TOOL}_collision_1", "workpiece"} <= solid_shapes(loop)

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagrams.distances.machining_way import overlaps, postures_of_pass
-from diagrams.machining import make_machining_path
-from diagrams.scenario import PlateConfig, Scenario, load_scenario
-from models.files.input_error import InputError
-from models.machining.machining_path import MachiningPath
-from models.robot.robot import Robot
+from wrenchsight.diagrams.distances.machining_way import overlaps, postures_of_pass
+from wrenchsight.diagrams.machining import make_machining_path
+from wrenchsight.diagrams.scenario import PlateConfig, Scenario, load_scenario
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.machining.machining_path import MachiningPath
+from wrenchsight.models.robot.robot import Robot
 
 
 @pytest.fixture(scope="module")

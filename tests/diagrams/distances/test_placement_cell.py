@@ -2,18 +2,22 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from diagrams.distances.placement_cell import (
+from wrenchsight.diagrams.distances.placement_cell import (
     PlacementCell,
     obstacle_corners,
     workpiece_corners,
     workpiece_rotation,
 )
-from models.arrays import Array
-from models.placement.placement_descent import PlacementBatch
-from models.placement.placement_program import quaternion_from, rotation_of
-from models.placement.placement_task import ClearanceConfig, ObstacleConfig, WorkpieceConfig
-from models.robot.robot import Robot
-from models.robot.robot_config import PoseConfig
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.placement.placement_descent import PlacementBatch
+from wrenchsight.models.placement.placement_program import quaternion_from, rotation_of
+from wrenchsight.models.placement.placement_task import (
+    ClearanceConfig,
+    ObstacleConfig,
+    WorkpieceConfig,
+)
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import PoseConfig
 
 # A posture with the tool straight down, well clear of itself.
 Q_DOWN = np.array([0.3, -1.07999, -0.12099, 0.0, -0.3698163267948966, 0.2])

@@ -3,10 +3,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagrams.pages.arm_picture import colour_scale, scale_legend
-from diagrams.pages.path_page import PathMotion, TriangleMesh, write_path_page
-from models.files.input_error import InputError
-from models.robot.robot import Robot
+from wrenchsight.diagrams.pages.arm_picture import colour_scale, scale_legend
+from wrenchsight.diagrams.pages.path_page import PathMotion, TriangleMesh, write_path_page
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.robot import Robot
 
 
 def test_a_page_with_both_motions_is_written_whole(sts: Robot, tmp_path: Path) -> None:

@@ -4,11 +4,16 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from diagrams.closed_loop import make_closed_loop
-from diagrams.pages.run_page import FORCE_ARROWS, make_meshcat, start_animation, write_page
-from diagrams.scenario import load_scenario
-from models.files.input_error import InputError
-from models.identification.identified_model import IdentifiedModel
+from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.pages.run_page import (
+    FORCE_ARROWS,
+    make_meshcat,
+    start_animation,
+    write_page,
+)
+from wrenchsight.diagrams.scenario import load_scenario
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.identification.identified_model import IdentifiedModel
 
 
 def test_a_run_becomes_one_page_with_arm_arrows_and_legend(sts, tmp_path):

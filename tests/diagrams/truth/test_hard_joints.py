@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from diagrams.closed_loop import make_closed_loop
-from diagrams.robot_cell import make_robot_cell
-from diagrams.scenario import PlateConfig, Scenario
-from diagrams.truth.hard_joints import hard_joints
-from models.control.wrench_script import WrenchStep
-from models.identification.identified_model import IdentifiedModel
-from models.robot.robot import Robot
-from models.robot.robot_config import PoseConfig
-from models.robot.truth_config import MechanismsConfig, MotorConfig
-from models.truth.true_robot import plain_truth
+from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.robot_cell import make_robot_cell
+from wrenchsight.diagrams.scenario import PlateConfig, Scenario
+from wrenchsight.diagrams.truth.hard_joints import hard_joints
+from wrenchsight.models.control.wrench_script import WrenchStep
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import PoseConfig
+from wrenchsight.models.robot.truth_config import MechanismsConfig, MotorConfig
+from wrenchsight.models.truth.true_robot import plain_truth
 
 
 @pytest.fixture(scope="module")

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from diagrams.robot_cell import make_robot_cell
-from diagrams.scenario import load_scenario
-from models.robot.robot import Robot
+from wrenchsight.diagrams.robot_cell import make_robot_cell
+from wrenchsight.diagrams.scenario import load_scenario
+from wrenchsight.models.robot.robot import Robot
 
 
 def test_drives_give_no_more_current_than_they_can_as_in_many_blocks():

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from models.identification.fitted_robot import FittedRobot
-from models.identification.identified_model import IdentifiedModel
-from models.recordings.recording import Recording
-from models.recordings.recording_writer import write_recording
-from models.robot.robot import Robot
+from wrenchsight.models.identification.fitted_robot import FittedRobot
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_writer import write_recording
+from wrenchsight.models.robot.robot import Robot
 
 _BUNDLED = Path(__file__).parents[3] / "models" / "robots" / "sts_sre4_600"
 LOG_FORMAT = """\

@@ -161,7 +161,7 @@ def _warm_up(question: dict[str, Any]) -> dict[str, Any]:
 def main() -> None:
     """Answers questions until there are no more; its arguments are modules with experiments."""
     for module in sys.argv[1:]:
-        from analyses.study.registry import REGISTRY
+        from wrenchsight.analyses.study.registry import REGISTRY
 
         REGISTRY.register(module)
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -11,10 +11,10 @@ import numpy as np
 from fuzzing.cases import Case
 from fuzzing.clean_inputs import CleanInputs
 from fuzzing.sandbox import Ending
-from models.arrays import Array
-from models.observers.sample_check import TORQUE_MARGIN
-from models.recordings.recording_reader import read_recording
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.observers.sample_check import TORQUE_MARGIN
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.robot.robot import Robot
 
 LOGS = ("csv", "parquet", "npz", "mcap")  # kinds of cases whose reading is compared
 

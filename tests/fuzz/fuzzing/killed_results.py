@@ -6,13 +6,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from pathlib import Path
 
-from analyses.campaign.campaign_store import PARTS, read_table
-from analyses.output.marked_page import refuse_unmarked
-from analyses.output.result_folder import STAGING, recover
-from analyses.output.result_marker import MARKER, ResultMarker, strangers, visible_files
-from analyses.study.stored_result import DamagedResultError, read_result
-from analyses.study.study_folder import StudyFolder
-from models.files.input_error import InputError
+from wrenchsight.analyses.campaign.campaign_store import PARTS, read_table
+from wrenchsight.analyses.output.marked_page import refuse_unmarked
+from wrenchsight.analyses.output.result_folder import STAGING, recover
+from wrenchsight.analyses.output.result_marker import MARKER, ResultMarker, strangers, visible_files
+from wrenchsight.analyses.study.stored_result import DamagedResultError, read_result
+from wrenchsight.analyses.study.study_folder import StudyFolder
+from wrenchsight.models.files.input_error import InputError
 
 
 class Results(ABC):

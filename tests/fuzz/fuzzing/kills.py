@@ -22,7 +22,7 @@ from pathlib import Path
 from fuzzing.clean_inputs import make_clean_inputs, motion
 from fuzzing.killed_results import CampaignFolder, Draft, Folder, Page, Results, StudyResults
 from fuzzing.sandbox import Ending, Sandbox
-from models.recordings.recording_writer import write_recording
+from wrenchsight.models.recordings.recording_writer import write_recording
 
 _ROOT = Path(__file__).parents[3]
 _ENDS = (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP)

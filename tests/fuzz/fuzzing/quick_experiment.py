@@ -4,14 +4,14 @@ import time
 
 import numpy as np
 
-from analyses.study.experiment import (
+from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
     FigureFile,
 )
-from analyses.study.shared_results import shared
+from wrenchsight.analyses.study.shared_results import shared
 
 
 def run(context: ExperimentContext) -> ExperimentResult:

@@ -18,13 +18,13 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.estimation.wrench_kernels import METHODS
-from models.identification.identified_model import IdentifiedModel
-from models.identification.torque_error_model import TorqueErrorModel
-from models.observers.observer_kinds import OBSERVERS, kind_name
-from models.robot.robot import Robot
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.estimation.wrench_kernels import METHODS
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
+from wrenchsight.models.observers.observer_kinds import OBSERVERS, kind_name
+from wrenchsight.models.robot.robot import Robot
 
 Array = NDArray[np.float64]
 T = 0.002

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.calibration.friction_disagreement import friction_disagreements
-from models.calibration.residual_noise import ResidualNoise, ResidualRows
-from models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.calibration.friction_disagreement import friction_disagreements
+from wrenchsight.models.calibration.residual_noise import ResidualNoise, ResidualRows
+from wrenchsight.models.friction.velocity_friction import CoulombViscous
 
 LAW = CoulombViscous(np.array([15.0, 3.0]), np.array([20.0, 3.0]), np.zeros(2))
 NAMES = ("shoulder", "wrist")

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.calibration.friction_refresh import FrictionDrift, refresh_friction
-from models.calibration.residual_noise import ResidualNoise, ResidualRows
-from models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.calibration.friction_refresh import FrictionDrift, refresh_friction
+from wrenchsight.models.calibration.residual_noise import ResidualNoise, ResidualRows
+from wrenchsight.models.friction.velocity_friction import CoulombViscous
 
 NOISE = ResidualNoise()
 LAW = CoulombViscous(np.array([15.0, 3.0]), np.array([20.0, 3.0]), np.array([0.1, 0.0]))

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.calibration.gain_calibration import (
+from wrenchsight.models.calibration.gain_calibration import (
     GAIN_SD,
     CalibrationLog,
     GainProblem,
     KnownLoad,
 )
-from models.calibration.load_parameters import body_parameters, load_columns
-from models.calibration.residual_noise import ResidualNoise, ResidualRows
-from models.friction.friction_structure import FrictionStructure
+from wrenchsight.models.calibration.load_parameters import body_parameters, load_columns
+from wrenchsight.models.calibration.residual_noise import ResidualNoise, ResidualRows
+from wrenchsight.models.friction.friction_structure import FrictionStructure
 
 NOISE = ResidualNoise()
 SD = np.array([1.0, 1.0, 0.6, 0.2, 0.2, 0.15])

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.calibration.gravity_disagreement import GravityWatch
+from wrenchsight.models.calibration.gravity_disagreement import GravityWatch
 
 T = 0.01
 

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.calibration.load_identification import (
+from wrenchsight.models.calibration.load_identification import (
     LoadPrior,
     LoadRows,
     estimate_load,
 )
-from models.calibration.load_parameters import body_parameters, load_columns
-from models.calibration.residual_noise import ResidualNoise, ResidualRows
-from models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.calibration.load_parameters import body_parameters, load_columns
+from wrenchsight.models.calibration.residual_noise import ResidualNoise, ResidualRows
+from wrenchsight.models.friction.velocity_friction import CoulombViscous
 
 NOISE = ResidualNoise()
 SD = np.array([1.0, 1.0, 0.6, 0.2, 0.2, 0.15])

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from models.calibration.load_parameters import (
+from wrenchsight.models.calibration.load_parameters import (
     body_parameters,
     flange_map,
     inertia_matrix,
@@ -13,7 +13,7 @@ from models.calibration.load_parameters import (
     parameters_of,
     realisable_inertia,
 )
-from models.identification.physical_consistency import pseudo_inertia
+from wrenchsight.models.identification.physical_consistency import pseudo_inertia
 
 MASS, COM = 2.8, np.array([0.03, -0.12, 0.18])
 INERTIA = np.array([[0.021, 0.002, -0.003], [0.002, 0.03, 0.001], [-0.003, 0.001, 0.018]])

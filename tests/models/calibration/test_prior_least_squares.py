@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from models.calibration.prior_least_squares import FREEDOM, fit_with_prior
+from wrenchsight.models.calibration.prior_least_squares import FREEDOM, fit_with_prior
 
 RNG = np.random.default_rng(5)
 A = [RNG.normal(size=(60, 3)), RNG.normal(size=(40, 3))]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from models.calibration.residual_noise import BLOCK, V_REST, ResidualNoise, ResidualRows
+from wrenchsight.models.calibration.residual_noise import BLOCK, V_REST, ResidualNoise, ResidualRows
 
 NOISE = ResidualNoise()
 

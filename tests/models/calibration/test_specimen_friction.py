@@ -3,9 +3,13 @@
 import numpy as np
 import pytest
 
-from models.calibration.specimen_friction import SlidingRows, SpecimenPrior, fit_specimen
-from models.friction.presliding_friction import PreslidingFriction
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.calibration.specimen_friction import (
+    SlidingRows,
+    SpecimenPrior,
+    fit_specimen,
+)
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 
 _KNOWN = PreslidingFriction(
     SemiParametricFriction(CoulombViscous(np.zeros(2), np.array([20.0, 3.0]), np.zeros(2))),

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.contact.contact_force import (
+from wrenchsight.models.contact.contact_force import (
     SIGMA_95,
     ContactForceConfig,
     FrictionErrorConfig,

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from models.contact.torque_blocks import known_parts, motion_terms, torque_blocks
-from models.friction.presliding_friction import PreslidingFriction
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.robot.robot import Robot
+from wrenchsight.models.contact.torque_blocks import known_parts, motion_terms, torque_blocks
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.robot.robot import Robot
 
 _STEP = 0.002
 _N = 400

@@ -2,13 +2,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from models.control.impedance import (
+from wrenchsight.models.control.impedance import (
     impedance_action,
     impedance_torque,
     impedance_wrench,
     pose_error,
 )
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 
 RANDOM = np.random.default_rng(4)
 COUPLED = RANDOM.normal(size=(6, 6))

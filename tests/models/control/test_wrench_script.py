@@ -1,8 +1,14 @@
 import numpy as np
 import pytest
 
-from models.control.wrench_script import HandPush, WrenchRamp, WrenchScript, WrenchSine, WrenchStep
-from models.files.input_error import InputError
+from wrenchsight.models.control.wrench_script import (
+    HandPush,
+    WrenchRamp,
+    WrenchScript,
+    WrenchSine,
+    WrenchStep,
+)
+from wrenchsight.models.files.input_error import InputError
 
 
 def sampled(script, t):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from models.detection.contact_detector import (
+from wrenchsight.models.detection.contact_detector import (
     MISFIT_RATE,
     OTHER_DAYS,
     ContactDetectionConfig,
@@ -14,8 +14,8 @@ from models.detection.contact_detector import (
     Detection,
     initial_state,
 )
-from models.detection.contact_noise_fit import fit_contact_noise
-from models.detection.contact_statistic import (
+from wrenchsight.models.detection.contact_noise_fit import fit_contact_noise
+from wrenchsight.models.detection.contact_statistic import (
     ANEW,
     MEAN_LEVEL,
     MISFIT_LEVEL,
@@ -25,15 +25,15 @@ from models.detection.contact_statistic import (
     SAMPLE_RELEASE,
     WINDOW,
 )
-from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.contact_noise import ContactNoise
-from models.identification.identified_model import IdentifiedModel, Validity
-from models.identification.torque_error_fit import HeldOutReading
-from models.identification.torque_error_model import TorqueErrorModel
-from models.observers.momentum_observer import MomentumObserverConfig
-from models.signals.exceedance_tail import ExceedanceTail, peaks_above
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.contact_noise import ContactNoise
+from wrenchsight.models.identification.identified_model import IdentifiedModel, Validity
+from wrenchsight.models.identification.torque_error_fit import HeldOutReading
+from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.signals.exceedance_tail import ExceedanceTail, peaks_above
 
 N, T = 6, 0.01
 SD = np.array([1.0, 1.0, 0.6, 0.2, 0.2, 0.1])

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from models.detection.contact_detector import upper_whitening
-from models.detection.contact_statistic import UNKNOWN_MOMENT, jolts, misfit_square
+from wrenchsight.models.detection.contact_detector import upper_whitening
+from wrenchsight.models.detection.contact_statistic import UNKNOWN_MOMENT, jolts, misfit_square
 
 
 def covariance(n, seed=0):

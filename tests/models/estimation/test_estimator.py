@@ -7,20 +7,20 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from models.arrays import Array
-from models.estimation.estimator import Taught, WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.wrench import WrenchReconstructionConfig, live_prior
-from models.estimation.wrench_kernels import METHODS
-from models.files.input_error import InputError
-from models.friction.coupled_friction import CoupledFriction
-from models.friction.friction_network import FrictionNetworks
-from models.friction.presliding_friction import PreslidingFriction
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.identified_model import IdentifiedModel
-from models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
-from models.observers.sample_check import CHECK_ROWS
-from models.robot.motors import torque_to_current
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.estimator import Taught, WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior
+from wrenchsight.models.estimation.wrench_kernels import METHODS
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.coupled_friction import CoupledFriction
+from wrenchsight.models.friction.friction_network import FrictionNetworks
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
+from wrenchsight.models.observers.sample_check import CHECK_ROWS
+from wrenchsight.models.robot.motors import torque_to_current
+from wrenchsight.models.robot.robot import Robot
 
 T = 0.002
 CONFIG = WrenchEstimatorConfig(MomentumObserverConfig([20.0], T))

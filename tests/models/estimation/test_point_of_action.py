@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.estimation.point_of_action import find_point_of_action, jacobian_at
+from wrenchsight.models.estimation.point_of_action import find_point_of_action, jacobian_at
 
 
 @pytest.fixture(scope="module")

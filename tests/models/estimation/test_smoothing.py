@@ -6,22 +6,26 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from models.estimation import smoothing
-from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.smoothing import DRIFT_TIME, WrenchSmoother, smoothed_estimate
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.identified_model import IdentifiedModel
-from models.identification.torque_error_model import TORQUE_ERROR_ROWS, TorqueErrorModel
-from models.observers.fixed_interval import BLOW_GAIN, LIKELIER
-from models.observers.force_changes import IntervalSmoother
-from models.observers.kalman_observer import (
+from wrenchsight.models.estimation import smoothing
+from wrenchsight.models.estimation.estimator import (
+    EstimateBatch,
+    WrenchEstimator,
+    WrenchEstimatorConfig,
+)
+from wrenchsight.models.estimation.smoothing import DRIFT_TIME, WrenchSmoother, smoothed_estimate
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.identification.torque_error_model import TORQUE_ERROR_ROWS, TorqueErrorModel
+from wrenchsight.models.observers.fixed_interval import BLOW_GAIN, LIKELIER
+from wrenchsight.models.observers.force_changes import IntervalSmoother
+from wrenchsight.models.observers.kalman_observer import (
     WHITE_SHARE,
     KalmanObserver,
     KalmanObserverConfig,
     changing_wrench,
 )
-from models.observers.observer import (
+from wrenchsight.models.observers.observer import (
     CTV,
     GRAVITY,
     MOMENTUM,
@@ -31,8 +35,8 @@ from models.observers.observer import (
     Q,
     V,
 )
-from models.robot.motors import motor_gain
-from models.robot.robot import Robot
+from wrenchsight.models.robot.motors import motor_gain
+from wrenchsight.models.robot.robot import Robot
 
 STEP = 0.01
 FORCE = np.array([12.0, -7.0, 20.0])

@@ -7,21 +7,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.arrays import Array
-from models.estimation.evidence_prior import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.evidence_prior import (
     FORCE_SD_RANGE,
     MOMENT_SD_RANGE,
     evidence_prior,
     evidence_prior_and_noise,
 )
-from models.estimation.wrench import (
+from wrenchsight.models.estimation.wrench import (
     WrenchReconstruction,
     WrenchReconstructionConfig,
     live_prior,
     reconstruct_wrench,
 )
-from models.estimation.wrench_kernels import METHODS, reconstruct
-from models.rigid_body.conditioning import condition_number
+from wrenchsight.models.estimation.wrench_kernels import METHODS, reconstruct
+from wrenchsight.models.rigid_body.conditioning import condition_number
 
 
 def jacobians(count: int, n: int = 6, seed: int = 1) -> Array:

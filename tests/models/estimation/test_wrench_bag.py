@@ -9,8 +9,8 @@ import pytest
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
-from models.estimation.wrench_bag import FRAME, WrenchBagWriter, read_wrench_bag
-from models.files.input_error import InputError
+from wrenchsight.models.estimation.wrench_bag import FRAME, WrenchBagWriter, read_wrench_bag
+from wrenchsight.models.files.input_error import InputError
 
 _ROWS = 300
 

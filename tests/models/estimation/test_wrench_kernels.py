@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.arrays import Array
-from models.estimation.wrench import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.wrench import (
     UNKNOWN_SD,
     WrenchEstimate,
     WrenchReconstruction,

@@ -6,14 +6,14 @@ import numpy as np
 import pyarrow.parquet as pa_parquet
 import pytest
 
-from models.estimation.wrench_table import (
+from wrenchsight.models.estimation.wrench_table import (
     COLUMNS,
     COVARIANCE,
     FLAGS,
     WrenchTableWriter,
     columns_of,
 )
-from models.files.input_error import InputError
+from wrenchsight.models.files.input_error import InputError
 
 
 def _rows(num_rows: int, seed: int = 0) -> tuple:

@@ -5,14 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.excitation.excitation_information import (
+from wrenchsight.models.excitation.excitation_information import (
     MEASURES,
     ExcitationInformation,
     regressor_pull_back,
 )
-from models.excitation.excitation_limits import ExcitationLimits
-from models.excitation.excitation_program import ExcitationProgram, MotionBounds, torque_gradients
-from models.files.input_error import InputError
+from wrenchsight.models.excitation.excitation_limits import ExcitationLimits
+from wrenchsight.models.excitation.excitation_program import (
+    ExcitationProgram,
+    MotionBounds,
+    torque_gradients,
+)
+from wrenchsight.models.files.input_error import InputError
 
 
 @pytest.fixture(scope="module")

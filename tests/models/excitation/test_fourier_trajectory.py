@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
-from models.excitation.fourier_trajectory import FourierTrajectory, between_samples
-from models.files.configuration import save_configuration
-from models.files.input_error import InputError
+from wrenchsight.models.excitation.fourier_trajectory import FourierTrajectory, between_samples
+from wrenchsight.models.files.configuration import save_configuration
+from wrenchsight.models.files.input_error import InputError
 
 
 def trajectory(seed=0, n=3, harmonics=5, base_frequency=0.2):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from models.excitation.friction_reversal import reversal_motion, separate
-from models.files.input_error import InputError
+from wrenchsight.models.excitation.friction_reversal import reversal_motion, separate
+from wrenchsight.models.files.input_error import InputError
 
 
 def friction(v):

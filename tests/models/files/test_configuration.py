@@ -4,8 +4,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.files.configuration import REQUIRED, load_configuration, nearest, save_configuration
-from models.files.input_error import InputError
+from wrenchsight.models.files.configuration import (
+    REQUIRED,
+    load_configuration,
+    nearest,
+    save_configuration,
+)
+from wrenchsight.models.files.input_error import InputError
 
 
 @dataclass

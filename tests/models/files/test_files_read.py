@@ -8,11 +8,15 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from models.files.files_read import about_to_read, remembering_files_read, told_of_files_read
-from models.files.input_error import InputError
-from models.motion.surface_path import SurfacePath
-from models.recordings.recording_reader import read_recording
-from models.robot.robot import Robot
+from wrenchsight.models.files.files_read import (
+    about_to_read,
+    remembering_files_read,
+    told_of_files_read,
+)
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.motion.surface_path import SurfacePath
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.robot.robot import Robot
 
 
 def _told(read) -> list[str]:

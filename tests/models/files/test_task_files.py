@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from models.files.input_error import InputError
-from models.files.task_files import bundled_tasks, task_file
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.task_files import bundled_tasks, task_file
 
 
 def test_a_bundled_name_gives_its_file() -> None:

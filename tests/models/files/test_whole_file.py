@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from models.files.input_error import InputError
-from models.files.whole_file import whole_file, writing_to
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.whole_file import whole_file, writing_to
 
 
 def test_the_file_appears_at_the_end(tmp_path: Path) -> None:
@@ -52,7 +52,7 @@ def test_a_full_disk_is_one_line() -> None:
 def test_what_a_kill_left_is_removed(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     code = (
-        "import os, sys\nfrom models.files.whole_file import whole_file\n"
+        "import os, sys\nfrom wrenchsight.models.files.whole_file import whole_file\n"
         "with whole_file(sys.argv[1]) as partial:\n    os.kill(os.getpid(), 9)\n"
     )
     subprocess.run([sys.executable, "-c", code, str(path)], check=False)
@@ -69,7 +69,7 @@ def test_what_a_kill_left_is_removed(tmp_path: Path) -> None:
 
 def test_what_another_process_is_writing_stays(tmp_path: Path) -> None:
     code = (
-        "import sys\nfrom models.files.whole_file import whole_file\n"
+        "import sys\nfrom wrenchsight.models.files.whole_file import whole_file\n"
         "with whole_file(sys.argv[1]) as partial:\n"
         "    print('ready', flush=True)\n    sys.stdin.readline()\n    partial.write_text('its')\n"
     )

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from models.friction.coupled_friction import CoupledFriction, joint_side
-from models.friction.friction_network import FrictionNetworks
-from models.friction.presliding_friction import PreslidingFriction
-from models.friction.velocity_friction import (
+from wrenchsight.models.friction.coupled_friction import CoupledFriction, joint_side
+from wrenchsight.models.friction.friction_network import FrictionNetworks
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.velocity_friction import (
     CoulombViscous,
     SemiParametricFriction,
     friction_torque,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from models.friction.friction_network import FrictionNetworks
+from wrenchsight.models.friction.friction_network import FrictionNetworks
 
 
 def networks(n: int = 3, h: int = 10, seed: int = 4) -> FrictionNetworks:

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from models.friction.friction_structure import STRUCTURES, FrictionStructure
-from models.friction.presliding_friction import PreslidingFriction
-from models.friction.velocity_friction import SemiParametricFriction
+from wrenchsight.models.friction.friction_structure import STRUCTURES, FrictionStructure
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
 
 N = 3
 

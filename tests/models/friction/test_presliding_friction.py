@@ -5,15 +5,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.friction.friction_network import FrictionNetworks
-from models.friction.presliding_friction import (
+from wrenchsight.models.friction.friction_network import FrictionNetworks
+from wrenchsight.models.friction.presliding_friction import (
     RELAXATION,
     PreslidingFriction,
     add_slip_torque,
     slip_path,
     update_slip,
 )
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 
 N = 2
 VISCOUS, OFFSET = np.array([3.0, 1.0]), np.array([0.2, -0.1])

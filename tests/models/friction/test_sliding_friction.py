@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from numba import njit
 
-from models.friction.extended_friction import ExtendedFriction
-from models.friction.friction_network import FrictionNetworks
-from models.friction.friction_terms import FrictionTerm
-from models.friction.presliding_friction import PreslidingFriction
-from models.friction.sliding_friction import (
+from wrenchsight.models.friction.extended_friction import ExtendedFriction
+from wrenchsight.models.friction.friction_network import FrictionNetworks
+from wrenchsight.models.friction.friction_terms import FrictionTerm
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.sliding_friction import (
     TERMS,
     dry_and_viscous,
     sliding_columns,
     stiction,
     with_sliding,
 )
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 
 SLIDING = CoulombViscous(np.array([5.0, 2.0]), np.array([3.0, 1.0]), np.array([0.3, -0.2]))
 OTHER = CoulombViscous(np.array([6.0, 1.5]), np.array([4.0, 0.5]), np.array([0.1, 0.4]))

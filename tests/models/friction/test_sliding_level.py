@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from models.friction.presliding_friction import PreslidingFriction
-from models.friction.sliding_level import sliding_level, sliding_torque, slip_sides
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.sliding_level import sliding_level, sliding_torque, slip_sides
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 
 
 def test_level_and_side_together_are_the_law() -> None:

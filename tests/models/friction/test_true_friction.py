@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from models.friction.true_friction import (
+from wrenchsight.models.friction.true_friction import (
     DryFriction,
     explicit_friction,
     explicit_torque,

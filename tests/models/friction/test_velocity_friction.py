@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.friction.friction_network import FrictionNetworks
-from models.friction.velocity_friction import (
+from wrenchsight.models.friction.friction_network import FrictionNetworks
+from wrenchsight.models.friction.velocity_friction import (
     CoulombViscous,
     SemiParametricFriction,
     friction_torque,

@@ -3,7 +3,11 @@
 import numpy as np
 import pytest
 
-from models.identification.base_parameters import find_base_parameters, realise, triangular_factor
+from wrenchsight.models.identification.base_parameters import (
+    find_base_parameters,
+    realise,
+    triangular_factor,
+)
 
 
 def regressor(rng, rows=400):

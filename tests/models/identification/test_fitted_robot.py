@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.files.input_error import InputError
-from models.identification.fitted_robot import FittedRobot
-from models.identification.identified_model import IdentifiedModel
-from models.robot.robot import Robot
-from models.robot.robot_config import PoseConfig, RobotConfig, ToolConfig
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.identification.fitted_robot import FittedRobot
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import PoseConfig, RobotConfig, ToolConfig
 
 
 def changed(robot: Robot, config: RobotConfig) -> Robot:

@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 import yaml
 
-from models.files.input_error import InputError
-from models.friction.friction_network import FrictionNetworks
-from models.friction.presliding_friction import PreslidingFriction
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.contact_noise import ContactNoise
-from models.identification.identified_model import (
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.friction_network import FrictionNetworks
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.contact_noise import ContactNoise
+from wrenchsight.models.identification.identified_model import (
     BaseParameterTable,
     IdentifiedModel,
     LogSource,
     Provenance,
     Validity,
 )
-from models.identification.torque_error_model import TorqueErrorModel
-from models.signals.exceedance_tail import ExceedanceTail
+from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
+from wrenchsight.models.signals.exceedance_tail import ExceedanceTail
 
 
 @pytest.fixture(scope="module")
@@ -358,8 +358,8 @@ def test_a_contact_noise_that_cannot_be_is_one_line(model, sts, tmp_path, key, v
 def test_a_model_s_file_holds_every_attribute_of_the_torque_error():
     from dataclasses import fields
 
-    from models.identification import identified_model
-    from models.identification.torque_error_model import TorqueErrorModel
+    from wrenchsight.models.identification import identified_model
+    from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
 
     block = {own.name for own in fields(identified_model._TorqueErrorBlock)}
     assert block == {own.name for own in fields(TorqueErrorModel)}

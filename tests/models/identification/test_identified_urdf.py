@@ -6,7 +6,7 @@ import pytest
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
-from models.identification.identified_urdf import identified_urdf
+from wrenchsight.models.identification.identified_urdf import identified_urdf
 
 
 @pytest.fixture(scope="module")

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from models.friction.friction_structure import FrictionStructure
-from models.identification.base_parameters import find_base_parameters
-from models.identification.physical_consistency import (
+from wrenchsight.models.friction.friction_structure import FrictionStructure
+from wrenchsight.models.identification.base_parameters import find_base_parameters
+from wrenchsight.models.identification.physical_consistency import (
     fit_consistent,
     least_eigenvalues,
     pseudo_inertia,
     unphysical_links,
 )
-from models.identification.torque_regression import (
+from wrenchsight.models.identification.torque_regression import (
     RegressionRows,
     parameter_names,
     parameter_prior,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from models.identification.repetition_error import (
+from wrenchsight.models.identification.repetition_error import (
     REACHES,
     RepetitionError,
     repetition_error,

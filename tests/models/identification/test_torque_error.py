@@ -3,7 +3,7 @@ import itertools
 import numpy as np
 import pytest
 
-from models.identification.torque_error import EDGES, FEWEST, TorqueError
+from wrenchsight.models.identification.torque_error import EDGES, FEWEST, TorqueError
 
 BREAKAWAY = np.array([6.0, 3.0])
 

@@ -6,17 +6,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.arrays import Array
-from models.friction.presliding_friction import PreslidingFriction
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification import torque_error_fit
-from models.identification.torque_error_fit import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification import torque_error_fit
+from wrenchsight.models.identification.torque_error_fit import (
     HeldOutReading,
     _correlation,
     _minus_log_likelihood,
     fit_torque_error,
 )
-from models.identification.torque_error_model import TorqueErrorModel
+from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
 
 N = 2
 STEP = 0.01

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.friction.presliding_friction import PreslidingFriction
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.torque_error_model import (
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.torque_error_model import (
     TORQUE_ERROR_ROWS,
     TorqueErrorModel,
     add_read_load,

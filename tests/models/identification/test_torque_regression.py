@@ -4,9 +4,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from models.friction.velocity_friction import CoulombViscous
-from models.identification.base_parameters import find_base_parameters
-from models.identification.torque_regression import (
+from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.identification.base_parameters import find_base_parameters
+from wrenchsight.models.identification.torque_regression import (
     factorise,
     parameter_names,
     realisation,

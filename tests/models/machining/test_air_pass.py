@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
-from diagrams.machining import make_machining_path
-from diagrams.scenario import load_scenario
-from models.files.input_error import InputError
-from models.machining.air_pass import LEAD, TaughtTorque, raised_motion
+from wrenchsight.diagrams.machining import make_machining_path
+from wrenchsight.diagrams.scenario import load_scenario
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.machining.air_pass import LEAD, TaughtTorque, raised_motion
 
 HEIGHT = 0.005
 

@@ -3,12 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagrams.machining import make_machining_path
-from diagrams.scenario import load_scenario
-from models.files.input_error import InputError
-from models.machining.machining_path import check_curvature
-from models.motion.surface_path import SurfacePath
-from models.robot.robot_config import PoseConfig
+from wrenchsight.diagrams.machining import make_machining_path
+from wrenchsight.diagrams.scenario import load_scenario
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.machining.machining_path import check_curvature
+from wrenchsight.models.motion.surface_path import SurfacePath
+from wrenchsight.models.robot.robot_config import PoseConfig
 
 AWAY = PoseConfig([1.5, 0.0, 0.25], load_scenario("Polishing").workpiece.pose.rpy)
 

@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.files.input_error import InputError
-from models.machining.machining_phases import (
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.machining.machining_phases import (
     FAULT,
     FORCE_THERE,
     PHASE,

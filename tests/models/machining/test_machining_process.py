@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from models.files.input_error import InputError
-from models.machining.machining_process import (
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.machining.machining_process import (
     MachiningProcess,
     ProcessConfig,
     add_unbalance_force,
@@ -13,7 +13,7 @@ from models.machining.machining_process import (
     advance_varying_process,
     cutting_force,
 )
-from models.machining.process_variations import (
+from wrenchsight.models.machining.process_variations import (
     ChatterConfig,
     VariationsConfig,
     WorkpieceContact,

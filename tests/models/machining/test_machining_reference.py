@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from models.machining.machining_phases import (
+from wrenchsight.models.machining.machining_phases import (
     FORCE_THERE,
     PHASE,
     SINCE,
@@ -12,9 +12,9 @@ from models.machining.machining_phases import (
     PhasesConfig,
     initial_state,
 )
-from models.machining.machining_reference import advance_reference, machining_reference
-from models.motion.paths import JointTrajectory
-from models.rigid_body.chain_kernels import SCRATCH_COLUMNS
+from wrenchsight.models.machining.machining_reference import advance_reference, machining_reference
+from wrenchsight.models.motion.paths import JointTrajectory
+from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
 
 PHASES = PhasesConfig()
 T = 1e-3

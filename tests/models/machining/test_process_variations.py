@@ -6,8 +6,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import erf
 
-from models.files.input_error import InputError
-from models.machining.process_variations import (
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.machining.process_variations import (
     ChatterConfig,
     EngagementConfig,
     PatchesConfig,

@@ -3,10 +3,10 @@ import math
 import numpy as np
 import pinocchio
 
-from models.arrays import Array
-from models.motion.branches import all_branches, is_closed_form
-from models.motion.inverse_kinematics import inverse_kinematics
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.motion.branches import all_branches, is_closed_form
+from wrenchsight.models.motion.inverse_kinematics import inverse_kinematics
+from wrenchsight.models.robot.robot import Robot
 
 
 def pinocchio_poses(robot: Robot, q: Array) -> tuple[Array, Array]:

@@ -4,10 +4,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.motion.inverse_kinematics import follow_path, inverse_kinematics
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.motion.inverse_kinematics import follow_path, inverse_kinematics
+from wrenchsight.models.robot.robot import Robot
 
 ARTICLE_R = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
 ARTICLE_POSTURE = np.array([0.0, -0.26, -0.567, 0.0, 0.827, 0.0])

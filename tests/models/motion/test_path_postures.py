@@ -2,18 +2,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from models.arrays import Array
-from models.motion.inverse_kinematics import follow_path, inverse_kinematics
-from models.motion.path_postures import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.motion.inverse_kinematics import follow_path, inverse_kinematics
+from wrenchsight.models.motion.path_postures import (
     correct_paths,
     pull_back,
     solve_poses,
     track_paths,
     wrap_within,
 )
-from models.motion.paths import StraightPath
-from models.rigid_body.serial_chain import SerialChain
-from models.robot.robot import Robot
+from wrenchsight.models.motion.paths import StraightPath
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.robot.robot import Robot
 
 POSTURE = np.array([0.2, -0.26, -0.6, 0.3, 0.9, 0.1])
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from models.files.input_error import InputError
-from models.motion.paths import (
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.motion.paths import (
     JointTrajectory,
     StraightPath,
     TimeLaw,
@@ -13,7 +13,7 @@ from models.motion.paths import (
     thirds,
     uniform_acceleration,
 )
-from models.robot.robot import Robot
+from wrenchsight.models.robot.robot import Robot
 
 PATH = StraightPath(
     n_W=np.array([0.0, 2.0, 0.0]),

@@ -3,10 +3,10 @@ import math
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from models.arrays import Array
-from models.motion.posture_map import best_postures, turns_with_last_joint
-from models.motion.posture_measures import ConditionNumber
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.motion.posture_map import best_postures, turns_with_last_joint
+from wrenchsight.models.motion.posture_measures import ConditionNumber
+from wrenchsight.models.robot.robot import Robot
 
 DOWN = np.array([0.0, 0.0, -1.0])
 
@@ -25,7 +25,7 @@ def test_the_best_posture_is_within_the_cone_and_the_limits(sts: Robot) -> None:
 
 
 def test_hardly_any_of_many_random_directions_does_better(sts: Robot) -> None:
-    from models.motion.branches import all_branches
+    from wrenchsight.models.motion.branches import all_branches
 
     point, angle = np.array([0.42, 0.1, 0.25]), math.radians(40.0)
     measure = ConditionNumber(sts.chain)
@@ -60,8 +60,8 @@ def test_a_tool_across_joint_6_is_turned_as_well(sts: Robot) -> None:
     R_WE, _ = sts.chain.pose(found.q)
     np.testing.assert_allclose(R_WE[0] @ [1.0, 0.0, 0.0], DOWN, atol=1e-9)
     # A search over the turn alone, ten times as fine.
-    from models.motion.branches import all_branches
-    from models.motion.surface_path import frame_about, rotation_about
+    from wrenchsight.models.motion.branches import all_branches
+    from wrenchsight.models.motion.surface_path import frame_about, rotation_about
 
     turn = rotation_about(np.array([0.0, 0.0, 1.0]), np.linspace(0, 2 * math.pi, 120))
     R = frame_about(DOWN) @ turn @ frame_about(np.array([1.0, 0.0, 0.0])).T

@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from models.arrays import Array
-from models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
-from models.files.input_error import InputError
-from models.motion.posture_measures import ConditionNumber, ForceSd, PathMeasure
-from models.rigid_body.serial_chain import SerialChain
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.motion.posture_measures import ConditionNumber, ForceSd, PathMeasure
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.robot.robot import Robot
 
 METHODS = ("bayesian", "force_only", "inverse")
 

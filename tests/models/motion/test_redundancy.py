@@ -6,11 +6,11 @@ import numpy as np
 import pinocchio
 import pytest
 
-from models.arrays import Array
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.files.input_error import InputError
-from models.motion.posture_measures import ConditionNumber, ForceSd
-from models.motion.redundancy import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.motion.posture_measures import ConditionNumber, ForceSd
+from wrenchsight.models.motion.redundancy import (
     RedundancyProblem,
     at_constant_angle,
     best_on_grid,
@@ -20,9 +20,9 @@ from models.motion.redundancy import (
     refine,
     task,
 )
-from models.motion.surface_path import SurfacePath
-from models.motion.workpieces import BladeSection, Plate
-from models.robot.robot import Robot
+from wrenchsight.models.motion.surface_path import SurfacePath
+from wrenchsight.models.motion.workpieces import BladeSection, Plate
+from wrenchsight.models.robot.robot import Robot
 
 INCLINED = np.array([math.sqrt(0.5), 0.0, math.sqrt(0.5)])
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.files.input_error import InputError
-from models.motion.posture_measures import ConditionNumber, ForceSd
-from models.motion.smooth_condition_number import SmoothConditionNumber, smoothed
-from models.robot.robot import Robot
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.motion.posture_measures import ConditionNumber, ForceSd
+from wrenchsight.models.motion.smooth_condition_number import SmoothConditionNumber, smoothed
+from wrenchsight.models.robot.robot import Robot
 
 
 @pytest.fixture(scope="module")

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from models.files.input_error import InputError
-from models.motion.surface_path import SurfacePath, frame_about, rotation_about
-from models.motion.workpieces import BladeSection, Plate
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.motion.surface_path import SurfacePath, frame_about, rotation_about
+from wrenchsight.models.motion.workpieces import BladeSection, Plate
 
 HEADER = "x,y,z,nx,ny,nz\n"
 

@@ -2,9 +2,9 @@ import math
 
 import pytest
 
-from models.files.input_error import InputError
-from models.motion.workpiece_shapes import BladeShapeConfig, PlateShapeConfig
-from models.motion.workpieces import BladeSection, Plate
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.motion.workpiece_shapes import BladeShapeConfig, PlateShapeConfig
+from wrenchsight.models.motion.workpieces import BladeSection, Plate
 
 
 def test_a_stated_shape_is_the_surface_of_its_numbers():

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.files.input_error import InputError
-from models.motion.workpieces import BladeSection, Plate, Surface, mesh
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.motion.workpieces import BladeSection, Plate, Surface, mesh
 
 SURFACES = [Plate(0.5, 0.2), BladeSection(), BladeSection(thickness=0.4, camber=0.0, edge=0.2)]
 

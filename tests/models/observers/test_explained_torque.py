@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from models.observers.explained_torque import (
+from wrenchsight.models.observers.explained_torque import (
     BEYOND,
     QUIET,
     WITHIN,

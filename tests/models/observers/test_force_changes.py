@@ -4,12 +4,31 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.torque_error_model import TORQUE_ERROR_ROWS
-from models.observers.fixed_interval import BLOW_GAIN, FORCE_GAIN, LIKELIER, NUM_EVIDENCE
-from models.observers.force_changes import ChangesSought, IntervalSmoother, likely_changes
-from models.observers.kalman_observer import WHITE_SHARE, KalmanObserver, KalmanObserverConfig
-from models.observers.observer import MOMENTUM, NUM_SIGNALS, TORQUE_SD, ModelKnowledge, WrenchPrior
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.torque_error_model import TORQUE_ERROR_ROWS
+from wrenchsight.models.observers.fixed_interval import (
+    BLOW_GAIN,
+    FORCE_GAIN,
+    LIKELIER,
+    NUM_EVIDENCE,
+)
+from wrenchsight.models.observers.force_changes import (
+    ChangesSought,
+    IntervalSmoother,
+    likely_changes,
+)
+from wrenchsight.models.observers.kalman_observer import (
+    WHITE_SHARE,
+    KalmanObserver,
+    KalmanObserverConfig,
+)
+from wrenchsight.models.observers.observer import (
+    MOMENTUM,
+    NUM_SIGNALS,
+    TORQUE_SD,
+    ModelKnowledge,
+    WrenchPrior,
+)
 
 N = 6
 FORCE_ONLY = WrenchPrior(0.0, np.inf, 0.0, 20.0)

@@ -7,9 +7,9 @@ import pytest
 from scipy.linalg import solve_discrete_are
 from scipy.stats import chi2
 
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.torque_error_model import TorqueErrorModel
-from models.observers.kalman_observer import (
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
+from wrenchsight.models.observers.kalman_observer import (
     CHANGE_ODDS,
     CHANGE_TIMES,
     WHITE_SHARE,
@@ -17,7 +17,7 @@ from models.observers.kalman_observer import (
     KalmanObserverConfig,
     changing_wrench,
 )
-from models.observers.observer import (
+from wrenchsight.models.observers.observer import (
     CTV,
     GRAVITY,
     MOMENTUM,

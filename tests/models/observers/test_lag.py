@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from models.observers.lag import LagModel, jacobian_seen, jacobian_seen_log, lag_log
-from models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
+from wrenchsight.models.observers.lag import LagModel, jacobian_seen, jacobian_seen_log, lag_log
+from wrenchsight.models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
 
 STEP = 0.01
 N = 4

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from models.observers.lag_power import SHARE, LagPower
+from wrenchsight.models.observers.lag_power import SHARE, LagPower
 
 STEP, BAND, K_0 = 1e-3, 3.0, 20.0
 

@@ -5,13 +5,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.arrays import Array
-from models.observers.momentum_observer import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.observers.momentum_observer import (
     START_SHARE,
     MomentumObserver,
     MomentumObserverConfig,
 )
-from models.robot.robot import Robot
+from wrenchsight.models.robot.robot import Robot
 
 
 def observe(momentum: Array, config: MomentumObserverConfig) -> Array:

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from models.observers.observer import CTV, GRAVITY, MOMENTUM, NUM_SIGNALS, TAU_F, TAU_J
-from models.observers.period_torque import (
+from wrenchsight.models.observers.observer import CTV, GRAVITY, MOMENTUM, NUM_SIGNALS, TAU_F, TAU_J
+from wrenchsight.models.observers.period_torque import (
     arrived_momentum,
     checked_period,
     motor_share,

@@ -8,15 +8,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.estimation.estimator import EstimateBatch, WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.estimation.wrench_kernels import METHODS
-from models.identification.identified_model import IdentifiedModel
-from models.observers.momentum_observer import MomentumObserverConfig
-from models.observers.sample_check import BEYOND, DISAGREES, FROZEN, SampleCheck
-from models.recordings.recording_reader import read_recording
-from models.recordings.resampling import resampled
-from models.robot.robot import Robot
+from wrenchsight.models.estimation.estimator import (
+    EstimateBatch,
+    WrenchEstimator,
+    WrenchEstimatorConfig,
+)
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.estimation.wrench_kernels import METHODS
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.observers.sample_check import BEYOND, DISAGREES, FROZEN, SampleCheck
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.robot.robot import Robot
 
 Array = NDArray[np.float64]
 T = 0.002

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.observers.observer import (
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.observers.observer import (
     CTV,
     GRAVITY,
     MOMENTUM,
@@ -18,7 +18,7 @@ from models.observers.observer import (
     ModelKnowledge,
     WrenchPrior,
 )
-from models.observers.super_twisting_observer import (
+from wrenchsight.models.observers.super_twisting_observer import (
     LEVANT_1,
     LEVANT_2,
     RATE,

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from models.arrays import Array
-from models.motion.path_postures import correct_paths, track_paths
-from models.motion.posture_measures import ConditionNumber
-from models.placement.placement_descent import PlacementBatch, PlacementDescent
-from models.placement.placement_program import PlacementBounds
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.motion.path_postures import correct_paths, track_paths
+from wrenchsight.models.motion.posture_measures import ConditionNumber
+from wrenchsight.models.placement.placement_descent import PlacementBatch, PlacementDescent
+from wrenchsight.models.placement.placement_program import PlacementBounds
+from wrenchsight.models.robot.robot import Robot
 
 LENGTH = 0.6
 

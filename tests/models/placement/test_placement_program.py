@@ -6,17 +6,17 @@ import pytest
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from scipy.spatial.transform import Rotation
 
-from models.motion.path_postures import track_paths
-from models.motion.posture_measures import ConditionNumber, PathMeasure
-from models.placement.placement_program import (
+from wrenchsight.models.motion.path_postures import track_paths
+from wrenchsight.models.motion.posture_measures import ConditionNumber, PathMeasure
+from wrenchsight.models.placement.placement_program import (
     Placement,
     PlacementBounds,
     PlacementProgram,
     quaternion_from,
     rotation_of,
 )
-from models.placement.placement_search import FEASIBLE
-from models.robot.robot import Robot
+from wrenchsight.models.placement.placement_search import FEASIBLE
+from wrenchsight.models.robot.robot import Robot
 
 # The article's initial path, on the branch from which the narrow optimum is downhill.
 R_WE = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])

@@ -5,19 +5,19 @@ import dataclasses
 import numpy as np
 import pytest
 
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.motion.path_postures import track_paths
-from models.motion.posture_measures import ConditionNumber, ForceSd, PathMeasure
-from models.placement.placement_points import on_path
-from models.placement.placement_program import (
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.motion.path_postures import track_paths
+from wrenchsight.models.motion.posture_measures import ConditionNumber, ForceSd, PathMeasure
+from wrenchsight.models.placement.placement_points import on_path
+from wrenchsight.models.placement.placement_program import (
     Placement,
     PlacementProgram,
     Solution,
     quaternion_from,
 )
-from models.placement.placement_refinement import finished, refined, standard_member
-from models.placement.placement_task import load_task
-from models.robot.robot import Robot
+from wrenchsight.models.placement.placement_refinement import finished, refined, standard_member
+from wrenchsight.models.placement.placement_task import load_task
+from wrenchsight.models.robot.robot import Robot
 
 LENGTH, SEGMENTS = 1.0, 20
 # A posture near the midpoint of the linear path's best place, found by any search.

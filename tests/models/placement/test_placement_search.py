@@ -3,19 +3,19 @@ import dataclasses
 import numpy as np
 import pytest
 
-from models.motion.posture_measures import ConditionNumber, PathMeasure
-from models.placement.placement_descent import PlacementDescent
-from models.placement.placement_points import between_points
-from models.placement.placement_program import Placement, PlacementProgram
-from models.placement.placement_search import (
+from wrenchsight.models.motion.posture_measures import ConditionNumber, PathMeasure
+from wrenchsight.models.placement.placement_descent import PlacementDescent
+from wrenchsight.models.placement.placement_points import between_points
+from wrenchsight.models.placement.placement_program import Placement, PlacementProgram
+from wrenchsight.models.placement.placement_search import (
     PlacementSearch,
     SearchEffort,
     SearchResult,
     best_of_each,
     profile_gaps,
 )
-from models.placement.placement_task import PlacementTask, load_task
-from models.robot.robot import Robot
+from wrenchsight.models.placement.placement_task import PlacementTask, load_task
+from wrenchsight.models.robot.robot import Robot
 
 SMALL = SearchEffort(
     num_samples=2000, num_poses=6, num_starts=12, num_rounds=1, num_kinds=4, num_steps=12,

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 import yaml
 
-from models.files.input_error import InputError
-from models.files.task_files import bundled_tasks
-from models.placement.placement_task import check_task, load_task, reach_ball
-from models.robot.robot import Robot
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.task_files import bundled_tasks
+from wrenchsight.models.placement.placement_task import check_task, load_task, reach_ball
+from wrenchsight.models.robot.robot import Robot
 
 GOOD = {
     "path_length": 1.0,

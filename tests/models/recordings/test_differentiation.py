@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.signal import savgol_coeffs
 
-from models.recordings.differentiation import HALF_WINDOW_S, with_velocities
-from models.recordings.recording import Recording, concatenated
-from models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.differentiation import HALF_WINDOW_S, with_velocities
+from wrenchsight.models.recordings.recording import Recording, concatenated
+from wrenchsight.models.recordings.recording_reader import read_recording
 
 
 def _recording(t: np.ndarray, q: np.ndarray) -> Recording:

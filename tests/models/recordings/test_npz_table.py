@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.files.input_error import InputError
-from models.recordings import npz_table
-from models.recordings.recording import Recording
-from models.recordings.recording_reader import read_recording
-from models.recordings.recording_writer import write_recording
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings import npz_table
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.recording_writer import write_recording
 
 _ROWS = 50
 

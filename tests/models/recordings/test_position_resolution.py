@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from models.recordings.position_resolution import position_resolution
+from wrenchsight.models.recordings.position_resolution import position_resolution
 
 
 def motion(samples: int = 4000, joints: int = 3) -> np.ndarray:

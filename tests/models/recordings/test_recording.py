@@ -7,9 +7,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from models.recordings.recording import Recording, concatenated
-from models.recordings.recording_reader import read_recording
-from models.recordings.recording_writer import write_recording
+from wrenchsight.models.recordings.recording import Recording, concatenated
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.recording_writer import write_recording
 
 
 def _recording(num_samples: int = 50, num_joints: int = 3) -> Recording:

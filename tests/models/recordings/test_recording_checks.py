@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.files.input_error import InputError
-from models.recordings.recording import Recording
-from models.recordings.recording_checks import RecordingChecks
-from models.recordings.recording_format import ColumnLayout, Signal
-from models.recordings.recording_reader import read_recording
-from models.robot.robot import Robot
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_checks import RecordingChecks
+from wrenchsight.models.recordings.recording_format import ColumnLayout, Signal
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.robot.robot import Robot
 
 _GAIN = np.array([10.0, 5.0])  # N m/A
 _SIGN = np.array([1.0, -1.0])

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.files.input_error import InputError
-from models.recordings.recording_format import (
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.recording_format import (
     RecordingFormat,
     SignalColumns,
     bundled_formats,

@@ -13,12 +13,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from models.files.input_error import InputError
-from models.recordings import text_table
-from models.recordings.recording import Recording
-from models.recordings.recording_reader import RecordingReader, read_recording
-from models.recordings.resampling import resampled
-from models.robot.robot import Robot
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings import text_table
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import RecordingReader, read_recording
+from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.robot.robot import Robot
 
 _NUM_ROWS = 40
 _HEADER = "t,q1,q2,v1,v2,i1,i2"

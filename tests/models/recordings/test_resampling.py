@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.files.input_error import InputError
-from models.recordings import resampling
-from models.recordings.recording import Recording, concatenated
-from models.recordings.resampling import DROPOUT_STEPS, resample_chunks, resampled
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings import resampling
+from wrenchsight.models.recordings.recording import Recording, concatenated
+from wrenchsight.models.recordings.resampling import DROPOUT_STEPS, resample_chunks, resampled
 
 _SLOPE = np.array([2.0, -3.0])
 

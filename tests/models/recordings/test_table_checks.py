@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from models.files.input_error import InputError
-from models.recordings.table_checks import first_missing, rows_within
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.table_checks import first_missing, rows_within
 
 
 def test_rows_beyond_the_file_are_refused_with_its_own_count(tmp_path):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import rosen, rosen_der
 
-from models.rigid_body.bounded_minimum import bounded_minimum
+from wrenchsight.models.rigid_body.bounded_minimum import bounded_minimum
 
 EVERYWHERE = np.tile([-np.inf, np.inf], (4, 1))
 

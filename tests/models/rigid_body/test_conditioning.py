@@ -7,9 +7,13 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numba import njit
 
-from models.arrays import Array
-from models.rigid_body.conditioning import condition_number, condition_number_of, singular_values
-from models.robot.robot import Robot
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.rigid_body.conditioning import (
+    condition_number,
+    condition_number_of,
+    singular_values,
+)
+from wrenchsight.models.robot.robot import Robot
 
 # LAPACK's smallest singular value is off by about 1e-16 times the condition number, here 1e-10.
 TOLERANCE = 1e-9

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from models.rigid_body.chain_kernels import SCRATCH_COLUMNS
-from models.rigid_body.flat_terms import flat_motion, flat_size, write_flat_terms
+from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
+from wrenchsight.models.rigid_body.flat_terms import flat_motion, flat_size, write_flat_terms
 
 
 def test_the_terms_lie_one_after_another_as_the_chain_gives_them(panda):

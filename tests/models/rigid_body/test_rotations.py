@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from models.rigid_body.rotations import quaternion_of, rotation_vector
+from wrenchsight.models.rigid_body.rotations import quaternion_of, rotation_vector
 
 
 @settings(deadline=None, max_examples=300)

@@ -32,16 +32,16 @@ from pydrake.multibody.tree import (
     WeldJoint,
 )
 
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.rigid_body.chain_kernels import (
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.rigid_body.chain_kernels import (
     SCRATCH_COLUMNS,
     all_terms,
     dynamics_terms,
     observer_terms,
 )
-from models.rigid_body.serial_chain import SerialChain, kernels_are_compiled
-from models.robot.robot import Robot
+from wrenchsight.models.rigid_body.serial_chain import SerialChain, kernels_are_compiled
+from wrenchsight.models.robot.robot import Robot
 
 # Rounding of some hundred operations on numbers of the result's size is below 1e-12 of it.
 TOLERANCE = 1e-10
@@ -759,8 +759,8 @@ def test_kernels_are_compiled_tells_of_the_wait(sts: Robot, tmp_path: Path) -> N
     assert kernels_are_compiled(all_terms)
     program = (
         "import numpy as np\n"
-        "from models.rigid_body.serial_chain import kernels_are_compiled\n"
-        "from models.rigid_body.conditioning import condition_number_of\n"
+        "from wrenchsight.models.rigid_body.serial_chain import kernels_are_compiled\n"
+        "from wrenchsight.models.rigid_body.conditioning import condition_number_of\n"
         "print(kernels_are_compiled(condition_number_of))\n"
         "condition_number_of(np.eye(6), np.empty((6, 6)))\n"
     )

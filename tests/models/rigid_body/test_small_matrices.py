@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from models.rigid_body.small_matrices import (
+from wrenchsight.models.rigid_body.small_matrices import (
     factorise,
     factorise_in_place,
     factorise_with_floor,

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from models.files.input_error import InputError
-from models.motion.posture_measures import check_joints
-from models.rigid_body.structural_rank import parallel_columns, structural_rank
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.motion.posture_measures import check_joints
+from wrenchsight.models.rigid_body.structural_rank import parallel_columns, structural_rank
 
 COLUMN = ("prismatic", "0 0 1", "0 0 0.2")
 ARM = [

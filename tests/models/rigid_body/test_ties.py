@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from models.rigid_body.ties import better, first_of_least, in_order, whole_turns
+from wrenchsight.models.rigid_body.ties import better, first_of_least, in_order, whole_turns
 
 ROUNDING = 1e-12  # a thousand times that of one operation
 

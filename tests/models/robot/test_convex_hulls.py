@@ -9,8 +9,8 @@ import pytest
 import trimesh
 from scipy.spatial import ConvexHull
 
-from models.robot import convex_hulls
-from models.robot.convex_hulls import UnusableMeshError, convex_hull, hull_file
+from wrenchsight.models.robot import convex_hulls
+from wrenchsight.models.robot.convex_hulls import UnusableMeshError, convex_hull, hull_file
 
 
 @pytest.fixture(autouse=True)

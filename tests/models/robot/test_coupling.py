@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.files.input_error import InputError
-from models.robot.coupling import coupling_of, is_coupled, motor_rates, refuse_coupling
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.coupling import coupling_of, is_coupled, motor_rates, refuse_coupling
 
 WRIST = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 1.0]]
 

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from models.robot.gltf import gltf_fault
+from wrenchsight.models.robot.gltf import gltf_fault
 
 
 def _gltf(folder, **content):
@@ -59,10 +59,10 @@ def test_a_robot_loads_without_such_a_picture(tmp_path):
     from pathlib import Path
     from shutil import copytree
 
-    from models.robot.robot import Robot
+    from wrenchsight.models.robot.robot import Robot
 
     robot = tmp_path / "robot"
-    copytree(Path(str(resources.files("models"))) / "robots" / "ur10e", robot)
+    copytree(Path(str(resources.files("wrenchsight.models"))) / "robots" / "ur10e", robot)
     (tmp_path / "secret.txt").write_text("secret")
     _gltf(robot, buffers=[{"uri": "../secret.txt", "byteLength": 6}])
     text = (robot / "robot.urdf").read_text()

@@ -8,9 +8,9 @@ import pinocchio
 import pytest
 import yaml
 
-from models.files.input_error import InputError
-from models.robot.mimic_joints import followed_positions, leader_of
-from models.robot.robot import Robot
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.mimic_joints import followed_positions, leader_of
+from wrenchsight.models.robot.robot import Robot
 
 # A shoulder, and a gripper of two fingers beyond the flange: the second follows the first.
 ARM = """<robot name="a">

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from models.robot.motors import current_to_torque, motor_torque, torque_to_current
+from wrenchsight.models.robot.motors import current_to_torque, motor_torque, torque_to_current
 
 GAIN = np.array([11.976, 9.839, 2.5])
 SIGN = np.array([1.0, -1.0, 1.0])

@@ -11,10 +11,10 @@ from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
-from models.arrays import Array
-from models.files.input_error import InputError
-from models.robot.robot import Robot, bundled_robots
-from models.robot.robot_config import DriveConfig, PoseConfig, ToolConfig
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.robot import Robot, bundled_robots
+from wrenchsight.models.robot.robot_config import DriveConfig, PoseConfig, ToolConfig
 
 # Two links of one chain, and as little else as a URDF needs.
 SMALL_URDF = """<robot name="small">

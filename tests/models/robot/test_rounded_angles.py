@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from models.robot.rounded_angles import exact_angle
+from wrenchsight.models.robot.rounded_angles import exact_angle
 
 
 @pytest.mark.parametrize(

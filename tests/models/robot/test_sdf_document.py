@@ -9,9 +9,9 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable
 
-from models.files.input_error import InputError
-from models.robot.robot import Robot
-from models.robot.sdf_document import urdf_of_sdf
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.sdf_document import urdf_of_sdf
 
 INERTIAL = """<inertial><pose>.02 .01 .1 .3 0 .2</pose><mass>{mass}</mass><inertia><ixx>.02</ixx>
 <iyy>.025</iyy><izz>.015</izz><ixy>.001</ixy></inertia></inertial>"""

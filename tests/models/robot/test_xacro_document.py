@@ -4,8 +4,8 @@ import sys
 
 import pytest
 
-from models.files.input_error import InputError
-from models.robot.urdf_document import read_document
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.urdf_document import read_document
 
 ARM = """<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">
   <xacro:arg name="length" default="0.3"/>

@@ -2,7 +2,11 @@
 
 import numpy as np
 
-from models.signals.current_measurement import measure_current, report_current, update_lag
+from wrenchsight.models.signals.current_measurement import (
+    measure_current,
+    report_current,
+    update_lag,
+)
 
 
 def lag(bandwidth, time_step, current_true):

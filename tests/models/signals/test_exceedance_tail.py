@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi, genpareto
 
-from models.signals.exceedance_tail import (
+from wrenchsight.models.signals.exceedance_tail import (
     GAP,
     SHAPE_SD,
     ExceedanceTail,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from models.signals.gaussian_noise import gaussian_noise
+from wrenchsight.models.signals.gaussian_noise import gaussian_noise
 
 
 def draw(seed, num_ticks, size, first=0):

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from models.files.input_error import InputError
-from models.signals.low_pass import LowPass
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.signals.low_pass import LowPass
 
 T = 1e-3
 

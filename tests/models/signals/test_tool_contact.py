@@ -1,6 +1,12 @@
 import numpy as np
 
-from models.signals.tool_contact import NORMAL, NORMAL_FORCE, WRENCH, add_contact, sum_with_contact
+from wrenchsight.models.signals.tool_contact import (
+    NORMAL,
+    NORMAL_FORCE,
+    WRENCH,
+    add_contact,
+    sum_with_contact,
+)
 
 RADIUS = 0.012
 

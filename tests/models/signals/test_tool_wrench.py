@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from models.robot.robot import Robot
-from models.signals.low_pass import LowPass, low_pass_update
-from models.signals.tool_wrench import (
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.low_pass import LowPass, low_pass_update
+from wrenchsight.models.signals.tool_wrench import (
     contact_wrench,
     measure_contact_wrench,
     tool_acceleration,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from models.signals.zero_phase import ZeroPhaseLowPass, derivative
+from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
 
 STEP = 0.01
 T = np.arange(0.0, 20.0, STEP)

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from analyses.methods.arms.simulated_logs import TRACKING, drive_servo
-from diagrams.closed_loop import make_closed_loop
-from diagrams.scenario import Scenario
-from models.identification.identified_model import IdentifiedModel
-from models.motion.paths import JointTrajectory
-from models.robot.robot import Robot
-from models.truth import free_arm
-from models.truth.free_arm import simulate_free_arm
-from models.truth.true_joints import TrueJoints
+from wrenchsight.analyses.methods.arms.simulated_logs import TRACKING, drive_servo
+from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.scenario import Scenario
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.motion.paths import JointTrajectory
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.truth import free_arm
+from wrenchsight.models.truth.free_arm import simulate_free_arm
+from wrenchsight.models.truth.true_joints import TrueJoints
 
 
 @pytest.fixture(scope="module")

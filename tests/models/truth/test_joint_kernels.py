@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq, minimize
 
-from models.truth.joint_kernels import (
+from wrenchsight.models.truth.joint_kernels import (
     DAMPER,
     DAMPING,
     DEFLECTION,
@@ -30,7 +30,7 @@ from models.truth.joint_kernels import (
     tick_work,
     velocity_after,
 )
-from models.truth.true_joints import TrueJoints
+from wrenchsight.models.truth.true_joints import TrueJoints
 
 H = 1e-3
 KEYS = (

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from models.recordings.recording import Recording
-from models.robot.truth_config import ClockConfig
-from models.truth.log_clock import clocked
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.truth_config import ClockConfig
+from wrenchsight.models.truth.log_clock import clocked
 
 T = 1e-3 * np.arange(5000)
 RAMPS = np.stack([T, 2.0 * T], axis=1)

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from models.files.input_error import InputError
-from models.robot.robot import Robot, bundled_robots
-from models.robot.truth_config import (
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.robot import Robot, bundled_robots
+from wrenchsight.models.robot.truth_config import (
     ElasticityConfig,
     LoadFrictionConfig,
     LubricationConfig,
@@ -16,7 +16,7 @@ from models.robot.truth_config import (
     RippleConfig,
     SlipConfig,
 )
-from models.truth.joint_kernels import (
+from wrenchsight.models.truth.joint_kernels import (
     COULOMB,
     ELEMENTS,
     GAIN,
@@ -33,8 +33,8 @@ from models.truth.joint_kernels import (
     joint_tick,
     tick_work,
 )
-from models.truth.true_joints import TrueJoints
-from models.truth.true_robot import PLAIN, plain_truth
+from wrenchsight.models.truth.true_joints import TrueJoints
+from wrenchsight.models.truth.true_robot import PLAIN, plain_truth
 
 
 @pytest.fixture(scope="module")

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from models.files.input_error import InputError
-from models.robot.robot import Robot
-from models.robot.robot_config import ToolConfig
-from models.robot.truth_config import KinematicsConfig, MechanismsConfig, PayloadConfig
-from models.truth.true_robot import plain_truth, true_robot, with_truth_named
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import ToolConfig
+from wrenchsight.models.robot.truth_config import KinematicsConfig, MechanismsConfig, PayloadConfig
+from wrenchsight.models.truth.true_robot import plain_truth, true_robot, with_truth_named
 
 
 @pytest.fixture(scope="module", params=["sts_sre4_600", "ur10e"])

@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from models.files.input_error import InputError
-from models.robot.robot import Robot
-from models.robot.truth_config import JointFrictionConfig, SimulatedTruthConfig
-from models.truth.worlds import (
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.truth_config import JointFrictionConfig, SimulatedTruthConfig
+from wrenchsight.models.truth.worlds import (
     ABSOLUTE,
     MOST_JOINTS,
     PER_JOINT,

@@ -3,13 +3,13 @@ import pytest
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.tree import BodyIndex
 
-from models.machining.machining_process import (
+from wrenchsight.models.machining.machining_process import (
     MachiningProcess,
     ProcessConfig,
     advance_varying_process,
 )
-from models.machining.process_variations import WorkpieceContact
-from systems.machining.machining_process import MachiningProcessSystem
+from wrenchsight.models.machining.process_variations import WorkpieceContact
+from wrenchsight.systems.machining.machining_process import MachiningProcessSystem
 
 CONFIG = ProcessConfig(cutting_ratio=0.2, speed_exponent=0.0, unbalance=1e-5)
 T = 1e-3

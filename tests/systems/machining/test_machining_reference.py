@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from pydrake.common.value import AbstractValue
 
-from diagrams.machining import make_machining_path
-from diagrams.scenario import load_scenario
-from models.machining.machining_phases import Phase
-from systems.machining.machining_reference import MachiningReference
+from wrenchsight.diagrams.machining import make_machining_path
+from wrenchsight.diagrams.scenario import load_scenario
+from wrenchsight.models.machining.machining_phases import Phase
+from wrenchsight.systems.machining.machining_reference import MachiningReference
 
 T = 1e-3
 

@@ -16,7 +16,7 @@ from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, Multibod
 from pydrake.multibody.tree import BodyIndex, SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 
-from systems.truth.environment_truth import EnvironmentTruth
+from wrenchsight.systems.truth.environment_truth import EnvironmentTruth
 
 RADIUS, DEPTH = 0.012, 5e-4
 

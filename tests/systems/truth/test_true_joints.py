@@ -6,12 +6,18 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from models.robot.robot import Robot
-from models.signals.gaussian_noise import gaussian_noise
-from models.truth.free_arm import VELOCITY_STREAM, WANDER_STREAM
-from models.truth.joint_kernels import EXTERNAL, SIGNALS, encoder_reading, joint_tick, tick_work
-from models.truth.true_joints import TrueJoints
-from systems.truth.true_joints import TrueJointsSystem
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.gaussian_noise import gaussian_noise
+from wrenchsight.models.truth.free_arm import VELOCITY_STREAM, WANDER_STREAM
+from wrenchsight.models.truth.joint_kernels import (
+    EXTERNAL,
+    SIGNALS,
+    encoder_reading,
+    joint_tick,
+    tick_work,
+)
+from wrenchsight.models.truth.true_joints import TrueJoints
+from wrenchsight.systems.truth.true_joints import TrueJointsSystem
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from analyses.experiments.free_motion.bandwidth import (
+from wrenchsight.analyses.experiments.free_motion.bandwidth import (
     EXPERIMENT,
     GAINS,
     first_order,
@@ -11,7 +11,7 @@ from analyses.experiments.free_motion.bandwidth import (
     sampled_first_order,
     sweep_frequencies,
 )
-from analyses.study.experiment import ExperimentContext
+from wrenchsight.analyses.study.experiment import ExperimentContext
 
 
 @pytest.fixture(scope="module")

@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from analyses.experiments.free_motion.friction_laws import (
+from wrenchsight.analyses.experiments.free_motion.friction_laws import (
     ARTICLE,
     EXPERIMENT,
     PLAIN,
     NearZero,
     simulated_arm,
 )
-from analyses.methods.learning.identification_config import LAWS
-from analyses.output.outputs import plain_metrics
-from analyses.study.experiment import ExperimentContext
-from analyses.study.outcome import look_up
-from analyses.study.shared_results import sharing_in
+from wrenchsight.analyses.methods.learning.identification_config import LAWS
+from wrenchsight.analyses.output.outputs import plain_metrics
+from wrenchsight.analyses.study.experiment import ExperimentContext
+from wrenchsight.analyses.study.outcome import look_up
+from wrenchsight.analyses.study.shared_results import sharing_in
 
 RECORDINGS = (
     "ur10e/ur-20_02_10-30sec_12harm.csv",

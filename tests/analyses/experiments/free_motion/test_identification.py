@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from analyses.experiments.free_motion.identification import ARTICLE_RMSE, run
-from analyses.methods.arms.simulated_identification import with_known_friction
-from analyses.methods.arms.simulated_logs import SimulatedLog, stored_excitation
-from analyses.study.experiment import ExperimentContext
-from analyses.study.shared_results import sharing_in
-from models.excitation.excitation_information import ExcitationInformation
-from models.recordings.recording import Recording
+from wrenchsight.analyses.experiments.free_motion.identification import ARTICLE_RMSE, run
+from wrenchsight.analyses.methods.arms.simulated_identification import with_known_friction
+from wrenchsight.analyses.methods.arms.simulated_logs import SimulatedLog, stored_excitation
+from wrenchsight.analyses.study.experiment import ExperimentContext
+from wrenchsight.analyses.study.shared_results import sharing_in
+from wrenchsight.models.excitation.excitation_information import ExcitationInformation
+from wrenchsight.models.recordings.recording import Recording
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from analyses.experiments.free_motion.observers import (
+from wrenchsight.analyses.experiments.free_motion.observers import (
     DELAYS,
     Read,
     _delay,
@@ -16,14 +16,14 @@ from analyses.experiments.free_motion.observers import (
     mirrored,
     never_valid,
 )
-from analyses.methods.arms.simulated_logs import ROBOT, stored_excitation
-from analyses.methods.reading.put_in_pushes import push_forces, pushed
-from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.identification.identified_model import IdentifiedModel
-from models.observers.momentum_observer import MomentumObserverConfig
-from models.recordings.recording import Recording
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.arms.simulated_logs import ROBOT, stored_excitation
+from wrenchsight.analyses.methods.reading.put_in_pushes import push_forces, pushed
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
 
 STEP = 0.01
 

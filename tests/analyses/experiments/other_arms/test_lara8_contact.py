@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from analyses.experiments.other_arms.lara8_contact import EXPERIMENT, run
-from analyses.methods.contact.lara8_reading import VARIANTS
-from analyses.output.outputs import plain_metrics
-from analyses.study.experiment import ExperimentContext, ExperimentResult
+from wrenchsight.analyses.experiments.other_arms.lara8_contact import EXPERIMENT, run
+from wrenchsight.analyses.methods.contact.lara8_reading import VARIANTS
+from wrenchsight.analyses.output.outputs import plain_metrics
+from wrenchsight.analyses.study.experiment import ExperimentContext, ExperimentResult
 
 _FILES = ("joint3_sweep", "jog_joint1_unloaded")
 

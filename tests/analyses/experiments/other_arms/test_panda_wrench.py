@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
-from analyses.experiments.other_arms.panda_wrench import (
+from wrenchsight.analyses.experiments.other_arms.panda_wrench import (
     EXPERIMENT,
     PoseLog,
     knowledge_of_logs,
@@ -16,11 +16,11 @@ from analyses.experiments.other_arms.panda_wrench import (
     read_pose_logs,
     run,
 )
-from analyses.methods.external_torque.force_readings import Knowledge, rank_correlation
-from analyses.output.outputs import plain_metrics
-from analyses.study.experiment import ExperimentContext
-from analyses.study.outcome import look_up
-from models.files.input_error import InputError
+from wrenchsight.analyses.methods.external_torque.force_readings import Knowledge, rank_correlation
+from wrenchsight.analyses.output.outputs import plain_metrics
+from wrenchsight.analyses.study.experiment import ExperimentContext
+from wrenchsight.analyses.study.outcome import look_up
+from wrenchsight.models.files.input_error import InputError
 
 RECORDINGS = tuple(f"panda_ati_gamma/data_pos_{i}.csv" for i in range(1, 11))
 

@@ -7,17 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analyses.experiments.other_arms.tx40_identification import (
+from wrenchsight.analyses.experiments.other_arms.tx40_identification import (
     EXPERIMENT,
     FORMAT,
     findings,
     held_out,
     tx40,
 )
-from analyses.output.outputs import plain_metrics
-from analyses.study.experiment import ExperimentContext
-from analyses.study.outcome import look_up
-from models.recordings.recording_reader import read_recording
+from wrenchsight.analyses.output.outputs import plain_metrics
+from wrenchsight.analyses.study.experiment import ExperimentContext
+from wrenchsight.analyses.study.outcome import look_up
+from wrenchsight.models.recordings.recording_reader import read_recording
 
 FILES = tuple(f"staubli_tx40/{name}" for name in ("excitation.csv", "robot.yaml", "robot.urdf"))
 # What is asked of joint 5, and what the others have without a coupled wrist, N m.

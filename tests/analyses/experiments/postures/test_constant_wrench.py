@@ -3,17 +3,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analyses.experiments.postures.constant_wrench import EXPERIMENT, WRENCH, read_along
-from analyses.methods.planning.article_paths import (
+from wrenchsight.analyses.experiments.postures.constant_wrench import EXPERIMENT, WRENCH, read_along
+from wrenchsight.analyses.methods.planning.article_paths import (
     INITIAL_PATH,
     INITIAL_POSTURE,
     branch_start,
     found_path,
 )
-from analyses.study.experiment import ExperimentContext, ExperimentResult
-from analyses.study.shared_results import sharing_in
-from models.motion.inverse_kinematics import follow_path
-from models.robot.robot import Robot
+from wrenchsight.analyses.study.experiment import ExperimentContext, ExperimentResult
+from wrenchsight.analyses.study.shared_results import sharing_in
+from wrenchsight.models.motion.inverse_kinematics import follow_path
+from wrenchsight.models.robot.robot import Robot
 
 
 @pytest.fixture(scope="module")

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from analyses.experiments.postures.jcn_map import EXPERIMENT
-from analyses.study.experiment import ExperimentContext
+from wrenchsight.analyses.experiments.postures.jcn_map import EXPERIMENT
+from wrenchsight.analyses.study.experiment import ExperimentContext
 
 
 def test_the_experiment_is_repeatable(tmp_path: Path) -> None:

@@ -3,9 +3,9 @@ from pathlib import Path
 
 import pytest
 
-from analyses.experiments.postures.linear_path import EXPERIMENT
-from analyses.study.experiment import ExperimentContext, ExperimentResult
-from analyses.study.outcome import look_up
+from wrenchsight.analyses.experiments.postures.linear_path import EXPERIMENT
+from wrenchsight.analyses.study.experiment import ExperimentContext, ExperimentResult
+from wrenchsight.analyses.study.outcome import look_up
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
-from analyses.experiments.postures.metrics_compare import (
+from wrenchsight.analyses.experiments.postures.metrics_compare import (
     EXPERIMENT,
     METHODS,
     PREDICTORS,
@@ -16,8 +16,8 @@ from analyses.experiments.postures.metrics_compare import (
     friction_error,
     rank_correlation,
 )
-from analyses.study.experiment import ExperimentContext
-from models.robot.robot import Robot
+from wrenchsight.analyses.study.experiment import ExperimentContext
+from wrenchsight.models.robot.robot import Robot
 
 
 def test_rank_correlation_and_its_bootstrap_are_scipys() -> None:

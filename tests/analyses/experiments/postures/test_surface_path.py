@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from analyses.experiments.postures.surface_path import EXPERIMENT
-from analyses.study.experiment import ExperimentContext
+from wrenchsight.analyses.experiments.postures.surface_path import EXPERIMENT
+from wrenchsight.analyses.study.experiment import ExperimentContext
 
 
 def test_the_experiment_reaches_its_figures(tmp_path: Path) -> None:

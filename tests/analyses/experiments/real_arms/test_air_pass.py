@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analyses.experiments.real_arms.air_pass import EXPERIMENT, LAWS, NONE, run
-from analyses.methods.arms.ur10e_logs import FITTED, FOLDER, LOADED, VALIDATED
-from analyses.output.outputs import plain_metrics
-from analyses.study.experiment import ExperimentContext, ExperimentResult
+from wrenchsight.analyses.experiments.real_arms.air_pass import EXPERIMENT, LAWS, NONE, run
+from wrenchsight.analyses.methods.arms.ur10e_logs import FITTED, FOLDER, LOADED, VALIDATED
+from wrenchsight.analyses.output.outputs import plain_metrics
+from wrenchsight.analyses.study.experiment import ExperimentContext, ExperimentResult
 
 pytestmark = pytest.mark.slow  # three laws are fitted
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial import cKDTree
 
-from analyses.experiments.real_arms.contact_detection import COLLISIONS, PLACES, SIZES
-from models.recordings.recording_reader import read_recording
+from wrenchsight.analyses.experiments.real_arms.contact_detection import COLLISIONS, PLACES, SIZES
+from wrenchsight.models.recordings.recording_reader import read_recording
 
 GAIN = np.array([11.976, 11.976, 9.839])  # N m/A, joints 1 to 3
 

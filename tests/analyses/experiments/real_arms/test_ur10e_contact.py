@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from analyses.experiments.real_arms.ur10e_contact import EXPERIMENT, run
-from analyses.methods.contact.contact_runs import CONTROLLERS, INTERVALS, JUDGED, SCENES
-from analyses.methods.contact.contact_study import METHODS, SPEEDS
-from analyses.output.outputs import plain_metrics
-from analyses.study.experiment import ExperimentContext, ExperimentResult
+from wrenchsight.analyses.experiments.real_arms.ur10e_contact import EXPERIMENT, run
+from wrenchsight.analyses.methods.contact.contact_runs import CONTROLLERS, INTERVALS, JUDGED, SCENES
+from wrenchsight.analyses.methods.contact.contact_study import METHODS, SPEEDS
+from wrenchsight.analyses.output.outputs import plain_metrics
+from wrenchsight.analyses.study.experiment import ExperimentContext, ExperimentResult
 
 _RUNS = (
     "ramp_ACF_F35_r0.1z10_v0.10",

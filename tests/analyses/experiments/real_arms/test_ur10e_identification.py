@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from analyses.experiments.real_arms.ur10e_identification import EXPERIMENT
-from analyses.methods.learning.identification_config import LAWS
-from analyses.output.outputs import plain_metrics
-from analyses.study.experiment import ExperimentContext
-from analyses.study.outcome import look_up
-from analyses.study.shared_results import sharing_in
-from models.identification.identified_model import IdentifiedModel
+from wrenchsight.analyses.experiments.real_arms.ur10e_identification import EXPERIMENT
+from wrenchsight.analyses.methods.learning.identification_config import LAWS
+from wrenchsight.analyses.output.outputs import plain_metrics
+from wrenchsight.analyses.study.experiment import ExperimentContext
+from wrenchsight.analyses.study.outcome import look_up
+from wrenchsight.analyses.study.shared_results import sharing_in
+from wrenchsight.models.identification.identified_model import IdentifiedModel
 
 RECORDINGS = (
     "ur10e/ur-20_02_10-30sec_12harm.csv",

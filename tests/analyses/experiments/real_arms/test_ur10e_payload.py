@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from analyses.experiments.real_arms.ur10e_payload import EXPERIMENT
-from analyses.methods.reading.known_payload import (
+from wrenchsight.analyses.experiments.real_arms.ur10e_payload import EXPERIMENT
+from wrenchsight.analyses.methods.reading.known_payload import (
     MASS,
     METHODS,
     Reading,
     Reference,
     payload_reference,
 )
-from analyses.study.experiment import ExperimentContext
-from analyses.study.outcome import look_up
-from analyses.study.shared_results import sharing_in
-from models.recordings.recording import Recording
+from wrenchsight.analyses.study.experiment import ExperimentContext
+from wrenchsight.analyses.study.outcome import look_up
+from wrenchsight.analyses.study.shared_results import sharing_in
+from wrenchsight.models.recordings.recording import Recording
 
 RECORDINGS = (
     "ur10e/ur-20_02_10-30sec_12harm.csv",

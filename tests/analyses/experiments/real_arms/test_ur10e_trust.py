@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from analyses.experiments.real_arms.ur10e_trust import TIME_STEP, regimes
+from wrenchsight.analyses.experiments.real_arms.ur10e_trust import TIME_STEP, regimes
 
 
 def test_each_sample_has_one_regime() -> None:

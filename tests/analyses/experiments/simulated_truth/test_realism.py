@@ -6,11 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from analyses.experiments.simulated_truth import realism
-from analyses.experiments.simulated_truth.realism import EXPERIMENT
-from analyses.methods.arms.ur10e_logs import FOLDER
-from analyses.methods.realism.comparison import CHECKED, FIT, LOADED, PASSES, STILL
-from analyses.study.experiment import ExperimentContext
+from wrenchsight.analyses.experiments.simulated_truth import realism
+from wrenchsight.analyses.experiments.simulated_truth.realism import EXPERIMENT
+from wrenchsight.analyses.methods.arms.ur10e_logs import FOLDER
+from wrenchsight.analyses.methods.realism.comparison import CHECKED, FIT, LOADED, PASSES, STILL
+from wrenchsight.analyses.study.experiment import ExperimentContext
 
 MORE = {"ur-20_02_19_15harm50sec", *CHECKED[2:]}
 LOGS = [

@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from analyses.methods.arms import arm_models
-from analyses.methods.arms.arm_models import ArmModels, covariance_at_speed
-from analyses.study.shared_results import sharing_in
-from models.estimation.estimator import WrenchEstimator
-from models.estimation.wrench import WrenchReconstructionConfig
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.identified_model import IdentifiedModel
-from models.recordings.recording import Recording
-from models.robot.motors import torque_to_current
+from wrenchsight.analyses.methods.arms import arm_models
+from wrenchsight.analyses.methods.arms.arm_models import ArmModels, covariance_at_speed
+from wrenchsight.analyses.study.shared_results import sharing_in
+from wrenchsight.models.estimation.estimator import WrenchEstimator
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.motors import torque_to_current
 
 
 def test_only_slow_samples_count_for_a_joints_sd():

@@ -3,21 +3,21 @@
 import numpy as np
 import pytest
 
-from analyses.methods.arms.friction_reversal import (
+from wrenchsight.analyses.methods.arms.friction_reversal import (
     reversal_figure,
     reversal_recordings,
     separate_recordings,
 )
-from analyses.methods.learning.friction_training import (
+from wrenchsight.analyses.methods.learning.friction_training import (
     TrainingConfig,
     semi_parametric,
     train_networks,
 )
-from analyses.output.figures import save_figure
-from models.friction.true_friction import DryFriction
-from models.friction.velocity_friction import CoulombViscous
-from models.identification.identified_model import IdentifiedModel
-from models.recordings.recording_reader import read_recording
+from wrenchsight.analyses.output.figures import save_figure
+from wrenchsight.models.friction.true_friction import DryFriction
+from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording_reader import read_recording
 
 
 @pytest.fixture(scope="module")

@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from analyses.methods.arms import repetition_errors as module
-from analyses.methods.arms.semi_parametric import POSTURES
-from models.recordings.recording import Recording
+from wrenchsight.analyses.methods.arms import repetition_errors as module
+from wrenchsight.analyses.methods.arms.semi_parametric import POSTURES
+from wrenchsight.models.recordings.recording import Recording
 
 N, STEP = 6000, 1e-3
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import yaml
 
-from analyses.methods.arms.robot_draft import FILL_IN, draft_robot
-from diagrams.distances.clearance import Clearance
-from models.files.configuration import load_configuration
-from models.files.input_error import InputError
-from models.robot.robot import Robot
-from models.robot.robot_config import RobotConfig
+from wrenchsight.analyses.methods.arms.robot_draft import FILL_IN, draft_robot
+from wrenchsight.diagrams.distances.clearance import Clearance
+from wrenchsight.models.files.configuration import load_configuration
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import RobotConfig
 
 
 @pytest.mark.parametrize(

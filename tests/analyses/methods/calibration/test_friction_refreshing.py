@@ -6,15 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analyses.methods.calibration.friction_refreshing import refresh_log, refresh_model
-from analyses.methods.learning.identification import identify, predict_torque
-from analyses.methods.learning.identification_config import IdentificationConfig, RefreshConfig
-from models.files.input_error import InputError
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.identified_model import IdentifiedModel
-from models.recordings.recording import Recording
-from models.recordings.recording_reader import read_recording
-from models.recordings.recording_writer import write_recording
+from wrenchsight.analyses.methods.calibration.friction_refreshing import refresh_log, refresh_model
+from wrenchsight.analyses.methods.learning.identification import identify, predict_torque
+from wrenchsight.analyses.methods.learning.identification_config import (
+    IdentificationConfig,
+    RefreshConfig,
+)
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.recording_writer import write_recording
 
 COULOMB = np.array([15.0, 14.0, 6.0, 2.8, 3.3, 2.7])
 VISCOUS = np.array([20.0, 18.0, 10.0, 3.6, 2.4, 3.2])

@@ -6,15 +6,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analyses.methods.calibration.load_calibration import calibrate, calibrate_logs, known_load
-from analyses.methods.learning.identification_config import IdentificationConfig
-from models.calibration.gain_calibration import KnownLoad
-from models.calibration.load_parameters import body_parameters, load_columns
-from models.files.input_error import InputError
-from models.identification.identified_model import IdentifiedModel
-from models.recordings.recording import Recording
-from models.recordings.recording_writer import write_recording
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.calibration.load_calibration import (
+    calibrate,
+    calibrate_logs,
+    known_load,
+)
+from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.models.calibration.gain_calibration import KnownLoad
+from wrenchsight.models.calibration.load_parameters import body_parameters, load_columns
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_writer import write_recording
+from wrenchsight.models.robot.robot import Robot
 
 COULOMB = np.array([15.0, 14.0, 6.0, 2.8, 3.3, 2.7])
 VISCOUS = np.array([20.0, 18.0, 10.0, 3.6, 2.4, 3.2])

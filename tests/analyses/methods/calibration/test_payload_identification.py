@@ -7,18 +7,21 @@ import numpy as np
 import pytest
 import yaml
 
-from analyses.methods.calibration.payload_config import PayloadConfig
-from analyses.methods.calibration.payload_identification import identify_payload, payload_log
-from analyses.methods.learning.identification import identify
-from analyses.methods.learning.identification_config import IdentificationConfig
-from models.calibration.load_parameters import body_parameters, flange_map, load_columns
-from models.files.input_error import InputError
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.identified_model import IdentifiedModel
-from models.recordings.recording import Recording
-from models.recordings.recording_reader import read_recording
-from models.recordings.recording_writer import write_recording
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.calibration.payload_config import PayloadConfig
+from wrenchsight.analyses.methods.calibration.payload_identification import (
+    identify_payload,
+    payload_log,
+)
+from wrenchsight.analyses.methods.learning.identification import identify
+from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.models.calibration.load_parameters import body_parameters, flange_map, load_columns
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.recording_writer import write_recording
+from wrenchsight.models.robot.robot import Robot
 
 COULOMB = np.array([15.0, 14.0, 6.0, 2.8, 3.3, 2.7])
 VISCOUS = np.array([20.0, 18.0, 10.0, 3.6, 2.4, 3.2])

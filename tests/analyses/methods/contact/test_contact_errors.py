@@ -1,6 +1,6 @@
 """Causes of errors, ranked."""
 
-from analyses.methods.contact.contact_errors import AS_IT_IS, KINDS, largest_first
+from wrenchsight.analyses.methods.contact.contact_errors import AS_IT_IS, KINDS, largest_first
 
 
 def _parts(**rest: float) -> dict[str, dict[str, float | None]]:

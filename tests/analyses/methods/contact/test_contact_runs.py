@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analyses.methods.contact.contact_runs import (
+from wrenchsight.analyses.methods.contact.contact_runs import (
     BLENDS,
     RunName,
     find_runs,
@@ -15,8 +15,8 @@ from analyses.methods.contact.contact_runs import (
     rounded_corners,
     tool_chain,
 )
-from models.files.input_error import InputError
-from models.robot.robot import Robot
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.robot import Robot
 
 _RUNS = (
     "direct_ACF_F100_r0.0z0_v0.10",

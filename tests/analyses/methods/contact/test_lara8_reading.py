@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analyses.methods.contact.lara8_reading import (
+from wrenchsight.analyses.methods.contact.lara8_reading import (
     FOLDER,
     Lara8Log,
     controller_friction,
     read_logs,
 )
-from models.files.input_error import InputError
+from wrenchsight.models.files.input_error import InputError
 
 _FILES = ("joint3_sweep", "jog_joint1_unloaded")
 

@@ -8,18 +8,18 @@ import pyarrow.csv as pa_csv
 import pytest
 import yaml
 
-from analyses.experiments.other_arms.panda_wrench import (
+from wrenchsight.analyses.experiments.other_arms.panda_wrench import (
     knowledge_of_logs,
     read_forces,
     read_pose_logs,
 )
-from analyses.methods.external_torque.torque_log import is_torque_log
-from analyses.methods.external_torque.torque_logs import estimate_torque_logs
-from analyses.methods.reading.estimate_config import EstimateConfig
-from analyses.methods.sensors.reference_config import ReferenceConfig
-from models.estimation.wrench_table import COLUMNS
-from models.files.input_error import InputError
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.external_torque.torque_log import is_torque_log
+from wrenchsight.analyses.methods.external_torque.torque_logs import estimate_torque_logs
+from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
+from wrenchsight.analyses.methods.sensors.reference_config import ReferenceConfig
+from wrenchsight.models.estimation.wrench_table import COLUMNS
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.robot import Robot
 
 NOISE = 0.03  # N m
 FORCE = np.array([3.0, -6.0, -12.0])  # N, on the robot in axes of W, in the second half

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from analyses.methods.learning.friction_training import (
+from wrenchsight.analyses.methods.learning.friction_training import (
     LEAST_RATE,
     Adam,
     TrainingConfig,
@@ -11,8 +11,8 @@ from analyses.methods.learning.friction_training import (
     semi_parametric,
     train_networks,
 )
-from models.files.input_error import InputError
-from models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.velocity_friction import CoulombViscous
 
 LAW = CoulombViscous(np.array([6.0, 2.0]), np.array([8.0, 1.0]), np.array([0.5, 0.0]))
 EXTRA = np.array([4.0, -1.0])  # N m, above the level that is left at high velocity

@@ -8,28 +8,28 @@ import pinocchio as pin
 import pytest
 import yaml
 
-from analyses.methods.learning.identification import (
+from wrenchsight.analyses.methods.learning.identification import (
     best_law,
     identify,
     identify_logs,
     residual_covariance,
 )
-from analyses.methods.learning.identification_config import (
+from wrenchsight.analyses.methods.learning.identification_config import (
     LAWS,
     IdentificationConfig,
     IdentifySettings,
 )
-from analyses.methods.learning.torque_fit import TorqueFit
-from analyses.output.outputs import OutputFolder
-from models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from models.files.input_error import InputError
-from models.friction.friction_structure import STRUCTURES
-from models.identification.identified_model import IdentifiedModel
-from models.observers.momentum_observer import MomentumObserverConfig
-from models.recordings.recording import Recording
-from models.recordings.recording_reader import read_recording
-from models.recordings.recording_writer import write_recording
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.friction_structure import STRUCTURES
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.recording_writer import write_recording
+from wrenchsight.models.robot.robot import Robot
 
 STEP = 0.01
 COULOMB = np.array([8.0, 7.0, 5.0, 2.0, 2.5, 1.5])
@@ -544,7 +544,7 @@ def test_parameters_are_determined_combined_or_named_as_undetermined(result):
 
 
 def test_figures_for_any_number_of_joints(tmp_path):
-    from analyses.methods.learning.identification_figures import torque_figure
+    from wrenchsight.analyses.methods.learning.identification_figures import torque_figure
 
     t = np.arange(0.0, 5.0, 0.1)
     for n in (1, 6, 7):

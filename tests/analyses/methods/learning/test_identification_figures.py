@@ -5,8 +5,8 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
-from analyses.methods.learning.identification_figures import torque_figure
-from analyses.methods.learning.torque_fit import TorqueFit
+from wrenchsight.analyses.methods.learning.identification_figures import torque_figure
+from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit
 
 
 def _fit(n):

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from analyses.methods.learning.identification_config import IdentificationConfig
-from analyses.methods.learning.identification_report import (
+from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.learning.identification_report import (
     filter_text,
     inconsistent_links_text,
     law_lines,
     residual_text,
 )
-from analyses.methods.learning.torque_fit import TorqueFit, joined_fits
+from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit, joined_fits
 
 ERRORS = {
     "coulomb-viscous": np.array([1.75, 0.3]),

@@ -5,10 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analyses.methods.learning.low_passed_logs import LowPassedLog
-from analyses.methods.learning.repeated_motion import motion_groups, repeated_motion_notes
-from models.identification.identified_model import LogSource
-from models.signals.zero_phase import ZeroPhaseLowPass
+from wrenchsight.analyses.methods.learning.low_passed_logs import LowPassedLog
+from wrenchsight.analyses.methods.learning.repeated_motion import (
+    motion_groups,
+    repeated_motion_notes,
+)
+from wrenchsight.models.identification.identified_model import LogSource
+from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass
 
 STEP = 0.02
 

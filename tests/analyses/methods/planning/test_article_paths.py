@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from analyses.methods.planning import article_paths
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.planning import article_paths
+from wrenchsight.models.robot.robot import Robot
 
 
 @pytest.mark.parametrize("informed", [False, True])

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from analyses.__main__ import app
-from analyses.methods.planning.excitation import RESERVES, excite, excite_robot
-from analyses.methods.planning.excitation_config import ExcitationConfig
-from diagrams.distances.clearance import Clearance
-from models.excitation.excitation_limits import ExcitationLimits
-from models.excitation.excitation_program import ExcitationProgram, ExcitationSolution
-from models.excitation.fourier_trajectory import FourierTrajectory
-from models.files.input_error import InputError
+from wrenchsight.analyses.__main__ import app
+from wrenchsight.analyses.methods.planning.excitation import RESERVES, excite, excite_robot
+from wrenchsight.analyses.methods.planning.excitation_config import ExcitationConfig
+from wrenchsight.diagrams.distances.clearance import Clearance
+from wrenchsight.models.excitation.excitation_limits import ExcitationLimits
+from wrenchsight.models.excitation.excitation_program import ExcitationProgram, ExcitationSolution
+from wrenchsight.models.excitation.fourier_trajectory import FourierTrajectory
+from wrenchsight.models.files.input_error import InputError
 
 
 @pytest.mark.slow

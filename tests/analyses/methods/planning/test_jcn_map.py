@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from analyses.__main__ import app
-from analyses.methods.planning.jcn_map import jcn_map, sample, slice_plane
-from analyses.methods.planning.jcn_map_settings import SliceConfig
-from analyses.output.result_marker import MARKER
-from diagrams.distances.clearance import Clearance
-from models.files.input_error import InputError
-from models.robot.robot import Robot
+from wrenchsight.analyses.__main__ import app
+from wrenchsight.analyses.methods.planning.jcn_map import jcn_map, sample, slice_plane
+from wrenchsight.analyses.methods.planning.jcn_map_settings import SliceConfig
+from wrenchsight.analyses.output.result_marker import MARKER
+from wrenchsight.diagrams.distances.clearance import Clearance
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.robot import Robot
 
 
 def test_condition_numbers_are_those_of_numpys_svd(sts: Robot) -> None:

@@ -7,8 +7,8 @@ import pytest
 from pydrake.math import RigidTransform
 from scipy.optimize import minimize
 
-from analyses.methods.planning import machining_placement
-from analyses.methods.planning.machining_placement import (
+from wrenchsight.analyses.methods.planning import machining_placement
+from wrenchsight.analyses.methods.planning.machining_placement import (
     FEEDS,
     LOWER,
     UPPER,
@@ -16,12 +16,12 @@ from analyses.methods.planning.machining_placement import (
     bundled_place,
     search,
 )
-from diagrams.distances.clearance import workpiece_clearance
-from diagrams.machining import make_machining_path
-from diagrams.scenario import load_scenario
-from diagrams.workpiece import pose_of_workpiece, surface_of
-from models.identification.torque_error import TorqueError
-from models.motion.surface_path import SurfacePath
+from wrenchsight.diagrams.distances.clearance import workpiece_clearance
+from wrenchsight.diagrams.machining import make_machining_path
+from wrenchsight.diagrams.scenario import load_scenario
+from wrenchsight.diagrams.workpiece import pose_of_workpiece, surface_of
+from wrenchsight.models.identification.torque_error import TorqueError
+from wrenchsight.models.motion.surface_path import SurfacePath
 
 MOVING = np.array([1.54, 1.90, 0.70, 0.32, 0.28, 0.12])  # N m, as identified arms have it
 BREAKAWAY = np.array([16.8, 22.9, 13.8, 2.3, 3.9, 1.8])

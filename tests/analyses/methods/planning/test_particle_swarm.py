@@ -3,17 +3,17 @@ import dataclasses
 import numpy as np
 import pytest
 
-from analyses.methods.planning.particle_swarm import (
+from wrenchsight.analyses.methods.planning.particle_swarm import (
     UNREACHED,
     ParticleCost,
     SwarmConfig,
     place_by_swarm,
 )
-from models.motion.path_postures import track_paths
-from models.motion.posture_measures import ConditionNumber, PathMeasure
-from models.placement.placement_program import PlacementProgram
-from models.placement.placement_task import PlacementTask, load_task
-from models.robot.robot import Robot
+from wrenchsight.models.motion.path_postures import track_paths
+from wrenchsight.models.motion.posture_measures import ConditionNumber, PathMeasure
+from wrenchsight.models.placement.placement_program import PlacementProgram
+from wrenchsight.models.placement.placement_task import PlacementTask, load_task
+from wrenchsight.models.robot.robot import Robot
 
 FEW = SwarmConfig(num_particles=40, num_iterations=12)
 

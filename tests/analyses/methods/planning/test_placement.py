@@ -9,29 +9,29 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from analyses.__main__ import app
-from analyses.methods.planning.placement import (
+from wrenchsight.analyses.__main__ import app
+from wrenchsight.analyses.methods.planning.placement import (
     EFFORT_NUMERIC,
     PlacementResult,
     place,
     place_task,
 )
-from analyses.output.result_marker import MARKER
-from diagrams.distances.clearance import Clearance
-from models.estimation.wrench import WrenchReconstructionConfig, live_prior
-from models.files.input_error import InputError
-from models.identification.identified_model import IdentifiedModel
-from models.motion.posture_measures import ConditionNumber, ForceSd
-from models.placement.placement_search import SearchEffort
-from models.placement.placement_task import (
+from wrenchsight.analyses.output.result_marker import MARKER
+from wrenchsight.diagrams.distances.clearance import Clearance
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.motion.posture_measures import ConditionNumber, ForceSd
+from wrenchsight.models.placement.placement_search import SearchEffort
+from wrenchsight.models.placement.placement_task import (
     ClearanceConfig,
     ObstacleConfig,
     PlacementTask,
     WorkpieceConfig,
     load_task,
 )
-from models.robot.robot import Robot
-from models.robot.robot_config import PoseConfig
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import PoseConfig
 
 SMALL = SearchEffort(
     num_samples=2000, num_poses=6, num_starts=10, num_rounds=1, num_kinds=4, num_steps=12,
@@ -198,7 +198,7 @@ def test_options_that_are_none_are_answered(sts: Robot) -> None:
 
 
 def test_the_article_solver_is_a_choice_of_the_command(sts: Robot, tmp_path: Path) -> None:
-    from analyses.methods.planning.particle_swarm import SwarmConfig
+    from wrenchsight.analyses.methods.planning.particle_swarm import SwarmConfig
 
     task, source = load_task("linear_path")
     swarm = SwarmConfig(num_particles=30, num_iterations=6)

@@ -10,18 +10,21 @@ import pinocchio
 import pytest
 from typer.testing import CliRunner
 
-from analyses.__main__ import app
-from analyses.methods.planning.redundancy import find_redundancy
-from analyses.methods.planning.redundancy_task import RedundancyClearance, RedundancyTask
-from diagrams.distances.clearance import workpiece_clearance
-from diagrams.scenario import BladeConfig
-from models.arrays import Array
-from models.files.configuration import load_configuration, save_configuration
-from models.files.task_files import task_file
-from models.motion.surface_path import SurfacePath
-from models.motion.workpieces import BladeSection
-from models.robot.robot import Robot
-from models.robot.robot_config import PoseConfig
+from wrenchsight.analyses.__main__ import app
+from wrenchsight.analyses.methods.planning.redundancy import find_redundancy
+from wrenchsight.analyses.methods.planning.redundancy_task import (
+    RedundancyClearance,
+    RedundancyTask,
+)
+from wrenchsight.diagrams.distances.clearance import workpiece_clearance
+from wrenchsight.diagrams.scenario import BladeConfig
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.configuration import load_configuration, save_configuration
+from wrenchsight.models.files.task_files import task_file
+from wrenchsight.models.motion.surface_path import SurfacePath
+from wrenchsight.models.motion.workpieces import BladeSection
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import PoseConfig
 
 
 def pinocchio_jcn(robot: Robot, q: Array) -> Array:

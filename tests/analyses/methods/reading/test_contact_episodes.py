@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from analyses.methods.reading.contact_episodes import KEPT, ContactEpisodes
-from models.detection.contact_detector import Detection
+from wrenchsight.analyses.methods.reading.contact_episodes import KEPT, ContactEpisodes
+from wrenchsight.models.detection.contact_detector import Detection
 
 T = 0.01
 ROWS = 400

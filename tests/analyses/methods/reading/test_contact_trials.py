@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 from scipy.stats import poisson
 
-from analyses.methods.reading.contact_trials import (
+from wrenchsight.analyses.methods.reading.contact_trials import (
     Tally,
     TrialLog,
     false_alarm_metrics,
@@ -16,9 +16,9 @@ from analyses.methods.reading.contact_trials import (
     put_in,
     schedule,
 )
-from models.detection.contact_detector import Detection
-from models.identification.identified_model import IdentifiedModel
-from models.recordings.recording import Recording
+from wrenchsight.models.detection.contact_detector import Detection
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
 
 T = 0.01
 

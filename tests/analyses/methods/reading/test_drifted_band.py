@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from analyses.methods.reading.drifted_band import covariance_about, with_band_of
-from models.estimation.estimator import EstimateBatch
+from wrenchsight.analyses.methods.reading.drifted_band import covariance_about, with_band_of
+from wrenchsight.models.estimation.estimator import EstimateBatch
 
 
 def test_the_second_moment_is_that_of_draws() -> None:

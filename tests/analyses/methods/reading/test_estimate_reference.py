@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analyses.methods.reading.estimate_config import EstimateConfig
-from analyses.methods.reading.estimation import EstimateResult, estimate_log
-from analyses.methods.sensors.reference_config import ReferenceConfig
-from models.files.input_error import InputError
-from models.identification.identified_model import IdentifiedModel
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
+from wrenchsight.analyses.methods.reading.estimation import EstimateResult, estimate_log
+from wrenchsight.analyses.methods.sensors.reference_config import ReferenceConfig
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.robot.robot import Robot
 
 _STEP, _DELAY = 0.004, 0.04
 _TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])

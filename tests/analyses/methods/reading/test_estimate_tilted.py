@@ -8,8 +8,8 @@ import pinocchio as pin
 import pytest
 from typer.testing import CliRunner
 
-from analyses.__main__ import app
-from models.robot.robot import Robot
+from wrenchsight.analyses.__main__ import app
+from wrenchsight.models.robot.robot import Robot
 
 STEP = 0.004
 

@@ -18,23 +18,27 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
-from analyses.methods.reading import estimation
-from analyses.methods.reading.estimate_config import ENGINES, EstimateConfig, EstimateSettings
-from analyses.methods.reading.estimate_summary import EstimateSummary
-from analyses.methods.reading.estimation import EstimateResult, estimate_log
-from analyses.output.outputs import OutputFolder
-from models.estimation.wrench import live_prior
-from models.estimation.wrench_bag import read_wrench_bag
-from models.estimation.wrench_table import COLUMNS, columns_of
-from models.files.configuration import load_configuration
-from models.files.input_error import InputError
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.identified_model import IdentifiedModel, Validity
-from models.identification.torque_error_model import TorqueErrorModel
-from models.recordings import resampling, text_table
-from models.recordings.recording import Recording
-from models.recordings.recording_writer import write_recording
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.reading import estimation
+from wrenchsight.analyses.methods.reading.estimate_config import (
+    ENGINES,
+    EstimateConfig,
+    EstimateSettings,
+)
+from wrenchsight.analyses.methods.reading.estimate_summary import EstimateSummary
+from wrenchsight.analyses.methods.reading.estimation import EstimateResult, estimate_log
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.models.estimation.wrench import live_prior
+from wrenchsight.models.estimation.wrench_bag import read_wrench_bag
+from wrenchsight.models.estimation.wrench_table import COLUMNS, columns_of
+from wrenchsight.models.files.configuration import load_configuration
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel, Validity
+from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
+from wrenchsight.models.recordings import resampling, text_table
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_writer import write_recording
+from wrenchsight.models.robot.robot import Robot
 
 _ROOT = Path(__file__).parents[4]
 _ROBOT = "sts_sre4_600"
@@ -644,8 +648,8 @@ def test_the_memory_does_not_grow_with_the_log(sts: Robot, tmp_path: Path) -> No
     """700,000 samples against 200,000; ten million were tried by hand."""
     code = (
         "import sys, resource; from pathlib import Path\n"
-        "from analyses.methods.reading.estimate_config import EstimateConfig\n"
-        "from analyses.methods.reading.estimation import estimate_log\n"
+        "from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig\n"
+        "from wrenchsight.analyses.methods.reading.estimation import estimate_log\n"
         "log = Path(sys.argv[1])\n"
         "config = EstimateConfig()\n"
         "prior = config.estimator.reconstruction\n"

@@ -6,18 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analyses.methods.reading import estimation
-from analyses.methods.reading.estimate_config import EstimateConfig
-from analyses.methods.reading.estimation import estimate_log
-from analyses.output.outputs import OutputFolder
-from models.estimation import smoothing
-from models.estimation.estimator import WrenchEstimator
-from models.estimation.smoothing import smoothed_estimate
-from models.files.input_error import InputError
-from models.identification.identified_model import IdentifiedModel
-from models.recordings.recording import Recording
-from models.recordings.recording_writer import write_recording
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.reading import estimation
+from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
+from wrenchsight.analyses.methods.reading.estimation import estimate_log
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.models.estimation import smoothing
+from wrenchsight.models.estimation.estimator import WrenchEstimator
+from wrenchsight.models.estimation.smoothing import smoothed_estimate
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_writer import write_recording
+from wrenchsight.models.robot.robot import Robot
 
 STEP = 0.01
 FORCE_FIRST = [3, 4, 5, 0, 1, 2]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from analyses.methods.reading.force_errors import (
+from wrenchsight.analyses.methods.reading.force_errors import (
     ForceReading,
     envelope,
     force_metrics,

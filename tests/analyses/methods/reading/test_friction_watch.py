@@ -6,11 +6,15 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from analyses.methods.reading.estimate_config import LARGEST_DRIFT
-from analyses.methods.reading.friction_watch import FrictionWatch
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.identified_model import IdentifiedModel, LogSource, Provenance
-from models.identification.torque_error_model import TorqueErrorModel
+from wrenchsight.analyses.methods.reading.estimate_config import LARGEST_DRIFT
+from wrenchsight.analyses.methods.reading.friction_watch import FrictionWatch
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import (
+    IdentifiedModel,
+    LogSource,
+    Provenance,
+)
+from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
 
 T, ROWS, K_0 = 0.01, 4000, 20.0
 KEEP = np.exp(-K_0 * T)

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analyses.methods.reading.known_payload import LEARNING_TIME, MARGIN, TIME_STEP
-from analyses.methods.reading.repeated_pass import Pass, alignment, loaded_pass
-from models.estimation.point_of_action import jacobian_at
-from models.recordings.recording import Recording
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.reading.known_payload import LEARNING_TIME, MARGIN, TIME_STEP
+from wrenchsight.analyses.methods.reading.repeated_pass import Pass, alignment, loaded_pass
+from wrenchsight.models.estimation.point_of_action import jacobian_at
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
 
 _MASS, _POINT = 2.0, np.array([0.02, 0.1, 0.05])
 _DURATION, _AHEAD = 20.0, 0.037

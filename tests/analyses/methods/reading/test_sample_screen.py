@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from analyses.methods.reading.sample_screen import FAULT, SampleScreen
-from models.recordings.recording import Recording
-from models.recordings.resampling import resampled
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.reading.sample_screen import FAULT, SampleScreen
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.robot.robot import Robot
 
 
 def log(rows: int = 200) -> Recording:

@@ -9,18 +9,22 @@ import pinocchio
 import pytest
 from scipy.signal import lfilter
 
-from analyses.methods.reading.estimate_config import EstimateConfig
-from analyses.methods.reading.estimate_summary import EstimateSummary
-from analyses.methods.reading.estimation import EstimateResult, estimate_log
-from analyses.output.outputs import OutputFolder
-from models.arrays import Array
-from models.estimation.wrench_table import columns_of
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.identified_model import IdentifiedModel, LogSource, Provenance
-from models.identification.torque_error_model import TorqueErrorModel
-from models.recordings.recording import Recording
-from models.recordings.recording_writer import write_recording
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
+from wrenchsight.analyses.methods.reading.estimate_summary import EstimateSummary
+from wrenchsight.analyses.methods.reading.estimation import EstimateResult, estimate_log
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.wrench_table import columns_of
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import (
+    IdentifiedModel,
+    LogSource,
+    Provenance,
+)
+from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_writer import write_recording
+from wrenchsight.models.robot.robot import Robot
 
 T, ROWS, VISCOUS, MORE = 0.01, 3000, 20.0, np.array([0.0, 10.0, 0.0, 0.0, 0.0, 0.0])
 NOISE = 0.2  # N m

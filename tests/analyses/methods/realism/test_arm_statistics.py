@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from analyses.methods.realism.arm_statistics import (
+from wrenchsight.analyses.methods.realism.arm_statistics import (
     TorqueError,
     at_rest,
     correlation_time,
@@ -15,8 +15,8 @@ from analyses.methods.realism.arm_statistics import (
     pass_repeatability,
     residual_by_speed,
 )
-from models.recordings.recording import Recording
-from models.robot.robot import Robot
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
 
 STEP = 0.01
 RNG = np.random.default_rng(2)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from analyses.methods.realism.chance import told_apart
+from wrenchsight.analyses.methods.realism.chance import told_apart
 
 NAN = float("nan")
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from analyses.methods.realism.comparison import (
+from wrenchsight.analyses.methods.realism.comparison import (
     CHECKED,
     FIT,
     LOADED,
@@ -12,8 +12,8 @@ from analyses.methods.realism.comparison import (
     compared,
     twins,
 )
-from models.recordings.recording import Recording
-from models.robot.robot import Robot
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
 
 
 def test_no_log_settles_and_judges():

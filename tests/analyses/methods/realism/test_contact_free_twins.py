@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analyses.methods.realism import contact_free_twins
-from analyses.methods.realism.contact_free_twins import alarms_of_twins, model_of_twins
-from models.identification.identified_model import IdentifiedModel
-from models.identification.torque_error_model import TorqueErrorModel
-from models.recordings.recording import Recording
-from models.robot.robot import Robot
+from wrenchsight.analyses.methods.realism import contact_free_twins
+from wrenchsight.analyses.methods.realism.contact_free_twins import alarms_of_twins, model_of_twins
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
 
 N = 6
 

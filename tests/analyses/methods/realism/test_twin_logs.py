@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from analyses.methods.realism.twin_logs import commanded_motion, twin_log
-from models.recordings.recording import Recording
-from models.robot.robot import Robot
-from models.robot.robot_config import ToolConfig
+from wrenchsight.analyses.methods.realism.twin_logs import commanded_motion, twin_log
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import ToolConfig
 
 
 @pytest.fixture(scope="module")

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analyses.methods.runs import air_pass
-from analyses.methods.runs.air_pass import (
+from wrenchsight.analyses.methods.runs import air_pass
+from wrenchsight.analyses.methods.runs.air_pass import (
     REST,
     AirPass,
     learn_air_passes,
@@ -14,15 +14,15 @@ from analyses.methods.runs.air_pass import (
     record_air_pass,
     teach,
 )
-from diagrams.machining import make_machining_path
-from diagrams.scenario import load_scenario
-from models.estimation.estimator import Taught, WrenchEstimator
-from models.friction.presliding_friction import PreslidingFriction
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.identified_model import IdentifiedModel
-from models.identification.torque_error_model import BEYOND_LOAD
-from models.machining.air_pass import LEAD, raised_motion
-from models.observers.momentum_observer import MomentumObserver
+from wrenchsight.diagrams.machining import make_machining_path
+from wrenchsight.diagrams.scenario import load_scenario
+from wrenchsight.models.estimation.estimator import Taught, WrenchEstimator
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.identification.torque_error_model import BEYOND_LOAD
+from wrenchsight.models.machining.air_pass import LEAD, raised_motion
+from wrenchsight.models.observers.momentum_observer import MomentumObserver
 
 LOW, HIGH = 0.005, 0.01
 

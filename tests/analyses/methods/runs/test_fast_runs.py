@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from analyses.methods.runs import air_pass
-from analyses.methods.runs.air_pass import record_air_pass
-from analyses.methods.runs.fast_runs import is_free, run_free, sensed
-from analyses.methods.runs.task_runs import task_scenario
-from diagrams.closed_loop import make_closed_loop
-from diagrams.scenario import load_scenario
-from models.identification.identified_model import IdentifiedModel
-from models.motion.paths import JointTrajectory
-from models.robot.robot import Robot
-from models.truth.worlds import draw_world
-from systems.force_torque_sensor import ForceTorqueSensorConfig
+from wrenchsight.analyses.methods.runs import air_pass
+from wrenchsight.analyses.methods.runs.air_pass import record_air_pass
+from wrenchsight.analyses.methods.runs.fast_runs import is_free, run_free, sensed
+from wrenchsight.analyses.methods.runs.task_runs import task_scenario
+from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.scenario import load_scenario
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.motion.paths import JointTrajectory
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.truth.worlds import draw_world
+from wrenchsight.systems.force_torque_sensor import ForceTorqueSensorConfig
 
 
 @pytest.fixture(scope="module")

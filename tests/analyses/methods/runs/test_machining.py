@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from analyses.experiments.machining import grinding, polishing
-from analyses.methods.arms.arm_models import ArmModels
-from analyses.methods.runs.air_pass import learn_air_passes
-from analyses.methods.runs.machining import (
+from wrenchsight.analyses.experiments.machining import grinding, polishing
+from wrenchsight.analyses.methods.arms.arm_models import ArmModels
+from wrenchsight.analyses.methods.runs.air_pass import learn_air_passes
+from wrenchsight.analyses.methods.runs.machining import (
     COMPONENTS,
     FEEDS,
     LAW,
@@ -25,21 +25,25 @@ from analyses.methods.runs.machining import (
     regulation,
     run_machining,
 )
-from analyses.methods.runs.machining_figures import feed_figure, force_figure, regulation_figure
-from analyses.methods.runs.machining_study import (
+from wrenchsight.analyses.methods.runs.machining_figures import (
+    feed_figure,
+    force_figure,
+    regulation_figure,
+)
+from wrenchsight.analyses.methods.runs.machining_study import (
     comparison_rows,
     feed_metrics,
     findings,
     over_feeds,
     sources,
 )
-from diagrams.closed_loop import make_closed_loop, uses_sensor
-from diagrams.machining import longest_duration, make_machining_path
-from diagrams.scenario import load_scenario
-from models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from models.identification.identified_model import IdentifiedModel
-from models.machining.machining_phases import Fault, Phase
-from models.recordings.recording import Recording
+from wrenchsight.diagrams.closed_loop import make_closed_loop, uses_sensor
+from wrenchsight.diagrams.machining import longest_duration, make_machining_path
+from wrenchsight.diagrams.scenario import load_scenario
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.machining.machining_phases import Fault, Phase
+from wrenchsight.models.recordings.recording import Recording
 
 SHORT = {
     "standoff": 0.006,

@@ -5,11 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from analyses.experiments.machining import grinding, polishing
-from analyses.methods.runs import machining_study as module
-from analyses.methods.runs.machining import FEEDBACKS, FEEDS, OURS, READINGS, feed_key
-from analyses.study.experiment import ExperimentContext
-from diagrams.scenario import load_scenario
+from wrenchsight.analyses.experiments.machining import grinding, polishing
+from wrenchsight.analyses.methods.runs import machining_study as module
+from wrenchsight.analyses.methods.runs.machining import FEEDBACKS, FEEDS, OURS, READINGS, feed_key
+from wrenchsight.analyses.study.experiment import ExperimentContext
+from wrenchsight.diagrams.scenario import load_scenario
 
 EXPERIMENTS = (polishing.EXPERIMENT, grinding.EXPERIMENT)
 

@@ -4,22 +4,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analyses.methods.runs.simulation import known_model, simulate, simulate_scenario
-from analyses.output.result_marker import visible_files
-from diagrams.distances.clearance import ClosestPair
-from diagrams.distances.machining_way import Overlap
-from diagrams.robot_cell import true_friction
-from diagrams.scenario import HoldMotion, JointSineMotion, Scenario, load_scenario
-from models.control.wrench_script import WrenchStep
-from models.estimation.estimator import WrenchEstimator
-from models.excitation.fourier_trajectory import FourierTrajectory
-from models.files.configuration import save_configuration
-from models.files.input_error import InputError
-from models.identification.identified_model import IdentifiedModel
-from models.machining.machining_phases import Fault, Phase
-from models.recordings.recording_reader import read_recording
-from models.robot.robot import Robot
-from systems.joint_tracking_controller import JointTrackingConfig
+from wrenchsight.analyses.methods.runs.simulation import known_model, simulate, simulate_scenario
+from wrenchsight.analyses.output.result_marker import visible_files
+from wrenchsight.diagrams.distances.clearance import ClosestPair
+from wrenchsight.diagrams.distances.machining_way import Overlap
+from wrenchsight.diagrams.robot_cell import true_friction
+from wrenchsight.diagrams.scenario import HoldMotion, JointSineMotion, Scenario, load_scenario
+from wrenchsight.models.control.wrench_script import WrenchStep
+from wrenchsight.models.estimation.estimator import WrenchEstimator
+from wrenchsight.models.excitation.fourier_trajectory import FourierTrajectory
+from wrenchsight.models.files.configuration import save_configuration
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.machining.machining_phases import Fault, Phase
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.systems.joint_tracking_controller import JointTrackingConfig
 
 
 @pytest.fixture(scope="module")

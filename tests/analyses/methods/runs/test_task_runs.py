@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analyses.methods.reading.repetition import repetition_torque
-from analyses.methods.runs.task_runs import (
+from wrenchsight.analyses.methods.reading.repetition import repetition_torque
+from wrenchsight.analyses.methods.runs.task_runs import (
     PATHS,
     RepetitionReader,
     highest_speed,
@@ -18,12 +18,12 @@ from analyses.methods.runs.task_runs import (
     task_scenario,
     uniform_motion,
 )
-from diagrams.scenario import LineMotion, make_trajectory
-from models.estimation.estimator import WrenchEstimator
-from models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
-from models.identification.identified_model import IdentifiedModel
-from models.identification.repetition_error import RepetitionError
-from models.recordings.recording import Recording
+from wrenchsight.diagrams.scenario import LineMotion, make_trajectory
+from wrenchsight.models.estimation.estimator import WrenchEstimator
+from wrenchsight.models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.identification.repetition_error import RepetitionError
+from wrenchsight.models.recordings.recording import Recording
 
 
 def repetition_error(n, level=0.0, K_0=None):

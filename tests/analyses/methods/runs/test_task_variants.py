@@ -6,12 +6,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from analyses.methods.arms.arm_models import ArmModels
-from analyses.methods.reading.force_errors import ForceReading
-from analyses.methods.runs.task_runs import TaskRun
-from analyses.methods.runs.task_variants import against_lagged, known_friction, lag_alone
-from models.identification.identified_model import IdentifiedModel
-from models.recordings.recording import Recording
+from wrenchsight.analyses.methods.arms.arm_models import ArmModels
+from wrenchsight.analyses.methods.reading.force_errors import ForceReading
+from wrenchsight.analyses.methods.runs.task_runs import TaskRun
+from wrenchsight.analyses.methods.runs.task_variants import (
+    against_lagged,
+    known_friction,
+    lag_alone,
+)
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
 
 FREQUENCY, AMPLITUDE, K_0 = 2.0, 10.0, 20.0
 

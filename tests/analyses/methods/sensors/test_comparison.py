@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from analyses.methods.sensors.comparison import PHASES, compare_with_sensor
-from analyses.methods.sensors.reference_config import ReferenceConfig
-from analyses.methods.sensors.sensor_log import SensorLog, SensorLogCollector
-from models.files.input_error import InputError
+from wrenchsight.analyses.methods.sensors.comparison import PHASES, compare_with_sensor
+from wrenchsight.analyses.methods.sensors.reference_config import ReferenceConfig
+from wrenchsight.analyses.methods.sensors.sensor_log import SensorLog, SensorLogCollector
+from wrenchsight.models.files.input_error import InputError
 
 _GIVEN = ReferenceConfig("fz", "world", [], "robot", "none", "0")
 

@@ -3,7 +3,11 @@
 import numpy as np
 import pytest
 
-from analyses.methods.sensors.judged_force import ForceReading, Judgement, pooled_judgement
+from wrenchsight.analyses.methods.sensors.judged_force import (
+    ForceReading,
+    Judgement,
+    pooled_judgement,
+)
 
 
 def test_bias_scatter_and_band() -> None:

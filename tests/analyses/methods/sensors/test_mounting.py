@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from analyses.methods.sensors.mounting import Mounting, error_of, find_mounting
-from analyses.methods.sensors.reference_config import ReferenceConfig
-from analyses.methods.sensors.sensor_log import SensorLog
-from models.arrays import Array
-from models.files.input_error import InputError
+from wrenchsight.analyses.methods.sensors.mounting import Mounting, error_of, find_mounting
+from wrenchsight.analyses.methods.sensors.reference_config import ReferenceConfig
+from wrenchsight.analyses.methods.sensors.sensor_log import SensorLog
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import InputError
 
 _N, _STEP = 600, 0.02
 

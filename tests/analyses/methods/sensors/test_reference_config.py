@@ -5,12 +5,12 @@ from typing import Any
 
 import pytest
 
-from analyses.methods.sensors.reference_config import (
+from wrenchsight.analyses.methods.sensors.reference_config import (
     ReferenceConfig,
     checked_reference,
     tare_numbers,
 )
-from models.files.input_error import InputError
+from wrenchsight.models.files.input_error import InputError
 
 _PLAIN = ReferenceConfig("fx,fy,fz", frame="tool")
 

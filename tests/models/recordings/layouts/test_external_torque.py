@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.files.input_error import InputError
-from models.recordings.layouts.external_torque import external_torque_layout, jacobians
-from models.recordings.recording import Recording
-from models.robot.robot import Robot
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.layouts.external_torque import external_torque_layout, jacobians
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
 
 LOG = Path("log.csv")
 

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from models.files.input_error import InputError
-from models.recordings.recording_reader import read_recording
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.recording_reader import read_recording
 
 _ROWS = 30
 _ROBOT = SimpleNamespace(

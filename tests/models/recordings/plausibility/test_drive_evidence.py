@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from models.files.input_error import InputError
-from models.recordings.plausibility.drive_evidence import (
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.plausibility.drive_evidence import (
     CORRELATION,
     SURE,
     odds_text,
     recordings_sign_evidence,
 )
-from models.recordings.recording import Recording
-from models.recordings.recording_checks import RecordingChecks
-from models.recordings.recording_reader import read_recording
-from models.robot.robot import Robot
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_checks import RecordingChecks
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.robot.robot import Robot
 
 COULOMB = np.array([8.0, 8.5, 6.0, 2.0, 2.2, 1.9])
 

@@ -10,11 +10,11 @@ import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from models.files.input_error import InputError
-from models.recordings.recording import Recording
-from models.recordings.recording_reader import RecordingReader, read_recording
-from models.recordings.recording_writer import write_recording
-from models.recordings.rosbag import table as rosbag_table
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import RecordingReader, read_recording
+from wrenchsight.models.recordings.recording_writer import write_recording
+from wrenchsight.models.recordings.rosbag import table as rosbag_table
 
 _TYPES = get_typestore(Stores.ROS2_HUMBLE)
 _JOINTS = ["elbow", "finger", "shoulder"]
