@@ -17,9 +17,9 @@ Where the numbers and the equations come from:
     wander        Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky, "Friction models and friction
                   compensation", European J. Control 4, 1998, section 2: friction varies from
                   pass to pass; the process is the simplest one
-    transition    Armstrong-Helouvry, Dupont, Canudas de Wit, "A survey of models, analysis tools and
-                  compensation methods for the control of machines with friction", Automatica
-                  30(7), 1994: lubricated contacts, friction over velocity alone
+    transition    Armstrong-Helouvry, Dupont, Canudas de Wit, "A survey of models, analysis tools
+                  and compensation methods for the control of machines with friction",
+                  Automatica 30(7), 1994: lubricated contacts, friction over velocity alone
     ripple        Tuttle, Seering, "A nonlinear model of a harmonic drive gear transmission", IEEE
                   Trans. Robotics and Automation 12(3), 1996: periods of the motor's turn, twice a
                   turn above all (the wave generator has two lobes), with neighbours
