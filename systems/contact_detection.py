@@ -14,7 +14,7 @@ from pydrake.systems.framework import (
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.detection.contact_detector import ContactDetector
-from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms
+from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 
 DETECTION = ("contact_statistic", "contact", "misfit", "link", "rest", "out_of_range")
 """Entries of the output, as `models.detection.contact_detector.Detection`; flags are 1 or 0."""
