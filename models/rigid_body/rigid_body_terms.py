@@ -66,8 +66,8 @@ class RigidBodyTerms:
         return cls(np.zeros(1, terms_type(num_joints)))
 
     def __getattr__(self, name: str) -> Array:
-        try:
-            field: Array = self.record[name][0]
-        except (ValueError, IndexError):
-            raise AttributeError(name) from None
+        # A copy in the making has no record yet.
+        if name == "record" or name not in self.record.dtype.names:
+            raise AttributeError(name)
+        field: Array = self.record[name][0]
         return field

@@ -84,7 +84,8 @@ def arm_motion(
         scratch: (n, SCRATCH_COLUMNS), overwritten.
         motion: (`motion_size`,), written but for the terms: q and v as they are read, then M v,
             C^T v, C v and G (n,), M, J, R_WE row by row, p_WE, V_WE, what is put on the tool
-            besides contact (6,), the process's wrench and the spindle's, and the force/torque sensor's wrench (6,).
+            besides contact (6,), the process's wrench and the spindle's, and the force/torque
+            sensor's wrench (6,).
     """
     n = joints.shape[0]
     known = motion[2 * n :]
