@@ -91,6 +91,10 @@ class WorldRanges:
     # K of warmth per W of friction: of the housing's size and what cools it (Simoni et al. 2015);
     # judged
     heating: tuple[float, float] = (0.5, 2.0)
+    # Torque of a gear's transmission error at speed: of mounting, as the ripple (Tuttle, Seering)
+    transmission_error: tuple[float, float] = (0.5, 1.5)
+    # Velocity by which dry friction has turned round, where it is a function of velocity; judged
+    transition_velocity: tuple[float, float] = (0.5, 1.5)
 
 
 ABSOLUTE: Final = ("torque_constant", "start_rise", "latency")
@@ -141,21 +145,21 @@ class World:
         """The truth of this world, drawn about `about`; what is off there stays off."""
         scaled = _Scaled(self.factors)
         friction = about.friction
-        coulomb = scaled("coulomb", friction.coulomb)
-        rises = [max(s - c, 0.0) for s, c in zip(friction.stiction, friction.coulomb, strict=False)]
-        stiction = [
-            c + scaled.one("coulomb") * rise
-            for c, rise in zip(coulomb, scaled("stiction_rise", rises), strict=False)
-        ]
+        coulomb = scaled.one("coulomb") * friction.coulomb
+        stiction = friction.stiction
+        if stiction.size:
+            level = friction.coulomb if friction.coulomb.size else np.zeros(stiction.size)
+            rise = scaled.one("stiction_rise") * np.maximum(stiction - level, 0.0)
+            stiction = scaled.one("coulomb") * level + scaled.one("coulomb") * rise
         return SimulatedTruthConfig(
             friction=replace(
                 friction,
                 coulomb=coulomb,
                 stiction=stiction,
-                stribeck_velocity=scaled("stribeck_velocity", friction.stribeck_velocity),
-                viscous=scaled("viscous", friction.viscous),
-                load_dependence=scaled("load", friction.load_dependence),
-                ripple_amplitude=scaled("ripple", friction.ripple_amplitude),
+                stribeck_velocity=scaled.one("stribeck_velocity") * friction.stribeck_velocity,
+                viscous=scaled.one("viscous") * friction.viscous,
+                load_dependence=scaled.one("load") * friction.load_dependence,
+                ripple_amplitude=scaled.one("ripple") * friction.ripple_amplitude,
             ),
             mechanisms=None
             if about.mechanisms is None
@@ -192,6 +196,7 @@ class World:
                 saturation=times("saturation", "saturation"),
                 heating=times("heating", "heating"),
                 start_rise=lambda _: scaled.one("start_rise"),
+                transition_velocity=times("transition_velocity", "transition_velocity"),
                 day_sd=times("day_sd", "day_sd"),
                 coulomb_day_sd=times("day_sd", "coulomb_day_sd"),
             ),
@@ -202,6 +207,9 @@ class World:
                 second_amplitude=times("ripple", "second_amplitude"),
                 second_load_share=times("ripple", "second_load_share"),
                 motor_amplitudes=lambda c: [scaled("ripple", row) for row in c.motor_amplitudes],
+            ),
+            transmission_error=part(
+                about.transmission_error, amplitude=times("transmission_error", "amplitude")
             ),
             elasticity=part(about.elasticity, stiffness=times("stiffness", "stiffness")),
             motor=part(
