@@ -105,4 +105,4 @@ def test_advancing_and_evaluating_reads_the_last_tick(sts, log, fused):
         np.testing.assert_allclose(wrench, batch.wrench[row], rtol=0.0, atol=1e-9)
         assert estimator.GetOutputPort("valid").Eval(at)[0] == batch.valid[row]
         assert estimator.GetOutputPort("fault").Eval(at)[0] == 0.0
-    assert batch.valid[100:].all()
+    assert batch.valid[200:].all()
