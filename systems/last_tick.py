@@ -40,7 +40,10 @@ class LastTick:
         """Whether `context` is between the last tick and the next one."""
         last: float = context.get_discrete_state(self._index).GetAtIndex(0)
         # The ticks' times are computed as Drake does, so that rounding makes no third kind.
-        return last <= context.get_time() < (round(last / self._time_step) + 1) * self._time_step
+        if np.isnan(last):
+            return False
+        now: float = context.get_time()
+        return last <= now < (round(last / self._time_step) + 1) * self._time_step
 
     def values(self, context: Context) -> Array:
         """What was put out at the last tick."""
