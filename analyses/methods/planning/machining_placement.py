@@ -14,8 +14,8 @@ feed's direction and the normal, v the planned joint speeds and Sigma_tau(v) = d
 observer's output along held-out contact-free logs, the planned path. Turning the cell about the
 first axis changes nothing, so that the path's middle lies straight ahead.
 
-`python -m wrenchsight.analyses.methods.planning.machining_placement SCENARIO` prints the best places, and the
-force sd of the scenario's own.
+`python -m wrenchsight.analyses.methods.planning.machining_placement SCENARIO` prints the best
+places, and the force sd of the scenario's own.
 """
 
 import sys
