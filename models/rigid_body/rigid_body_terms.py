@@ -67,7 +67,7 @@ class RigidBodyTerms:
 
     def __getattr__(self, name: str) -> Array:
         # A copy in the making has no record yet.
-        if name == "record" or name not in self.record.dtype.names:
+        if name == "record" or name not in (self.record.dtype.names or ()):
             raise AttributeError(name)
         field: Array = self.record[name][0]
         return field
