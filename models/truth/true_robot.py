@@ -9,7 +9,11 @@ import numpy as np
 from wrenchsight.models.files.configuration import load_configuration
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.robot.robot import Robot
-from wrenchsight.models.robot.truth_config import TRUTHS, SimulatedTruthConfig
+from wrenchsight.models.robot.truth_config import (
+    TRUTHS,
+    JointFrictionConfig,
+    SimulatedTruthConfig,
+)
 
 PLAIN = "plain_truth.yaml"  # beside robot.yaml
 _FRAMES = 19  # stream of the individual's random numbers
@@ -48,6 +52,27 @@ def load_truth(path: str | Path) -> SimulatedTruthConfig:
         InputError: no such file, an unknown key, a value of a wrong type.
     """
     return load_configuration(path, SimulatedTruthConfig)
+
+
+def with_friction(robot: Robot, friction: str) -> Robot:
+    """The robot with as much of its true friction as a scenario asks for.
+
+    Args:
+        friction: `full` for the truth as it is; `coulomb_viscous` for these two alone and `none`
+            for no friction, in either case on an arm that is otherwise as its file says.
+    """
+    if friction == "full":
+        return robot
+    if friction == "none":
+        return robot.with_truth(SimulatedTruthConfig())
+    truth = robot.truth
+    plain = JointFrictionConfig(
+        stiction=truth.coulomb,
+        coulomb=truth.coulomb,
+        stribeck_velocity=truth.stribeck_velocity,
+        viscous=truth.viscous,
+    )
+    return robot.with_truth(SimulatedTruthConfig(friction=plain))
 
 
 def true_robot(robot: Robot) -> Robot:
