@@ -11,7 +11,7 @@ The mathematics is that of `joint_kernels`, `current_measurement`, `tool_contact
 `machining_process` and `chain_kernels`. Constants come as tuples, in the order of the classes here.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -156,7 +156,7 @@ def _known(motion: Array, n: int) -> tuple[Array, Array, Array, Array]:
 
 @kernel
 def arm_motion(
-    constants: tuple[Array, ...],
+    constants: tuple[Any, ...],
     layout: tuple[float, ...],
     t: float,
     x: Array,
@@ -206,7 +206,7 @@ def arm_motion(
 
 @kernel
 def arm_drives(
-    constants: tuple[Array, ...],
+    constants: tuple[Any, ...],
     layout: tuple[float, ...],
     t: float,
     x: Array,
@@ -296,7 +296,7 @@ def arm_truth(
 
 @kernel
 def arm_memory(
-    constants: tuple[Array, ...],
+    constants: tuple[Any, ...],
     layout: tuple[float, ...],
     t: float,
     x: Array,

@@ -1,7 +1,7 @@
 """The true arm: all that is true of it besides the plant's rigid bodies and contact."""
 
 from dataclasses import dataclass, field
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
@@ -180,7 +180,7 @@ class TrueArm(LeafSystem):
         sensor = (np.empty((0, 3)), np.empty((0, 0)), nothing, nothing, np.zeros(6), -1)
         if parts.sensor is not None:
             sensor = parts.sensor.constants
-        self._of_motion = tuple(
+        self._of_motion: tuple[Any, ...] = tuple(
             MotionConstants(
                 chain=np.ascontiguousarray(parts.chain.table),
                 joints=joints.table,
@@ -191,7 +191,7 @@ class TrueArm(LeafSystem):
                 process=law,
             )
         )
-        self._of_drives = tuple(
+        self._of_drives: tuple[Any, ...] = tuple(
             DriveConstants(
                 joints=joints.table,
                 motors=joints.motors,
@@ -201,7 +201,7 @@ class TrueArm(LeafSystem):
                 in_contact=parts.contacts is not None,
             )
         )
-        self._of_memory = tuple(MemoryConstants(current, *sensor, law, *varied))
+        self._of_memory: tuple[Any, ...] = tuple(MemoryConstants(current, *sensor, law, *varied))
 
     @property
     def motion_sizes(self) -> list[int]:
