@@ -79,14 +79,15 @@ def true_robot(robot: Robot) -> Robot:
     """The robot as it really is: its joints' frames off, and its tool's weight.
 
     Frames are drawn once for each `individual`, along and about all three axes of the joint's own;
-    about the joint's axis that is an encoder's offset. The robot itself where nothing is off.
+    about the joint's axis that is an encoder's offset. Where several motors move one joint, rotors
+    turn with the joints instead, as in Drake's plant. The robot itself where nothing is off.
 
     Raises:
         InputError: a standard deviation or the tool's factor is negative or not finite.
     """
     mechanisms = robot.config.simulated_truth.mechanisms
     if mechanisms is None:
-        return robot
+        return robot.without_coupling() if robot.is_coupled else robot
     if mechanisms.payload is not None and mechanisms.payload.factor != 1.0:
         robot = _with_weight(robot, mechanisms.payload.factor)
     if mechanisms.kinematics is None:

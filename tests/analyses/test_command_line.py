@@ -370,7 +370,7 @@ def test_fleeting_progress_says_in_a_log_only_that_there_is_a_wait():
 
 def test_long_work_gives_a_sign_of_life_in_a_log(monkeypatch):
     clock = iter(range(0, 1000, 15))
-    monkeypatch.setattr("analyses.output.progress.time.monotonic", lambda: next(clock))
+    monkeypatch.setattr("wrenchsight.analyses.output.progress.time.monotonic", lambda: next(clock))
     events = [Progress("one", "running", k / 10, "solving") for k in range(6)]
     assert _written(False, events).splitlines() == [
         "one     started",
