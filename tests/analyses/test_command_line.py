@@ -284,7 +284,7 @@ def test_an_interrupt_is_one_line_and_its_code(tmp_path, number, code):
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         f"sys.path.insert(0, {str(tmp_path)!r})\n"
         "if __name__ == '__main__':\n"
-        "    from analyses import __main__\n"
+        "    from wrenchsight.analyses import __main__\n"
         "    from wrenchsight.analyses.study.registry import REGISTRY\n"
         "    REGISTRY.register('fake_slow')\n"
         f"    sys.argv = ['wrenchsight', 'study', 'slow', '--out', {str(tmp_path / 'out')!r}]\n"
