@@ -185,16 +185,17 @@ def _connect_arm(
         builder.Connect(port, arm.GetInputPort(name))
     # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
     split = {}
-    sizes = {"motion": arm.motion_sizes, "drives": arm.drive_sizes}
-    for name, parts_of_port in (sizes | ({"truth": arm.truth_sizes} if touches else {})).items():
-        demultiplexer = builder.AddNamedSystem(f"{name}_parts", Demultiplexer(parts_of_port))
+    sizes = {"motion": list(arm.motion_sizes.values()), "drives": arm.drive_sizes}
+    for name, of_parts in (sizes | ({"truth": arm.truth_sizes} if touches else {})).items():
+        demultiplexer = builder.AddNamedSystem(f"{name}_parts", Demultiplexer(of_parts))
         builder.Connect(arm.GetOutputPort(name), demultiplexer.get_input_port())
-        split[name] = [demultiplexer.get_output_port(i) for i in range(len(parts_of_port))]
-    q, v, _, wrench_true, tau_ext_true, _, ft_wrench = split["motion"]
+        split[name] = [demultiplexer.get_output_port(i) for i in range(len(of_parts))]
+    motion = dict(zip(arm.motion_sizes, split["motion"], strict=True))
+    wrench_true, tau_ext_true = motion["wrench"], motion["torque"]
     tau_J, torque, tau_f, _, current, _ = split["drives"]
     builder.Connect(tau_J, plant.get_actuation_input_port(parts.model_instance))
     builder.Connect(torque, plant.get_applied_generalized_force_input_port())
-    exported = {"q": q, "v": v, "state": state, "current": current}
+    exported = {"q": motion["q_read"], "v": motion["v_read"], "state": state, "current": current}
     exported |= {"tau_J_true": tau_J, "tau_f_true": tau_f}
     if touches:
         wrench_true, tau_ext_true, _ = split["truth"]
@@ -210,7 +211,7 @@ def _connect_arm(
     if arm.HasOutputPort("wrench_unbalance"):
         exported["wrench_unbalance"] = arm.GetOutputPort("wrench_unbalance")
     if senses:
-        exported["ft_wrench"] = ft_wrench
+        exported["ft_wrench"] = motion["sensed"]
     for name, port in exported.items():
         builder.ExportOutput(port, name)
 

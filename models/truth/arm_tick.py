@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, Record, record_type
 from wrenchsight.models.control.wrench_script import sample_script
 from wrenchsight.models.kernel import kernel
 from wrenchsight.models.machining.machining_process import (
@@ -24,7 +24,8 @@ from wrenchsight.models.machining.machining_process import (
     advance_process,
     advance_varying_process,
 )
-from wrenchsight.models.rigid_body.flat_terms import flat_motion, flat_size, write_flat_terms
+from wrenchsight.models.rigid_body.chain_kernels import all_terms
+from wrenchsight.models.rigid_body.rigid_body_terms import terms_type
 from wrenchsight.models.signals.current_measurement import measure_current, update_lag
 from wrenchsight.models.signals.gaussian_noise import gaussian_noise
 from wrenchsight.models.signals.tool_contact import CONTACT_SIZE, add_contact, sum_with_contact
@@ -124,34 +125,31 @@ class MemoryConstants(NamedTuple):
     ends: Array
 
 
-def motion_sizes(num_joints: int) -> list[int]:
-    """Parts of what `arm_motion` writes.
+def motion_type(num_joints: int) -> np.dtype[np.void]:
+    """The record that `arm_motion` writes: the rigid-body terms of the links' q and v, and then
 
-    q and v as they are read (n,), the terms of `write_flat_terms`, the environment's wrench (6,)
-    and joint torque (n,) without contact, that wrench with the spindle's (6,), and what the
-    force/torque sensor reads (6,).
+    q_read and v_read (n,) as the encoders say, rad, rad/s; wrench (6,) and torque (n,) of the
+    environment without contact, F_E_W and N m; applied (6,), that wrench with the spindle's; sensed
+    (6,), what the force/torque sensor reads.
     """
     n = num_joints
-    return [n, n, flat_size(n), 6, n, 6, 6]
+    terms = terms_type(n)
+    shapes = {name: terms[name].shape for name in terms.names or ()}
+    return record_type(
+        **shapes,
+        q_read=(n,),
+        v_read=(n,),
+        wrench=(6,),
+        torque=(n,),
+        applied=(6,),
+        sensed=(6,),
+    )
 
 
 @kernel
 def _tick_of(t: float, time_step: float) -> int:
     # As `systems.gaussian_noise_source.tick_of`.
     return int(t / time_step + 1e-3)
-
-
-@kernel
-def _known(motion: Array, n: int) -> tuple[Array, Array, Array, Array]:
-    """Views into `motion`: the terms, the environment's wrench and torque, the wrench applied."""
-    start = 2 * n
-    wrench = start + 4 * n + n * n + 6 * n + 18
-    return (
-        motion[start:wrench],
-        motion[wrench : wrench + 6],
-        motion[wrench + 6 : wrench + 6 + n],
-        motion[wrench + 6 + n : wrench + 12 + n],
-    )
 
 
 @kernel
@@ -162,7 +160,7 @@ def arm_motion(
     x: Array,
     state: Array,
     scratch: Array,
-    motion: Array,
+    motion: Record,
 ) -> None:
     """Writes what is known of a sample before anything is commanded.
 
@@ -173,31 +171,31 @@ def arm_motion(
         x: (2n,) q and v of the links, rad, rad/s.
         state: see ArmLayout.
         scratch: (n, SCRATCH_COLUMNS), overwritten.
-        motion: (sum of `motion_sizes`,), written.
+        motion: (1,) of `motion_type`, written.
     """
     of = MotionConstants(*constants)
     of_joints, of_process, time_step = layout
     n = of.joints.shape[0]
-    q, v = x[:n], x[n:]
-    terms, wrench, torque, applied = _known(motion, n)
-    write_flat_terms(of.chain, q, v, terms, scratch)
-    _, J, R_WE, _, _ = flat_motion(terms, n)
+    at = motion[0]
+    at.q[:], at.v[:] = x[:n], x[n:]
+    all_terms(of.chain, motion, scratch)
     rows = state[:of_joints].reshape(of_joints // n, n)
     tick = _tick_of(t, time_step)
     encoder_reading(
-        *(of.joints, rows, terms[3 * n : 4 * n], q, v, of.on_motor, of.seed, tick),
-        *(motion[:n], motion[n : 2 * n]),
+        *(of.joints, rows, at.G, at.q, at.v, of.on_motor, of.seed, tick),
+        *(at.q_read, at.v_read),
     )
+    wrench = at.wrench
     wrench[:] = 0.0
     if of.script.shape[0] > 0:
         sample_script(of.script, of.tones, t, wrench)
     own = of_joints + n + of_process
-    for i in range(6):
-        wrench[i] += state[own + i]
-        applied[i] = wrench[i]
-        motion[motion.shape[0] - 6 + i] = state[own + 6 + i]
+    wrench += state[own : own + 6]
+    at.applied[:] = wrench
+    at.sensed[:] = state[own + 6 : own + 12]
     if of_process > 0:
-        add_unbalance_force(of.process, t, R_WE, applied[3:])
+        add_unbalance_force(of.process, t, at.R_WE, at.applied[3:])
+    torque, J = at.torque, at.J
     for j in range(n):
         torque[j] = 0.0
         for i in range(6):
@@ -209,8 +207,7 @@ def arm_drives(
     constants: tuple[Any, ...],
     layout: tuple[float, ...],
     t: float,
-    x: Array,
-    motion: Array,
+    motion: Record,
     command: Array,
     state: Array,
     work: Array,
@@ -220,7 +217,7 @@ def arm_drives(
 
     Args:
         constants: DriveConstants.
-        layout, t, x, state: as in `arm_motion`.
+        layout, t, state: as in `arm_motion`.
         motion: of `arm_motion`.
         command: (n,) A, of the motors, within the drives' limits.
         work: of `tick_work`, overwritten.
@@ -235,7 +232,7 @@ def arm_drives(
     rows = state[:of_joints].reshape(of_joints // n, n)
     signals = drives[: SIGNALS * n].reshape(SIGNALS, n)
     current = drives[SIGNALS * n : (SIGNALS + 1) * n]
-    terms, _, torque, _ = _known(motion, n)
+    at = motion[0]
     asked = command
     if of.motors.shape[0] > 0:
         asked = np.empty(n)
@@ -243,13 +240,13 @@ def arm_drives(
     joint_tick(
         of.joints,
         time_step,
-        terms[4 * n : 4 * n + n * n].reshape(n, n),
-        terms[2 * n : 3 * n],
-        terms[3 * n : 4 * n],
-        x[:n],
-        x[n:],
+        at.M,
+        at.Cv,
+        at.G,
+        at.q,
+        at.v,
         asked,
-        rows[EXTERNAL] if of.in_contact else torque,
+        rows[EXTERNAL] if of.in_contact else at.torque,
         noise,
         rows,
         drives[(SIGNALS + 1) * n :].reshape(of_joints // n, n),
@@ -273,7 +270,7 @@ def arm_truth(
     contacts: Array,
     count: int,
     tau_contact: Array,
-    motion: Array,
+    motion: Record,
     truth: Array,
 ) -> None:
     """Writes what acts on the arm from outside, as `sum_with_contact`.
@@ -285,13 +282,11 @@ def arm_truth(
         motion: of `arm_motion`.
         truth: (6 + n + 4,), written.
     """
-    contact, n = np.zeros(CONTACT_SIZE), tau_contact.shape[0]
-    terms, wrench, _, _ = _known(motion, n)
-    _, J, R_WE, p_WE, _ = flat_motion(terms, n)
+    contact, at = np.zeros(CONTACT_SIZE), motion[0]
     for i in range(count):
         c = contacts[i]
-        add_contact(p_WE, R_WE, tip_radius, c[:3], c[3:6], c[6:], contact)
-    sum_with_contact(wrench, contact, J, tau_contact, truth)
+        add_contact(at.p_WE, at.R_WE, tip_radius, c[:3], c[3:6], c[6:], contact)
+    sum_with_contact(at.wrench, contact, at.J, tau_contact, truth)
 
 
 @kernel
@@ -299,8 +294,7 @@ def arm_memory(
     constants: tuple[Any, ...],
     layout: tuple[float, ...],
     t: float,
-    x: Array,
-    motion: Array,
+    motion: Record,
     drives: Array,
     truth: Array,
     vdot: Array,
@@ -311,7 +305,7 @@ def arm_memory(
 
     Args:
         constants: MemoryConstants.
-        layout, t, x: as in `arm_motion`.
+        layout, t: as in `arm_motion`.
         motion, drives: of the tick.
         truth: (6 + n + 4,) of `arm_truth`; without entries where there is no contact.
         vdot: (n,) rad/s^2.
@@ -322,8 +316,7 @@ def arm_memory(
     of_joints, of_process, time_step = layout
     n = vdot.shape[0]
     own = of_joints + n + of_process
-    terms, _, _, _ = _known(motion, n)
-    _, J, R_WE, p_WE, V_WE = flat_motion(terms, n)
+    at = motion[0]
     state[:of_joints] = drives[(SIGNALS + 1) * n :]
     if truth.shape[0] > 0:
         state[EXTERNAL * n : (EXTERNAL + 1) * n] = truth[6 : 6 + n]
@@ -333,11 +326,11 @@ def arm_memory(
     if of_process > 0:
         law, contact = state[of_joints + n : own], truth[6 + n :]
         if of.variations.shape[0] == 0:
-            advance_process(of.process, time_step, contact, V_WE, law)
+            advance_process(of.process, time_step, contact, at.V_WE, law)
         else:
             advance_varying_process(
                 *(of.process, of.variations, of.waviness, of.patches, of.pose, of.ends),
-                *(time_step, t, contact, V_WE, p_WE, law),
+                *(time_step, t, contact, at.V_WE, at.p_WE, law),
             )
         state[own + 3 : own + 6] = law[FORCE]
     if of.tool.shape[0] > 0:
@@ -345,6 +338,6 @@ def arm_memory(
         if of.noise_seed >= 0:
             gaussian_noise(of.noise_seed, _tick_of(t, time_step), noise)
         measure_contact_wrench(
-            *(of.tool, of.A, of.B, of.C, J, R_WE, V_WE, x[n:], vdot, reaction, of.noise_sd, noise),
-            *(state[own + 6 : own + 12], state[own + 12 :]),
+            *(of.tool, of.A, of.B, of.C, at.J, at.R_WE, at.V_WE, at.v, vdot, reaction),
+            *(of.noise_sd, noise, state[own + 6 : own + 12], state[own + 12 :]),
         )

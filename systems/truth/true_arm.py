@@ -10,11 +10,11 @@ from pydrake.multibody.plant import ContactResults, ExternallyAppliedSpatialForc
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, Record
 from wrenchsight.models.control.wrench_script import WrenchScript
 from wrenchsight.models.machining.machining_process import MachiningProcess, add_unbalance_force
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
-from wrenchsight.models.rigid_body.flat_terms import flat_motion
+from wrenchsight.models.rigid_body.rigid_body_terms import terms_type
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.truth.arm_tick import (
     ArmLayout,
@@ -25,7 +25,7 @@ from wrenchsight.models.truth.arm_tick import (
     arm_memory,
     arm_motion,
     arm_truth,
-    motion_sizes,
+    motion_type,
 )
 from wrenchsight.models.truth.free_arm import VELOCITY_STREAM, WANDER_STREAM
 from wrenchsight.models.truth.joint_kernels import SIGNALS, tick_work
@@ -84,10 +84,9 @@ class TrueArm(LeafSystem):
              current_command   (n,) A, of the motors, within the drives' limits
              contact_results, tau_contact  of the plant; where something can be touched
              reaction_forces, vdot  of the plant; where there is a force/torque sensor
-    Outputs: motion            q and v as they are read (n,), the rigid-body terms, wrench (6,) and
-                               joint torque (n,) of the environment without contact, the wrench of
-                               `spatial_forces` (6,), that of the force/torque sensor (6,); no
-                               feedthrough of the command
+    Outputs: motion            the entries of `motion_type`, one after another: rigid-body terms,
+                               what encoders and force/torque sensor read, the environment's wrench
+                               and torque without contact; no feedthrough of the command
              drives            motor torque tau_J_true, the rest of the generalized force on the
                                plant, tau_f_true, each (n,) N m; true and reported current (n,) A;
                                then the joints' state at the tick's end
@@ -110,6 +109,7 @@ class TrueArm(LeafSystem):
         if process is not None and parts.contacts is None:
             raise ValueError("true arm: a machining process needs contact")
         self._n, self._contacts = n, parts.contacts
+        self._motion_type = motion_type(n)
         self._constants(parts)
         memory = np.zeros(0) if process is None else process.initial_state
         initial = joints.initial_state()
@@ -124,7 +124,7 @@ class TrueArm(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(joints.time_step, 0.0, self._update)
         known = {self._x.ticket(), self.time_ticket(), self.discrete_state_ticket(state)}
         self._motion = self.DeclareVectorOutputPort(
-            "motion", sum(self.motion_sizes), self._calc_motion, known
+            "motion", sum(self.motion_sizes.values()), self._calc_motion, known
         )
         self._drives = self.DeclareVectorOutputPort(
             "drives", sum(self.drive_sizes), self._calc_drives, known | {self._command.ticket()}
@@ -204,9 +204,11 @@ class TrueArm(LeafSystem):
         self._of_memory: tuple[Any, ...] = tuple(MemoryConstants(current, *sensor, law, *varied))
 
     @property
-    def motion_sizes(self) -> list[int]:
-        """Of the parts of `motion`, see `models.truth.arm_tick.motion_sizes`."""
-        return motion_sizes(self._n)
+    def motion_sizes(self) -> dict[str, int]:
+        """Of the parts of `motion`: its terms together, and each of the other fields."""
+        kind, terms = self._motion_type, terms_type(self._n)
+        around = [name for name in kind.names or () if name not in (terms.names or ())]
+        return {"terms": terms.itemsize // 8} | {name: kind[name].shape[0] for name in around}
 
     @property
     def drive_sizes(self) -> list[int]:
@@ -231,16 +233,19 @@ class TrueArm(LeafSystem):
             self._x.Eval(context),
             context.get_discrete_state_vector().value(),
             self._scratch,
-            output.get_mutable_value(),
+            output.get_mutable_value().view(self._motion_type),
         )
+
+    def _motion_at(self, context: Context) -> Record:
+        motion: Record = self._motion.Eval(context).view(self._motion_type)
+        return motion
 
     def _calc_drives(self, context: Context, output: BasicVector) -> None:
         arm_drives(
             self._of_drives,
             self._layout,
             context.get_time(),
-            self._x.Eval(context),
-            self._motion.Eval(context),
+            self._motion_at(context),
             self._command.Eval(context),
             context.get_discrete_state_vector().value(),
             self._work,
@@ -253,20 +258,16 @@ class TrueArm(LeafSystem):
             self._contacts.tip_radius,
             *self._contacts.touched(cast(ContactResults, self._results.Eval(context))),
             self._tau_contact.Eval(context),
-            self._motion.Eval(context),
+            self._motion_at(context),
             output.get_mutable_value(),
         )
 
     def _calc_spatial_forces(self, context: Context, output: AbstractValue) -> None:
-        applied = self._motion.Eval(context)[-12:-6]
-        self._at_E.F_Bq_W = SpatialForce(applied)
+        self._at_E.F_Bq_W = SpatialForce(self._motion_at(context)["applied"][0])
         output.set_value([self._at_E])
 
     def _calc_unbalance(self, context: Context, output: BasicVector) -> None:
-        n = self._n
-        terms = self._motion.Eval(context)[2 * n : -18 - n]
-        _, _, R_WE, _, _ = flat_motion(terms, n)
-        wrench = np.zeros(6)
+        R_WE, wrench = self._motion_at(context)["R_WE"][0], np.zeros(6)
         add_unbalance_force(self._process.table, context.get_time(), R_WE, wrench[3:])
         output.SetFromVector(wrench)
 
@@ -281,8 +282,7 @@ class TrueArm(LeafSystem):
             self._of_memory,
             self._layout,
             context.get_time(),
-            self._x.Eval(context),
-            self._motion.Eval(context),
+            self._motion_at(context),
             self._drives.Eval(context),
             truth,
             vdot,

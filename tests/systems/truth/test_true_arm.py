@@ -79,7 +79,7 @@ class AtWork:
         self.arm = arm = arm_of(robot, joints, tau_contact is not None, **more)
         self.context = arm.CreateDefaultContext()
         self.terms = robot.chain.terms(robot.home, V)
-        self.sizes = {"motion": arm.motion_sizes, "drives": arm.drive_sizes}
+        self.sizes = {"drives": arm.drive_sizes}
         arm.GetInputPort("state").FixValue(self.context, np.concatenate([robot.home, V]))
         arm.GetInputPort("current_command").FixValue(self.context, COMMAND)
         if tau_contact is not None:
@@ -91,6 +91,12 @@ class AtWork:
     def parts(self, name):
         values = self.arm.GetOutputPort(name).Eval(self.context)
         return np.split(values, np.cumsum(self.sizes[name])[:-1])
+
+    @property
+    def motion(self):
+        values = self.arm.GetOutputPort("motion").Eval(self.context)
+        sizes = self.arm.motion_sizes
+        return dict(zip(sizes, np.split(values, np.cumsum(list(sizes.values()))[:-1]), strict=True))
 
     @property
     def state(self):
@@ -171,7 +177,8 @@ def test_encoders_read_with_the_noise_of_the_tick(robot, joints):
             *(joints.table, joints.initial_state(), work.terms.G, robot.home, V, True),
             *(SEED + VELOCITY_STREAM, tick, q, v),
         )
-        np.testing.assert_array_equal(np.concatenate(work.parts("motion")[:2]), [*q, *v])
+        np.testing.assert_array_equal(work.motion["q_read"], q)
+        np.testing.assert_array_equal(work.motion["v_read"], v)
 
 
 def test_the_reported_current_is_the_sensor_s(robot, joints):
@@ -191,7 +198,7 @@ def test_the_reported_current_is_the_sensor_s(robot, joints):
 
 def test_a_script_pushes_at_E_and_along_the_motion_that_it_causes(robot, joints):
     work = AtWork(robot, joints, segments=[PUSH])
-    _, _, _, wrench, torque, applied, _ = work.parts("motion")
+    wrench, torque, applied = (work.motion[name] for name in ("wrench", "torque", "applied"))
     np.testing.assert_array_equal(wrench, PUSHED)
     np.testing.assert_array_equal(applied, PUSHED)
     np.testing.assert_allclose(torque, work.terms.J.T @ PUSHED, atol=1e-14)
@@ -199,7 +206,7 @@ def test_a_script_pushes_at_E_and_along_the_motion_that_it_causes(robot, joints)
     np.testing.assert_array_equal(force.F_Bq_W.get_coeffs(), PUSHED)
     np.testing.assert_array_equal(force.p_BoBq_B, [0.0, 0.0, 0.07])
     along = WrenchStep(force=list(work.terms.J[3:, 1]))  # the velocity that joint 2 gives to E
-    assert AtWork(robot, joints, segments=[along]).parts("motion")[4][1] > 0.0
+    assert AtWork(robot, joints, segments=[along]).motion["torque"][1] > 0.0
 
 
 def test_contact_torque_adds_to_what_is_scripted(robot, joints):
@@ -229,7 +236,7 @@ def test_a_process_cuts_against_the_feed_once_contact_is_known(robot, joints):
     np.testing.assert_array_equal(after[law.stop + 3 : law.stop + 6], expected[7:])
     after[law.stop + 3 : law.stop + 6] = [-4.0, 0.0, 0.5]
     work.context.SetDiscreteState(after)
-    _, _, _, wrench, torque, applied, _ = work.parts("motion")
+    wrench, torque, applied = (work.motion[name] for name in ("wrench", "torque", "applied"))
     np.testing.assert_array_equal(wrench, [0.0, 0.0, 0.0, -4.0, 0.0, 0.5])
     np.testing.assert_allclose(torque, work.terms.J.T @ wrench, atol=1e-14)
     unbalance = work.arm.GetOutputPort("wrench_unbalance").Eval(work.context)
