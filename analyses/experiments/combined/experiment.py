@@ -46,7 +46,7 @@ from wrenchsight.analyses.study.experiment import (
     FigureFile,
 )
 from wrenchsight.analyses.study.figure_files import saved_figures
-from wrenchsight.analyses.study.wording import change, compared, listed
+from wrenchsight.analyses.study.wording import filled
 from wrenchsight.diagrams.scenario import LineMotion
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.rigid_body.spatial_vectors import AXES
@@ -122,72 +122,13 @@ def run(context: ExperimentContext) -> ExperimentResult:
         if context.draws
         else [],
         comparison=_comparison(),
-        notes=findings(metrics),
+        notes=filled(NOTES, metrics),
         configuration={
             "scenarios": scenarios,
             "variants": VARIANTS,
             "speed_rad_per_s": speed,
         },
     )
-
-
-def _three(metrics: dict[str, Any], key: str = "rmse_{}_n") -> str:
-    return " ".join(f"{metrics[key.format(axis)]:.2f}" for axis in AXES)
-
-
-def _changes(metrics: dict[str, Any]) -> str:
-    """By how much the RMSE falls, axis by axis."""
-    return ", ".join(change(metrics[f"reduction_rmse_{axis}_pct"]) for axis in AXES)
-
-
-def _axes(metrics: dict[str, Any], variant: str) -> str:
-    """Along which axes a variant errs less, and more, than the row (B) that it changes."""
-    before, after = metrics["bayesian"], metrics[variant]
-    words = {
-        axis: compared(
-            after[f"rmse_{axis}_n"], before[f"rmse_{axis}_n"], "less", "more", "as much", 0.02
-        )
-        for axis in AXES
-    }
-    said = listed(f"{axis.upper()} errs {word}" for axis, word in words.items())
-    return f"{said}, beside (B)"
-
-
-def findings(metrics: dict[str, Any]) -> list[str]:
-    """What the figures say, in sentences."""
-    before, after, ours = (metrics[key] for key in (BEFORE, AFTER, OURS))
-    shares = ", ".join(
-        f"{100 * metrics[v.key]['share_in_95_band']:.0f} % ({v.key})" for v in VARIANTS
-    )
-    return [
-        f"The article's two measures together take the RMSE in X, Y, Z from {_three(before)} to "
-        f"{_three(after)} N ({_changes(metrics)}), the correlation "
-        f"from {_three(before, 'correlation_{}')} to {_three(after, 'correlation_{}')}.",
-        f"Ours on top (K_0 = {FAST:g}, bayesian, path of least force sd) reads {_three(ours)} N: "
-        f"{_changes(metrics['ours_against_article'])} than the article's method. On the article's "
-        f"own path: {_three(metrics['bayesian'])} N.",
-        f"Without the two measures the errors are to one side by {_three(before, 'bias_{}_n')} N "
-        "in the mean. On the optimised path Coulomb-viscous friction alone reads "
-        f"{_three(metrics['optimised_coulomb_viscous'])} N; with the true friction known the "
-        f"article's reading there would err by {_three(metrics['known_friction'])} "
-        f"N, of which {_three(metrics['lag_alone'])} N are the lag of K_0 = 20 behind a hand of up "
-        f"to 3 Hz; with K_0 = {FAST:g} by {_three(metrics['known_friction_fast'])} N and "
-        f"{_three(metrics['lag_alone_fast'])} N.",
-        "No law here contains ripple over position and load dependence: they remain. With "
-        f"`presliding` {_axes(metrics, 'presliding')} "
-        f"({_three(metrics['presliding'])} N): it knows elastic creep before sliding, which dry "
-        "friction (`--truth plain`) does not have.",
-        f"With `force_only` {_axes(metrics, 'force_only')} ({_three(metrics['force_only'])} N): it "
-        "trusts the light wrist joints most, and these hardly move on the article's paths (joint 4 "
-        "rests on the optimised one), where a joint keeps back part of a push within its stiction.",
-        f"On the path of least mean condition number {_axes(metrics, 'least_jcn')} "
-        f"({_three(metrics['least_jcn'])} N): the condition number asks about the worst direction "
-        "of force and moment together, the force sd about force.",
-        f"Inside the stated 95 % band lie {shares}. The band follows each joint's state, learnt "
-        "from contact-free logs (`arm_models`), never from these runs.",
-        "The hand pushes for 6 s and pauses for 4 s, 15 N standard deviation per axis with nothing "
-        "above 3 Hz; readings count where the arm moves evenly, between ramps of 1 % of the time.",
-    ]
 
 
 def _comparison() -> list[ComparisonRow]:
@@ -306,6 +247,29 @@ def _figures(
         ),
     )
     return saved_figures(figures, context.out)
+
+
+def _errors(key: str) -> str:
+    return f"<{key}.rmse_x_n:.2f> <{key}.rmse_y_n:.2f> <{key}.rmse_z_n:.2f> N"
+
+
+NOTES = (
+    f"RMSE in X, Y, Z: {_errors(BEFORE)} (article, initial path, Coulomb-viscous), "
+    f"{_errors(AFTER)} (article, both measures; reduced by <reduction_rmse_x_pct:.1f> "
+    "<reduction_rmse_y_pct:.1f> <reduction_rmse_z_pct:.1f> %).",
+    f"Ours (K_0 = {FAST:g}, bayesian, path of least force sd): {_errors(OURS)}, "
+    "<ours_against_article.reduction_rmse_x_pct:.1f> "
+    "<ours_against_article.reduction_rmse_y_pct:.1f> "
+    "<ours_against_article.reduction_rmse_z_pct:.1f> % below the article's. On the article's "
+    f"path: {_errors('bayesian')}; with `presliding` {_errors('presliding')}; with `force_only` "
+    f"{_errors('force_only')}; on the path of least mean condition number {_errors('least_jcn')}.",
+    f"With the true friction: {_errors('known_friction')} at K_0 = 20, of which the lag makes "
+    f"{_errors('lag_alone')}; {_errors('known_friction_fast')} and {_errors('lag_alone_fast')} at "
+    f"K_0 = {FAST:g}.",
+    "Inside the stated 95 % band: "
+    + ", ".join(f"<{one.key}.share_in_95_band:100 .0f> % ({one.key})" for one in VARIANTS)
+    + ".",
+)
 
 
 EXPERIMENT = Experiment(

@@ -44,7 +44,7 @@ from wrenchsight.analyses.study.experiment import (
     FigureFile,
 )
 from wrenchsight.analyses.study.figure_files import saved_figures
-from wrenchsight.analyses.study.wording import change
+from wrenchsight.analyses.study.wording import filled
 from wrenchsight.diagrams.scenario import LineMotion
 
 if TYPE_CHECKING:
@@ -121,46 +121,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
         if context.draws
         else [],
         comparison=_comparison(),
-        notes=findings(metrics),
+        notes=filled(NOTES, metrics),
         configuration={"scenario": scenario, "variants": VARIANTS, "speed_rad_per_s": speed},
-    )
-
-
-def findings(metrics: dict[str, Any]) -> list[str]:
-    """What the figures say, in sentences."""
-    before, after, ours = (metrics[key] for key in ("coulomb_viscous", "semi_parametric", "ours"))
-    return [
-        f"In Z the semi-parametric law takes the RMSE from {before['rmse_z_n']:.2f} to "
-        f"{after['rmse_z_n']:.2f} N ({change(metrics['reduction_rmse_z_pct'])}) and the largest "
-        f"error from {before['max_error_z_n']:.1f} to {after['max_error_z_n']:.1f} N "
-        f"({change(metrics['reduction_max_z_pct'])}); within {100 * NEAR:g} % of the time to "
-        f"either side of the reversal {change(metrics['near_reversal']['reduction_rmse_z_pct'])} "
-        f"and {change(metrics['near_reversal']['reduction_max_z_pct'])}.",
-        _lag_note(metrics),
-        f"Read bayesian and with K_0 = {FAST:g}: "
-        f"{ours['rmse_x_n']:.2f} {ours['rmse_y_n']:.2f} {ours['rmse_z_n']:.2f} N, where the "
-        f"article's law and reading give {after['rmse_x_n']:.2f} {after['rmse_y_n']:.2f} "
-        f"{after['rmse_z_n']:.2f} N.",
-        "Inside the stated 95 % band lie "
-        + ", ".join(f"{100 * metrics[v.key]['share_in_95_band']:.0f} % ({v.key})" for v in VARIANTS)
-        + ". The band follows each joint's state, learnt from contact-free logs "
-        "(`arm_models`), never from this run. A law without Stribeck's rise "
-        "errs to one side wherever joints are slow, which a fast log hardly shows.",
-    ]
-
-
-def _lag_note(metrics: dict[str, Any]) -> str:
-    alone, lag = metrics["without_lag"], metrics["lag_alone"]
-    before, after = alone["coulomb_viscous"], alone["semi_parametric"]
-    return (
-        "Not all of the largest errors is friction's. A hand of up to 3 Hz is as fast as K_0 = 20: "
-        f"the true force behind that low-pass is {lag['rmse_z_n']:.2f} N RMS, at most "
-        f"{lag['max_error_z_n']:.1f} N, off the sensor in Z; a reading with the true friction "
-        f"known {metrics['known_friction']['rmse_z_n']:.2f} N. Held against the true force behind "
-        f"the same low-pass, the law takes the RMSE in Z from {before['rmse_z_n']:.2f} to "
-        f"{after['rmse_z_n']:.2f} N ({change(alone['reduction_rmse_z_pct'])}) and the largest "
-        f"error from {before['max_error_z_n']:.1f} to {after['max_error_z_n']:.1f} N "
-        f"({change(alone['reduction_max_z_pct'])})."
     )
 
 
@@ -270,6 +232,28 @@ def _figures(
         ),
     )
     return saved_figures(figures, context.out)
+
+
+NOTES = (
+    "RMSE in Z: <coulomb_viscous.rmse_z_n:.2f> N with Coulomb-viscous friction, "
+    "<semi_parametric.rmse_z_n:.2f> N with the semi-parametric law "
+    "(reduced by <reduction_rmse_z_pct:.1f> %); largest error "
+    "<coulomb_viscous.max_error_z_n:.1f> and <semi_parametric.max_error_z_n:.1f> N (by "
+    "<reduction_max_z_pct:.1f> %).",
+    f"Within {100 * NEAR:g} % of the time of the reversal the RMSE is reduced by "
+    "<near_reversal.reduction_rmse_z_pct:.1f> %, the largest error by "
+    "<near_reversal.reduction_max_z_pct:.1f> %. Against the true force behind "
+    "the same low-pass: <without_lag.reduction_rmse_z_pct:.1f> and "
+    "<without_lag.reduction_max_z_pct:.1f> %.",
+    "The lag of K_0 = 20 behind the hand is <lag_alone.rmse_z_n:.2f> N RMS in Z, the error with "
+    "the true friction <known_friction.rmse_z_n:.2f> N.",
+    f"Bayesian with K_0 = {FAST:g}: <ours.rmse_x_n:.2f> <ours.rmse_y_n:.2f> <ours.rmse_z_n:.2f> N; "
+    "the article's law and reading: <semi_parametric.rmse_x_n:.2f> "
+    "<semi_parametric.rmse_y_n:.2f> <semi_parametric.rmse_z_n:.2f> N (X Y Z).",
+    "Inside the stated 95 % band: "
+    + ", ".join(f"<{one.key}.share_in_95_band:100 .0f> % ({one.key})" for one in VARIANTS)
+    + ".",
+)
 
 
 EXPERIMENT = Experiment(

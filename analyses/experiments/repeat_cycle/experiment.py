@@ -15,7 +15,6 @@ from wrenchsight.analyses.experiments.setups.path_runs.article_paths import bran
 from wrenchsight.analyses.experiments.setups.path_runs.repeated_cycles import (
     AFTER,
     BEFORE,
-    OURS,
     VARIANTS,
     RepeatedCycles,
     cycle_metrics,
@@ -42,7 +41,7 @@ from wrenchsight.analyses.study.experiment import (
     FigureFile,
 )
 from wrenchsight.analyses.study.figure_files import saved_figures
-from wrenchsight.analyses.study.wording import change, change_between, listed
+from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.motion.paths import (
     TimeLaw,
@@ -132,82 +131,13 @@ def run(context: ExperimentContext) -> ExperimentResult:
         ]
         if context.draws
         else [],
-        comparison=_comparison(metrics),
-        notes=findings(metrics),
+        comparison=_comparison(),
+        notes=filled(NOTES, metrics),
         configuration={"scenario": cycles.scenario, "paths": list(PATHS), "variants": VARIANTS},
     )
 
 
-def findings(metrics: dict[str, Any]) -> list[str]:
-    """What the figures say, in sentences."""
-    before, after, ours = (metrics[key] for key in (BEFORE, AFTER, OURS))
-    laws = metrics["noise_alone"]
-    alone = laws["one_joint_alone"]
-    by_law = {
-        "at constant speed with ramps of half a percent of the time": "ramps_of_half_a_percent",
-        "with ramps of a tenth": "ramps_of_a_tenth",
-        "with a third each for acceleration and deceleration": "thirds",
-        "with nothing but these": "uniform_acceleration",
-    }
-    reductions_by_law = {
-        words: laws[name]["reduction_rmse_y_pct"] for words, name in by_law.items()
-    }
-    above, below = (
-        [str(k + 1) for k, x in enumerate(alone["reduction_rmse_y_pct"]) if (x > ARTICLE) is more]
-        for more in (True, False)
-    )
-    filtered = metrics["initial_filtered"]["rmse_y_n"]
-    force_only = metrics["optimised_force_only"]["share_in_95_band"]
-    others = metrics["optimised_bayesian"]["share_in_95_band"]
-    resting, stated = (
-        metrics["filtered_torque_rms_nm"][AFTER][3],
-        metrics["filtered_torque_sd_nm"][3],
-    )
-    return [
-        f"Eq. 4 on raw torques errs in Y by {before['rmse_y_n']:.2f} N RMS (largest "
-        f"{before['max_error_y_n']:.1f} N) on the initial path and by {after['rmse_y_n']:.2f} N "
-        f"({after['max_error_y_n']:.1f} N) on the optimised one: "
-        f"{change(metrics['reduction_rmse_y_pct'])} and {change(metrics['reduction_max_y_pct'])}. "
-        f"On the path found here: {metrics['found']['rmse_y_n']:.2f} N, "
-        f"{change(metrics['found_against_initial']['reduction_rmse_y_pct'])} than on the "
-        "initial one.",
-        "How long the arm stays at the path's ends, where the initial path is bad, decides by how "
-        "much the RMSE falls. By noise alone it is "
-        + listed(f"{change(x)} {words}" for words, x in reductions_by_law.items())
-        + ". The article says constant speed, but the mean condition number over time that it "
-        "states, 20.24, is that of thirds, which is used here.",
-        f"Noise alone predicts {change(reductions_by_law[list(by_law)[2]])}, measured is "
-        f"{change(metrics['reduction_rmse_y_pct'])}. Which joints it comes from decides the rest, "
-        "and the drives' noise is assumed: with the same motion, noise of one joint alone would "
-        "fall in Y by "
-        + ", ".join(f"{x:.0f}" for x in alone["reduction_rmse_y_pct"])
-        + " % (joints 1 to 6; negative: it grows). Here joints 1 to 3 make "
-        + ", ".join(f"{x:.0f}" for x in alone["share_of_initial_variance_pct"][:3])
-        + f" % of the initial variance; the article's {ARTICLE:g} % asks for a mixture of joints "
-        f"above it ({listed(above)}) and below ({listed(below)}). The sd at the worst point is "
-        f"{change(laws['reduction_max_sd_y_pct'])}; the article's largest error is "
-        f"{ARTICLE_LARGEST:g} % less.",
-        f"Behind the observer's low-pass (K_0 = 20) Y errs on the initial path by {filtered:.2f} N "
-        f"({change_between(before['rmse_y_n'], filtered)}) and by {ours['rmse_y_n']:.2f} N on the "
-        "path found here, read `bayesian`.",
-        "The stated band comes from slow motion that is done twice (torque of the one run minus "
-        "the other's) and from where both cycles' encoders say that a joint may carry "
-        "another friction than a cycle ago (models/identification/repetition_error.py): it holds "
-        f"{100 * before['share_in_95_band']:.0f} % (initial), "
-        f"{100 * after['share_in_95_band']:.0f} % (optimised) and "
-        f"{100 * ours['share_in_95_band']:.0f} % (ours) of the samples at 95 %.",
-        "A joint at rest carries whatever it stopped with, within its stiction: that does not "
-        "repeat. Joint 4 rests on the optimised path; behind K_0 eq. 4 reads "
-        f"{resting:.3f} N m RMS there, {stated:.3f} N m are stated for noise alone. `force_only`, "
-        "which must read it as a force, is in its 95 % band for "
-        f"{100 * force_only:.0f} % of the samples, `bayesian`, which may call it a moment, for "
-        f"{100 * others:.0f} %.",
-        "`semi-parametric` has no place here: no friction model takes part in what eq. 4 reads.",
-    ]
-
-
-def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
-    worst = metrics["noise_alone"]["reduction_max_sd_y_pct"]
+def _comparison() -> list[ComparisonRow]:
     staying = "which joints are noisy, and the time spent at the path's ends (see notes)"
     noise = "noise of the assumed drives"
     return [
@@ -248,7 +178,7 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
             "reduction_max_y_pct",
             "%",
             ARTICLE_LARGEST,
-            f"noise alone: the sd at the worst point is {change(worst, 0)} (see notes)",
+            "which joints are noisy (see notes)",
         ),
         ComparisonRow(
             "RMSE in Y, path found here, K_0 = 20, bayesian",
@@ -317,6 +247,31 @@ def _figures(
         ),
     )
     return saved_figures(figures, context.out)
+
+
+NOTES = (
+    "RMSE (largest error) in Y of eq. 4 on raw torques: <initial.rmse_y_n:.2f> "
+    "(<initial.max_error_y_n:.1f>) N on the initial path, <optimised.rmse_y_n:.2f> "
+    "(<optimised.max_error_y_n:.1f>) N on the optimised one: reduced by "
+    "<reduction_rmse_y_pct:.1f> and <reduction_max_y_pct:.1f> %. On the path found here "
+    "<found.rmse_y_n:.2f> N.",
+    "By noise alone the RMSE would fall by "
+    "<noise_alone.ramps_of_half_a_percent.reduction_rmse_y_pct:.1f> % with ramps of half a percent "
+    "of the time, <noise_alone.ramps_of_a_tenth.reduction_rmse_y_pct:.1f> % with a tenth, "
+    "<noise_alone.thirds.reduction_rmse_y_pct:.1f> % with a third each (taken here), "
+    "<noise_alone.uniform_acceleration.reduction_rmse_y_pct:.1f> % with these alone.",
+    "Noise of one joint alone would fall by "
+    "<noise_alone.one_joint_alone.reduction_rmse_y_pct:.0f> % (joints 1 to 6); the joints' shares "
+    "of the initial variance are "
+    "<noise_alone.one_joint_alone.share_of_initial_variance_pct:.0f> %.",
+    "Behind K_0 = 20: <initial_filtered.rmse_y_n:.2f> N on the initial path, "
+    "<found_bayesian.rmse_y_n:.2f> N on the path found here, `bayesian`.",
+    "Inside the 95 % band: <initial.share_in_95_band:100 .0f> % (initial), "
+    "<optimised.share_in_95_band:100 .0f> % (optimised), "
+    "<optimised_bayesian.share_in_95_band:100 .0f> % (`bayesian`), "
+    "<optimised_force_only.share_in_95_band:100 .0f> % (`force_only`), "
+    "<found_bayesian.share_in_95_band:100 .0f> % (ours).",
+)
 
 
 EXPERIMENT = Experiment(

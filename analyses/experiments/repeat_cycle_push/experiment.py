@@ -5,7 +5,6 @@ are compared with a force/torque sensor that has noise of its own, low-passed at
 article.
 """
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,7 +36,7 @@ from wrenchsight.analyses.study.experiment import (
     FigureFile,
 )
 from wrenchsight.analyses.study.figure_files import saved_figures
-from wrenchsight.analyses.study.wording import change, compared
+from wrenchsight.analyses.study.wording import filled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -62,7 +61,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         if context.draws
         else [],
         comparison=_comparison(),
-        notes=findings(metrics, _from_turn(cycles)),
+        notes=filled(NOTES, metrics),
         configuration={"scenario": cycles.scenario, "paths": list(PATHS), "variants": VARIANTS},
     )
 
@@ -74,65 +73,6 @@ def _sensor(cycles: RepeatedCycles) -> dict[str, Any]:
     force, true = run.reference[half:], run.wrench_true[half:, 3:]
     figures = force_metrics(force, force * 0.0, true)
     return {key: value for key, value in figures.items() if key.startswith(("rmse", "correl"))}
-
-
-def _from_turn(cycles: RepeatedCycles) -> dict[str, float]:
-    """By path, how long before or after a turn of the arm its largest error in Y is, s."""
-    found = {}
-    for key in (BEFORE, AFTER):
-        reading = cycles.readings[key]
-        at = float(reading.t[int(np.argmax(np.abs(reading.error[:, 1])))])
-        half = 0.5 * float(reading.t[-1])
-        found[key] = abs(at - half * round(at / half))
-    return found
-
-
-def findings(metrics: dict[str, Any], from_turn: Mapping[str, float]) -> list[str]:
-    """What the figures say, in sentences.
-
-    Args:
-        from_turn: of `_from_turn`.
-    """
-    before, after, ours = (metrics[key] for key in (BEFORE, AFTER, OURS))
-    filtered = metrics["optimised_filtered"]
-    return [
-        f"With a hand pushing, eq. 4 on raw torques errs in Y by {before['rmse_y_n']:.2f} N RMS on "
-        f"the initial and by {after['rmse_y_n']:.2f} N on the optimised path "
-        f"({change(metrics['reduction_rmse_y_pct'])}; largest error "
-        f"{change(metrics['reduction_max_y_pct'])}); on the path found here by "
-        f"{metrics['found']['rmse_y_n']:.2f} N "
-        f"({change(metrics['found_against_initial']['reduction_rmse_y_pct'])} than on the "
-        "initial one). The article's figures leave abnormal points out, ours are over all.",
-        "The hand pushes for 6 s and pauses for 4 s, a random force of 15 N standard deviation per "
-        "axis with nothing above 3 Hz, and 0.3 N m; the same push on every path.",
-        "A hand is faster than K_0 = 20 follows: the low-pass takes noise away and costs lag. "
-        f"Behind it Y errs on the optimised path by {filtered['rmse_y_n']:.2f} N, without it by "
-        f"{after['rmse_y_n']:.2f} N: "
-        + compared(
-            filtered["rmse_y_n"],
-            after["rmse_y_n"],
-            "here the noise weighs more than the lag.",
-            "for pushes eq. 4 is better without it.",
-            "here both weigh alike.",
-            0.05,
-        ),
-        f"The largest error is {from_turn[BEFORE]:.1f} s (initial) and {from_turn[AFTER]:.1f} s "
-        "(optimised) from where the arm turns round: there its joints creep, and a push decides "
-        "when and which way friction points. Such points may be what the article removed.",
-        "A push also changes friction, which the first cycle's torque does not know: a slow joint "
-        "is led the other way for a while, and friction grows with the load. The stated band "
-        "follows both, from both cycles' encoders and the Coulomb friction of a model "
-        "(models/identification/repetition_error.py), and the lag behind K_0: inside are "
-        f"{100 * before['share_in_95_band']:.0f} % (initial), "
-        f"{100 * after['share_in_95_band']:.0f} % (optimised) and "
-        f"{100 * ours['share_in_95_band']:.0f} % (path found here, K_0 = 20, bayesian) of the "
-        "samples at 95 %. `bayesian` and `force_only` weigh joints by it: on the optimised path "
-        f"Y errs by {metrics['optimised_bayesian']['rmse_y_n']:.2f} and "
-        f"{metrics['optimised_force_only']['rmse_y_n']:.2f} N, `inverse` by "
-        f"{filtered['rmse_y_n']:.2f} N behind the same K_0.",
-        f"The sensor itself is {metrics['sensor']['rmse_y_n']:.2f} N RMS off the true force in Y: "
-        "noise, and the lag of its 18 Hz low-pass.",
-    ]
 
 
 def _comparison() -> list[ComparisonRow]:
@@ -243,6 +183,22 @@ def _figures(
         ),
     )
     return saved_figures(figures, context.out)
+
+
+NOTES = (
+    "RMSE in Y of eq. 4 on raw torques: <initial.rmse_y_n:.2f> N on the initial path, "
+    "<optimised.rmse_y_n:.2f> N on the optimised one (reduced by <reduction_rmse_y_pct:.1f> %, the "
+    "largest error by <reduction_max_y_pct:.1f> %), <found.rmse_y_n:.2f> N on the path found here. "
+    "The article leaves abnormal points out; here all count.",
+    "On the optimised path, behind K_0 = 20: `inverse` <optimised_filtered.rmse_y_n:.2f>, "
+    "`bayesian` <optimised_bayesian.rmse_y_n:.2f>, `force_only` "
+    "<optimised_force_only.rmse_y_n:.2f> N.",
+    "Inside the 95 % band: <initial.share_in_95_band:100 .0f> % (initial), "
+    "<optimised.share_in_95_band:100 .0f> % (optimised), "
+    "<found_bayesian.share_in_95_band:100 .0f> % (path found here, K_0 = 20, bayesian).",
+    "The sensor is <sensor.rmse_y_n:.2f> N RMS off the true force in Y: noise, and the lag of its "
+    "18 Hz low-pass.",
+)
 
 
 EXPERIMENT = Experiment(
