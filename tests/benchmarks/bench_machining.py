@@ -2,10 +2,10 @@
 
 Run as a script. All parts are in: arm with contact, real joints, noise, process, force/torque
 sensor, reference, controller, estimator, truth, log of all signals; 1 ms ticks. Times are the
-processor's, not the clock's, so that other programs on the machine count less. The loop of
-stages and the one with the controller in one block (`fused`) take turns over the same stretches of the same pass, so that
-their ratio holds even where the times do not; the spread says how much those can be trusted. What
-the plant takes by itself, the same contact solved by Drake alone, is the floor.
+processor's, not the clock's, so that other programs on the machine count less. The loop of stages
+and the one with the controller in one block (`fused`) take turns over the same stretches of the
+same pass, so that their ratio holds even where the times do not; the spread says how much those can
+be trusted. What the plant takes by itself, the same contact solved by Drake alone, is the floor.
 """
 
 import gc
