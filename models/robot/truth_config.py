@@ -17,9 +17,15 @@ Where the numbers and the equations come from:
     wander        Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky, "Friction models and friction
                   compensation", European J. Control 4, 1998, section 2: friction varies from
                   pass to pass; the process is the simplest one
+    transition    Armstrong-Helouvry, Dupont, Canudas de Wit, "A survey of models, analysis tools
+                  and compensation methods for the control of machines with friction",
+                  Automatica 30(7), 1994: lubricated contacts, friction over velocity alone
     ripple        Tuttle, Seering, "A nonlinear model of a harmonic drive gear transmission", IEEE
                   Trans. Robotics and Automation 12(3), 1996: periods of the motor's turn, twice a
                   turn above all (the wave generator has two lobes), with neighbours
+    transmission_error  the same; Taghirad, Belanger, "Modeling and parameter identification of
+                  harmonic drive systems", ASME J. Dyn. Syst. 120, 1998: an error over position
+                  accelerates the inertia behind it, by the square of the speed
     elasticity    Spong, "Modeling and control of elastic joint robots", ASME J. Dyn. Syst. 109,
                   1987: its slow manifold
     cogging       Holtz, Springob, "Identification and compensation of torque ripple in
@@ -88,6 +94,9 @@ class LubricationConfig:
     start_rise: float = 0.0  # K above the temperature at which `viscous` holds, at a log's start
     day_sd: list[float] = field(default_factory=list)  # relative, of `viscous` from day to day
     coulomb_day_sd: list[float] = field(default_factory=list)  # of Coulomb friction and stiction
+    # rad/s by which dry friction has turned round: it is tanh(v / this) of its level, a function of
+    # velocity alone, and no element slips; 0: as `slip` says
+    transition_velocity: list[float] = field(default_factory=list)
 
 
 @dataclass
@@ -115,6 +124,18 @@ class RippleConfig:
     motor_periods: list[float] = field(default_factory=list)
     # N m, a list of one number per joint for each of motor_periods
     motor_amplitudes: list[list[float]] = field(default_factory=list)
+
+
+@dataclass
+class TransmissionErrorConfig:
+    """Torque of the inertia behind a gear whose ratio varies over a turn: fast motion alone has it.
+
+    Amplitude times x^2 / (1 + x^2) with x = v / speed, times the sine over joint position.
+    """
+
+    amplitude: list[float] = field(default_factory=list)  # N m, far above `speed`
+    periods: list[float] = field(default_factory=list)  # per turn of the joint
+    speed: list[float] = field(default_factory=list)  # rad/s at which half of it is there
 
 
 @dataclass
@@ -180,6 +201,7 @@ class MechanismsConfig:
     lubrication: LubricationConfig | None = None
     wander: WanderConfig | None = None
     ripple: RippleConfig | None = None
+    transmission_error: TransmissionErrorConfig | None = None
     elasticity: ElasticityConfig | None = None
     encoder: EncoderConfig | None = None
     motor: MotorConfig | None = None

@@ -9,12 +9,19 @@ of the tick before:
 
     tau_f = sum_k s_k + c v + (A + A_L |L|) sin(p q + phase) + ... + cogging
             + sum_m A_m sin(p_m (q + d) + phase_m)               d: the gear's deflection, below
+            + E x^2 / (1 + x^2) sin(p_E q + phase_E),   x = v / v_E
 
     s_k   <- clip(kept_k s_k + k_k h v, -w_k limit_-, w_k limit_+)      N m, in element k's spring
     limit = (coulomb + (stiction - coulomb) exp(-(v / v_s)^2)) (1 +- asymmetry)
             + (motoring where L drives the motion, else generating) |L|
     c     = viscous exp(-share rise) / (1 + |v| / saturation)
     rise  : d(rise)/dt = (heating P - rise) / time_constant,  P = (sum_k s_k + c v) v
+
+The last term is the inertia behind a gear with a transmission error a sin(p_E q): I a p_E^2 v^2 at
+even speed, E = I a p_E^2 v_E^2, until above v_E the gear's spring takes the error up. With a
+transition velocity v_t dry friction is a function of velocity, as in grease, and no element slides:
+
+    sum_k s_k = limit tanh(v / v_t)
 
 All of it but the load's part wanders: coulomb, stiction and viscous times 1 + w, with
 
@@ -75,7 +82,9 @@ STICTION, COULOMB, SPEED, VISCOUS, INVERSE_SATURATION, TEMPERATURE_SHARE = range
 HEATING, INVERSE_TIME, FORWARDS, BACKWARDS, MOTORING, GENERATING = range(6, 12)
 RIPPLES = 12  # three of (amplitude, load share, periods, phase): gear, its other wheel, cogging
 GAIN, POLE, COMPLIANCE, FREQUENCY, RESOLUTION, VELOCITY_NOISE, VELOCITY_RESOLUTION = range(24, 31)
-WANDER_SD, WANDER_KEPT, MOVING_NOISE, HARMONICS, ELEMENTS = range(31, 36)
+WANDER_SD, WANDER_KEPT, MOVING_NOISE, TRANSITION = range(31, 35)
+ERROR = 35  # of the transmission error: amplitude, periods, phase, 1 / speed
+HARMONICS, ELEMENTS = 39, 40
 # Rows of the state; then three rows a slip element: torque of its spring before the last tick's
 # displacement, and its limits in that tick, N m.
 CURRENT, TRANSMITTED, RISE, DEFLECTION, RATE, EXTERNAL, WANDER, SLIPS = range(8)
@@ -195,8 +204,14 @@ def _tick(
             ahead, behind = behind, ahead
         forwards = level * table[i, FORWARDS] + ahead * abs(load)
         backwards = level * table[i, BACKWARDS] + behind * abs(load)
+        slipping, dry = 1.0, 0.0
+        if table[i, TRANSITION] > 0.0:
+            slipping = 0.0
+            dry = (forwards if motor > 0.0 else backwards) * _even_slope(
+                motor, table[i, TRANSITION]
+            )
         for k in range(K):
-            weight = table[i, ELEMENTS + 3 * k]
+            weight = slipping * table[i, ELEMENTS + 3 * k]
             work[stiff + k, i] = table[i, ELEMENTS + 3 * k + 1] * time_step
             kept = table[i, ELEMENTS + 3 * k + 2]
             work[before + k, i] = kept * spring_torque(table, time_step, state, i, k, v[i])
@@ -207,11 +222,17 @@ def _tick(
             table[i, VISCOUS] * wander * math.exp(-table[i, TEMPERATURE_SHARE] * state[RISE, i])
         )
         work[DAMPER, i] /= 1.0 + abs(motor) * table[i, INVERSE_SATURATION]
+        work[DAMPER, i] += dry
 
         position = 0.0
         for k in range(RIPPLES, RIPPLES + 12, 4):
             amplitude = table[i, k] + table[i, k + 1] * abs(load)
             position += amplitude * math.sin(table[i, k + 2] * q[i] + table[i, k + 3])
+        if table[i, ERROR] > 0.0:
+            share = (motor * table[i, ERROR + 3]) ** 2
+            share /= 1.0 + share
+            wave = math.sin(table[i, ERROR + 1] * q[i] + table[i, ERROR + 2])
+            position += table[i, ERROR] * share * wave
         count = int(table[i, HARMONICS])
         if count > 0:
             at = q[i] + deflection(table, i, state[DEFLECTION, i], G[i])
@@ -249,6 +270,13 @@ def _tick(
         push = w * table[i, FREQUENCY] * (transmitted * table[i, COMPLIANCE] - d)
         rate = (state[RATE, i] + push) / (1.0 + 2.0 * DAMPING * w + w * w)
         after[RATE, i], after[DEFLECTION, i] = rate, d + time_step * rate
+
+
+@kernel
+def _even_slope(v: float, transition: float) -> float:
+    """tanh(v / transition) / v, s/rad: taken at the tick's beginning, it damps at any step."""
+    x = v / transition
+    return 1.0 / transition if abs(x) < 1e-6 else math.tanh(x) / v
 
 
 @kernel

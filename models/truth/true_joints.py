@@ -1,6 +1,5 @@
 """The true joints of a simulated arm: `MechanismsConfig` checked, drawn and packed."""
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,6 +22,7 @@ from wrenchsight.models.robot.truth_config import (
     MotorConfig,
     RippleConfig,
     SlipConfig,
+    TransmissionErrorConfig,
     WanderConfig,
 )
 from wrenchsight.models.truth.joint_kernels import (
@@ -32,6 +32,7 @@ from wrenchsight.models.truth.joint_kernels import (
     CURRENT,
     DEFLECTION,
     ELEMENTS,
+    ERROR,
     FORWARDS,
     FREQUENCY,
     GAIN,
@@ -51,6 +52,7 @@ from wrenchsight.models.truth.joint_kernels import (
     SPEED,
     STICTION,
     TEMPERATURE_SHARE,
+    TRANSITION,
     TRANSMITTED,
     VELOCITY_NOISE,
     VELOCITY_RESOLUTION,
@@ -126,10 +128,12 @@ class TrueJoints:
         column = self.table.T
         level = np.exp(-((v / column[SPEED]) ** 2)) * (column[STICTION] - column[COULOMB])
         level = (level + column[COULOMB]) * np.where(v > 0.0, column[FORWARDS], column[BACKWARDS])
+        transition = np.where(column[TRANSITION] > 0.0, column[TRANSITION], 1e-300)
+        sign = np.tanh(v / transition)  # of v, where there is no transition
         share = np.where(v * load >= 0.0, column[MOTORING], column[GENERATING])
         viscous = column[VISCOUS] * np.exp(-column[TEMPERATURE_SHARE] * self.start_rise)
         viscous = viscous / (1.0 + np.abs(v) * column[INVERSE_SATURATION])
-        return np.asarray(np.sign(v) * (level + share * np.abs(load)) + viscous * v)
+        return np.asarray(sign * (level + share * np.abs(load)) + viscous * v)
 
     def stored_energy(self, state: Array, v: Array) -> Array:
         """(n,) J in the springs of the slip elements, at velocities v (n,), rad/s."""
@@ -177,6 +181,7 @@ class TrueJoints:
         table[:, SPEED] = truth.stribeck_velocity
         table[:, VISCOUS] = truth.viscous * viscous_today
         table[:, INVERSE_SATURATION] = _inverse(read.each(lubrication, "saturation"))
+        table[:, TRANSITION] = read.each(lubrication, "transition_velocity")
         table[:, TEMPERATURE_SHARE] = read.each(lubrication, "temperature_share")
         table[:, HEATING] = read.each(lubrication, "heating")
         table[:, INVERSE_TIME] = 1.0 / read.number(lubrication, "time_constant", above_zero=True)
@@ -191,7 +196,16 @@ class TrueJoints:
         time = read.each(wander, "time")
         table[:, WANDER_KEPT] = np.exp(-time_step / np.where(time > 0.0, time, 1.0))
         table[:, MOVING_NOISE] = read.each(motor, "moving_noise_sd")
-        phases = individual.uniform(0.0, 2.0 * np.pi, (3, n))
+        phases = individual.uniform(0.0, 2.0 * np.pi, (4, n))
+        error = config.transmission_error or TransmissionErrorConfig()
+        amplitude, periods, speed = (
+            read.each(error, name) for name in ("amplitude", "periods", "speed")
+        )
+        if np.any((amplitude > 0.0) & (speed == 0.0)):
+            raise read.error(error, "speed", "0", "a speed above 0 where there is an amplitude")
+        table[:, ERROR : ERROR + 4] = np.stack(
+            [amplitude, periods, phases[3], _inverse(speed)], axis=1
+        )
         if config.ripple is None and config.motor is None:
             phases[:] = 0.0  # the plain truth's
         ripple = config.ripple or RippleConfig()
@@ -327,8 +341,7 @@ class _Reader:
 
     def error(self, config: Any, name: str, found: str, expected: str) -> InputError:
         key = type(config).__name__.removesuffix("Config").lower()
-        known = {field.name for field in dataclasses.fields(MechanismsConfig)}
-        key = "load" if key not in known else key
+        key = {"loadfriction": "load", "transmissionerror": "transmission_error"}.get(key, key)
         return InputError(
             self._robot.source, f"{_PLACE}.{key}.{name}", f"{found}, expected {expected}"
         )

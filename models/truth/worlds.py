@@ -91,6 +91,10 @@ class WorldRanges:
     # K of warmth per W of friction: of the housing's size and what cools it (Simoni et al. 2015);
     # judged
     heating: tuple[float, float] = (0.5, 2.0)
+    # Torque of a gear's transmission error at speed: of mounting, as the ripple (Tuttle, Seering)
+    transmission_error: tuple[float, float] = (0.5, 1.5)
+    # Velocity by which dry friction has turned round, where it is a function of velocity; judged
+    transition_velocity: tuple[float, float] = (0.5, 1.5)
 
 
 ABSOLUTE: Final = ("torque_constant", "start_rise", "latency")
@@ -192,6 +196,7 @@ class World:
                 saturation=times("saturation", "saturation"),
                 heating=times("heating", "heating"),
                 start_rise=lambda _: scaled.one("start_rise"),
+                transition_velocity=times("transition_velocity", "transition_velocity"),
                 day_sd=times("day_sd", "day_sd"),
                 coulomb_day_sd=times("day_sd", "coulomb_day_sd"),
             ),
@@ -202,6 +207,9 @@ class World:
                 second_amplitude=times("ripple", "second_amplitude"),
                 second_load_share=times("ripple", "second_load_share"),
                 motor_amplitudes=lambda c: [scaled("ripple", row) for row in c.motor_amplitudes],
+            ),
+            transmission_error=part(
+                about.transmission_error, amplitude=times("transmission_error", "amplitude")
             ),
             elasticity=part(about.elasticity, stiffness=times("stiffness", "stiffness")),
             motor=part(

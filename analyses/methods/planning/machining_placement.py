@@ -26,7 +26,11 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
-from wrenchsight.analyses.methods.arms.arm_models import SLOW_SPEEDS, ArmModels, identify_arm
+from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import (
+    SLOW_SPEEDS,
+    ArmModels,
+    identify_arm,
+)
 from wrenchsight.diagrams.distances.clearance import Clearance, workpiece_clearance
 from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig, Scenario, load_scenario
 from wrenchsight.diagrams.workpiece import pose_of_workpiece, surface_of

@@ -12,6 +12,7 @@ from wrenchsight.models.truth.joint_kernels import (
     DEFLECTION,
     ELEMENTS,
     END,
+    ERROR,
     FORCE,
     HARMONICS,
     RATE,
@@ -21,6 +22,7 @@ from wrenchsight.models.truth.joint_kernels import (
     TAU_F,
     TAU_J,
     TORQUE,
+    TRANSITION,
     TRANSMITTED,
     WANDER_KEPT,
     WANDER_SD,
@@ -367,6 +369,56 @@ def test_harmonics_are_those_of_the_motor_s_position_and_repeat_with_it():
         motor = q + G * 1e-4  # the gear bends under the weight
         expected = sum(A * math.sin(p * motor + phase) for A, p, phase in harmonics)
         assert bench.signals[TAU_F, 0] == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_transmission_error_is_the_force_that_moves_the_inertia_behind_it():
+    inertia, error, periods, phase, speed = 0.4, 2e-5, 11.0, 0.7, 3.0
+    joints = one_joint(stiction=1e-12, coulomb=1e-12)
+    amplitude = inertia * error * periods**2 * speed**2
+    joints.table[0, ERROR : ERROR + 4] = amplitude, periods, phase, 1.0 / speed
+
+    def torque(q, v):
+        bench = Bench(joints, M=1e12, q=q, v=v)
+        bench.tick(v=v)
+        return bench.signals[TAU_F, 0]
+
+    def position(t):  # of the inertia, off the even one
+        return error * math.sin(periods * (0.3 + 0.03 * t) + phase)
+
+    step = 0.01  # s: a slow joint, far below the speed at which the gear gives way
+    accelerated = (position(step) - 2.0 * position(0.0) + position(-step)) / step**2
+    # (.03 / 3)^2 of it is the gear's giving way
+    assert -torque(0.3, 0.03) == pytest.approx(inertia * accelerated, rel=2e-4)
+    wave = math.sin(periods * 0.3 + phase)
+    assert torque(0.3, -3.0) == pytest.approx(0.5 * amplitude * wave, rel=1e-9)
+    assert torque(0.3, 3e4) == pytest.approx(amplitude * wave, rel=1e-6)
+    assert torque(0.3, 0.0) == 0.0
+
+
+def test_with_a_transition_dry_friction_is_a_function_of_velocity():
+    law = {"stiction": 9.0, "coulomb": 6.0, "speed": 0.3, "forwards": 1.1, "backwards": 0.9}
+    joints = one_joint(((0.4, 1e4, 1.0), (0.6, 2e4, 1.0)), **law)
+    joints.table[0, TRANSITION] = 0.02
+    for v in (0.5, 0.03, 0.001, -0.001, -0.4):
+        bench = Bench(joints, M=1e12, v=v)
+        for _ in range(50):  # no memory: as in the first tick
+            bench.tick(v=v)
+        level = (6.0 + 3.0 * math.exp(-((v / 0.3) ** 2))) * (1.1 if v > 0.0 else 0.9)
+        expected = level * math.tanh(v / 0.02)
+        assert bench.signals[TAU_F, 0] == pytest.approx(expected, rel=1e-6)
+        assert joints.sliding_torque([v], [0.0]) == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_light_joint_with_a_transition_comes_to_rest_without_chattering():
+    joints = one_joint(stiction=1.5, coulomb=1.5)
+    joints.table[0, TRANSITION] = 0.005
+    bench = Bench(joints, M=0.006, v=1.0)  # an explicit step would bear 10 N m s/rad, here are 300
+    speeds = []
+    for _ in range(500):
+        bench.tick()
+        speeds.append(bench.v[0])
+    assert np.all(np.diff(speeds) <= 1e-12) and min(speeds) >= -1e-12  # only rounding
+    assert speeds[-1] < 1e-6
 
 
 def test_friction_wanders_by_its_sd_and_forgets_in_its_time():
