@@ -57,6 +57,10 @@ PLACES = {
     "reference_delay": "estimate.reference.delay",
     "reference_contact": "estimate.reference.contact_force",
     "false_alarms_per_hour": "estimate.detection.false_alarms_per_hour",
+    "contact_axis": "estimate.contact.axis",
+    "contact_point": "estimate.contact.point",
+    "contact_force_rate": "estimate.contact.force_rate",
+    "tool": "estimate.tool",
     "covariance": "estimate.covariance",
     "table": "estimate.table",
     "other_robot": "estimate.other_robot",
@@ -240,6 +244,31 @@ def command(
     false_alarms_per_hour: Annotated[
         float, typer.Option(help="How often contact may be reported where nothing touches the arm.")
     ] = DEFAULTS.detection.false_alarms_per_hour,
+    contact_axis: Annotated[
+        str,
+        typer.Option(
+            help="Direction in which the tool presses on a workpiece, where it is known: tool_x, "
+            "tool_y or tool_z (with a minus sign for the opposite one), or three numbers in axes "
+            "of W. The wrench is then read for a contact there, 60 ms late.",
+        ),
+    ] = DEFAULTS.contact.axis,
+    contact_point: Annotated[
+        str,
+        typer.Option(
+            help="Where the tool touches, m in axes of E: 0,0,0.1.", show_default="E itself"
+        ),
+    ] = joined(DEFAULTS.contact.point),
+    contact_force_rate: Annotated[
+        float, typer.Option(help="How fast the force along the contact's axis wanders, N/sqrt(s).")
+    ] = DEFAULTS.contact.force_rate,
+    tool: Annotated[
+        bool,
+        typer.Option(
+            "--tool",
+            help="The tool in robot.yaml is on the arm and known: put it on a model that was "
+            "identified with another one, or without.",
+        ),
+    ] = DEFAULTS.tool,
     drift: Annotated[
         float | None,
         typer.Option(

@@ -31,7 +31,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
 
 SIGMA_95 = 1.959963984540054

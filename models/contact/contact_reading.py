@@ -22,6 +22,7 @@ from wrenchsight.models.estimation.estimator import EstimateBatch
 from wrenchsight.models.estimation.wrench import TRUSTED_SHARE
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.signals.undone_low_pass import undone_low_pass
 
 
 class _Samples:
@@ -64,14 +65,14 @@ class _Samples:
     def rows(self, rows: slice) -> "_Samples":
         """Some of them."""
         columns: Any = (column[rows] for column in self.batch)
-        own = (self.wrench_map, self.tau_ext, self.J, self.speed, self.known)
+        own: Any = (self.wrench_map, self.tau_ext, self.J, self.speed, self.known)
         return _Samples(EstimateBatch(*columns), *(signal[rows] for signal in own))
 
     def joined(self, after: "_Samples") -> "_Samples":
         """These and the ones after."""
         pairs: Any = zip(self.batch, after.batch, strict=True)
-        own = (self.wrench_map, self.tau_ext, self.J, self.speed, self.known)
-        other = (after.wrench_map, after.tau_ext, after.J, after.speed, after.known)
+        own: Any = (self.wrench_map, self.tau_ext, self.J, self.speed, self.known)
+        other: Any = (after.wrench_map, after.tau_ext, after.J, after.speed, after.known)
         return _Samples(
             EstimateBatch(*(np.concatenate(pair) for pair in pairs)),
             *(np.concatenate(pair) for pair in zip(own, other, strict=True)),
@@ -145,13 +146,16 @@ class ContactReader:
         return self._read(last=True)
 
     def _add(self, q: Array, v: Array, tau_J: Array, known: Flags, batch: EstimateBatch) -> None:
-        finite = np.isfinite(q).all(axis=1) & np.isfinite(v).all(axis=1)
-        known = np.asarray(known & finite & np.isfinite(batch.tau_ext).all(axis=1))
+        finite = np.asarray(np.isfinite(q + v).all(axis=1))
+        seen = np.asarray(np.isfinite(batch.tau_ext).all(axis=1))
+        known = known & finite & seen
         tau_ext = np.where(known[:, None], batch.tau_ext, 0.0)
-        before = np.concatenate([self._last[0][None], tau_ext[:-1]])
-        pair = known & np.concatenate([[self._last[1]], known[:-1]])
+        there: Flags = np.concatenate([[self._last[1]], known])
+        raw, both = undone_low_pass(
+            np.concatenate([self._last[0][None], tau_ext]), self._pole, there
+        )
+        raw, pair = raw[1:], both[1:]
         self._last = (tau_ext[-1], bool(known[-1])) if len(known) else self._last
-        raw = np.where(pair[:, None], (tau_ext - self._pole * before) / (1.0 - self._pole), 0.0)
         # Whatever the law remembers, a joint at rest may carry any friction: none is expected.
         resting = pair[:, None] & (np.abs(v) < self._rest_speed)
         raw = raw - np.where(resting, (1.0 - self._kept) * (tau_J - batch.transmitted), 0.0)

@@ -1,0 +1,171 @@
+"""Friction of another specimen of a robot whose model is known, from stretches of free motion.
+
+`identify --refresh --other-specimen`. Two robots of one make share kinematics, masses and the shape
+of their friction, not its level (`models.calibration.specimen_friction`). Stretches of a second, of
+several logs, tell the level of the joints that move in them; the others keep the known robot's.
+
+What acts only at a crawl is not carried over: of two UR10e, one shows at joint 2 a Stribeck part
+below .05 rad/s of half its Coulomb friction, the other none.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.calibration.known_tool import with_tool_of
+from wrenchsight.models.calibration.specimen_friction import (
+    SlidingRows,
+    SpecimenFit,
+    SpecimenPrior,
+    fit_specimen,
+)
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.undone_low_pass import undone_low_pass
+
+ROW = 0.05  # s that a row averages
+SLIDING_SPEED = 0.02  # rad/s, above which a joint in the air slides
+CRAWL = 0.1  # rad/s, a Stribeck velocity below which the part acts only at a crawl
+K_0 = 20.0  # 1/s; undone again
+
+
+@dataclass(frozen=True, eq=False)
+class JointTorques:
+    """What a log says of the joints without a friction law; N samples.
+
+    Attributes:
+        v: (N, n) rad/s.
+        tau_J: (N, n) N m, motor torque on the joint side.
+        rigid: (N, n) N m, torque of the rigid body: mean over the period before each sample.
+        known: (N,) whether the motion is known; elsewhere the torques are zero.
+        time_step: s.
+    """
+
+    v: Array
+    tau_J: Array
+    rigid: Array
+    known: Flags
+    time_step: float
+
+
+def joint_torques(recording: Recording, robot: Robot, model: IdentifiedModel) -> JointTorques:
+    """Evaluates the rigid body along a log on a uniform grid.
+
+    Args:
+        recording: may have gaps, where q is not finite.
+        robot: with the tool that it carried.
+        model: of the rigid body.
+    """
+    bare = SemiParametricFriction(CoulombViscous.zero(robot.num_joints))
+    step = recording.time_step
+    config = WrenchEstimatorConfig(MomentumObserverConfig([K_0], step, "trapezoidal"))
+    estimator = WrenchEstimator(robot, replace(model, friction=bare, torque_error=None), config)
+    seen = estimator.observe(recording.q, recording.v, recording.current)
+    finite = np.asarray(np.isfinite(recording.q + recording.v + seen.tau_J).all(axis=1))
+    pole = np.full(robot.num_joints, np.exp(-K_0 * step))
+    excess, known = undone_low_pass(seen.tau_ext, pole, finite)
+    there = known[:, None]
+    tau_J, v = np.where(there, seen.tau_J, 0.0), np.where(there, recording.v, 0.0)
+    return JointTorques(v, tau_J, excess + tau_J, known, step)
+
+
+def sliding_rows(
+    terms: JointTorques, external: Array, where: Flags, sliding: Flags, side: Array
+) -> tuple[SlidingRows, ...]:
+    """Means over ROW, a `SlidingRows` per joint, of those in which it slides all through.
+
+    Args:
+        terms: of the log.
+        external: (N, n) N m, torque from outside, positive along the motion it causes.
+        where: (N,) samples to use.
+        sliding: (N, n).
+        side: (N, n) of the friction, -1 to 1.
+    """
+    size = max(round(ROW / terms.time_step), 1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], (where & terms.known).astype(int), [0]])))
+    rows = [
+        slice(start, start + size)
+        for begin, end in edges.reshape(-1, 2)
+        for start in range(begin, end - size + 1, size)
+    ]
+    load = terms.rigid - external
+    signals = (side, terms.v, load, terms.tau_J - load, terms.tau_J)
+    found = []
+    for j in range(terms.v.shape[1]):
+        own = [row for row in rows if sliding[row, j].all()]
+        found.append(SlidingRows(*(np.array([x[r, j].mean() for r in own]) for x in signals)))
+    return tuple(found)
+
+
+def free_rows(terms: JointTorques, free: Flags) -> tuple[SlidingRows, ...]:
+    """The rows of the stretches `free` (N,), in which nothing touches the arm."""
+    sliding = np.abs(terms.v) >= SLIDING_SPEED
+    return sliding_rows(terms, np.zeros_like(terms.v), free, sliding, np.sign(terms.v))
+
+
+def carried_over(law: PreslidingFriction) -> PreslidingFriction:
+    """What of a law holds for another specimen, before its level is found."""
+    crawl = law.stribeck_velocity < CRAWL
+    return replace(law, stribeck=np.where(crawl, 0.0, law.stribeck))
+
+
+def fit_rows(
+    rows: Sequence[Sequence[SlidingRows]],
+    known: PreslidingFriction,
+    prior: SpecimenPrior | None = None,
+) -> SpecimenFit:
+    """The law that the rows of several logs give together, by joint, with a known one as prior."""
+    joints = range(known.num_joints)
+    return fit_specimen(
+        known, [SlidingRows.joined([own[j] for own in rows]) for j in joints], prior
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class SpecimenRefit:
+    """A model with the friction of another specimen.
+
+    Attributes:
+        model: the new one.
+        before: the law that was carried over.
+        fit: what the logs say.
+    """
+
+    model: IdentifiedModel
+    before: PreslidingFriction
+    fit: SpecimenFit
+
+
+def refit_specimen(
+    recordings: Sequence[tuple[Recording, Flags]], robot: Robot, model: IdentifiedModel
+) -> SpecimenRefit:
+    """Finds the level of another specimen's friction, and puts it into the model.
+
+    Args:
+        recordings: logs, each with the samples (N,) in which nothing touches the arm.
+        robot: with the tool that it carried.
+        model: of another specimen; its tool is replaced by the robot's.
+
+    Raises:
+        InputError: another friction law than the presliding one; no joint slides.
+    """
+    law = model.friction
+    if not isinstance(law, PreslidingFriction):
+        problem = "the model's friction has no parts that carry over to another specimen"
+        raise InputError("--other-specimen", "", problem, "identify it with --friction presliding")
+    tooled = with_tool_of(model, robot)
+    rows = [free_rows(joint_torques(log, robot, tooled), free) for log, free in recordings]
+    before = carried_over(law)
+    fit = fit_rows(rows, before)
+    if not fit.rows.any():
+        problem = f"no joint moves faster than {SLIDING_SPEED:g} rad/s for {ROW:g} s"
+        raise InputError("--other-specimen", "", problem, "give stretches of free motion")
+    return SpecimenRefit(replace(model, friction=fit.law), before, fit)
