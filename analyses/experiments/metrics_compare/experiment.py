@@ -149,7 +149,7 @@ def friction_error(robot: Robot, q: Array, v: Array, load: Array) -> Array:
         truth.ripple_periods,
     )
     true = law.sliding_torque(v, load) + truth.ripple_amplitude * np.sin(truth.ripple_periods * q)
-    error = np.empty_like(true)
+    error: Array = np.empty_like(true)
     for j in range(q.shape[1]):
         A = np.column_stack([np.sign(v[:, j]), v[:, j]])
         error[:, j] = true[:, j] - A @ np.linalg.lstsq(A, true[:, j], rcond=None)[0]

@@ -371,8 +371,7 @@ def findings(task: MachiningTask, metrics: Mapping[str, Any]) -> list[str]:
         f"slowest. It {'grows most' if growth.max() > 0.0 else 'falls least'} at joint {grown}, of "
         f"{1e3 * slowest['mean_joint_speed_rad_per_s'][grown - 1]:.1f} mrad/s in the mean at the "
         "slowest.",
-        "The workpiece stands where the article's reading has the least predicted sd "
-        "(`analyses.methods.planning.machining_placement`), which takes the identified model, the "
-        "planned speeds and contact-free logs.",
+        "The workpiece stands where the article's reading has the least predicted sd, known from "
+        "the identified model, the planned speeds and contact-free logs.",
         *(f"A pass was broken off: {fault}." for fault in faults),
     ]
