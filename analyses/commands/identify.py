@@ -34,6 +34,7 @@ PLACES = {
     "load": "load",
     "refresh": "refresh",
     "part": "refreshing.part",
+    "other_specimen": "refreshing.other_specimen",
     "log_format": "log_format",
     "accept_signs": "accept_signs",
     "cutoff_hz": "identification.cutoff",
@@ -68,6 +69,15 @@ def command(
     part: Annotated[
         str, typer.Option(metavar="BEGIN,END", help="Part of the log to refresh from, s.")
     ] = "",
+    other_specimen: Annotated[
+        bool,
+        typer.Option(
+            "--other-specimen",
+            help="With --refresh: the logs are of another robot of the same make, whose friction "
+            "has another level. Short stretches of several logs will do: "
+            "LOG=BEGIN,END[,BEGIN,END...], s of free motion.",
+        ),
+    ] = SETTINGS.refreshing.other_specimen,
     log_format: LogFormat = None,
     cutoff_hz: Annotated[
         float, typer.Option(help="Cut-off frequency of the zero-phase low-pass filter, Hz.")
@@ -94,6 +104,9 @@ def command(
     """Find a robot's dynamic model and friction: logs in, model.yaml out."""
     settings = settled(ctx, IdentifySettings, PLACES)
     logs = [Path(log) for log in settings.logs]
+    if settings.refreshing.other_specimen:
+        _refit(settings, out)
+        return
     if settings.refresh is not None:
         _refresh(settings, logs, out)
         return
@@ -115,6 +128,39 @@ def command(
     _print(result, out)
     if calibrated is not None:
         _print_calibration(calibrated, out)
+
+
+def _refit(settings: IdentifySettings, out: Path) -> None:
+    from wrenchsight.analyses.methods.calibration.specimen_refitting import refit_logs
+
+    if settings.refresh is None or settings.load or settings.validate:
+        problem = "needs --refresh MODEL, and takes neither --load nor --validate"
+        raise InputError("identify", "--other-specimen", problem, "give the other robot's model")
+    with showing_progress("identify") as progress:
+        refit = refit_logs(settings, out, progress)
+    metrics = refit.metrics()
+    table = new_table(
+        *("\njoint", "rows of\n50 ms", "Coulomb, was\n[N m]", "is\n[N m]"),
+        *("viscous, was\n[N m s/rad]", "is\n[N m s/rad]"),
+    )
+    coulomb, viscous = metrics["coulomb"], metrics["viscous"]
+    for j, name in enumerate(refit.model.joint_names):
+        table.add_row(
+            name,
+            f"{metrics['rows'][j]}",
+            f"{coulomb['before_nm'][j]:.2f}",
+            f"{coulomb['after_nm'][j]:.2f} ± {coulomb['sd_nm'][j]:.2f}",
+            f"{viscous['before_nms_per_rad'][j]:.2f}",
+            f"{viscous['after_nms_per_rad'][j]:.2f} ± {viscous['sd_nms_per_rad'][j]:.2f}",
+        )
+    console = new_console()
+    console.print(table)
+    still = [
+        n for n, rows in zip(refit.model.joint_names, metrics["rows"], strict=True) if not rows
+    ]
+    if still:
+        say(console, f"note: {', '.join(still)} did not move: friction is the other robot's")
+    say(console, f"model: {out / 'model.yaml'}")
 
 
 def _refresh(settings: IdentifySettings, logs: list[Path], out: Path) -> None:

@@ -1,18 +1,23 @@
 """Friction of another specimen of a robot whose model is known, from stretches of free motion.
 
-`identify --refresh --other-specimen`. Two robots of one make share kinematics, masses and the shape
-of their friction, not its level (`models.calibration.specimen_friction`). Stretches of a second, of
-several logs, tell the level of the joints that move in them; the others keep the known robot's.
+The command `identify --refresh MODEL --other-specimen`. Two robots of one make share kinematics,
+masses and the shape of their friction, not its level (`models.calibration.specimen_friction`).
+Stretches of a second, of several logs, tell the level of the joints that move in them; the others
+keep the known robot's.
 
 What acts only at a crawl is not carried over: of two UR10e, one shows at joint 2 a Stribeck part
 below .05 rad/s of half its Coulomb friction, the other none.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from wrenchsight.analyses.methods.learning.identification_config import IdentifySettings
+from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.calibration.known_tool import with_tool_of
 from wrenchsight.models.calibration.specimen_friction import (
@@ -28,6 +33,7 @@ from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiPa
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.undone_low_pass import undone_low_pass
 
@@ -142,6 +148,89 @@ class SpecimenRefit:
     model: IdentifiedModel
     before: PreslidingFriction
     fit: SpecimenFit
+
+    def metrics(self) -> dict[str, Any]:
+        """All figures, as written to metrics.json; lists per joint."""
+        before, after = self.before.coulomb_viscous, self.fit.law.coulomb_viscous
+        deviation = self.fit.deviation
+        return {
+            "rows": self.fit.rows,
+            "scatter_nm": [None if np.isnan(x) else float(x) for x in self.fit.scatter],
+            "coulomb": {
+                "before_nm": before.coulomb,
+                "after_nm": after.coulomb,
+                "sd_nm": deviation[:, 0],
+            },
+            "viscous": {
+                "before_nms_per_rad": before.viscous,
+                "after_nms_per_rad": after.viscous,
+                "sd_nms_per_rad": deviation[:, 2],
+            },
+            "offset": {
+                "before_nm": before.offset,
+                "after_nm": after.offset,
+                "sd_nm": deviation[:, 3],
+            },
+            "load": {"before": self.before.load, "after": self.fit.law.load, "sd": deviation[:, 1]},
+        }
+
+
+def refit_logs(
+    settings: IdentifySettings,
+    out: Path,
+    progress: Callable[[float, str], None] = lambda fraction, what: None,
+) -> SpecimenRefit:
+    """Reads model and logs, and writes model.yaml, metrics.json and config.yaml into `out`.
+
+    Args:
+        settings: logs as LOG or LOG=BEGIN,END[,BEGIN,END...], s from its start, of the stretches in
+            which nothing touches the arm.
+
+    Raises:
+        InputError: as `Robot.load`, `IdentifiedModel.load`, `read_recording`, `refit_specimen` and
+            `result_folder`; stretches that are none.
+    """
+    with result_folder(out, "identify") as folder:
+        robot = Robot.load(settings.robot)
+        model = IdentifiedModel.load(Path(str(settings.refresh)), robot)
+        logs = []
+        for k, text in enumerate(settings.logs):
+            path, stretches = _stretches(text)
+            progress(k / len(settings.logs), f"reading {path.name}")
+            log = read_recording(
+                path, settings.log_format, robot, accept_signs=settings.accept_signs
+            )
+            logs.append((log, _inside(log, stretches)))
+        refit = refit_specimen(logs, robot, model)
+        folder.write_json("metrics.json", refit.metrics())
+        folder.write_settings("config.yaml", settings)
+        refit.model.save(folder / "model.yaml")
+        progress(1.0, "done")
+    return refit
+
+
+def _stretches(text: str) -> tuple[Path, list[tuple[float, float]]]:
+    """Path and stretches of LOG or LOG=BEGIN,END[,BEGIN,END...]; none: the whole log."""
+    name, sign, words = text.rpartition("=")
+    if not sign or Path(text).exists():
+        return Path(text), []
+    try:
+        times = [float(word) for word in words.split(",")]
+    except ValueError:
+        times = []
+    pairs = list(zip(times[::2], times[1::2], strict=False))
+    if not pairs or len(times) % 2 or not all(0.0 <= a < b < np.inf for a, b in pairs):
+        problem = f"expected LOG=BEGIN,END[,BEGIN,END...] in s, found {text}"
+        raise InputError("identify", "--other-specimen", problem, "such as run.csv=0,1.9,8.3,9")
+    return Path(name), pairs
+
+
+def _inside(log: Recording, stretches: Sequence[tuple[float, float]]) -> Flags:
+    t = log.t - log.t[0]
+    free = np.full(len(t), not stretches)
+    for begin, end in stretches:
+        free |= (t >= begin) & (t <= end)
+    return free
 
 
 def refit_specimen(

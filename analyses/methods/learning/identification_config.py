@@ -37,6 +37,7 @@ class RefreshConfig:
     """How friction is re-estimated, for `identify --refresh`."""
 
     part: list[float] = field(default_factory=list)  # begin and end, s of the log; none: all of it
+    other_specimen: bool = False  # of the same make: its friction's level is another
     coulomb_drift: float = 0.05  # sd of the prior, share of the joint's dry friction
     viscous_drift: float = 0.3  # share of the viscous coefficient
     offset_drift: float = 0.02  # share of the dry friction
@@ -52,7 +53,7 @@ class IdentifySettings:
     logs: list[str] = field(default_factory=list)  # of free motion, to be fitted
     validate: list[str] = field(default_factory=list)  # logs to predict, not fitted
     load: list[str] = field(default_factory=list)  # LOG=MASS or LOG=MASS,X,Y,Z, kg and m
-    refresh: str | None = None  # model.yaml whose friction is re-estimated from the one log
+    refresh: str | None = None  # model.yaml whose friction is re-estimated from the log or logs
     log_format: str | None = None  # description of the logs' columns
     identification: IdentificationConfig = field(default_factory=IdentificationConfig)  # how
     refreshing: RefreshConfig = field(default_factory=RefreshConfig)  # how, with `refresh`
