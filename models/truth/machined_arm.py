@@ -6,7 +6,7 @@ here they only share memory, so that a simulation calls them together.
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, Record
 from wrenchsight.models.kernel import kernel
 from wrenchsight.models.machining.machining_process import (
     FORCE,
@@ -64,6 +64,7 @@ def arm_motion(
     x: Array,
     state: Array,
     joint_size: int,
+    terms: Record,
     scratch: Array,
     motion: Array,
 ) -> None:
@@ -79,33 +80,22 @@ def arm_motion(
         x: (2n,) q and v of the links.
         state: of the joints, flat, the current sensor (n,), the process, its wrench (6,), that of
             the force/torque sensor (6,) and what that remembers.
+        terms: (1,) of `terms_type`, written.
         scratch: (n, SCRATCH_COLUMNS), overwritten.
-        motion: (`motion_size`,), written: q and v as they are read, then M v, C^T v, C v and G
-            (n,), M, J, R_WE row by row, p_WE, V_WE, what is put on the tool besides contact (6,),
-            the process's wrench and the spindle's, and the force/torque sensor's wrench (6,).
+        motion: (`motion_size`,), written but for the terms: q and v as they are read, then M v,
+            C^T v, C v and G (n,), M, J, R_WE row by row, p_WE, V_WE, what is put on the tool
+            besides contact (6,), the process's wrench and the spindle's, and the force/torque
+            sensor's wrench (6,).
     """
     n = joints.shape[0]
-    q, v, known = x[:n], x[n:], motion[2 * n :]
-    of_J = 4 * n + n * n
-    of_R = of_J + 6 * n
-    R_WE = known[of_R : of_R + 9].reshape(3, 3)
-    all_terms(
-        chain,
-        q,
-        v,
-        known[:n],
-        known[n : 2 * n],
-        known[2 * n : 3 * n],
-        known[3 * n : 4 * n],
-        known[4 * n : of_J].reshape(n, n),
-        known[of_J:of_R].reshape(6, n),
-        R_WE,
-        known[of_R + 9 : of_R + 12],
-        known[of_R + 12 : of_R + 18],
-        scratch,
-    )
+    known = motion[2 * n :]
+    of_R = 4 * n + n * n + 6 * n
+    own = terms[0]
+    own.q[:], own.v[:] = x[:n], x[n:]
+    all_terms(chain, terms, scratch)
+    q, v, R_WE = own.q, own.v, own.R_WE
     rows = state[:joint_size].reshape(joint_size // n, n)
-    G, tick = known[3 * n : 4 * n], _tick_of(t, time_step)
+    G, tick = own.G, _tick_of(t, time_step)
     encoder_reading(joints, rows, G, q, v, on_motor, seed, tick, motion[:n], motion[n : 2 * n])
     own = joint_size + n + process_size
     applied = known[of_R + 18 : of_R + 24]

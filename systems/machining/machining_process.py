@@ -25,7 +25,7 @@ from wrenchsight.models.machining.machining_process import (
     advance_process,
     advance_varying_process,
 )
-from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms
+from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.models.signals.tool_contact import NORMAL_SIZE
 
 

@@ -11,7 +11,7 @@ from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms
+from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.models.signals.tool_contact import (
     CONTACT_SIZE,
     NORMAL_SIZE,

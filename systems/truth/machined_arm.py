@@ -10,6 +10,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from wrenchsight.models.machining.machining_process import FORCE
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
+from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.truth.free_arm import VELOCITY_STREAM, WANDER_STREAM
 from wrenchsight.models.truth.joint_kernels import SIGNALS, tick_work
@@ -142,6 +143,7 @@ class MachinedArm(LeafSystem):
         self._no_reaction, self._no_vdot = np.zeros(6), np.zeros(n)
         # Memory that is settled once; nothing in it outlives a call.
         self._scratch = np.empty((n, SCRATCH_COLUMNS))
+        self._terms = RigidBodyTerms.zeros(n).record
         self._work = tick_work(joints.initial_state())
 
     @property
@@ -157,6 +159,7 @@ class MachinedArm(LeafSystem):
         return [self._n] * (SIGNALS + 1) + [rest]
 
     def _calc_motion(self, context: Context, output: BasicVector) -> None:
+        motion = output.get_mutable_value()
         arm_motion(
             self._chain,
             self._table,
@@ -169,9 +172,13 @@ class MachinedArm(LeafSystem):
             self._x.Eval(context),
             context.get_discrete_state_vector().value(),
             self._joint_size,
+            self._terms,
             self._scratch,
-            output.get_mutable_value(),
+            motion,
         )
+        flat, start = self._terms.view(np.float64), 2 * self._n
+        size = flat.size - start  # all but q and v
+        motion[start : start + size] = flat[:size]
 
     def _calc_drives(self, context: Context, output: BasicVector) -> None:
         arm_drives(

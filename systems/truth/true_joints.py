@@ -13,7 +13,7 @@ from pydrake.systems.framework import (
 )
 
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms
+from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.models.signals.gaussian_noise import gaussian_noise
 from wrenchsight.models.truth.free_arm import VELOCITY_STREAM, WANDER_STREAM
 from wrenchsight.models.truth.joint_kernels import (

@@ -9,7 +9,7 @@ from wrenchsight.diagrams.robot_cell import make_robot_cell
 from wrenchsight.diagrams.scenario import Scenario
 from wrenchsight.models.control.wrench_script import HandPush
 from wrenchsight.models.friction.true_friction import DryFriction
-from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms
+from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.systems.free_joint_friction import FreeJointFriction
 from wrenchsight.systems.joint_friction import HOLDING_DAMPING
@@ -31,21 +31,14 @@ def law(n=2, **changes):
 
 
 def terms(M, v, q=None, G=None):
-    n = len(v)
-    zero = np.zeros(n)
-    return RigidBodyTerms(
-        momentum=M @ v,
-        CTv=zero,
-        Cv=zero,
-        G=zero if G is None else np.asarray(G, float),
-        M=np.asarray(M, float),
-        J=np.zeros((6, n)),
-        R_WE=np.eye(3),
-        p_WE=np.zeros(3),
-        V_WE=np.zeros(6),
-        q=zero if q is None else np.asarray(q, float),
-        v=np.asarray(v, float),
-    )
+    result = RigidBodyTerms.zeros(len(v))
+    result.M[:], result.v[:], result.momentum[:] = M, v, M @ v
+    result.R_WE[:] = np.eye(3)
+    if q is not None:
+        result.q[:] = q
+    if G is not None:
+        result.G[:] = G
+    return result
 
 
 def evaluate(friction, motion, tau_J, tau_ext=None, change=None):
