@@ -45,6 +45,7 @@ from wrenchsight.analyses.study.experiment import (
     FigureFile,
 )
 from wrenchsight.analyses.study.figure_files import saved_figure
+from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.contact.contact_filter import ContactConfig
 from wrenchsight.models.robot.robot import Robot
 
@@ -83,7 +84,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics=metrics,
         figures=_figures(study, metrics, context.out),
         comparison=_comparison(metrics),
-        notes=_notes(metrics),
+        notes=filled(NOTES, metrics),
         configuration={
             "runs": [read.prepared.run.name.stem for read in study.runs],
             "settled_on": sorted(SETTLED_ON),
@@ -176,92 +177,38 @@ def _value(metrics: dict[str, Any], path: str) -> Any:
     return value
 
 
-def _notes(metrics: dict[str, Any]) -> list[str]:
-    summary = metrics["summary"]
-
-    def rmse(method: str, kind: str) -> str:
-        value = summary[method][kind]["rmse_n"]
-        return "-" if value is None else f"{value:.1f}"
-
-    def slides(method: str) -> str:
-        kinds = ("straight_slide_v10", "straight_slide_v25", "straight_slide_v90")
-        ramps = ("ramp_slide_v10", "ramp_slide_v25")
-        straight = ", ".join(rmse(method, kind) for kind in kinds)
-        return f"{straight} N straight, {', '.join(rmse(method, kind) for kind in ramps)} N ramp"
-
-    ours, calibrated = summary["no_sensor"], summary["calibrated"]
-    notes = [
-        f"RMSE of the force along the tool over 0.1 s, steady slides at 0.10, 0.25 and 0.90 m/s, "
-        f"both controllers together: {slides('no_sensor')} without any sensor, "
-        f"{slides('command')} by the command alone, "
-        f"{slides('calibrated')} calibrated once, {slides('two_joints')} by K (i - i_target) of "
-        f"joints 2 and 3, {slides('article')} by the article's method.",
-        f"At rest {rmse('no_sensor', 'rest')} N without a sensor, {rmse('command', 'rest')} N by "
-        f"the command, {rmse('calibrated', 'rest')} N "
-        f"calibrated, {rmse('article', 'rest')} N by the article's method: a joint that stands "
-        "keeps any friction, and the reading says so.",
-    ]
-    if ours["rest"]["runs"] and ours["slide"]["runs"]:
-        notes.append(
-            f"The 95 % band holds the true force in {ours['rest']['inside_95_pct']:.0f} % at rest "
-            f"and {ours['slide']['inside_95_pct']:.0f} % sliding (calibrated: "
-            f"{calibrated['rest']['inside_95_pct']:.0f} and "
-            f"{calibrated['slide']['inside_95_pct']:.0f} %; the article's covariance: "
-            f"{summary['article']['rest']['inside_95_pct']:.0f} and "
-            f"{summary['article']['slide']['inside_95_pct']:.0f} %); stated sd "
-            f"{ours['rest']['stated_sd_n']:.1f} and {ours['slide']['stated_sd_n']:.1f} N. Valid, "
-            "that is with a band that leaves out zero: "
-            f"{ours['rest']['share_valid_pct']:.0f} and {ours['slide']['share_valid_pct']:.0f} %."
-        )
-    for half, text in (
-        ("settled", "Runs on which constants were settled"),
-        ("checked", "The others"),
-    ):
-        own = metrics[half]
-        if own["rest"]["no_sensor"]["runs"] and own["slide"]["no_sensor"]["runs"]:
-            notes.append(
-                f"{text}: "
-                + ", ".join(
-                    f"{kind} {own[kind]['no_sensor']['rmse_n']:.1f} N and "
-                    f"{own[kind]['no_sensor']['inside_95_pct']:.0f} % inside"
-                    for kind in ("rest", "slide")
-                )
-                + "."
-            )
-    return [
-        *notes,
-        "The structure of the filter and its numbers were chosen on the first half alone, by "
-        "leaving out or changing one thing at a time; the second half was read once.",
-        _by_force(metrics["by_force"]),
-        "A part of what a joint seems to keep at rest is a force across the tool: in the first "
-        "hold of the straight runs up to 23 N, along the roller's axis, which joints 1, 4 and 5 "
-        "show. A reading of joints 2 and 3 alone takes it for friction.",
-        "What carries over from another UR10e: kinematics, masses (the published ones; the command "
-        "takes those identified there, with the tool on them), torque per ampere, rotor "
-        "inertia (identified there), and the shape and load dependence of friction. Its level does "
-        "not: joints 2 to 4 were found anew in the air, the others do not move there and keep that "
-        "robot's. With all friction of that robot slides are off by "
-        f"{rmse('carried_over', 'slide')} N.",
-        "Positions are rebuilt from the script: in force mode (`ur`) the motion along the tool is "
-        "not known, and after the impact there is a gap; the ramp's corners are rounded as the "
-        "script's blends are. The reading is 60 ms late.",
-    ]
+def _of_slides(method: str) -> str:
+    kinds = [f"straight_slide_v{speed}" for speed in (10, 25, 90)]
+    return " ".join(f"<summary.{method}.{kind}.rmse_n:.1f>" for kind in kinds)
 
 
-def _by_force(forces: dict[str, Any]) -> str:
-    """How the error of slides goes with the force."""
-    listed = [
-        f"{force[1:]} N {own['slide']['no_sensor']['bias_n']:+.1f} ({read['bias_n']:+.1f})"
-        for force, own in forces.items()
-        if "slide" in own and (read := own["slide"]["calibrated"])["bias_n"] is not None
-    ]
-    return (
-        "Mean error of slides by the force that was set, in brackets calibrated [N]: "
-        + (", ".join(listed) or "-")
-        + ". It falls as the force grows, by the torques of joints 2 and 3 in the proportion of "
-        "their lever arms: a gain on the contact's force, not another place of the contact. "
-        "Without a sensor it cannot be told from the masses."
-    )
+NOTES = (
+    "RMSE of the force along the tool over 0.1 s, straight slides at 0.10, 0.25 and 0.90 m/s: "
+    f"{_of_slides('no_sensor')} N without any sensor, {_of_slides('command')} N by the command, "
+    f"{_of_slides('calibrated')} N calibrated once, {_of_slides('two_joints')} N by two joints' "
+    f"currents, {_of_slides('article')} N by the article's method.",
+    "At rest: <summary.no_sensor.rest.rmse_n:.1f> N without a sensor, "
+    "<summary.command.rest.rmse_n:.1f> N by the command, "
+    "<summary.calibrated.rest.rmse_n:.1f> N calibrated, <summary.article.rest.rmse_n:.1f> N by the "
+    "article's method.",
+    "Inside the 95 % band at rest and sliding: <summary.no_sensor.rest.inside_95_pct:.0f> and "
+    "<summary.no_sensor.slide.inside_95_pct:.0f> % without a sensor, "
+    "<summary.command.rest.inside_95_pct:.0f> and <summary.command.slide.inside_95_pct:.0f> % by "
+    "the command, "
+    "<summary.article.rest.inside_95_pct:.0f> and <summary.article.slide.inside_95_pct:.0f> % with "
+    "the article's covariance.",
+    "Runs on which constants were settled, at rest and sliding: "
+    "<settled.rest.no_sensor.rmse_n:.1f> and <settled.slide.no_sensor.rmse_n:.1f> N; the others: "
+    "<checked.rest.no_sensor.rmse_n:.1f> and <checked.slide.no_sensor.rmse_n:.1f> N.",
+    "A larger filter of this kind was chosen with all runs in sight; what was left out of it, and "
+    "the numbers, were settled on the first half.",
+    "With the friction of another UR10e: <summary.carried_over.slide.rmse_n:.1f> N in slides. "
+    "Its level does not carry over; kinematics, masses, torque per ampere and its shape do.",
+    "The mean error of slides falls as the force grows, in joints 2 and 3 as their lever arms: a "
+    "gain on the contact's force. Without a sensor it cannot be told from the masses.",
+    "Positions are rebuilt from the script, the ramp's corners rounded as the script's blends are. "
+    "The reading is 60 ms late.",
+)
 
 
 EXPERIMENT = Experiment(
