@@ -592,8 +592,8 @@ def _with_evidence(
     live_force, live_moment = live_prior(robot.payload)
     if force_sd < FLOOR_SHARE * live_force and prior.prior_force_sd is None:
         warnings.append(
-            f"the prior that explains the log best is {force_sd:.3g} N; {FLOOR_SHARE * live_force:.3g} "
-            "N are taken, so that a short contact still reads"
+            f"the prior that explains the log best is {force_sd:.3g} N; "
+            f"{FLOOR_SHARE * live_force:.3g} N are taken, so that a short contact still reads"
         )
     force_sd = max(force_sd, FLOOR_SHARE * live_force)
     moment_sd = max(moment_sd, FLOOR_SHARE * live_moment)
