@@ -31,8 +31,8 @@ import numpy as np
 from wrenchsight.analyses.methods.learning.friction_fit import FrictionFit, Motion, Solution
 from wrenchsight.analyses.methods.learning.identification_checks import (
     contradictions,
-    doubts,
     repeated_logs,
+    warnings_of,
 )
 from wrenchsight.analyses.methods.learning.identification_config import (
     WITH_NETWORK,
@@ -221,7 +221,7 @@ def identify(
         robot: the robot that they were recorded on.
         validation: logs to predict, not fitted.
         config: see `IdentificationConfig`.
-        progress: told the share done and the current step.
+        progress: called with the share done and the current step.
         contact_noise: whether the model is to say, of cross-validated logs, what a contact
             statistic reads without contact; nothing else depends on it.
 
@@ -255,7 +255,7 @@ def _identify(
         (tuple(recordings), robot, tuple(validation), *filtering),
         lambda: low_pass_logs(recordings, robot, validation, config, progress),
     )
-    fitted, kept = given.fitted, given.kept
+    fitted, selected = given.fitted, given.kept
     row_rate = 1.0 / (decimation(fitted[0].low_pass) * fitted[0].low_pass.time_step)
     problem = FrictionFit(
         robot,
@@ -327,7 +327,7 @@ def _identify(
         base=base,
         fit=fit,
         cross_validation=cross_validation,
-        validation=tuple(run.predict(chain, friction) for run in kept),
+        validation=tuple(run.predict(chain, friction) for run in selected),
         warnings=(
             *repeated_logs(recordings, validation),
             *repeated_motion_notes([run.name for run in fitted], motion_groups(fitted)),
@@ -338,7 +338,7 @@ def _identify(
                 robot,
                 of_torque,
             ),
-            *doubts(fit, base, model, of_torque),
+            *warnings_of(fit, base, model, of_torque),
         ),
         config=config,
         law=choice.law,

@@ -272,8 +272,8 @@ def place(
     if profile is None:
         problem = "the best path found changes its branch between two points"
         raise InputError(source, "", problem, "choose another --seed or --solver")
-    own = _initial_profile(task, robot, measure, cell)
-    if task.initial is not None and own is None:
+    entry = _initial_profile(task, robot, measure, cell)
+    if task.initial is not None and entry is None:
         notices.append("the task's guess cannot be followed within the joint limits on any branch")
     if result.interrupted:
         notices.append("interrupted: the best found so far")
@@ -284,7 +284,7 @@ def place(
         solver=solver,
         seed=seed,
         measure=measure,
-        initial=own,
+        initial=entry,
         best=profile,
         search=result,
         seconds=seconds,
@@ -376,7 +376,7 @@ def _with_free(
     free: Profile | None = None
     for seed in range(result.seed, result.seed + _FREE_SEEDS):
         try:
-            found = place(
+            outcome = place(
                 task,
                 source,
                 robot,
@@ -390,8 +390,8 @@ def _with_free(
         except InputError as error:
             notices.append(f"no placement is free: {error}")
             break
-        comes = distance_of_ends(robot, cell, found.fine)
-        free = found if free is None or comes >= 0.0 else free
+        comes = distance_of_ends(robot, cell, outcome.fine)
+        free = outcome if free is None or comes >= 0.0 else free
         if comes >= 0.0:
             break
     else:

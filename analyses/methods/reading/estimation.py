@@ -212,7 +212,7 @@ def estimate(
             raise InputError(
                 "estimate",
                 "drift",
-                "the model does not say what its torque errs by",
+                "model.yaml states no torque error",
                 "identify it again, or leave --drift out",
             )
         stated_error = model.torque_error.with_drift(settings.estimate.drift)
