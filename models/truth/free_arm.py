@@ -45,6 +45,7 @@ from wrenchsight.models.truth.joint_kernels import (
     TORQUE,
     encoder_reading,
     joint_tick,
+    mixed_currents,
     tick_work,
 )
 from wrenchsight.models.truth.true_joints import TrueJoints
@@ -166,6 +167,7 @@ def simulate_free_arm(
     for first in range(0, ticks, _CHUNK):
         _run(
             joints.table,
+            joints.motors,
             joints.on_motor,
             chain.table,
             servo.chain.table,
@@ -205,6 +207,7 @@ def simulate_free_arm(
 @kernel
 def _run(
     table: Array,
+    motors: Array,
     on_motor: bool,
     chain: Array,
     model: Array,
@@ -268,6 +271,9 @@ def _run(
         joint_tick(
             table, time_step, M, Cv, G, q, v, command, tau_ext, draws, state, after, signals, work
         )
+        if motors.shape[0] > 0:
+            current[:] = motor_current
+            mixed_currents(motors[1], current, motor_current)
         update_lag(bandwidth, time_step, motor_current, lagged)
         if tick % every == 0:
             row = tick // every

@@ -36,9 +36,9 @@ from wrenchsight.models.estimation.wrench import (
     live_prior,
     reconstruct_wrench,
 )
-from wrenchsight.models.friction.true_friction import DryFriction
 from wrenchsight.models.rigid_body.conditioning import condition_number, singular_values
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.truth.true_joints import TrueJoints
 from wrenchsight.models.truth.true_robot import plain_truth
 
 NUM_POSTURES, NUM_POSTURES_QUICK = 2000, 400
@@ -140,16 +140,8 @@ class InertialErrors:
 def friction_error(robot: Robot, q: Array, v: Array, load: Array) -> Array:
     """(N, n) true friction less the best Coulomb-viscous law for these very samples, N m."""
     truth = robot.truth
-    law = DryFriction(
-        truth.stiction,
-        truth.coulomb,
-        truth.stribeck_velocity,
-        truth.viscous,
-        truth.load_dependence,
-        truth.ripple_amplitude,
-        truth.ripple_periods,
-    )
-    true = law.sliding_torque(v, load) + truth.ripple_amplitude * np.sin(truth.ripple_periods * q)
+    true = TrueJoints.of(robot, 1e-3).sliding_torque(v, load)
+    true += truth.ripple_amplitude * np.sin(truth.ripple_periods * q)
     error: Array = np.empty_like(true)
     for j in range(q.shape[1]):
         A = np.column_stack([np.sign(v[:, j]), v[:, j]])
