@@ -17,15 +17,13 @@ from wrenchsight.analyses.experiments.setups.path_runs.article_paths import (
     OTHER_ELBOW_POSTURE,
 )
 from wrenchsight.analyses.methods.planning.particle_swarm import SwarmConfig
-from wrenchsight.analyses.methods.planning.placement import (
-    EFFORT,
-    EFFORT_WITH_CLEARANCE,
-    PlacementResult,
+from wrenchsight.analyses.methods.planning.placement import EFFORT, EFFORT_WITH_CLEARANCE, place
+from wrenchsight.analyses.methods.planning.placement_files import (
     draw_history,
     draw_profiles,
-    place,
     write_placement_page,
 )
+from wrenchsight.analyses.methods.planning.placement_result import PlacementResult
 from wrenchsight.analyses.output.axes import log_scale
 from wrenchsight.analyses.output.figures import COLOUR, new_figure
 from wrenchsight.analyses.output.outputs import OutputFolder
