@@ -34,6 +34,9 @@ from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import ide
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import payload_reference
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
+    FREE_LOGS,
+    LOADED_LOGS,
+    MORE,
     identify_ur10e,
 )
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
@@ -75,25 +78,7 @@ from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import PoseConfig
 from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass
 
-MORE = "ur10e_more"  # below the data folder
-FREE = {
-    FOLDER: ("ur-20_02_19_14harm50sec", "ur-20_01_17-ptp_10_points"),
-    MORE: (
-        "ur-20_02_19_15harm50sec",
-        "ur-20_02_10-20sec_7harm",
-        "ur-20_02_06-20sec_5harm",
-        "ur-20_02_06-20sec_10harm",
-        "ur-20_02_05-20sec_8harm",
-        "ur-20_01_31-unload",
-        "ur-19_12_23_free",
-        *(f"ur-20_01_17-p{k}" for k in range(1, 6)),
-    ),
-}
 PUSHED = ("ur-20_02_19_14harm50sec", "ur-20_02_19_15harm50sec", "ur-20_02_10-20sec_7harm")
-LOADED = {  # kg
-    FOLDER: {"ur-20_02_19_14harm50secLoad": 2.805},
-    MORE: {"ur-19_12_23_load": 1.069},
-}
 PUSH, PUSH_TIME, PAUSE = 30.0, 0.5, 1.5  # N, s, s
 TIME_STEP = 0.01  # s, of the UR10e's logs
 LAW = "presliding"
@@ -164,8 +149,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
         comparison=[],
         notes=_notes(metrics),
         configuration={
-            "free": FREE,
-            "loaded_kg": LOADED,
+            "free": FREE_LOGS,
+            "loaded_kg": LOADED_LOGS,
             "pushed": PUSHED,
             "push_n": PUSH,
             "push_s": PUSH_TIME,
@@ -183,7 +168,7 @@ def _real_scenes(context: ExperimentContext) -> dict[str, Scene]:
         lambda share, what: context.progress(0.3 * share, what),
     ).model
     scenes = {}
-    for folder, entry in FREE.items():
+    for folder, entry in FREE_LOGS.items():
         for name in entry:
             log = context.data / folder / f"{name}.csv"
             if not log.is_file():
@@ -200,7 +185,7 @@ def _real_scenes(context: ExperimentContext) -> dict[str, Scene]:
                 scenes[f"{name}-pushes"] = Scene(
                     pushed(uniform, robot, forces), forces, robot, model, step
                 )
-    for folder, loaded in LOADED.items():
+    for folder, loaded in LOADED_LOGS.items():
         for name, mass in loaded.items():
             log = context.data / folder / f"{name}.csv"
             if log.is_file():

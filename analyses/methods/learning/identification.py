@@ -282,37 +282,9 @@ def _identify(
         chosen = _best_of(candidates)
     choice = next(c for c in candidates if c.law == chosen)
     solution, chain, friction = choice.solution, choice.chain, choice.friction
-    base, estimate = solution.base, solution.estimate
+    base = solution.base
     fit, cross_validation = choice.fit, choice.cross_validation
-    covariance, how = _model_error(fit, cross_validation, estimate)
-    model = IdentifiedModel(
-        robot=robot.name,
-        joint_names=robot.joint_names,
-        kinematics_digest=robot.kinematics_digest,
-        fitted_robot=FittedRobot.of(robot),
-        inertial_parameters=chain.inertial_parameters,
-        reflected_inertia=chain.reflected_inertia,
-        friction=friction,
-        residual_covariance=covariance,
-        base_parameters=BaseParameterTable(
-            names=list(base.names),
-            values=estimate.values.tolist(),
-            standard_deviations=estimate.standard_deviations.tolist(),
-            undetermined=list(base.without_effect),
-        ),
-        condition_number=base.condition_number,
-        validity=_validity(fitted),
-        provenance=Provenance(
-            method=f"weighted least squares per joint, {config.loss} loss, friction {choice.law}"
-            + (", physically consistent" if config.consistent else ""),
-            logs=[run.log for run in fitted],
-            time_step=config.time_step,
-            cutoff=config.cutoff,
-            filter_order=config.filter_order,
-            filter_regressor=config.filter_regressor,
-            residual=how,
-        ),
-    )
+    model = _model_of(choice, robot, fitted, config)
     if config.cross_validate:
         progress(0.95, "the observer's error")
         readings = held_out_readings(
@@ -350,6 +322,42 @@ def _identify(
     )
     progress(1.0, "done")
     return result
+
+
+def _model_of(
+    choice: LawFit, robot: Robot, fitted: Sequence[LowPassedLog], config: IdentificationConfig
+) -> IdentifiedModel:
+    """The model of a friction law, without the observer's error."""
+    base, estimate = choice.solution.base, choice.solution.estimate
+    covariance, how = _model_error(choice.fit, choice.cross_validation, estimate)
+    return IdentifiedModel(
+        robot=robot.name,
+        joint_names=robot.joint_names,
+        kinematics_digest=robot.kinematics_digest,
+        fitted_robot=FittedRobot.of(robot),
+        inertial_parameters=choice.chain.inertial_parameters,
+        reflected_inertia=choice.chain.reflected_inertia,
+        friction=choice.friction,
+        residual_covariance=covariance,
+        base_parameters=BaseParameterTable(
+            names=list(base.names),
+            values=estimate.values.tolist(),
+            standard_deviations=estimate.standard_deviations.tolist(),
+            undetermined=list(base.without_effect),
+        ),
+        condition_number=base.condition_number,
+        validity=_validity(fitted),
+        provenance=Provenance(
+            method=f"weighted least squares per joint, {config.loss} loss, friction {choice.law}"
+            + (", physically consistent" if config.consistent else ""),
+            logs=[run.log for run in fitted],
+            time_step=config.time_step,
+            cutoff=config.cutoff,
+            filter_order=config.filter_order,
+            filter_regressor=config.filter_regressor,
+            residual=how,
+        ),
+    )
 
 
 def identify_logs(
