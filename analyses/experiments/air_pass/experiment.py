@@ -211,7 +211,11 @@ def _torque_figure(passes: dict[str, LoadedPass]) -> "Figure":
             label="with the load",
         )
         panel.plot(
-            entry.t, entry.lesson[:, 1], color=COLOUR["estimate"], lw=1.0, label="without the load"
+            entry.t,
+            entry.first_pass[:, 1],
+            color=COLOUR["estimate"],
+            lw=1.0,
+            label="without the load",
         )
         panel.set_ylabel("tau_ext error [N m]")
         panel.set_title(f"{law}: {100 * entry.repeated_share[1]:.0f} % of it did repeat")

@@ -79,7 +79,7 @@ class LoadedPass:
         t: (M,) s from the loaded log's start.
         plain: as it is read.
         taught: less what the pass without load has taught.
-        lesson: (M, n) N m, what that pass read.
+        first_pass: (M, n) N m, what that pass read.
         alignment: s that its log is ahead.
         load_growth: (M, n) N m, by how much more the drives carry than without the load.
         v: (M, n) rad/s.
@@ -88,7 +88,7 @@ class LoadedPass:
     t: Array
     plain: PassErrors
     taught: PassErrors
-    lesson: Array
+    first_pass: Array
     alignment: float
     load_growth: Array
     v: Array
@@ -127,7 +127,7 @@ class LoadedPass:
     @property
     def correlation(self) -> Array:
         """(n,) of the torque errors of both passes."""
-        pairs = zip(self.lesson.T, self.plain.torque_error.T, strict=True)
+        pairs = zip(self.first_pass.T, self.plain.torque_error.T, strict=True)
         return np.array([np.corrcoef(a, b)[0, 1] for a, b in pairs])
 
 
@@ -185,7 +185,7 @@ def loaded_pass(
     rows = slice(round(LEARNING_TIME / TIME_STEP), -round(MARGIN / TIME_STEP))
     t = recording.t - recording.t[0]
     ahead = alignment(empty.recording, recording)
-    air_passes = _at(empty.recording, empty.tau_ext, t + ahead)
+    first_pass = _at(empty.recording, empty.tau_ext, t + ahead)
     carried = robot.joint_torque(recording.current)
     carried_before = _at(empty.recording, robot.joint_torque(empty.recording.current), t + ahead)
     R_WE, _ = robot.chain.pose(recording.q)
@@ -208,8 +208,8 @@ def loaded_pass(
     return LoadedPass(
         t=t[rows],
         plain=errors(loaded.tau_ext),
-        taught=errors(loaded.tau_ext - air_passes),
-        lesson=air_passes[rows],
+        taught=errors(loaded.tau_ext - first_pass),
+        first_pass=first_pass[rows],
         alignment=ahead,
         load_growth=(np.abs(carried) - np.abs(carried_before))[rows],
         v=recording.v[rows],
