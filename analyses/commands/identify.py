@@ -162,7 +162,7 @@ def _print(result: "IdentificationResult", out: Path) -> None:
             console,
             f"residual, {fit.name}, mean ± 1 sd [N m]: {residual_text(fit.bias, fit.residual_sd)}",
         )
-    for line in law_lines(result.held_out, result.law, how):
+    for line in law_lines(result.held_out, result.law, how, result.extrapolated):
         say(console, line)
     say(console, f"filter: {filter_text(result.config)}")
     say(

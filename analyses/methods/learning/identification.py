@@ -20,7 +20,7 @@ Every error stated here compares low-passed measured torque with low-passed pred
 of the filter's transients and of drop-outs.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -42,6 +42,7 @@ from wrenchsight.analyses.methods.learning.identification_config import (
 )
 from wrenchsight.analyses.methods.learning.identification_figures import torque_figure
 from wrenchsight.analyses.methods.learning.identification_report import filter_text
+from wrenchsight.analyses.methods.learning.law_choice import best_law
 from wrenchsight.analyses.methods.learning.law_fits import LawFit, LawFits
 from wrenchsight.analyses.methods.learning.low_passed_logs import (
     LowPassedLog,
@@ -89,7 +90,7 @@ from wrenchsight.models.recordings.plausibility.drive_evidence import (
 )
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
-from wrenchsight.models.rigid_body.ties import beyond_rounding, first_of_least
+from wrenchsight.models.rigid_body.ties import beyond_rounding
 from wrenchsight.models.robot.robot import Robot
 
 ProgressCallback = Callable[[float, str], None]
@@ -419,31 +420,6 @@ def predict_torque(
         for name, recording in zip(log_names(recordings), recordings, strict=True)
     )
     return tuple(run.predict(chain, model.friction) for run in runs)
-
-
-def best_law(
-    held_out: Mapping[str, Array], extrapolated: Mapping[str, Sequence[Array]] | None = None
-) -> str:
-    """The law with the lowest RMSE on what it was not fitted on, as the geometric mean over the
-    joints: a joint that carries little counts as much as one that carries the arm.
-
-    Where use differs from the fit counts too: each joint's fastest samples and its slowest ones,
-    predicted from the others, weigh as much as the held-out logs.
-
-    Args:
-        held_out: (n,) N m per law, from the logs that were fitted alone.
-        extrapolated: (n,) N m each, per law; a law that is missing has its held-out error there.
-    """
-
-    def score(law: str) -> float:
-        others = (extrapolated or {}).get(law) or [held_out[law]]
-        errors = [held_out[law], *others]
-        weights = [1.0, *[2.0 / len(others)] * len(others)]
-        logs = [np.mean(np.log(np.maximum(error, 1e-12))) for error in errors]
-        return float(np.average(logs, weights=weights))
-
-    scores = np.exp([score(law) for law in held_out])
-    return list(held_out)[int(first_of_least(scores))]
 
 
 def _best_of(candidates: Sequence[LawFit]) -> str:
