@@ -110,7 +110,7 @@ def _reads_external_torque(settings: EstimateSettings) -> bool:
     if is_torque_log(log, settings.log_format, torque):
         if settings.model is None:
             return True
-        problem = "has no part where the arm's own external torque is read"
+        problem = "is not used with the external torque that the arm reports"
         raise InputError("estimate", "--model", problem, "leave it out, or --torque currents")
     if not settings.robot:
         problem = f"is missing, and {log.name} holds no external torque with its Jacobian"

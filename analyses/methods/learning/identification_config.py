@@ -93,8 +93,8 @@ def checked_config(config: IdentificationConfig) -> IdentificationConfig:
     if config.friction == "best" and not config.cross_validate:
         raise InputError("--friction", "", "best is chosen by cross-validation, which is off")
     if config.selection not in SELECTIONS:
-        found = f"expected {' or '.join(SELECTIONS)}, found {config.selection!r}"
-        raise InputError("identify", "selection", found)
+        problem = f"expected {' or '.join(SELECTIONS)}, found {config.selection!r}"
+        raise InputError("identify", "selection", problem)
     if config.loss not in ("huber", "squares"):
         raise InputError("identify", "loss", f"expected huber or squares, found {config.loss!r}")
     return config

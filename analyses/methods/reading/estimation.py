@@ -44,6 +44,7 @@ from wrenchsight.analyses.methods.sensors.reference_config import (
 from wrenchsight.analyses.methods.sensors.sensor_log import SensorLogCollector
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.result_folder import result_folder
+from wrenchsight.analyses.output.result_marker import file_checksum
 from wrenchsight.analyses.output.stream_summary import EvenSample
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.calibration.gravity_disagreement import GravityWatch
@@ -59,6 +60,7 @@ from wrenchsight.models.estimation.estimator import (
 )
 from wrenchsight.models.estimation.evidence_prior import evidence_prior
 from wrenchsight.models.estimation.smoothing import WrenchSmoother
+from wrenchsight.models.estimation.uncertain_force import UncertainForce
 from wrenchsight.models.estimation.wrench import live_prior
 from wrenchsight.models.estimation.wrench_bag import WrenchBagWriter
 from wrenchsight.models.estimation.wrench_table import WrenchTableWriter
@@ -78,6 +80,7 @@ ProgressCallback = Callable[[float, str], None]
 
 CHUNK_SAMPLES = 1 << 16  # samples that are worked on at a time
 _PRIOR_SAMPLES = 1 << 12
+_SEEN_SAMPLES = 1 << 9  # of which it is told why they are not valid
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,7 +221,7 @@ def estimate(
             raise InputError(
                 "estimate",
                 "drift",
-                "the model does not say what its torque errs by",
+                "model.yaml states no torque error",
                 "identify it again, or leave --drift out",
             )
         stated_error = model.torque_error.with_drift(settings.estimate.drift)
@@ -270,6 +273,7 @@ def estimate(
     reference = settings.estimate.reference
     beside = SensorLogCollector(config.observer.time_step) if reference.columns else None
     episodes = ContactEpisodes(robot.num_joints)
+    seen_J, torque_sd = EvenSample(_SEEN_SAMPLES), EvenSample(_SEEN_SAMPLES)
     path = out / f"wrench.{settings.estimate.table}"
     with_covariance = settings.estimate.covariance
     sd_joints = np.sqrt(np.diag(model.residual_covariance))
@@ -293,6 +297,10 @@ def estimate(
             if bag is not None:
                 _, p_WE = robot.chain.pose(np.nan_to_num(chunk.q))
                 bag.write(chunk.t, batch.wrench, batch.covariance, p_WE)
+            if isinstance(batch, EstimateBatch):  # a smoothed reading says neither
+                whole = np.isfinite(batch.J).all(axis=(1, 2)) & ~valid
+                seen_J.add(batch.J[whole])
+                torque_sd.add(batch.torque_sd[whole])
             episodes.add(chunk.t, found, batch.wrench[:, 3:], valid)
             settled = int(np.searchsorted(chunk.t, first.t[0] + observer.settling_time))
             there = _there(chunk, fault, tau_ext, settled)
@@ -317,13 +325,20 @@ def estimate(
         notices += comparison.notices
         out.write_figure("reference", comparison.figure())
     warnings += summary.warnings()
+    if summary.mostly_unsure and settings.estimate.smooth:
+        warnings.append("most readings are not valid: without --smooth it is told why")
+    elif summary.mostly_unsure:
+        by = WrenchEstimator(robot, wide, config)
+        uncertain = UncertainForce.of(by, seen_J.values(), torque_sd.values())
+        warnings.append(uncertain.sentence(summary.num_valid / summary.count))
     tilt = upright.disagreement()
     if tilt is not None:
         metrics["gravity"] = {"tilt_deg": math.degrees(tilt.tilt), "m_per_s2": list(tilt.gravity)}
         warnings += [tilt.sentence()]
     metrics["drift_shown"] = shown
     if watch is not None:
-        warnings += watch.sentences(settings.log, settings.robot, settings.model, shown)
+        fitted = _fitted_on(model, settings.log)
+        warnings += watch.sentences(settings.log, settings.robot, settings.model, shown, fitted)
     reads_moments = config.reconstruction.method != "force_only"
     out.write_figure("wrench", summary.figure(reads_moments, settings.estimate.smooth))
     used = replace(settings.estimate, estimator=config)
@@ -341,6 +356,16 @@ def estimate(
         _metrics=metrics,
         comparison=comparison,
     )
+
+
+def _fitted_on(model: IdentifiedModel, log: str) -> bool:
+    """Whether the model was fitted on this very file."""
+    path = Path(log)
+    names = {own.name for own in model.provenance.logs}
+    if path.name not in names or not path.is_file():
+        return False
+    sums = {own.sha256 for own in model.provenance.logs}
+    return file_checksum(path) in sums
 
 
 def _collect(
