@@ -5,21 +5,23 @@ The article's first experiment (initial path, Coulomb-viscous friction) against 
 (optimised path, semi-parametric friction), then what this program adds, one change per row.
 """
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.path_runs.article_paths import found_path
+from wrenchsight.analyses.experiments.setups.path_runs.path_study import (
+    BAND_CAPTION,
+    PathStudy,
+    pushed_arm,
+    pushed_runs,
+)
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     PATHS,
-    TaskRun,
     highest_speed,
     on_path,
-    run_task,
     task_path,
-    task_scenario,
-    uniform_motion,
-    write_runs_page,
 )
 from wrenchsight.analyses.experiments.setups.path_runs.task_variants import (
     FAST,
@@ -29,25 +31,18 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_variants import (
     lag_alone,
     read_variants,
 )
-from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import identify_arm
 from wrenchsight.analyses.methods.reading.force_errors import (
     ForceReading,
     draw_signal,
     reductions,
-    variants_figure,
 )
-from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
 from wrenchsight.analyses.output.figures import COLOUR, legend_below, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
-    FigureFile,
 )
-from wrenchsight.analyses.study.figure_files import saved_figures
-from wrenchsight.analyses.study.wording import filled
-from wrenchsight.diagrams.scenario import LineMotion
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.rigid_body.spatial_vectors import AXES
 
@@ -55,7 +50,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SCENARIO = "Combined"
-ONE_WAY_QUICK = 8.0  # s
 CV, SP = "coulomb-viscous", "semi-parametric"
 BEFORE, AFTER, OURS = "initial", "optimised", "ours"
 VARIANTS = (
@@ -72,63 +66,6 @@ VARIANTS = (
     EstimatorVariant("least_jcn", "B, path of least JCN", "found", SP, "bayesian", FAST),
     EstimatorVariant(OURS, "B, path of least force sd: ours", "placed", SP, "bayesian", FAST),
 )
-
-
-def run(context: ExperimentContext) -> ExperimentResult:
-    """The experiment `combined` of `study`."""
-    robot = context.robot(ROBOT)
-    models = identify_arm(
-        robot,
-        context.seed,
-        context.quick,
-        lambda s, what: context.progress(0.35 * s, what),
-        contact_noise=context.draws,
-    )
-    scenario = task_scenario(SCENARIO, context.seed, ONE_WAY_QUICK if context.quick else None)
-    scenarios = {path: on_path(scenario, robot, *task_path(robot, path)) for path in PATHS}
-    speed = highest_speed(list(scenarios.values()), robot)
-    context.progress(0.35, "placing the path")
-    bayesian = models.estimator(SP, speed, FAST, WrenchReconstructionConfig("bayesian"))
-    scenarios["placed"] = on_path(scenario, robot, *found_path(robot, 0, bayesian.model))
-    motion = scenario.motion
-    assert isinstance(motion, LineMotion)
-    runs: dict[str, TaskRun] = {}
-    for k, (path, own) in enumerate(scenarios.items()):
-
-        def told(share: float, what: str, k: int = k) -> None:
-            context.progress(0.45 + 0.4 * (k + share) / len(scenarios), what)
-
-        runs[path] = run_task(own, robot, path, told).between(*uniform_motion(motion))
-    context.progress(0.86, "readings")
-    readings = read_variants(models, runs, VARIANTS, speed)
-    metrics: dict[str, Any] = {key: own.metrics() for key, own in readings.items()}
-    metrics["known_friction"] = known_friction(models, runs["optimised"])
-    metrics["known_friction_fast"] = known_friction(models, runs["optimised"], FAST)
-    metrics["lag_alone"] = lag_alone(runs["optimised"])
-    metrics["lag_alone_fast"] = lag_alone(runs["optimised"], FAST)
-    metrics["ours_against_article"] = reductions(metrics[AFTER], metrics[OURS])
-    metrics["bayesian_against_article"] = reductions(metrics[AFTER], metrics["bayesian"])
-    metrics["correlation_gain"] = {
-        axis: metrics[AFTER][f"correlation_{axis}"] - metrics[BEFORE][f"correlation_{axis}"]
-        for axis in AXES
-    }
-    metrics["mean_jcn"] = {path: float(own.condition_number.mean()) for path, own in runs.items()}
-    metrics = {**reductions(metrics[BEFORE], metrics[AFTER]), **metrics}
-    context.progress(0.93, "figures")
-    return ExperimentResult(
-        metrics=metrics,
-        figures=_figures(context, readings, metrics) if context.draws else [],
-        recordings=[write_runs_page(robot, runs, 1, context.out, "Pushed by hand along the path")]
-        if context.draws
-        else [],
-        comparison=_comparison(),
-        notes=filled(NOTES, metrics),
-        configuration={
-            "scenarios": scenarios,
-            "variants": VARIANTS,
-            "speed_rad_per_s": speed,
-        },
-    )
 
 
 def _comparison() -> list[ComparisonRow]:
@@ -198,57 +135,6 @@ def error_figure(readings: dict[str, ForceReading]) -> "Figure":
     return figure
 
 
-def _figures(
-    context: ExperimentContext, readings: dict[str, ForceReading], metrics: dict[str, Any]
-) -> list[FigureFile]:
-    limits = np.array([1.15 * float(np.abs(readings[BEFORE].force[:, k]).max()) for k in range(3)])
-    figures = (
-        (
-            "without",
-            axes_figure(
-                readings[BEFORE],
-                "Without the article's method: initial path, Coulomb-viscous",
-                COLOUR["before"],
-                limits,
-            ),
-            "Force read on the initial path with Coulomb-viscous friction (Fig. 20).",
-        ),
-        (
-            "with",
-            axes_figure(
-                readings[AFTER],
-                "With it: optimised path, semi-parametric",
-                COLOUR["after"],
-                limits,
-            ),
-            "Force read on the optimised path with semi-parametric friction (Fig. 21), drawn to "
-            "the same scale.",
-        ),
-        (
-            "ours",
-            axes_figure(
-                readings[OURS],
-                f"Ours: path of least force sd, bayesian, K$_0$ = {FAST:g}",
-                COLOUR["estimate"],
-                limits,
-            ),
-            "Force read by this program, to the same scale.",
-        ),
-        ("errors", error_figure(readings), "Errors of the three over time."),
-        (
-            "variants",
-            variants_figure(
-                metrics,
-                {variant.key: variant.label for variant in VARIANTS},
-                "Pushed by hand along the path: one change per row",
-            ),
-            "Errors of every variant. A row with + changes the row above it, one with B the row "
-            "marked (B). Grey: where the share inside a correct 95 % band lies.",
-        ),
-    )
-    return saved_figures(figures, context.out)
-
-
 def _errors(key: str) -> str:
     return f"<{key}.rmse_x_n:.2f> <{key}.rmse_y_n:.2f> <{key}.rmse_z_n:.2f> N"
 
@@ -270,6 +156,82 @@ NOTES = (
     + ", ".join(f"<{one.key}.share_in_95_band:100 .0f> % ({one.key})" for one in VARIANTS)
     + ".",
 )
+
+
+STUDY = PathStudy(
+    title="Pushed by hand along the path",
+    passes=1,
+    variants=VARIANTS,
+    variants_title="Pushed by hand along the path: one change per row",
+    comparison=_comparison(),
+    notes=NOTES,
+    variants_caption="Errors of every variant. A row with + changes the row above it, one with B "
+    f"the row marked (B). {BAND_CAPTION}",
+)
+
+
+def run(context: ExperimentContext) -> ExperimentResult:
+    """The experiment `combined` of `study`."""
+    models, scenario = pushed_arm(context, SCENARIO, 0.35)
+    robot = models.robot
+    scenarios = {path: on_path(scenario, robot, *task_path(robot, path)) for path in PATHS}
+    speed = highest_speed(list(scenarios.values()), robot)
+    context.progress(0.35, "placing the path")
+    bayesian = models.estimator(SP, speed, FAST, WrenchReconstructionConfig("bayesian"))
+    scenarios["placed"] = on_path(scenario, robot, *found_path(robot, 0, bayesian.model))
+    runs = pushed_runs(context, models, scenarios, 0.45)
+    readings = read_variants(models, runs, VARIANTS, speed)
+    metrics: dict[str, Any] = {key: entry.metrics() for key, entry in readings.items()}
+    before, after = metrics[BEFORE], metrics[AFTER]
+    metrics["known_friction"] = known_friction(models, runs["optimised"])
+    metrics["known_friction_fast"] = known_friction(models, runs["optimised"], FAST)
+    metrics["lag_alone"] = lag_alone(runs["optimised"])
+    metrics["lag_alone_fast"] = lag_alone(runs["optimised"], FAST)
+    metrics["ours_against_article"] = reductions(after, metrics[OURS])
+    metrics["bayesian_against_article"] = reductions(after, metrics["bayesian"])
+    metrics["correlation_gain"] = {
+        axis: after[f"correlation_{axis}"] - before[f"correlation_{axis}"] for axis in AXES
+    }
+    metrics["mean_jcn"] = {
+        path: float(entry.condition_number.mean()) for path, entry in runs.items()
+    }
+    return STUDY.result(
+        context,
+        runs,
+        {**reductions(before, after), **metrics},
+        lambda: _figures(readings),
+        {"scenarios": scenarios, "speed_rad_per_s": speed},
+    )
+
+
+def _figures(readings: dict[str, ForceReading]) -> "Iterator[tuple[str, Figure, str]]":
+    limits = np.array([1.15 * float(np.abs(readings[BEFORE].force[:, k]).max()) for k in range(3)])
+    for name, key, colour, title, caption in (
+        (
+            "without",
+            BEFORE,
+            COLOUR["before"],
+            "Without the article's method: initial path, Coulomb-viscous",
+            "Force read on the initial path with Coulomb-viscous friction (Fig. 20).",
+        ),
+        (
+            "with",
+            AFTER,
+            COLOUR["after"],
+            "With it: optimised path, semi-parametric",
+            "Force read on the optimised path with semi-parametric friction (Fig. 21), to the "
+            "same scale.",
+        ),
+        (
+            "ours",
+            OURS,
+            COLOUR["estimate"],
+            f"Ours: path of least force sd, bayesian, K$_0$ = {FAST:g}",
+            "Force read by this program, to the same scale.",
+        ),
+    ):
+        yield name, axes_figure(readings[key], title, colour, limits), caption
+    yield "errors", error_figure(readings), "Errors of the three over time."
 
 
 EXPERIMENT = Experiment(

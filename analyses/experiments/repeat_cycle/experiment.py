@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.path_runs.article_paths import branch_start, followed
+from wrenchsight.analyses.experiments.setups.path_runs.path_study import PathStudy
 from wrenchsight.analyses.experiments.setups.path_runs.repeated_cycles import (
     AFTER,
     BEFORE,
@@ -24,12 +25,10 @@ from wrenchsight.analyses.experiments.setups.path_runs.repeated_cycles import (
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     PATHS,
     task_path,
-    write_runs_page,
 )
 from wrenchsight.analyses.methods.reading.force_errors import (
     draw_signal,
     envelope,
-    variants_figure,
 )
 from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
 from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure
@@ -38,10 +37,7 @@ from wrenchsight.analyses.study.experiment import (
     Experiment,
     ExperimentContext,
     ExperimentResult,
-    FigureFile,
 )
-from wrenchsight.analyses.study.figure_files import saved_figures
-from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.motion.paths import (
     TimeLaw,
@@ -116,82 +112,6 @@ def noise_alone(robot: Robot, torque_sd: Array) -> dict[str, Any]:
     return table
 
 
-def run(context: ExperimentContext) -> ExperimentResult:
-    """The experiment `repeat-cycle` of `study`."""
-    cycles = repeat_cycles(context, SCENARIO)
-    metrics = cycle_metrics(cycles)
-    robot = context.robot(ROBOT)
-    metrics["noise_alone"] = noise_alone(robot, cycles.torque_sd)
-    context.progress(0.92, "figures")
-    return ExperimentResult(
-        metrics=metrics,
-        figures=_figures(context, cycles, metrics) if context.draws else [],
-        recordings=[
-            write_runs_page(robot, cycles.runs, 4, context.out, "Repeated cycles without contact")
-        ]
-        if context.draws
-        else [],
-        comparison=_comparison(),
-        notes=filled(NOTES, metrics),
-        configuration={"scenario": cycles.scenario, "paths": list(PATHS), "variants": VARIANTS},
-    )
-
-
-def _comparison() -> list[ComparisonRow]:
-    staying = "which joints are noisy, and the time spent at the path's ends (see notes)"
-    noise = "noise of the assumed drives"
-    return [
-        ComparisonRow("RMSE in Y, initial path", "initial.rmse_y_n", "N", 3.2520, noise),
-        ComparisonRow(
-            "RMSE in Y, optimised path",
-            "optimised.rmse_y_n",
-            "N",
-            2.0449,
-            noise,
-            ours="found_bayesian.rmse_y_n",
-        ),
-        ComparisonRow("Reduction of the RMSE in Y", "reduction_rmse_y_pct", "%", ARTICLE, staying),
-        ComparisonRow(
-            "Reduction that noise alone predicts",
-            "noise_alone.thirds.reduction_rmse_y_pct",
-            "%",
-            None,
-        ),
-        ComparisonRow(
-            "Reduction of the RMSE in Y, path found here",
-            "found_against_initial.reduction_rmse_y_pct",
-            "%",
-            37.12,
-            "our placement, the article's reading",
-        ),
-        ComparisonRow("Largest error in Y, initial", "initial.max_error_y_n", "N", 49.3864, noise),
-        ComparisonRow(
-            "Largest error in Y, optimised",
-            "optimised.max_error_y_n",
-            "N",
-            14.9596,
-            noise,
-            ours="found_bayesian.max_error_y_n",
-        ),
-        ComparisonRow(
-            "Reduction of the largest error in Y",
-            "reduction_max_y_pct",
-            "%",
-            ARTICLE_LARGEST,
-            "which joints are noisy (see notes)",
-        ),
-        ComparisonRow(
-            "RMSE in Y, path found here, K_0 = 20, bayesian",
-            "found_bayesian.rmse_y_n",
-            "N",
-            None,
-        ),
-        ComparisonRow(
-            "Share in the 95 % band, path found here", "found_bayesian.share_in_95_band", "", None
-        ),
-    ]
-
-
 def torque_figure(cycles: RepeatedCycles) -> "Figure":
     """Both cycles' torques of a joint, and the condition number (the article's Fig. 15)."""
     robot = Robot.load(ROBOT)
@@ -219,36 +139,6 @@ def torque_figure(cycles: RepeatedCycles) -> "Figure":
     return figure
 
 
-def _figures(
-    context: ExperimentContext, cycles: RepeatedCycles, metrics: dict[str, Any]
-) -> list[FigureFile]:
-    largest = metrics[BEFORE]["max_error_y_n"]
-    figures = (
-        (
-            "torques",
-            torque_figure(cycles),
-            "Condition number and measured torque over both cycles (Fig. 15).",
-        ),
-        (
-            "force-y",
-            force_figure(cycles, 1, False, 1.1 * largest),
-            "Force in Y read in the second cycle, where nothing touches the arm (Fig. 16); on top "
-            "the article's two, below ours. The error grows with the condition number at the "
-            "path's ends: at 0, 200 and 400 s.",
-        ),
-        (
-            "variants",
-            variants_figure(
-                metrics,
-                {variant.key: variant.label for variant in VARIANTS},
-                "Second cycle without contact: one change per row",
-            ),
-            "Errors of every variant. Grey: where the share inside a correct 95 % band lies.",
-        ),
-    )
-    return saved_figures(figures, context.out)
-
-
 NOTES = (
     "RMSE (largest error) in Y of eq. 4 on raw torques: <initial.rmse_y_n:.2f> "
     "(<initial.max_error_y_n:.1f>) N on the initial path, <optimised.rmse_y_n:.2f> "
@@ -272,6 +162,95 @@ NOTES = (
     "<optimised_force_only.share_in_95_band:100 .0f> % (`force_only`), "
     "<found_bayesian.share_in_95_band:100 .0f> % (ours).",
 )
+
+
+_STAYING = "which joints are noisy, and the time spent at the path's ends (see notes)"
+_NOISE = "noise of the assumed drives"
+COMPARISON = (
+    ComparisonRow("RMSE in Y, initial path", "initial.rmse_y_n", "N", 3.2520, _NOISE),
+    ComparisonRow(
+        "RMSE in Y, optimised path",
+        "optimised.rmse_y_n",
+        "N",
+        2.0449,
+        _NOISE,
+        ours="found_bayesian.rmse_y_n",
+    ),
+    ComparisonRow("Reduction of the RMSE in Y", "reduction_rmse_y_pct", "%", ARTICLE, _STAYING),
+    ComparisonRow(
+        "Reduction that noise alone predicts",
+        "noise_alone.thirds.reduction_rmse_y_pct",
+        "%",
+        None,
+    ),
+    ComparisonRow(
+        "Reduction of the RMSE in Y, path found here",
+        "found_against_initial.reduction_rmse_y_pct",
+        "%",
+        37.12,
+        "our placement, the article's reading",
+    ),
+    ComparisonRow("Largest error in Y, initial", "initial.max_error_y_n", "N", 49.3864, _NOISE),
+    ComparisonRow(
+        "Largest error in Y, optimised",
+        "optimised.max_error_y_n",
+        "N",
+        14.9596,
+        _NOISE,
+        ours="found_bayesian.max_error_y_n",
+    ),
+    ComparisonRow(
+        "Reduction of the largest error in Y",
+        "reduction_max_y_pct",
+        "%",
+        ARTICLE_LARGEST,
+        "which joints are noisy (see notes)",
+    ),
+    ComparisonRow(
+        "RMSE in Y, path found here, K_0 = 20, bayesian",
+        "found_bayesian.rmse_y_n",
+        "N",
+        None,
+    ),
+    ComparisonRow(
+        "Share in the 95 % band, path found here", "found_bayesian.share_in_95_band", "", None
+    ),
+)
+STUDY = PathStudy(
+    title="Repeated cycles without contact",
+    passes=4,
+    variants=VARIANTS,
+    variants_title="Second cycle without contact: one change per row",
+    comparison=COMPARISON,
+    notes=NOTES,
+)
+
+
+def run(context: ExperimentContext) -> ExperimentResult:
+    """The experiment `repeat-cycle` of `study`."""
+    cycles = repeat_cycles(context, SCENARIO)
+    metrics = cycle_metrics(cycles)
+    metrics["noise_alone"] = noise_alone(context.robot(ROBOT), cycles.torque_sd)
+    largest = metrics[BEFORE]["max_error_y_n"]
+    return STUDY.result(
+        context,
+        cycles.runs,
+        metrics,
+        lambda: [
+            (
+                "torques",
+                torque_figure(cycles),
+                "Condition number and measured torque over both cycles (Fig. 15).",
+            ),
+            (
+                "force-y",
+                force_figure(cycles, 1, False, 1.1 * largest),
+                "Force in Y read in the second cycle, where nothing touches the arm (Fig. 16). The "
+                "error grows with the condition number at the path's ends: at 0, 200 and 400 s.",
+            ),
+        ],
+        {"scenario": cycles.scenario, "paths": list(PATHS)},
+    )
 
 
 EXPERIMENT = Experiment(

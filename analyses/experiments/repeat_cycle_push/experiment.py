@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from wrenchsight.analyses.experiments.setups.path_runs.path_study import PathStudy
 from wrenchsight.analyses.experiments.setups.path_runs.repeated_cycles import (
     AFTER,
     BEFORE,
@@ -19,13 +20,11 @@ from wrenchsight.analyses.experiments.setups.path_runs.repeated_cycles import (
     force_figure,
     repeat_cycles,
 )
-from wrenchsight.analyses.experiments.setups.path_runs.task_runs import PATHS, write_runs_page
+from wrenchsight.analyses.experiments.setups.path_runs.task_runs import PATHS
 from wrenchsight.analyses.methods.reading.force_errors import (
     draw_signal,
     force_metrics,
-    variants_figure,
 )
-from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
 from wrenchsight.analyses.output.axes import legend_above, limit_y
 from wrenchsight.analyses.output.figures import COLOUR, new_figure
 from wrenchsight.analyses.study.experiment import (
@@ -33,37 +32,12 @@ from wrenchsight.analyses.study.experiment import (
     Experiment,
     ExperimentContext,
     ExperimentResult,
-    FigureFile,
 )
-from wrenchsight.analyses.study.figure_files import saved_figures
-from wrenchsight.analyses.study.wording import filled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SCENARIO = "RepeatCyclePush"
-
-
-def run(context: ExperimentContext) -> ExperimentResult:
-    """The experiment `repeat-cycle-push` of `study`."""
-    cycles = repeat_cycles(context, SCENARIO)
-    metrics = cycle_metrics(cycles)
-    metrics["sensor"] = _sensor(cycles)
-    context.progress(0.92, "figures")
-    return ExperimentResult(
-        metrics=metrics,
-        figures=_figures(context, cycles, metrics) if context.draws else [],
-        recordings=[
-            write_runs_page(
-                context.robot(ROBOT), cycles.runs, 4, context.out, "Repeated cycles, pushed by hand"
-            )
-        ]
-        if context.draws
-        else [],
-        comparison=_comparison(),
-        notes=filled(NOTES, metrics),
-        configuration={"scenario": cycles.scenario, "paths": list(PATHS), "variants": VARIANTS},
-    )
 
 
 def _sensor(cycles: RepeatedCycles) -> dict[str, Any]:
@@ -73,58 +47,6 @@ def _sensor(cycles: RepeatedCycles) -> dict[str, Any]:
     force, true = run.reference[half:], run.wrench_true[half:, 3:]
     figures = force_metrics(force, force * 0.0, true)
     return {key: value for key, value in figures.items() if key.startswith(("rmse", "correl"))}
-
-
-def _comparison() -> list[ComparisonRow]:
-    return [
-        ComparisonRow("RMSE in Y, initial path", "initial.rmse_y_n", "N", 4.0661),
-        ComparisonRow(
-            "RMSE in Y, optimised path",
-            "optimised.rmse_y_n",
-            "N",
-            3.2274,
-            ours="found_bayesian.rmse_y_n",
-        ),
-        ComparisonRow(
-            "Reduction of the RMSE in Y",
-            "reduction_rmse_y_pct",
-            "%",
-            20.93,
-            "over all points; the article removed abnormal ones",
-        ),
-        ComparisonRow(
-            "Largest error in Y, initial path",
-            "initial.max_error_y_n",
-            "N",
-            46.8357,
-            "the article removed abnormal points",
-        ),
-        ComparisonRow(
-            "Largest error in Y, optimised path",
-            "optimised.max_error_y_n",
-            "N",
-            14.4221,
-            "the article removed abnormal points",
-            ours="found_bayesian.max_error_y_n",
-        ),
-        ComparisonRow(
-            "Reduction of the largest error in Y",
-            "reduction_max_y_pct",
-            "%",
-            66.39,
-            "the article removed abnormal points",
-        ),
-        ComparisonRow(
-            "Reduction of the RMSE in Y, path found here",
-            "found_against_initial.reduction_rmse_y_pct",
-            "%",
-            20.93,
-            "our placement, the article's reading",
-        ),
-        ComparisonRow(
-            "Share in the 95 % band, optimised path", "optimised.share_in_95_band", "", None
-        ),
-    ]
 
 
 def close_figure(cycles: RepeatedCycles) -> "Figure":
@@ -156,35 +78,6 @@ def close_figure(cycles: RepeatedCycles) -> "Figure":
     return figure
 
 
-def _figures(
-    context: ExperimentContext, cycles: RepeatedCycles, metrics: dict[str, Any]
-) -> list[FigureFile]:
-    figures = (
-        (
-            "force-y",
-            force_figure(cycles, 1, True, 1.1 * metrics[BEFORE]["max_error_y_n"]),
-            "Force in Y read in the second cycle and the sensor's (Fig. 17). On the initial path "
-            "the noise is largest near the path's ends, where the arm turns round.",
-        ),
-        (
-            "force-y-close",
-            close_figure(cycles),
-            "The same, some seconds of it: at the path's end, where the initial path is bad, and "
-            "in the middle.",
-        ),
-        (
-            "variants",
-            variants_figure(
-                metrics,
-                {variant.key: variant.label for variant in VARIANTS},
-                "Second cycle, pushed by hand: one change per row",
-            ),
-            "Errors of every variant. Grey: where the share inside a correct 95 % band lies.",
-        ),
-    )
-    return saved_figures(figures, context.out)
-
-
 NOTES = (
     "RMSE in Y of eq. 4 on raw torques: <initial.rmse_y_n:.2f> N on the initial path, "
     "<optimised.rmse_y_n:.2f> N on the optimised one (reduced by <reduction_rmse_y_pct:.1f> %, the "
@@ -199,6 +92,90 @@ NOTES = (
     "The sensor is <sensor.rmse_y_n:.2f> N RMS off the true force in Y: noise, and the lag of its "
     "18 Hz low-pass.",
 )
+
+
+COMPARISON = (
+    ComparisonRow("RMSE in Y, initial path", "initial.rmse_y_n", "N", 4.0661),
+    ComparisonRow(
+        "RMSE in Y, optimised path",
+        "optimised.rmse_y_n",
+        "N",
+        3.2274,
+        ours="found_bayesian.rmse_y_n",
+    ),
+    ComparisonRow(
+        "Reduction of the RMSE in Y",
+        "reduction_rmse_y_pct",
+        "%",
+        20.93,
+        "over all points; the article removed abnormal ones",
+    ),
+    ComparisonRow(
+        "Largest error in Y, initial path",
+        "initial.max_error_y_n",
+        "N",
+        46.8357,
+        "the article removed abnormal points",
+    ),
+    ComparisonRow(
+        "Largest error in Y, optimised path",
+        "optimised.max_error_y_n",
+        "N",
+        14.4221,
+        "the article removed abnormal points",
+        ours="found_bayesian.max_error_y_n",
+    ),
+    ComparisonRow(
+        "Reduction of the largest error in Y",
+        "reduction_max_y_pct",
+        "%",
+        66.39,
+        "the article removed abnormal points",
+    ),
+    ComparisonRow(
+        "Reduction of the RMSE in Y, path found here",
+        "found_against_initial.reduction_rmse_y_pct",
+        "%",
+        20.93,
+        "our placement, the article's reading",
+    ),
+    ComparisonRow("Share in the 95 % band, optimised path", "optimised.share_in_95_band", "", None),
+)
+STUDY = PathStudy(
+    title="Repeated cycles, pushed by hand",
+    passes=4,
+    variants=VARIANTS,
+    variants_title="Second cycle, pushed by hand: one change per row",
+    comparison=COMPARISON,
+    notes=NOTES,
+)
+
+
+def run(context: ExperimentContext) -> ExperimentResult:
+    """The experiment `repeat-cycle-push` of `study`."""
+    cycles = repeat_cycles(context, SCENARIO)
+    metrics = cycle_metrics(cycles)
+    metrics["sensor"] = _sensor(cycles)
+    largest = metrics[BEFORE]["max_error_y_n"]
+    return STUDY.result(
+        context,
+        cycles.runs,
+        metrics,
+        lambda: [
+            (
+                "force-y",
+                force_figure(cycles, 1, True, 1.1 * largest),
+                "Force in Y read in the second cycle and the sensor's (Fig. 17). The noise is "
+                "largest near the initial path's ends, where the arm turns round.",
+            ),
+            (
+                "force-y-close",
+                close_figure(cycles),
+                "The same, some seconds of it: at the path's end and in the middle.",
+            ),
+        ],
+        {"scenario": cycles.scenario, "paths": list(PATHS)},
+    )
 
 
 EXPERIMENT = Experiment(
