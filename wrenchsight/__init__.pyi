@@ -77,5 +77,3 @@ from wrenchsight.models.robot.robot import Robot as Robot
 from wrenchsight.models.robot.robot import bundled_robots as bundled_robots
 
 __version__: str
-
-def refuse_shadows() -> None: ...

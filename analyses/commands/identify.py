@@ -22,6 +22,7 @@ OPTIONS = (
     Option("load", metavar="LOG=KG[,X,Y,Z]"),
     Option("refresh", metavar="MODEL"),
     Option("refreshing.part", metavar="BEGIN,END"),
+    Option("refreshing.other_specimen"),
     Option("log_format"),
     Option("identification.cutoff", "cutoff_hz"),
     Option("identification.friction", metavar="LAW"),
@@ -34,6 +35,9 @@ OPTIONS = (
 def command(settings: IdentifySettings, out: Out = Path("out/identify")) -> None:
     """Find a robot's dynamic model and friction: logs in, model.yaml out."""
     logs = [Path(log) for log in settings.logs]
+    if settings.refreshing.other_specimen:
+        _refit(settings, out)
+        return
     if settings.refresh is not None:
         _refresh(settings, logs, out)
         return
@@ -55,6 +59,39 @@ def command(settings: IdentifySettings, out: Out = Path("out/identify")) -> None
     _print(result, out)
     if calibrated is not None:
         _print_calibration(calibrated, out)
+
+
+def _refit(settings: IdentifySettings, out: Path) -> None:
+    from wrenchsight.analyses.methods.calibration.specimen_refitting import refit_logs
+
+    if settings.refresh is None or settings.load or settings.validate:
+        problem = "needs --refresh MODEL, and takes neither --load nor --validate"
+        raise InputError("identify", "--other-specimen", problem, "give the other robot's model")
+    with showing_progress("identify") as progress:
+        refit = refit_logs(settings, out, progress)
+    metrics = refit.metrics()
+    table = new_table(
+        *("\njoint", "rows of\n50 ms", "Coulomb, was\n[N m]", "is\n[N m]"),
+        *("viscous, was\n[N m s/rad]", "is\n[N m s/rad]"),
+    )
+    coulomb, viscous = metrics["coulomb"], metrics["viscous"]
+    for j, name in enumerate(refit.model.joint_names):
+        table.add_row(
+            name,
+            f"{metrics['rows'][j]}",
+            f"{coulomb['before_nm'][j]:.2f}",
+            f"{coulomb['after_nm'][j]:.2f} ± {coulomb['sd_nm'][j]:.2f}",
+            f"{viscous['before_nms_per_rad'][j]:.2f}",
+            f"{viscous['after_nms_per_rad'][j]:.2f} ± {viscous['sd_nms_per_rad'][j]:.2f}",
+        )
+    console = new_console()
+    console.print(table)
+    still = [
+        n for n, rows in zip(refit.model.joint_names, metrics["rows"], strict=True) if not rows
+    ]
+    if still:
+        say(console, f"note: {', '.join(still)} did not move: friction is the other robot's")
+    say(console, f"model: {out / 'model.yaml'}")
 
 
 def _refresh(settings: IdentifySettings, logs: list[Path], out: Path) -> None:

@@ -55,6 +55,7 @@ def read_recording(
     robot: Robot | None = None,
     check: bool = True,
     accept_signs: bool = False,
+    joint_signals: bool = False,
 ) -> Recording:
     """Reads a whole log into memory; `RecordingReader` streams a long one.
 
@@ -68,11 +69,15 @@ def read_recording(
             velocity against position, current against gravity.
         accept_signs: whether drives whose current has the wrong sign are taken as they are; a
             notice says so.
+        joint_signals: whether the log must hold what an identification needs, see
+            `RecordingReader.require_joint_signals`.
 
     Raises:
         InputError: the log is missing, damaged or implausible.
     """
     reader = RecordingReader(path, description, robot, check, accept_signs=accept_signs)
+    if joint_signals:
+        reader.require_joint_signals()
     return replace(concatenated(list(reader.chunks())), notices=reader.notices)
 
 

@@ -40,6 +40,9 @@ class RefreshConfig:
 
     part: list[float] = field(default_factory=list)
     # s, begin and end of the part of the log to refresh from; none: all of it
+    other_specimen: bool = False
+    # the logs are of another robot of the same make, whose friction has another level; stretches of
+    # free motion are enough: LOG=BEGIN,END[,BEGIN,END...] in s
     coulomb_drift: float = 0.05  # sd of the prior, share of the joint's dry friction
     viscous_drift: float = 0.3  # share of the viscous coefficient
     offset_drift: float = 0.02  # share of the dry friction

@@ -17,6 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import yaml
+from sample_models import torque_error
 
 from wrenchsight.analyses.methods.reading import estimation
 from wrenchsight.analyses.methods.reading.estimate_config import (
@@ -34,7 +35,6 @@ from wrenchsight.models.files.configuration import load_configuration
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel, Validity
-from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
 from wrenchsight.models.recordings import resampling, text_table
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_writer import write_recording
@@ -403,7 +403,7 @@ def test_a_log_without_force_warns(
     free = recording.current + tau / (sts.torque_per_ampere * sts.current_sign)
     write_recording(replace(recording, current=free), tmp_path / "log.csv")
     result = _estimate(tmp_path / "log.csv", model_file, tmp_path / "out", EstimateConfig())
-    assert any("little force beyond the model's error" in line for line in result.warnings)
+    assert any("the prior that explains the log best" in line for line in result.warnings)
     # A third of the live prior, so that a short contact in a quiet log is not read as noise.
     found, live = result.metrics()["prior"], live_prior(sts.payload)
     np.testing.assert_allclose([found["force_sd_n"], found["moment_sd_nm"]], np.array(live) / 3.0)
@@ -433,10 +433,7 @@ def test_friction_that_may_have_drifted_widens_the_band(
 ) -> None:
     model = IdentifiedModel.load(model_file, sts)
     one, zero = np.ones(sts.num_joints), np.zeros(sts.num_joints)
-    error = TorqueErrorModel(
-        *(0.05 * one, zero, zero, zero, zero, np.eye(sts.num_joints)),
-        *(0.1 * one, zero, 9.0 * one, 9e3 * one, 20.0 * one, zero),
-    )
+    error = torque_error(constant=0.05)
     viscous = SemiParametricFriction(CoulombViscous(zero, 10.0 * one, zero))
     path = tmp_path / "model.yaml"
     replace(model, friction=viscous, torque_error=error).save(path)
