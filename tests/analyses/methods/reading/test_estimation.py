@@ -403,7 +403,7 @@ def test_a_log_without_force_warns(
     free = recording.current + tau / (sts.torque_per_ampere * sts.current_sign)
     write_recording(replace(recording, current=free), tmp_path / "log.csv")
     result = _estimate(tmp_path / "log.csv", model_file, tmp_path / "out", EstimateConfig())
-    assert any("little force beyond the model's error" in line for line in result.warnings)
+    assert any("the prior that explains the log best" in line for line in result.warnings)
     # A third of the live prior, so that a short contact in a quiet log is not read as noise.
     found, live = result.metrics()["prior"], live_prior(sts.payload)
     np.testing.assert_allclose([found["force_sd_n"], found["moment_sd_nm"]], np.array(live) / 3.0)
