@@ -390,9 +390,12 @@ def test_leaving_the_models_ranges_is_said(
     assert "(mostly speed of joint_2)" in text
 
 
-def test_a_log_without_a_model_warns(log: Path, tmp_path: Path) -> None:
+def test_without_a_model_no_reading_is_valid(log: Path, tmp_path: Path) -> None:
+    """Nothing holds a band that rests on the drives' effort limits to the arm."""
     result = _estimate(log, None, tmp_path / "out")
-    assert "not identified" in result.warnings[0]
+    assert "not identified" in result.warnings[0] and "no reading is valid" in result.warnings[0]
+    assert result.valid_share == 0.0 and not _table(result)[:, 14].any()
+    assert not any("of the readings" in warning for warning in result.warnings[1:])
 
 
 def test_a_log_without_force_warns(
@@ -444,7 +447,7 @@ def test_friction_that_may_have_drifted_widens_the_band(
     # 5 N m s/rad in place of .5; the lag's share is that of the reading, whatever the drift.
     assert (wide > usual).mean() > 0.9
     assert wide.mean() > 1.5 * usual.mean()
-    with pytest.raises(InputError, match=r"drift.*does not"):
+    with pytest.raises(InputError, match=r"drift.*no torque error"):
         _estimate(log, model_file, tmp_path / "none", replace(_GIVEN, drift=0.5))
     for drift in (-0.1, 11.0, float("nan")):
         with pytest.raises(InputError, match="drift"):
