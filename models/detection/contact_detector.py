@@ -220,7 +220,7 @@ class ContactDetector:
             estimator.config.reconstruction,
             estimator.observer.pole,
             estimator.observer.time_step,
-            estimator.config.position_resolution,
+            estimator.knowledge.resolution,
             config,
             estimator.observer.reads_present_torque,
         )

@@ -9,6 +9,7 @@ from played_logs import played
 from sample_models import knowing_model
 
 from wrenchsight.diagrams.estimator import make_estimator
+from wrenchsight.models.detection.contact_detector import ContactDetector
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.estimation.wrench_kernels import METHODS
@@ -138,6 +139,22 @@ def test_the_encoders_step_comes_from_robot_yaml_unless_the_configuration_says_i
     said = WrenchEstimatorConfig(position_resolution=[2e-4] * N)
     by_robot, by_configuration, by_model = (
         one.run(one.initial_state(), *log).torque_sd
+        for one in (
+            WrenchEstimator(own, model, WrenchEstimatorConfig()),
+            WrenchEstimator(sts, model, said),
+            WrenchEstimator(sts, model, WrenchEstimatorConfig()),
+        )
+    )
+    np.testing.assert_array_equal(by_robot, by_configuration)
+    assert not np.array_equal(by_robot, by_model)
+
+
+def test_the_contact_detector_takes_the_same_encoders_step(sts, model):
+    own = copy(sts)
+    own.position_resolution = np.full(N, 2e-4)
+    said = WrenchEstimatorConfig(position_resolution=[2e-4] * N)
+    by_robot, by_configuration, by_model = (
+        ContactDetector.of(one)._error
         for one in (
             WrenchEstimator(own, model, WrenchEstimatorConfig()),
             WrenchEstimator(sts, model, said),
