@@ -22,7 +22,7 @@ from wrenchsight.analyses.study.outcome import StudyResult
 from wrenchsight.analyses.study.registry import REGISTRY
 from wrenchsight.models.files.input_error import InputError
 
-ROOT = Path(study.__file__).parents[2]
+ROOT = Path(study.__file__).resolve().parents[2]
 COMMANDS = ("study", "identify", "estimate", "simulate")
 
 _EXPERIMENT = """

@@ -14,7 +14,7 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_writer import write_recording
 from wrenchsight.models.robot.robot import Robot
 
-ROOT = Path(study.__file__).parents[2]
+ROOT = Path(study.__file__).resolve().parents[2]
 _BUNDLED = ROOT / "models" / "robots" / "sts_sre4_600"
 
 

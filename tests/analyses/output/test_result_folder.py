@@ -23,7 +23,7 @@ from wrenchsight.analyses.output.result_marker import (
 from wrenchsight.models.files.files_read import about_to_read
 from wrenchsight.models.files.input_error import InputError
 
-ROOT = Path(module.__file__).parents[2]
+ROOT = Path(module.__file__).resolve().parents[2]
 
 
 def _write(out, content="1", names=("a.txt", "figures/b.png"), command="estimate"):

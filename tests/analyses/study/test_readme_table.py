@@ -88,7 +88,7 @@ def test_shortened_runs_are_called_that(study):
 
 
 def test_the_committed_readme_shows_the_committed_figures():
-    root = Path(readme_table.__file__).parents[2]
+    root = Path(readme_table.__file__).resolve().parents[2]
     results = json.loads((root / RESULTS).read_text(encoding="utf-8"))
     keys = {
         e["name"]: {row["key"] for row in e["rows"] if row["readme"]}

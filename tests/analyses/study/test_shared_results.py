@@ -79,7 +79,7 @@ def compute():
 with sharing_in(folder):
     print(shared("f", (), compute))
 """
-    root = Path(shared_results.__file__).parents[2]
+    root = Path(shared_results.__file__).resolve().parents[2]
     processes = [
         subprocess.Popen(
             [sys.executable, "-c", program, str(tmp_path)], cwd=root, stdout=subprocess.PIPE
@@ -127,7 +127,7 @@ def test_a_robot_s_digest_is_its_own_in_every_process(sts, ur10e):
         "from wrenchsight.models.robot.robot import Robot; "
         "r = Robot.load('ur10e'); r.chain; print(digest(r))"
     )
-    root = Path(shared_results.__file__).parents[2]
+    root = Path(shared_results.__file__).resolve().parents[2]
     result = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=root
     )

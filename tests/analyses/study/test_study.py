@@ -569,7 +569,7 @@ if __name__ == "__main__":
 """
     script = tmp_path / "script.py"
     script.write_text(program)
-    environment = os.environ | {"PYTHONPATH": str(Path(study.__file__).parents[2])}
+    environment = os.environ | {"PYTHONPATH": str(Path(study.__file__).resolve().parents[2])}
     process = subprocess.Popen(
         [sys.executable, str(script)],
         start_new_session=True,
