@@ -1,5 +1,7 @@
-# Each target sets up .venv by itself; all that is needed beforehand is Python 3.11.
-PYTHON ?= python3.11
+# Each target sets up .venv by itself; all that is needed beforehand is one of these Pythons. The first
+# that can make an environment: a name may be a shim without an interpreter behind it.
+PYTHONS = python3.11 python3.12 python3.13
+PYTHON ?= $(shell for name in $(PYTHONS); do $$name -c 'import ensurepip, venv' 2>/dev/null && echo $$name && break; done)
 OUT ?= out/study
 CAMPAIGN ?= $(wildcard out/campaign out/machining-worlds)
 DATA ?= ../shared/data
@@ -77,8 +79,9 @@ clean:
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 .venv/bin/python:
-	@command -v $(PYTHON) >/dev/null || { echo "$(PYTHON) not found: install Python 3.11, or name it: make PYTHON=/path/to/python3.11 ..."; exit 2; }
-	$(PYTHON) -m venv .venv
+	@test -n "$(PYTHON)" || { echo "none of $(PYTHONS) makes an environment: install one (on Debian and Ubuntu with its -venv package), or name it: make PYTHON=/path/to/python3.12 ..."; exit 2; }
+	@echo "Taking $(PYTHON): $$($(PYTHON) --version)"
+	@$(PYTHON) -m venv .venv
 
 .venv/.ready: pyproject.toml constraints.txt | .venv/bin/python
 	@echo "Setting up .venv (drake, torch and others: some minutes the first time) ..."

@@ -73,7 +73,8 @@ def make_estimator(
                                 `models.observers.sample_check`, or 0; such a sample is missing
 
     The outputs at a tick t = k time_step are those of row k of `WrenchEstimator.run` over the same
-    samples: they use q and v of that very tick and motor torque up to it. With torque samples
+    samples: they use q and v of that very tick and motor torque up to it. Between two ticks the
+    outputs are those of the last one. With torque samples
     "held" no output but feeds through from `current`, so that a controller may use the wrench. The
     estimator starts by itself at its first update.
 
@@ -202,15 +203,7 @@ def _checked_inputs(
 ) -> tuple[OutputPort, OutputPort, OutputPort, OutputPort]:
     """Exports q, v and current; returns them as they may be used, and `fault`."""
     n = estimator.num_joints
-    if estimator.check is None:
-        passed = []
-        for signal in ("q", "v", "current"):
-            through = builder.AddNamedSystem(signal, PassThrough(n))
-            builder.ExportInput(through.get_input_port(), signal)
-            passed.append(through.get_output_port())
-        none = builder.AddNamedSystem("no_fault", ConstantVectorSource([0.0]))
-        return passed[0], passed[1], passed[2], none.get_output_port()
-    check = SampleCheckSystem(estimator.check, estimator.observer.time_step)
+    check = SampleCheckSystem(estimator.check, n, estimator.observer.time_step)
     builder.AddNamedSystem("samples", check)
     for signal in ("q", "v", "current"):
         builder.ExportInput(check.GetInputPort(signal), signal)

@@ -3,7 +3,7 @@
 Three directives, each alone on a line of a page:
 
     <!-- schema: wrenchsight.models.files.X -->   the keys of a YAML file, out of its dataclass
-    <!-- api: wrenchsight.models.files -->        every public module of a room
+    <!-- api: wrenchsight.models.files -->        every public module below a package
     <!-- results -->                  the table "article / here" of the last study
 """
 
@@ -35,10 +35,10 @@ def _replacement(match: "re.Match[str]") -> str:
 
 
 def api_of(room: str) -> str:
-    """Directives of mkdocstrings for every public module below a package."""
+    """Directives of mkdocstrings for every public module below a package, at any depth."""
     folder = ROOT / room.replace(".", "/")
-    files = sorted(folder.glob("*.py"))
-    names = [f"{room}.{file.stem}" for file in files if not file.stem.startswith("_")]
+    files = [f.relative_to(folder) for f in sorted(folder.rglob("*.py")) if f.stem[0] != "_"]
+    names = [".".join((room, *file.with_suffix("").parts)) for file in files]
     return "\n\n".join(f"::: {name}" for name in names)
 
 

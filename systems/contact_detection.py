@@ -7,7 +7,6 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    DiscreteStateIndex,
     DiscreteValues,
     LeafSystem,
 )
@@ -15,6 +14,7 @@ from pydrake.systems.framework import (
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.detection.contact_detector import ContactDetector
 from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms
+from wrenchsight.systems.last_tick import LastTick
 
 DETECTION = ("contact_statistic", "contact", "misfit", "link", "rest", "out_of_range")
 """Entries of the output, as `models.detection.contact_detector.Detection`; flags are 1 or 0."""
@@ -40,7 +40,8 @@ class ContactDetection(LeafSystem):
                             only where the observer's is ("trapezoidal")
     State:   that of the detector, flat
 
-    The numbers are those of `ContactDetector.run`.
+    Between two ticks the output is that of the last one. The numbers are those of
+    `ContactDetector.run`.
 
     Args:
         detector: of the estimator whose tau_ext it is.
@@ -60,13 +61,16 @@ class ContactDetection(LeafSystem):
         self._tau_ext_valid = self.DeclareVectorInputPort("tau_ext_valid", 1)
         self._tau_J = self.DeclareVectorInputPort("tau_J", n)
         self._tau_f = self.DeclareVectorInputPort("tau_f", n)
-        state: DiscreteStateIndex = self.DeclareDiscreteState(initial.ravel())
+        state = self.DeclareDiscreteState(initial.ravel())
+        self._last = LastTick(self, detector.time_step, len(DETECTION))
         self.DeclarePeriodicDiscreteUpdateEvent(detector.time_step, 0.0, self._update)
         ports = [self._q, self._v, self._terms, self._tau_ext, self._tau_ext_valid]
         if detector.reads_present_torque:
             ports += [self._tau_J, self._tau_f]
         tickets = {port.ticket() for port in ports} | {self.discrete_state_ticket(state)}
-        self.DeclareVectorOutputPort("detection", len(DETECTION), self._calc, tickets)
+        self._output = self.DeclareVectorOutputPort(
+            "detection", len(DETECTION), self._calc, tickets | self._last.tickets
+        )
 
     def _run(self, context: Context, state: Array, transmitted: Array) -> Array:
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
@@ -86,15 +90,19 @@ class ContactDetection(LeafSystem):
         return torque[np.newaxis]
 
     def _state(self, context: Context) -> Array:
-        return np.array(context.get_discrete_state_vector().value()).reshape(self._shape)
+        return np.array(context.get_discrete_state(0).value()).reshape(self._shape)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
+        if self._last.is_between(context):
+            output.SetFromVector(self._last.values(context))
+            return
         present = self._detector.reads_present_torque
         transmitted = self._transmitted(context) if present else self._nothing
         found = self._run(context, self._state(context), transmitted)
         output.SetFromVector(found[0, : len(DETECTION)])
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        self._last.take(context, discrete_state, self._output.Eval(context))
         state = self._state(context)
         self._run(context, state, self._transmitted(context))
         discrete_state.set_value(0, state.ravel())

@@ -30,6 +30,7 @@ from wrenchsight.models.observers.observer import (
     V,
 )
 from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms
+from wrenchsight.systems.last_tick import LastTick
 
 
 class ExternalTorqueObserver(LeafSystem):
@@ -55,8 +56,7 @@ class ExternalTorqueObserver(LeafSystem):
     State:      of the observer, row by row
     Parameters: of the observer, in its order
 
-    Prerequisite: evaluated at its ticks (t = 0, T, 2T...); in between, the value is that of a tick
-    that came early.
+    Between two ticks (t = 0, T, 2T...) the outputs are those of the last one.
 
     Args:
         observer: of `wrenchsight.models.observers.observer_kinds`.
@@ -95,7 +95,9 @@ class ExternalTorqueObserver(LeafSystem):
             {self.numeric_parameter_ticket(index) for index in self._parameters.values()}
             or {self.nothing_ticket()},
         )
-        prerequisites = {
+        self._has_wrench = observer.kernels.wrench is not None
+        self._last = LastTick(self, observer.time_step, n + 1 + 42 * self._has_wrench)
+        prerequisites = self._last.tickets | {
             self._terms.ticket(),
             self._tau_f.ticket(),
             self.discrete_state_ticket(self._state),
@@ -108,8 +110,10 @@ class ExternalTorqueObserver(LeafSystem):
         self._reading = self.DeclareVectorOutputPort(
             "reading", n + 1, self._calc_reading, prerequisites
         )
-        if observer.kernels.wrench is not None:
-            self.DeclareVectorOutputPort("wrench", 42, self._calc_wrench, prerequisites)
+        if self._has_wrench:
+            self._wrench = self.DeclareVectorOutputPort(
+                "wrench", 42, self._calc_wrench, prerequisites
+            )
 
     def _calc_table(self, context: Context, value: Value) -> None:
         values = {
@@ -129,6 +133,9 @@ class ExternalTorqueObserver(LeafSystem):
         return signals, terms.J
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
+        if self._last.is_between(context):
+            output.SetFromVector(self._last.values(context)[: self._n + 1])
+            return
         signals, J = self._signals(context, self._observer.reads_present_torque)
         state: Any = context.get_discrete_state(self._state).value()
         reading = output.get_mutable_value()
@@ -138,6 +145,9 @@ class ExternalTorqueObserver(LeafSystem):
         reading[:-1] = signals[TAU_EXT]
 
     def _calc_wrench(self, context: Context, output: BasicVector) -> None:
+        if self._last.is_between(context):
+            output.SetFromVector(self._last.values(context)[self._n + 1 :])
+            return
         signals, J = self._signals(context, self._observer.reads_present_torque)
         state: Any = context.get_discrete_state(self._state).value()
         reading = output.get_mutable_value()
@@ -154,11 +164,13 @@ class ExternalTorqueObserver(LeafSystem):
         output.SetAtIndex(0, self._reading.Eval(context)[-1])
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        last = [self._reading, self._wrench] if self._has_wrench else [self._reading]
+        self._last.take(context, discrete_state, *(port.Eval(context) for port in last))
         signals, J = self._signals(context, True)
         signals[TAU_EXT] = self._reading.Eval(context)[:-1]
         self._observer.kernels.update(
             self._table.Eval(context),
-            discrete_state.get_mutable_value().reshape(self._state_shape),
+            discrete_state.get_mutable_value(self._state).reshape(self._state_shape),
             signals,
             J,
         )

@@ -1,7 +1,6 @@
 """Samples checked against what the joints can do."""
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -16,8 +15,7 @@ from wrenchsight.models.observers.sample_check import (
     check_motion,
     check_sample,
 )
-
-Array = NDArray[np.float64]
+from wrenchsight.systems.last_tick import LastTick
 
 
 class SampleCheckSystem(LeafSystem):
@@ -37,16 +35,19 @@ class SampleCheckSystem(LeafSystem):
               checked_current  (n,) A; no feedthrough from q and v
     State:    `SampleCheck.initial_state`, flat
 
+    Between two ticks the outputs are those of the last one: a sample is taken once.
+
     Args:
-        check: the rule.
+        check: the rule; None: every sample is passed on.
+        num_joints: n.
         time_step: s.
     """
 
-    def __init__(self, check: SampleCheck, time_step: float) -> None:
+    def __init__(self, check: SampleCheck | None, num_joints: int, time_step: float) -> None:
         LeafSystem.__init__(self)
         self._check, self._time_step = check, time_step
-        self._n = n = check.num_joints
-        initial = check.initial_state()
+        self._n = n = num_joints
+        initial = np.empty((0, n)) if check is None else check.initial_state()
         self._shape = initial.shape
         self._checked = np.empty((3, n))  # nothing in it outlives a call
         self._q, self._v, self._current = (
@@ -54,27 +55,46 @@ class SampleCheckSystem(LeafSystem):
         )
         state: DiscreteStateIndex = self.DeclareDiscreteState(initial.ravel())
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
-        memory = self.discrete_state_ticket(state)
-        motion = {self._q.ticket(), self._v.ticket(), memory}
-        self.DeclareVectorOutputPort("motion", 2 * n + 1, self._calc_motion, motion)
-        current = {self._current.ticket(), memory}
-        self.DeclareVectorOutputPort("checked_current", n, self._calc_current, current)
+        self._last = LastTick(self, time_step, 3 * n + 1)
+        memory = self._last.tickets | {self.discrete_state_ticket(state)}
+        motion = memory | {self._q.ticket(), self._v.ticket()}
+        self._motion = self.DeclareVectorOutputPort("motion", 2 * n + 1, self._calc_motion, motion)
+        drives = memory | {self._current.ticket()}
+        self._checked_current = self.DeclareVectorOutputPort(
+            "checked_current", n, self._calc_current, drives
+        )
 
     def _calc_motion(self, context: Context, output: BasicVector) -> None:
-        memory = context.get_discrete_state_vector().value().reshape(self._shape)
+        if self._last.is_between(context):
+            output.SetFromVector(self._last.values(context)[: 2 * self._n + 1])
+            return
         q, v, n = self._q.Eval(context), self._v.Eval(context), self._n
+        if self._check is None:
+            output.SetFromVector(np.concatenate([q, v, [0.0]]))
+            return
+        memory = context.get_discrete_state(0).value().reshape(self._shape)
         fault = check_motion(self._check.table, memory, self._time_step, q, v, self._checked)
         motion = output.get_mutable_value()
         motion[: 2 * n] = self._checked[:2].ravel()
         motion[2 * n] = fault
 
     def _calc_current(self, context: Context, output: BasicVector) -> None:
-        memory = context.get_discrete_state_vector().value().reshape(self._shape)
+        if self._last.is_between(context):
+            output.SetFromVector(self._last.values(context)[-self._n :])
+            return
         current = self._current.Eval(context)
+        if self._check is None:
+            output.SetFromVector(current)
+            return
+        memory = context.get_discrete_state(0).value().reshape(self._shape)
         check_current(self._check.table, memory, self._time_step, current, self._checked)
         output.SetFromVector(self._checked[2])
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        memory = discrete_state.get_mutable_value().reshape(self._shape)
+        last = [self._motion, self._checked_current]
+        self._last.take(context, discrete_state, *(port.Eval(context) for port in last))
+        if self._check is None:
+            return
+        memory = discrete_state.get_mutable_value(0).reshape(self._shape)
         sample = np.stack([port.Eval(context) for port in (self._q, self._v, self._current)])
         check_sample(self._check.table, memory, self._time_step, sample, self._checked)

@@ -7,7 +7,6 @@ from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    DiscreteStateIndex,
     DiscreteValues,
     LeafSystem,
     ValueProducer,
@@ -16,6 +15,7 @@ from pydrake.systems.framework import (
 from wrenchsight.models.estimation.trusted_reading import TrustedReading
 from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms
 from wrenchsight.systems.jacobian_wrench_reconstruction import OBSERVED_SIZE, READING_SIZES
+from wrenchsight.systems.last_tick import LastTick
 
 
 class TrustedWrenchReading(LeafSystem):
@@ -45,7 +45,8 @@ class TrustedWrenchReading(LeafSystem):
                             READING_SIZES; no direct feedthrough from tau_J and tau_f
     State:   `TrustedReading.state_rows` rows of n, flat
 
-    The numbers are those of `models.estimation.estimator.WrenchEstimator.run`.
+    Between two ticks the output is that of the last one. The numbers are those of
+    `models.estimation.estimator.WrenchEstimator.run`.
 
     Args:
         trusted: the reading of one estimator.
@@ -65,7 +66,8 @@ class TrustedWrenchReading(LeafSystem):
         self._tau_J = self.DeclareVectorInputPort("tau_J", n)
         self._tau_f = self.DeclareVectorInputPort("tau_f", n)
         self._observed = self.DeclareVectorInputPort("observed", OBSERVED_SIZE)
-        state: DiscreteStateIndex = self.DeclareDiscreteState(trusted.initial_state().ravel())
+        state = self.DeclareDiscreteState(trusted.initial_state().ravel())
+        self._last = LastTick(self, time_step, sum(READING_SIZES))
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
         ports = [self._q, self._v, self._terms, self._tau_ext, self._tau_ext_valid, self._observed]
         tickets = {port.ticket() for port in ports} | {self.discrete_state_ticket(state)}
@@ -76,11 +78,14 @@ class TrustedWrenchReading(LeafSystem):
             tickets,
         )
         self.DeclareVectorOutputPort(
-            "reading", sum(READING_SIZES), self._calc_reading, {self._tick.ticket()}
+            "reading",
+            sum(READING_SIZES),
+            self._calc_reading,
+            self._last.tickets | {self._tick.ticket()},
         )
 
     def _calc_tick(self, context: Context, value: Value) -> None:
-        state = context.get_discrete_state_vector().value().reshape(self._shape).copy()
+        state = context.get_discrete_state(0).value().reshape(self._shape).copy()
         reading = np.empty(sum(READING_SIZES))
         self._trusted.tick(
             state,
@@ -95,11 +100,15 @@ class TrustedWrenchReading(LeafSystem):
         value.set_value((reading, state))
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
+        if self._last.is_between(context):
+            output.SetFromVector(self._last.values(context))
+            return
         reading, _ = self._tick.EvalAbstract(context).get_value()
         output.SetFromVector(reading)
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        _, state = self._tick.EvalAbstract(context).get_value()
+        reading, state = self._tick.EvalAbstract(context).get_value()
+        self._last.take(context, discrete_state, reading)
         state = state.copy()
         transmitted = self._tau_J.Eval(context) - self._tau_f.Eval(context)
         self._trusted.transmit(state, transmitted)

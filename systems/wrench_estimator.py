@@ -31,6 +31,7 @@ from wrenchsight.models.estimation.tick import (
 from wrenchsight.models.estimation.wrench import WrenchReconstruction
 from wrenchsight.models.friction.velocity_friction import friction_torque
 from wrenchsight.models.observers.sample_check import check_current, check_motion, check_sample
+from wrenchsight.systems.last_tick import LastTick
 
 _Taking = tuple[KernelChoice, Array, Array, Array, int, int, Array, int, Array, Array]
 
@@ -60,6 +61,8 @@ class WrenchEstimatorSystem(LeafSystem):
                 motor.torque_per_ampere, friction.* of the law, observer.* of the observer,
                 reconstruction.prior_sd, .torque_covariance, .damping, .truncation, the latter
                 for a model without a torque error
+
+    Between two ticks the outputs are those of the last one.
 
     The numbers are those of the diagram and of `WrenchEstimator.run`: the same kernels compute
     them. A tick takes two calls into Python, in the place of some fifteen.
@@ -105,7 +108,9 @@ class WrenchEstimatorSystem(LeafSystem):
             ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_tables),
             {self.numeric_parameter_ticket(index) for index in self.parameters.values()},
         )
-        prerequisites = {
+        # Kept: `reading`, the checked current, `fault`.
+        self._last = LastTick(self, estimator.observer.time_step, sum(self.reading_sizes) + n + 1)
+        prerequisites = self._last.tickets | {
             self._q.ticket(),
             self._v.ticket(),
             self.discrete_state_ticket(state),
@@ -140,11 +145,13 @@ class WrenchEstimatorSystem(LeafSystem):
                 prerequisites,
             )
             start += size
-        memory = self.discrete_state_ticket(state)
-        motion = {self._q.ticket(), self._v.ticket(), memory}
-        self.DeclareVectorOutputPort("fault", 1, self._calc_fault, motion)
-        drives = {self._current.ticket(), memory}
-        self.DeclareVectorOutputPort("checked_current", n, self._calc_checked_current, drives)
+        memory = self._last.tickets | {self.discrete_state_ticket(state)}
+        motion = memory | {self._q.ticket(), self._v.ticket()}
+        self._fault = self.DeclareVectorOutputPort("fault", 1, self._calc_fault, motion)
+        drives = memory | {self._current.ticket()}
+        self._checked_current = self.DeclareVectorOutputPort(
+            "checked_current", n, self._calc_checked_current, drives
+        )
         self.DeclareAbstractOutputPort(
             "terms",
             lambda: AbstractValue.Make(object()),
@@ -295,6 +302,9 @@ class WrenchEstimatorSystem(LeafSystem):
             )
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
+        if self._last.is_between(context):
+            output.SetFromVector(self._last.values(context)[: sum(self.reading_sizes)])
+            return
         taught = None
         if self._taught:
             taught = (
@@ -304,7 +314,7 @@ class WrenchEstimatorSystem(LeafSystem):
             )
         self.read(
             self._tables.EvalAbstract(context).get_value(),
-            context.get_discrete_state_vector().value(),
+            context.get_discrete_state(0).value(),
             self._q.Eval(context),
             self._v.Eval(context),
             self._current.Eval(context) if self._reads_current else self._unread,
@@ -313,9 +323,11 @@ class WrenchEstimatorSystem(LeafSystem):
         )
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        last = [self._reading, self._checked_current, self._fault]
+        self._last.take(context, discrete_state, *(port.Eval(context) for port in last))
         tables = self._tables.EvalAbstract(context).get_value()
         parts = (self._choice, tables.drives, tables.slip, tables.observer, self._rows)
-        state, current = discrete_state.get_mutable_value(), self._current.Eval(context)
+        state, current = discrete_state.get_mutable_value(0), self._current.Eval(context)
         if self._check is not None:
             given = self._given
             given[0], given[1], given[2] = self._q.Eval(context), self._v.Eval(context), current
@@ -334,9 +346,12 @@ class WrenchEstimatorSystem(LeafSystem):
         return state[self._end :].reshape(-1, self._n)
 
     def _calc_fault(self, context: Context, output: BasicVector) -> None:
+        if self._last.is_between(context):
+            output.SetAtIndex(0, self._last.values(context)[-1])
+            return
         fault = 0
         if self._check is not None:
-            memory = self._memory(context.get_discrete_state_vector().value())
+            memory = self._memory(context.get_discrete_state(0).value())
             fault = check_motion(
                 *(self._check.table, memory, self._estimator.observer.time_step),
                 *(self._q.Eval(context), self._v.Eval(context), self._checked),
@@ -344,9 +359,12 @@ class WrenchEstimatorSystem(LeafSystem):
         output.SetAtIndex(0, fault)
 
     def _calc_checked_current(self, context: Context, output: BasicVector) -> None:
+        if self._last.is_between(context):
+            output.SetFromVector(self._last.values(context)[-1 - self._n : -1])
+            return
         current = self._current.Eval(context)
         if self._check is not None:
-            memory = self._memory(context.get_discrete_state_vector().value())
+            memory = self._memory(context.get_discrete_state(0).value())
             period = self._estimator.observer.time_step
             check_current(self._check.table, memory, period, current, self._checked)
             current = self._checked[2]

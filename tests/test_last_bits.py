@@ -19,10 +19,6 @@ from wrenchsight.analyses.methods.learning.identification import (
     best_law,
     identify,
 )
-from wrenchsight.analyses.methods.planning.machining_placement import (
-    PlacementProblem,
-    bundled_place,
-)
 from wrenchsight.analyses.methods.planning.redundancy import make_problem
 from wrenchsight.analyses.methods.planning.redundancy_task import RedundancyTask
 from wrenchsight.diagrams.machining import make_machining_path
@@ -32,7 +28,6 @@ from wrenchsight.models.estimation.point_of_action import find_point_of_action, 
 from wrenchsight.models.files.configuration import load_configuration
 from wrenchsight.models.files.task_files import task_file
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
-from wrenchsight.models.identification.torque_error import TorqueError
 from wrenchsight.models.motion.branches import all_branches
 from wrenchsight.models.motion.inverse_kinematics import (
     closed_form,
@@ -136,14 +131,6 @@ def test_one_pose_and_one_path_are_solved_alike(robot, seed):
         np.testing.assert_allclose(follow_path(other, DOWN, p, moved_seed), q, atol=DIGITS)
 
 
-ERROR = TorqueError(
-    np.array([0.001, 1.0]),
-    np.tile([1.54, 1.90, 0.70, 0.32, 0.28, 0.12], (2, 1)),
-    np.array([16.8, 22.9, 13.8, 2.3, 3.9, 1.8]),
-    0.0015,
-)
-
-
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("name", ["Polishing", "Grinding"])
 def test_a_machined_path_keeps_its_branch(sts, name, seed):
@@ -151,10 +138,6 @@ def test_a_machined_path_keeps_its_branch(sts, name, seed):
     scenario, other = load_scenario(name), moved_robot(sts, seed)
     path, again = make_machining_path(scenario, sts), make_machining_path(scenario, other)
     np.testing.assert_allclose(again.trajectory.q, path.trajectory.q, atol=DIGITS)
-    cost, q = bundled_place(PlacementProblem(scenario, sts, ERROR))
-    cost_again, q_again = bundled_place(PlacementProblem(scenario, other, ERROR))
-    assert cost_again == pytest.approx(cost, rel=1e-9)
-    np.testing.assert_allclose(q_again, q, atol=DIGITS)
 
 
 @pytest.mark.parametrize("name", ["Polishing", "Grinding"])

@@ -1,1 +1,1 @@
-"""Questions and their answers: what a command does, without its options."""
+"""What the commands call, without their options: questions and their answers."""

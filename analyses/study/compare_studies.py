@@ -1,8 +1,8 @@
 """Do two studies say the same? For studies that were run on two machines, or with two versions.
 
-`python -m analyses.study.compare_studies FIRST SECOND` takes two folders of `study` and lists,
-experiment by experiment, what their reports print differently: figures, at the digits that the
-report gives them, rows of "article / here", and notes. Seconds in a note do not count. The exit
+`python -m wrenchsight.analyses.study.compare_studies FIRST SECOND` takes two folders of `study`. It
+lists, experiment by experiment, what their reports print differently: figures, at the digits that
+the report gives them, rows of "article / here", and notes. Seconds in a note do not count. The exit
 code is 1 where anything differs.
 """
 

@@ -4,16 +4,15 @@ An experiment is a module with `EXPERIMENT = Experiment(name=..., title=..., run
 of experiments needs (ENTRY_FIELDS) is read off that statement without importing the module, so that
 it imports neither Drake nor numba: these arguments must be literals.
 
-    modules below wrenchsight.analyses.experiments               are found by themselves
+    wrenchsight.analyses.experiments.*.experiment       are found by themselves
     entry points of the group wrenchsight.experiments   of installed packages name a module each
-    registered("my_package.my_experiment")           adds a module for as long as a block lasts
+    registered("my_package.my_experiment")              adds a module for as long as a block lasts
 
 In another process of the same study the module is imported by its name.
 """
 
 import ast
 import dataclasses
-import pkgutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -28,6 +27,7 @@ from wrenchsight.models.files.input_error import InputError
 
 ENTRY_POINTS: Final = "wrenchsight.experiments"
 _STATEMENT: Final = "EXPERIMENT"
+_MODULE: Final = "experiment"  # of an experiment's folder
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class ExperimentRegistry:
     """The experiments that a study knows.
 
     Args:
-        packages: names of those whose modules all hold an EXPERIMENT that belongs to it.
+        packages: names of those in which every folder with an `experiment.py` belongs to it.
         group: of entry points; empty for none.
     """
 
@@ -110,9 +110,9 @@ class ExperimentRegistry:
         for package in self._packages:
             spec = find_spec(package)
             places = None if spec is None else spec.submodule_search_locations
-            for info in pkgutil.walk_packages(places, f"{package}."):
-                if not info.ispkg:
-                    yield read_entry(info.name)
+            for folder in map(Path, () if places is None else places):
+                for file in sorted(folder.glob(f"*/{_MODULE}.py")):
+                    yield read_entry(f"{package}.{file.parent.name}.{_MODULE}")
 
     def _of_entry_points(self) -> Iterator[ExperimentEntry]:
         for point in entry_points(group=self._group) if self._group else ():

@@ -9,7 +9,7 @@ dropped.
 import hashlib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
@@ -40,19 +40,6 @@ from wrenchsight.models.robot.urdf import read_urdf
 _FAR = 1e3  # m, rad, m/s^2, A
 _LIGHT, _HEAVY = 1e-3, 1e5  # kg, kg m^2
 _WEAK, _STRONG = 1e-5, 1e6  # N m, N m/A
-
-
-@dataclass(frozen=True)
-class SimulatedTruth:
-    """True friction of the simulated joints; each field (n,), units as in JointFrictionConfig."""
-
-    stiction: Array
-    coulomb: Array
-    stribeck_velocity: Array
-    viscous: Array
-    load_dependence: Array
-    ripple_amplitude: Array
-    ripple_periods: Array
 
 
 @dataclass(frozen=True)
@@ -109,7 +96,7 @@ class Robot:
         self.position_lower = _frozen([joint.lower for joint in urdf.joints])
         self.position_upper = _frozen([joint.upper for joint in urdf.joints])
         self.home = _frozen(self._checked_home())
-        self.truth = _simulated_truth(config.simulated_truth.friction, source, self.num_joints)
+        self.truth = _true_friction(config.simulated_truth.friction, source, self.num_joints)
 
     @classmethod
     def load(cls, name_or_path: "str | Path") -> "Robot":
@@ -492,23 +479,25 @@ def _effort_limit(drive: DriveConfig, joint: JointLimits, source: Path, urdf: Pa
     return joint.effort
 
 
-def _simulated_truth(
+def _true_friction(
     friction: JointFrictionConfig, source: Path, num_joints: int
-) -> SimulatedTruth:
-    arrays: dict[str, Array] = {}
-    for name in SimulatedTruth.__dataclass_fields__:
-        values: list[float] = getattr(friction, name)
-        place = f"simulated_truth.friction.{name}"
-        if not values:
+) -> JointFrictionConfig:
+    """The friction with all its numbers, checked."""
+    checked: dict[str, Array] = {}
+    for field in fields(JointFrictionConfig):
+        values: Array = getattr(friction, field.name)
+        place = f"simulated_truth.friction.{field.name}"
+        if not values.size:
             # One rad/s, so that no kernel divides by a Stribeck velocity of zero.
-            values = [1.0 if name == "stribeck_velocity" else 0.0] * num_joints
-        if len(values) != num_joints:
+            values = np.full(num_joints, 1.0 if field.name == "stribeck_velocity" else 0.0)
+        if values.shape != (num_joints,):
             raise InputError(source, place, f"{len(values)} numbers, expected {num_joints}")
-        if not all(0 <= value <= _STRONG for value in values):
-            raise InputError(source, place, f"{values}, expected numbers of 0 to {_STRONG:g}")
-        arrays[name] = _frozen(values)
-    if np.any(arrays["stiction"] < arrays["coulomb"]) and friction.stiction:
+        if not np.all((values >= 0.0) & (values <= _STRONG)):
+            problem = f"{values.tolist()}, expected numbers of 0 to {_STRONG:g}"
+            raise InputError(source, place, problem)
+        checked[field.name] = _frozen(values)
+    if np.any(checked["stiction"] < checked["coulomb"]) and friction.stiction.size:
         raise InputError(
             source, "simulated_truth.friction.stiction", "below coulomb", "stiction >= coulomb"
         )
-    return SimulatedTruth(**arrays)
+    return JointFrictionConfig(**checked)

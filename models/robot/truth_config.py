@@ -40,24 +40,45 @@ each lies in plain_truth.yaml beside its robot.yaml (`models.truth.true_robot.pl
 The equations, as they are simulated, stand in `wrenchsight.models.truth.joint_kernels`.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Final
+
+import numpy as np
 
 TRUTHS: Final = ("own", "plain")
 """Which truth a simulated arm is given: that of its robot.yaml, or plain friction alone."""
 
 
-@dataclass
-class JointFrictionConfig:
-    """True friction of a simulated arm, one number per joint (all zero where not given)."""
+def _not_given() -> np.ndarray:
+    return np.zeros(0)
 
-    stiction: list[float] = field(default_factory=list)  # N m, to break away
-    coulomb: list[float] = field(default_factory=list)  # N m, once it moves
-    stribeck_velocity: list[float] = field(default_factory=list)  # rad/s
-    viscous: list[float] = field(default_factory=list)  # N m s/rad
-    load_dependence: list[float] = field(default_factory=list)  # N m of friction per N m carried
-    ripple_amplitude: list[float] = field(default_factory=list)  # N m, over the joint position
-    ripple_periods: list[float] = field(default_factory=list)  # per turn of the joint
+
+@dataclass(eq=False)
+class JointFrictionConfig:
+    """True friction of a simulated arm, one number per joint; not given (0 numbers): zero for all.
+
+    In a `Robot` (`truth`) each array has its n numbers, checked.
+    """
+
+    stiction: np.ndarray = field(default_factory=_not_given)  # N m, to break away
+    coulomb: np.ndarray = field(default_factory=_not_given)  # N m, once it moves
+    stribeck_velocity: np.ndarray = field(default_factory=_not_given)  # rad/s
+    viscous: np.ndarray = field(default_factory=_not_given)  # N m s/rad
+    load_dependence: np.ndarray = field(default_factory=_not_given)  # N m per N m carried
+    ripple_amplitude: np.ndarray = field(default_factory=_not_given)  # N m, over the position
+    ripple_periods: np.ndarray = field(default_factory=_not_given)  # per turn of the joint
+
+    def __post_init__(self) -> None:
+        for one in fields(self):
+            setattr(self, one.name, np.asarray(getattr(self, one.name), dtype=np.float64))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, JointFrictionConfig):
+            return NotImplemented
+        names = [one.name for one in fields(self)]
+        return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names)
+
+    __hash__ = None  # type: ignore[assignment]  # the arrays may be changed
 
 
 @dataclass

@@ -193,21 +193,21 @@ class World:
         """The truth of this world, drawn about `about`; what is off there stays off."""
         scaled = _Scaled(self.factors)
         friction = about.friction
-        coulomb = scaled("coulomb", friction.coulomb)
-        rises = [max(s - c, 0.0) for s, c in zip(friction.stiction, friction.coulomb, strict=False)]
-        stiction = [
-            c + scaled.one("coulomb") * rise
-            for c, rise in zip(coulomb, scaled("stiction_rise", rises), strict=False)
-        ]
+        coulomb = scaled.one("coulomb") * friction.coulomb
+        stiction = friction.stiction
+        if stiction.size:
+            level = friction.coulomb if friction.coulomb.size else np.zeros(stiction.size)
+            rise = scaled.one("stiction_rise") * np.maximum(stiction - level, 0.0)
+            stiction = scaled.one("coulomb") * level + scaled.one("coulomb") * rise
         return SimulatedTruthConfig(
             friction=replace(
                 friction,
                 coulomb=coulomb,
                 stiction=stiction,
-                stribeck_velocity=scaled("stribeck_velocity", friction.stribeck_velocity),
-                viscous=scaled("viscous", friction.viscous),
-                load_dependence=scaled("load", friction.load_dependence),
-                ripple_amplitude=scaled("ripple", friction.ripple_amplitude),
+                stribeck_velocity=scaled.one("stribeck_velocity") * friction.stribeck_velocity,
+                viscous=scaled.one("viscous") * friction.viscous,
+                load_dependence=scaled.one("load") * friction.load_dependence,
+                ripple_amplitude=scaled.one("ripple") * friction.ripple_amplitude,
             ),
             mechanisms=None
             if about.mechanisms is None
@@ -332,7 +332,7 @@ def draw_world(seed: int, number: int, source: WorldSource | WorldRanges | None 
         return world
     arm = int(generator.integers(source.posterior.num_arms))
     arms = source.posterior.arms
-    of_robot = {name: (values[arm],) for name, values in arms.items()}
+    of_robot: dict[str, tuple[float, ...]] = {name: (values[arm],) for name, values in arms.items()}
     return replace(world, of_robot=of_robot, posterior_of=source.posterior.robot)
 
 

@@ -12,6 +12,7 @@ from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
 from wrenchsight.models.rigid_body.flat_terms import flat_size
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.systems.impedance_controller import ImpedanceController
+from wrenchsight.systems.last_tick import LastTick
 from wrenchsight.systems.machining.machining_reference import MachiningReference
 from wrenchsight.systems.wrench_estimator import WrenchEstimatorSystem
 
@@ -40,6 +41,8 @@ class MachiningController(LeafSystem):
     Outputs: action   tau_command (n,), N m, and all that is known with it, one after another, in
                       one port; Drake's Demultiplexer splits it with `sizes`
              terms    RigidBodyTerms (abstract) of the model, for pictures
+    Between two ticks `action` is that of the last one.
+
     State:   that of the estimator, of the reference (7 + 15), of the controller (1), flat
 
     Args:
@@ -90,6 +93,8 @@ class MachiningController(LeafSystem):
         sizes = self.sizes
         ends = dict(zip(sizes, np.cumsum(list(sizes.values())).tolist(), strict=True))
         self._size = ends["pose"]
+        self._last = LastTick(self, time_step, self._size)
+        known |= self._last.tickets
         self._integral_at = ends["integral"] - 1
         self._plan_from, self._plan_to = ends["integral"], ends["feedback_valid"]
         self._reference_from = ends["pose_reference"]
@@ -129,7 +134,10 @@ class MachiningController(LeafSystem):
         return action | self._plan | reading | {"pose": _POSE_SIZE}
 
     def _calc_action(self, context: Context, output: BasicVector) -> None:
-        state, out = context.get_discrete_state_vector().value(), output.get_mutable_value()
+        if self._last.is_between(context):
+            output.SetFromVector(self._last.values(context))
+            return
+        state, out = context.get_discrete_state(0).value(), output.get_mutable_value()
         q, v = self._q.Eval(context), self._v.Eval(context)
         plan, reading = out[self._plan_from : self._plan_to], out[self._reading_at]
         end, known = self._estimator_end, self._known
@@ -154,7 +162,8 @@ class MachiningController(LeafSystem):
         )
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        action, state = self._action.Eval(context), discrete_state.get_mutable_value()
+        action, state = self._action.Eval(context), discrete_state.get_mutable_value(0)
+        self._last.take(context, discrete_state, action)
         take_tick(
             *self._taking,
             context.get_time(),

@@ -284,7 +284,7 @@ def test_an_interrupt_is_one_line_and_its_code(tmp_path, number, code):
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         f"sys.path.insert(0, {str(tmp_path)!r})\n"
         "if __name__ == '__main__':\n"
-        "    from analyses import __main__\n"
+        "    from wrenchsight.analyses import __main__\n"
         "    from wrenchsight.analyses.study.registry import REGISTRY\n"
         "    REGISTRY.register('fake_slow')\n"
         f"    sys.argv = ['wrenchsight', 'study', 'slow', '--out', {str(tmp_path / 'out')!r}]\n"
@@ -370,7 +370,7 @@ def test_fleeting_progress_says_in_a_log_only_that_there_is_a_wait():
 
 def test_long_work_gives_a_sign_of_life_in_a_log(monkeypatch):
     clock = iter(range(0, 1000, 15))
-    monkeypatch.setattr("analyses.output.progress.time.monotonic", lambda: next(clock))
+    monkeypatch.setattr("wrenchsight.analyses.output.progress.time.monotonic", lambda: next(clock))
     events = [Progress("one", "running", k / 10, "solving") for k in range(6)]
     assert _written(False, events).splitlines() == [
         "one     started",

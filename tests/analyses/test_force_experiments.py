@@ -6,17 +6,21 @@ the runs. That the article's figures come out is what the studies themselves sho
 
 import numpy as np
 import pytest
-
 from wrenchsight.analyses.experiments.free_motion import (
     combined,
     friction,
     repeat_cycle,
     repeat_cycle_push,
 )
-from wrenchsight.analyses.methods.arms.arm_models import LAWS, ArmModels
-from wrenchsight.analyses.methods.runs import repeated_cycles
+
+from wrenchsight.analyses.experiments.setups.path_runs import repeated_cycles
+from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
+    run_task,
+    task_path,
+    task_scenario,
+)
+from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import LAWS, ArmModels
 from wrenchsight.analyses.methods.runs.simulation import known_model
-from wrenchsight.analyses.methods.runs.task_runs import run_task, task_path, task_scenario
 from wrenchsight.analyses.output.outputs import json_text, plain_metrics
 from wrenchsight.analyses.study.experiment import ExperimentContext
 from wrenchsight.analyses.study.outcome import look_up

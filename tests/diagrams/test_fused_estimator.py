@@ -247,8 +247,8 @@ def test_two_contexts_of_one_block_do_not_meet(sts_reversed, model, log):
             row = k + 100 * which
             for name, signal in zip(("q", "v", "current"), log, strict=True):
                 fused.GetInputPort(name).FixValue(context, signal[row])
-            read[which].append(fused.GetOutputPort("wrench").Eval(context))
             simulator.AdvanceTo((k + 0.5) * T)
+            read[which].append(fused.GetOutputPort("wrench").Eval(context))
     estimator = WrenchEstimator(sts_reversed, model, config())
     for which in range(2):
         rows = slice(100 * which, 100 * which + 60)

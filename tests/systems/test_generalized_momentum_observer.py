@@ -77,20 +77,19 @@ class Ticks:
         self.k = 0
 
     def take(self, *, momentum, CTv=0.0, G=0.0, tau_J, tau_f):
-        """The outputs at the next tick, before the update that follows it."""
+        """The outputs of the next tick."""
         context = self.simulator.get_mutable_context()
         observer = self.observer
         value = AbstractValue.Make(terms(momentum, CTv, G))
         observer.GetInputPort("terms").FixValue(context, value)
         observer.GetInputPort("tau_J").FixValue(context, tau_J)
         observer.GetInputPort("tau_f").FixValue(context, tau_f)
-        outputs = (
+        self.k += 1
+        self.simulator.AdvanceTo((self.k - 0.5) * T)
+        return (
             observer.GetOutputPort("tau_ext").Eval(context),
             observer.GetOutputPort("valid").Eval(context)[0],
         )
-        self.k += 1
-        self.simulator.AdvanceTo((self.k - 0.5) * T)
-        return outputs
 
 
 def test_ports():
@@ -100,7 +99,7 @@ def test_ports():
     assert observer.GetOutputPort("tau_ext").size() == 2
     assert observer.GetOutputPort("valid").size() == 1
     context = observer.CreateDefaultContext()
-    assert context.num_total_states() == 6
+    assert context.num_total_states() == 6 + 1 + 3  # and the last tick: its time, tau_ext, valid
     np.testing.assert_array_equal(context.get_numeric_parameter(0).value(), [20.0, 20.0])
 
 

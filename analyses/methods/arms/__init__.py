@@ -1,1 +1,1 @@
-"""The arms that are studied: their logs, and the models learnt from these."""
+"""Descriptions of new arms, drafted from their URDF."""

@@ -12,8 +12,8 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 
 from wrenchsight.analyses.methods.advance import advance, even_stretches
-from wrenchsight.analyses.methods.arms.simulated_logs import TRACKING
 from wrenchsight.analyses.methods.runs.fast_runs import is_free, run_free
+from wrenchsight.analyses.methods.runs.simulated_logs import TRACKING
 from wrenchsight.diagrams.closed_loop import make_closed_loop
 from wrenchsight.diagrams.scenario import HoldMotion, Scenario
 from wrenchsight.models.arrays import Array

@@ -6,7 +6,7 @@ faster: `models.truth.free_arm` for arm, drives and controller, the force/torque
 
 import numpy as np
 
-from wrenchsight.analyses.methods.arms.simulated_logs import drive_servo
+from wrenchsight.analyses.methods.runs.simulated_logs import drive_servo
 from wrenchsight.diagrams.scenario import Scenario, make_trajectory
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.control.wrench_script import WrenchScript

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from wrenchsight.analyses.experiments.free_motion import (
     bandwidth,
     combined,
@@ -21,17 +20,20 @@ from wrenchsight.analyses.experiments.free_motion import (
     repeat_cycle,
     repeat_cycle_push,
 )
-from wrenchsight.analyses.experiments.machining import grinding, polishing
-from wrenchsight.analyses.experiments.other_arms import panda_wrench
 from wrenchsight.analyses.experiments.postures import (
     constant_wrench,
     jcn_map,
     metrics_compare,
     surface_path,
 )
-from wrenchsight.analyses.experiments.real_arms import ur10e_identification, ur10e_payload
+
+from wrenchsight.analyses.experiments.grinding import experiment as grinding
+from wrenchsight.analyses.experiments.panda_wrench import experiment as panda_wrench
+from wrenchsight.analyses.experiments.polishing import experiment as polishing
+from wrenchsight.analyses.experiments.setups.machining_runs import machining_study
+from wrenchsight.analyses.experiments.ur10e_identification import experiment as ur10e_identification
+from wrenchsight.analyses.experiments.ur10e_payload import experiment as ur10e_payload
 from wrenchsight.analyses.methods.planning.jcn_map_settings import SliceConfig
-from wrenchsight.analyses.methods.runs import machining_study
 
 _KNOWN = panda_wrench.Knowledge(20.0, 1.0, 0.01 * np.eye(7))
 FINDINGS = {

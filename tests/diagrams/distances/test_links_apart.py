@@ -86,7 +86,7 @@ def test_a_lift_out_of_reach_keeps_all_shapes(sts, polishing, plan, monkeypatch)
     def refuse(*_):
         raise InputError("machining", "phases.lift", "out of reach")
 
-    monkeypatch.setattr("diagrams.distances.links_apart.postures_of_pass", refuse)
+    monkeypatch.setattr("wrenchsight.diagrams.distances.links_apart.postures_of_pass", refuse)
     assert links_apart(polishing, sts, plan) == frozenset()
 
 

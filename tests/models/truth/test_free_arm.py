@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from wrenchsight.analyses.methods.arms.simulated_logs import TRACKING, drive_servo
+from wrenchsight.analyses.methods.runs.simulated_logs import TRACKING, drive_servo
 from wrenchsight.diagrams.closed_loop import make_closed_loop
 from wrenchsight.diagrams.scenario import Scenario
 from wrenchsight.models.identification.identified_model import IdentifiedModel

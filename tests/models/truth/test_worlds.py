@@ -120,7 +120,7 @@ def test_what_is_off_stays_off():
     about = SimulatedTruthConfig(JointFrictionConfig(coulomb=[1.0, 2.0], stiction=[1.5, 2.0]))
     truth = draw_world(0, 0).truth(about, 2)
     assert truth.mechanisms is None
-    assert truth.friction.viscous == []
+    assert truth.friction.viscous.size == 0
     assert len(truth.friction.coulomb) == 2
     assert truth.friction.stiction[1] == pytest.approx(truth.friction.coulomb[1])
 

@@ -230,7 +230,7 @@ def test_a_free_placement_is_looked_for_where_the_best_one_dips_into_the_floor(
         found.append(place(task, *args, **{**options, "effort": SMALL}))
         return found[-1]
 
-    monkeypatch.setattr("analyses.methods.planning.placement.place", quickly)
+    monkeypatch.setattr("wrenchsight.analyses.methods.planning.placement.place", quickly)
     plain = place_task("linear_path", tmp_path / "plain")
     # As it is, nothing is hit: no other placement is looked for.
     assert asked == [(0, None)] and plain.free is None

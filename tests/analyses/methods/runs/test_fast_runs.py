@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
+from wrenchsight.analyses.experiments.setups.path_runs.task_runs import task_scenario
 from wrenchsight.analyses.methods.runs import air_pass
 from wrenchsight.analyses.methods.runs.air_pass import record_air_pass
 from wrenchsight.analyses.methods.runs.fast_runs import is_free, run_free, sensed
-from wrenchsight.analyses.methods.runs.task_runs import task_scenario
 from wrenchsight.diagrams.closed_loop import make_closed_loop
 from wrenchsight.diagrams.scenario import load_scenario
 from wrenchsight.models.identification.identified_model import IdentifiedModel

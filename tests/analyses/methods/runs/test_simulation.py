@@ -240,7 +240,7 @@ def test_what_a_pass_would_hit_is_said(sts, monkeypatch):
         assert (robot, phases, workpiece) == (sts, machining.phases, scenario.workpiece)
         return (Overlap("lift", ClosestPair("link_3", "workpiece", -0.012, -0.012, 0.0)),)
 
-    monkeypatch.setattr("analyses.methods.runs.simulation.overlaps", at_the_lift)
+    monkeypatch.setattr("wrenchsight.analyses.methods.runs.simulation.overlaps", at_the_lift)
     (said,) = [text for text in simulate(scenario, sts).notices if "overlaps" in text]
     assert said.startswith("the lift overlaps: link_3 and workpiece by 12 mm")
 

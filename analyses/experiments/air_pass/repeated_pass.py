@@ -1,0 +1,222 @@
+"""What a pass without load teaches about the same pass with a load, on a real arm.
+
+Eq. 4 of Lu, Shen and Zhuang on the output of the observer, as an air pass has it
+(`models.machining.air_pass`): what is read on the first pass is the model's error, and is taken off
+at the same place of the second. Without any friction in the model that is eq. 4 itself, torque less
+torque, since the rigid body takes the same torque on both.
+
+The two passes are aligned once, by their positions alone.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import (
+    LEARNING_TIME,
+    MARGIN,
+    REFERENCE_CUTOFF,
+    TIME_STEP,
+    estimate_run,
+    payload_reference,
+)
+from wrenchsight.analyses.methods.sensors.judged_force import ForceReading, Judgement
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.point_of_action import jacobian_at
+from wrenchsight.models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
+
+REVERSAL: Final = 0.3  # s about a joint's turning
+_LARGEST_SHIFT = 0.1  # s between the starts of two logs that are cut alike
+_SHIFT_TOLERANCE = 1e-5  # s
+
+
+@dataclass(frozen=True, eq=False)
+class PassErrors:
+    """What one law leaves on the pass with the load; M samples of the part that is judged.
+
+    Attributes:
+        force: (M, 3) N at the load in axes of W, by weighted least squares for a point force.
+        sd: (M, 3) as stated.
+        valid: (M,).
+        truth: (M, 3).
+        torque_error: (M, n) N m, of the observer's output.
+    """
+
+    force: Array
+    sd: Array
+    valid: NDArray[np.bool_]
+    truth: Array
+    torque_error: Array
+
+    def judged(self) -> list[Judgement]:
+        """Each component of the force against the payload's."""
+        found = []
+        for k in range(3):
+            reading = ForceReading(self.force[:, k], self.sd[:, k], self.valid)
+            judged = Judgement.of(reading, self.truth[:, k])
+            assert judged is not None
+            found.append(judged)
+        return found
+
+    @property
+    def torque_rmse(self) -> Array:
+        """(n,) N m."""
+        return np.asarray(np.sqrt(np.mean(self.torque_error**2, axis=0)))
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedPass:
+    """Both passes, read with one model.
+
+    Attributes:
+        t: (M,) s from the loaded log's start.
+        plain: as it is read.
+        taught: less what the pass without load has taught.
+        lesson: (M, n) N m, what that pass read.
+        alignment: s that its log is ahead.
+        load_growth: (M, n) N m, by how much more the drives carry than without the load.
+        v: (M, n) rad/s.
+    """
+
+    t: Array
+    plain: PassErrors
+    taught: PassErrors
+    lesson: Array
+    alignment: float
+    load_growth: Array
+    v: Array
+
+    @property
+    def repeated_share(self) -> Array:
+        """(n,) share of the torque error's mean square that the empty pass takes off."""
+        plain, taught = (np.mean(p.torque_error**2, axis=0) for p in (self.plain, self.taught))
+        return np.asarray(1.0 - taught / plain)
+
+    def shares(self) -> dict[str, Array]:
+        """What the torque error's mean square with the load is made of, (n,) shares of it.
+
+        `repeated`: what the pass without load takes off; `grows_with_load`: what friction in
+        proportion to the load's growth, fitted in hindsight, would take off besides; `reversals`:
+        what is then left within REVERSAL of a joint's turning; `other`: the rest.
+        """
+        plain, left = self.plain.torque_error, self.taught.torque_error
+        whole = np.mean(plain**2, axis=0)
+        pull = np.sign(self.v) * self.load_growth
+        # Friction that is missing in the model reads as a torque against the motion.
+        share = np.sum(pull * left, axis=0) / np.sum(pull**2, axis=0)
+        without = left - share * pull
+        window = np.ones(2 * round(REVERSAL / TIME_STEP) + 1)
+        turns = np.abs(np.diff(np.sign(self.v), axis=0, prepend=np.sign(self.v[:1]))) > 0.0
+        near = np.stack([np.convolve(turn, window, "same") > 0.0 for turn in turns.T], axis=1)
+        reversal = np.mean(np.where(near, without, 0.0) ** 2, axis=0)
+        remaining = np.mean(without**2, axis=0)
+        return {
+            "repeated": self.repeated_share,
+            "grows_with_load": (np.mean(left**2, axis=0) - remaining) / whole,
+            "reversals": reversal / whole,
+            "other": (remaining - reversal) / whole,
+        }
+
+    @property
+    def correlation(self) -> Array:
+        """(n,) of the torque errors of both passes."""
+        pairs = zip(self.lesson.T, self.plain.torque_error.T, strict=True)
+        return np.array([np.corrcoef(a, b)[0, 1] for a, b in pairs])
+
+
+@dataclass(frozen=True, eq=False)
+class Pass:
+    """One log and what the observer read along it.
+
+    Attributes:
+        recording: N samples.
+        tau_ext: (N, n) N m.
+        J: (N, 6, n).
+    """
+
+    recording: Recording
+    tau_ext: Array
+    J: Array
+
+    @classmethod
+    def of(cls, log: Path, robot: Robot, model: IdentifiedModel) -> "Pass":
+        """Reads a log."""
+        recording, batch = estimate_run(log, robot, model)
+        return cls(recording, batch.tau_ext, batch.J)
+
+
+def alignment(first: Recording, second: Recording) -> float:
+    """s by which the first pass is ahead of the second, by their positions."""
+    margin = round(MARGIN / TIME_STEP)
+    inner = slice(margin, -margin)
+    t = second.t[inner] - second.t[0]
+
+    def difference(shift: float) -> float:
+        return float(np.mean((second.q[inner] - _at(first, first.q, t + shift)) ** 2))
+
+    bounds = (-_LARGEST_SHIFT, _LARGEST_SHIFT)
+    found = minimize_scalar(
+        difference, bounds=bounds, method="bounded", options={"xatol": _SHIFT_TOLERANCE}
+    )
+    return float(found.x)
+
+
+def loaded_pass(
+    robot: Robot, Sigma_tau: Array, empty: Pass, loaded: Pass, p_EP: Array, mass: float
+) -> LoadedPass:
+    """Reads the loaded pass at the point where the load acts, plain and taught.
+
+    Args:
+        robot: the arm.
+        Sigma_tau: (n, n) (N m)^2, of the model.
+        empty: the pass without load.
+        loaded: the one with it.
+        p_EP: (3,) m from E, where the load acts.
+        mass: kg.
+    """
+    recording = loaded.recording
+    rows = slice(round(LEARNING_TIME / TIME_STEP), -round(MARGIN / TIME_STEP))
+    t = recording.t - recording.t[0]
+    ahead = alignment(empty.recording, recording)
+    lesson = _at(empty.recording, empty.tau_ext, t + ahead)
+    carried = robot.joint_torque(recording.current)
+    carried_before = _at(empty.recording, robot.joint_torque(empty.recording.current), t + ahead)
+    R_WE, _ = robot.chain.pose(recording.q)
+    J = jacobian_at(loaded.J, R_WE, p_EP)
+    reference = payload_reference(robot, recording, REFERENCE_CUTOFF, p_EP)
+    truth = mass * reference.direction
+    torque = np.einsum("kij,ki->kj", J[:, 3:], truth)
+    reading = WrenchReconstruction(WrenchReconstructionConfig("force_only"), Sigma_tau)
+
+    def errors(tau_ext: Array) -> PassErrors:
+        found = reading.reconstruct(J[rows], tau_ext[rows])
+        return PassErrors(
+            force=found.wrench[:, 3:],
+            sd=found.standard_deviation[:, 3:],
+            valid=found.valid,
+            truth=truth[rows],
+            torque_error=(tau_ext - torque)[rows],
+        )
+
+    return LoadedPass(
+        t=t[rows],
+        plain=errors(loaded.tau_ext),
+        taught=errors(loaded.tau_ext - lesson),
+        lesson=lesson[rows],
+        alignment=ahead,
+        load_growth=(np.abs(carried) - np.abs(carried_before))[rows],
+        v=recording.v[rows],
+    )
+
+
+def _at(recording: Recording, signal: Array, t: Array) -> Array:
+    """The signal (N, n) at times since the log's start."""
+    own = recording.t - recording.t[0]
+    return np.stack([np.interp(t, own, column) for column in signal.T], axis=1)

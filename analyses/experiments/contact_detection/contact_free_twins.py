@@ -1,0 +1,64 @@
+"""Contact-free hours of a simulated arm: twins of real logs on many days, read by one model.
+
+A real arm's recordings hold minutes without contact, and minutes cannot confirm a rate of one
+false alarm an hour. The simulated twin of each log (`twin_logs`) moves as the log does, with joints
+that differ from day to day, and knows that nothing touches it.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+
+from wrenchsight.analyses.experiments.contact_detection.contact_trials import TrialLog, onsets
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.twin_logs import twin_log
+from wrenchsight.analyses.methods.learning.identification import identify
+from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
+
+FIRST_DAY = 10  # of the twins that are read; those of the fit are 1 and on
+
+
+def model_of_twins(recordings: Sequence[Recording], robot: Robot) -> IdentifiedModel:
+    """Identified on twins of these logs, the first on a day of its own."""
+    twins = [
+        twin_log(recording, robot, day=1 + min(k, 1), seed=k)
+        for k, recording in enumerate(recordings)
+    ]
+    return identify(twins, robot, [], IdentificationConfig(friction="presliding")).model
+
+
+def alarms_of_twins(
+    recordings: Mapping[str, Recording],
+    robot: Robot,
+    model: IdentifiedModel,
+    rates: Sequence[float],
+    days: int,
+    time_step: float,
+    K_0: float,
+    progress: Callable[[float, str], None] = lambda share, what: None,
+) -> tuple[float, dict[float, int], dict[str, int]]:
+    """Hours that were read, alarms by stated rate, and by log those at the lowest of the rates.
+
+    Args:
+        recordings: real logs, by name, whose motion the twins repeat.
+        robot: with its simulated truth.
+        model: that reads the twins.
+        rates: false alarms an hour.
+        days: how many twins of each log.
+        time_step: s.
+        K_0: 1/s.
+        progress: told the share of the work that is done.
+    """
+    alarms, by_log, hours = dict.fromkeys(rates, 0), dict.fromkeys(recordings, 0), 0.0
+    for day in range(days):
+        for k, (name, recording) in enumerate(recordings.items()):
+            progress((day + k / len(recordings)) / days, f"simulated day {day + 1}")
+            twin = twin_log(recording, robot, day=FIRST_DAY + day, seed=1000 + day)
+            log = TrialLog(twin, robot, model, time_step, K_0)
+            hours += log.hours
+            for rate in rates:
+                count = len(onsets(log.detect(log.detector(rate)).contact))
+                alarms[rate] += count
+                if rate == min(rates):
+                    by_log[name] += count
+    return hours, alarms, by_log

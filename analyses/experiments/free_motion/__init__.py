@@ -1,1 +1,0 @@
-"""Arms in free motion, simulated and real, untouched or pushed by hand."""

@@ -1,0 +1,434 @@
+"""Experiment `friction-laws`: how well does each friction law describe joint friction near zero?
+
+Each law is fitted, with the inertias, on the same logs, and compared on data that it was not fitted
+on: torque over held-out runs, and friction near zero velocity.
+
+simulated   the bundled arm, whose true friction no law here contains; fitted on one excitation;
+            held out are a second one, and passes of opposite direction through positions in a
+            posture that is not trained on, from whose torques friction is separated
+            (`friction_reversal`). A law with memory has no value at a
+            velocity: each law's torque along the recorded motion is separated exactly as the
+            measured one is, and the two are compared pair by pair, up to the networks' v_crit
+real        the UR10e; fitted on its three unloaded runs; held out are 14harm50sec, ptp_10_points
+            and the second halves of the recordings joint_1 to joint_6 of one joint at a time. These
+            turn round too quickly to pair slow passes after the low-pass: here friction is what
+            the rigid-body torque of one model leaves, sample by sample, up to NEAR_ZERO
+
+`semi-parametric` is the article's law: its networks are trained on friction separated by reversal
+(section 3.1); on the simulated arm in other postures than the test's, on the UR10e in the first
+halves of those recordings. (`identify` trains it on what the fitted logs leave, which holds less
+slow motion.) `presliding+network` trains on what the fitted logs leave.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from wrenchsight.analyses.experiments.setups.simulated_arm.friction_reversal import (
+    SeparatedFriction,
+    reversal_recordings,
+    separate_recordings,
+)
+from wrenchsight.analyses.experiments.setups.simulated_arm.semi_parametric import (
+    POSTURES,
+    semi_parametric_model,
+)
+from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identification import (
+    CONFIG,
+    identify_simulated_arm,
+)
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
+    FOLDER,
+    identify_ur10e,
+    validation_recordings,
+)
+from wrenchsight.analyses.methods.learning.identification import identify, predict_torque
+from wrenchsight.analyses.methods.learning.identification_config import LAWS, IdentificationConfig
+from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit
+from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
+from wrenchsight.analyses.output.figures import (
+    COLOUR,
+    SERIES,
+    legend_below,
+    new_figure,
+    panels_in_pairs,
+)
+from wrenchsight.analyses.study.experiment import (
+    ComparisonRow,
+    Experiment,
+    ExperimentContext,
+    ExperimentResult,
+)
+from wrenchsight.analyses.study.figure_files import saved_figures
+from wrenchsight.analyses.study.wording import change
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+PLAIN = "coulomb-viscous"
+WITH_OFFSET = "coulomb-viscous-offset"
+ARTICLE = "semi-parametric"
+COMPARED = tuple(law for law in LAWS if law != ARTICLE)  # fitted by `identify`
+NEAR_ZERO = 0.05  # rad/s
+SINGLE_JOINTS = tuple(f"ur-20_01_22-joint_{j + 1}.csv" for j in range(6))
+
+
+@dataclass(frozen=True, eq=False)
+class NearZero:
+    """Friction of one joint near zero velocity, held out.
+
+    Attributes:
+        v: (K,) rad/s.
+        measured: (K,) N m.
+        predicted: (K,) N m by law.
+    """
+
+    v: Array
+    measured: Array
+    predicted: Mapping[str, Array]
+
+    def rmse(self, law: str, edge: float) -> float:
+        """Of the samples with |v| <= edge, N m; NaN without samples."""
+        near = np.abs(self.v) <= edge
+        error = (self.predicted[law] - self.measured)[near]
+        return float(np.sqrt(np.mean(error**2))) if near.any() else float("nan")
+
+
+@dataclass(frozen=True, eq=False)
+class LawsOnOneArm:
+    """Every law on the data of one arm.
+
+    Attributes:
+        joint_names: n of them.
+        validation: held-out runs by law.
+        near_zero: of each joint.
+        edge: (n,) rad/s, up to where "near zero" goes.
+        v_crit: (n,) rad/s, of the article's networks.
+        separated: what their training had.
+    """
+
+    joint_names: tuple[str, ...]
+    validation: Mapping[str, tuple[TorqueFit, ...]]
+    near_zero: tuple[NearZero, ...]
+    edge: Array
+    v_crit: Array
+    separated: SeparatedFriction
+
+    def rmse(self, law: str) -> Array:
+        """RMSE (n,) in N m of the law's friction near zero."""
+        pairs = zip(self.near_zero, self.edge, strict=True)
+        return np.array([own.rmse(law, edge) for own, edge in pairs])
+
+    def metrics(self) -> dict[str, Any]:
+        """Per law: near zero and over the held-out runs."""
+        plain = self.rmse(PLAIN)
+        out: dict[str, Any] = {
+            "near_zero_edge_rad_per_s": self.edge,
+            "v_crit_rad_per_s": self.v_crit,
+            "separated_for_training": self.separated.metrics(),
+        }
+        for law, fits in self.validation.items():
+            reduction = 100.0 * (1.0 - self.rmse(law) / plain)
+            out[law] = {
+                "near_zero_rmse_nm": self.rmse(law),
+                "near_zero_reduction_pct": reduction,
+                "near_zero_mean_reduction_pct": float(np.nanmean(reduction)),
+                "validation": {
+                    fit.name: {"rmse_nm": fit.rmse, "relative_pct": 100.0 * fit.relative}
+                    for fit in fits
+                },
+            }
+        return out
+
+
+def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
+    """All laws on the simulated arm."""
+    robot = context.robot(ROBOT)
+
+    def told(start: float, end: float) -> Callable[[float, str], None]:
+        return lambda part, what: context.progress(share * (start + (end - start) * part), what)
+
+    periods = 1 if context.quick else 2
+    plain = replace(CONFIG, friction=WITH_OFFSET, seed=context.seed)
+    first, (log, other) = identify_simulated_arm(
+        robot, context.seed, periods, plain, told(0.0, 0.4)
+    )
+    results = {WITH_OFFSET: first}
+    for k, law in enumerate(COMPARED):
+        context.progress(share * (0.4 + 0.03 * k), f"simulated arm, {law}")
+        if law not in results:
+            config = replace(plain, friction=law)
+            results[law] = identify([log.recording], robot, [other.recording], config)
+    postures = np.asarray(robot.home) + np.asarray(POSTURES[-2:] if context.quick else POSTURES)
+    recordings = reversal_recordings(robot, postures, seed=context.seed, progress=told(0.6, 1.0))
+    separated = separate_recordings(robot, recordings[:-1], first.model, CONFIG.cutoff)
+    article, trained = semi_parametric_model(robot, first, separated)
+    models = {law: result.model for law, result in results.items()} | {ARTICLE: article}
+    # One model separates all: its mass matrix and gravity are not what is compared.
+    test = {
+        law: separate_recordings(
+            robot, [_predicted(robot, recordings[-1], model)], first.model, CONFIG.cutoff
+        )
+        for law, model in models.items()
+    }
+    measured = separate_recordings(robot, recordings[-1:], first.model, CONFIG.cutoff)
+    near_zero = tuple(
+        NearZero(
+            np.concatenate([own.speed, -own.speed]),
+            np.concatenate([own.symmetric, -own.symmetric]),
+            {
+                law: np.concatenate([one.samples[j].symmetric, -one.samples[j].symmetric])
+                for law, one in test.items()
+            },
+        )
+        for j, own in enumerate(measured.samples)
+    )
+    validation = {law: result.validation for law, result in results.items()}
+    validation[ARTICLE] = predict_torque([other.recording], robot, article, first.config)
+    ordered = {law: validation[law] for law in LAWS}
+    return LawsOnOneArm(
+        robot.joint_names, ordered, near_zero, trained.v_crit, trained.v_crit, separated
+    )
+
+
+def real_arm(context: ExperimentContext, start: float) -> LawsOnOneArm:
+    """All laws on the UR10e's recordings."""
+    robot = Robot.load("ur10e")
+    results = {}
+    for k, law in enumerate(COMPARED):
+        context.progress(start + (0.9 - start) * k / len(COMPARED), f"UR10e, {law}")
+        config = IdentificationConfig(friction=law, cross_validate=False, seed=context.seed)
+        results[law] = identify_ur10e(context.data, robot, config)
+    single = [read_recording(context.data / FOLDER / name, robot=robot) for name in SINGLE_JOINTS]
+    halves = [len(r.t) // 2 for r in single]
+    joints = range(robot.num_joints)
+    plain = results[WITH_OFFSET]
+    separated = separate_recordings(
+        robot,
+        [r[:half] for r, half in zip(single, halves, strict=True)],
+        plain.model,
+        joints=joints,
+    )
+    article, trained = semi_parametric_model(robot, plain, separated)
+    models = {law: result.model for law, result in results.items()} | {ARTICLE: article}
+    near_zero = tuple(
+        _one_joint(robot, recording[half:], j, models, plain.model)
+        for j, (recording, half) in enumerate(zip(single, halves, strict=True))
+    )
+    validation = {law: result.validation for law, result in results.items()}
+    held_out = validation_recordings(context.data, robot)
+    validation[ARTICLE] = predict_torque(held_out, robot, article, plain.config)
+    ordered = {law: validation[law] for law in LAWS}
+    edge = np.full(robot.num_joints, NEAR_ZERO)
+    return LawsOnOneArm(robot.joint_names, ordered, near_zero, edge, trained.v_crit, separated)
+
+
+def _predicted(robot: Robot, recording: Recording, model: IdentifiedModel) -> Recording:
+    """The recording with the torque that the model predicts along its motion, on a uniform grid."""
+    step = float(f"{recording.time_step:.3g}")
+    uniform = resampled(recording, step)
+    low_pass = ZeroPhaseLowPass(CONFIG.cutoff, step)
+    q, v = low_pass(uniform.q), low_pass(uniform.v)
+    rigid = np.asarray(model.chain(robot).inverse_dynamics(q, v, derivative(v, step)))
+    return replace(uniform, tau_J=rigid + model.friction.torque_along(q, v, rigid))
+
+
+def _one_joint(
+    robot: Robot,
+    recording: Recording,
+    joint: int,
+    models: Mapping[str, IdentifiedModel],
+    judge: IdentifiedModel,
+) -> NearZero:
+    """Torque beyond the judge's rigid-body torque, measured and predicted, of the joint that moves.
+
+    Each law comes with its own inertias: it is the sum that a sensor would compare.
+    """
+    config = IdentificationConfig()
+    (measured,) = predict_torque([recording], robot, judge, config)
+    frictionless = replace(
+        judge, friction=SemiParametricFriction(CoulombViscous.zero(robot.num_joints))
+    )
+    (rigid,) = predict_torque([recording], robot, frictionless, config)
+    uniform = resampled(recording, float(f"{recording.time_step:.3g}"))
+    v = ZeroPhaseLowPass(config.cutoff, uniform.time_step, config.filter_order)(uniform.v)
+    predicted = {
+        law: predict_torque([recording], robot, model, config)[0].predicted[:, joint]
+        - rigid.predicted[:, joint]
+        for law, model in models.items()
+    }
+    at = np.searchsorted(uniform.t, measured.t - 1e-9)
+    friction = measured.measured[:, joint] - rigid.predicted[:, joint]
+    return NearZero(v[at, joint], friction, predicted)
+
+
+def run(context: ExperimentContext) -> ExperimentResult:
+    """Compares all laws on both arms."""
+    has_data = (context.data / FOLDER).is_dir()
+    arms = {"simulated": simulated_arm(context, 0.5 if has_data else 0.9)}
+    if has_data:
+        arms["real"] = real_arm(context, 0.5)
+    context.progress(0.92, "figures")
+    figures = []
+    titles = {"simulated": "simulated arm", "real": "UR10e"}
+    for name, arm in arms.items():
+        own = (
+            (
+                f"laws_{name}",
+                near_zero_figure(arm, titles[name]),
+                f"Friction of the {titles[name]} near zero velocity in held-out motion, and what "
+                "three laws say of the same motion.",
+            ),
+            (
+                f"errors_{name}",
+                errors_figure(arm, titles[name]),
+                f"Error of each law on held-out data of the {titles[name]}: friction near zero "
+                "velocity, and torque over held-out runs.",
+            ),
+        )
+        figures += saved_figures(own, context.out)
+    metrics = {name: arm.metrics() for name, arm in arms.items()}
+    return ExperimentResult(
+        metrics=metrics,
+        figures=figures,
+        comparison=_comparison(arms),
+        notes=findings(metrics),
+        configuration={
+            "laws": list(LAWS),
+            "near_zero_rad_per_s": NEAR_ZERO,
+            "postures_rad": POSTURES,
+            "simulated": CONFIG,
+            "single_joints": list(SINGLE_JOINTS),
+        },
+    )
+
+
+def findings(metrics: dict[str, Any]) -> list[str]:
+    """What the figures say, in sentences."""
+    simulated = metrics["simulated"]
+    article, memory = (
+        simulated[law]["near_zero_mean_reduction_pct"] for law in (ARTICLE, "presliding")
+    )
+    notes = [
+        f"Near zero velocity the article's semi-parametric law errs {change(article, 0)} than "
+        f"Coulomb-viscous friction on the simulated arm (mean over the joints), the law with "
+        f"memory {change(memory, 0)}."
+    ]
+    if "real" in metrics:
+        real = metrics["real"]
+        rests = {law: real[law]["validation"]["ptp_10_points"]["relative_pct"] for law in LAWS}
+        notes.append(
+            "On the UR10e these laws err "
+            + ", ".join(
+                f"{change(real[law]['near_zero_mean_reduction_pct'], 0)} (`{law}`)"
+                for law in (ARTICLE, "presliding", "presliding+network")
+            )
+            + " near zero. In a motion with long rests they leave of the torque of joints 5 and 6 "
+            "unexplained: "
+            + ", ".join(
+                f"{rests[law][4]:.1f} % and {rests[law][5]:.1f} % (`{law}`)"
+                for law in (PLAIN, ARTICLE, "presliding", "presliding+network")
+            )
+            + "."
+        )
+    return notes
+
+
+def _comparison(arms: Mapping[str, LawsOnOneArm]) -> list[ComparisonRow]:
+    rows = [
+        ComparisonRow(
+            "Friction RMSE near zero below Coulomb-viscous, semi-parametric, simulated arm",
+            f"simulated.{ARTICLE}.near_zero_mean_reduction_pct",
+            "%",
+            None,
+        ),
+        ComparisonRow(
+            "Friction RMSE near zero below Coulomb-viscous, pre-sliding, simulated arm",
+            "simulated.presliding.near_zero_mean_reduction_pct",
+            "%",
+            None,
+        ),
+    ]
+    if "real" in arms:
+        rows += [
+            ComparisonRow(
+                f"Share unexplained over ptp_10_points, {law}, joint {j + 1}",
+                f"real.{law}.validation.ptp_10_points.relative_pct.{j}",
+                "%",
+                value,
+                "",
+                "plain tools",
+            )
+            for law, values in ((PLAIN, (26.0, 51.0)), ("presliding", (7.7, 19.3)))
+            for j, value in zip((4, 5), values, strict=True)
+        ]
+    return rows
+
+
+def near_zero_figure(arm: LawsOnOneArm, title: str) -> "Figure":
+    """Friction over velocity, zoomed at zero, one panel a joint (the article's Fig. 18).
+
+    Points, not lines: a law with memory or load dependence is no function of velocity.
+    """
+    n = len(arm.joint_names)
+    figure, panels = panels_in_pairs(n, "velocity [rad/s]", "friction [N m]")
+    shown = {PLAIN: COLOUR["before"], ARTICLE: COLOUR["article"], "presliding": COLOUR["estimate"]}
+    for j, axis in enumerate(panels):
+        own, edge = arm.near_zero[j], 1.3 * float(arm.edge[j])
+        near = np.flatnonzero(np.abs(own.v) <= edge)
+        near = near[np.linspace(0, len(near) - 1, min(len(near), 1500)).astype(int)]
+        style = {"ls": "none", "marker": ".", "ms": 2.5, "alpha": 0.6}
+        axis.plot(own.v[near], own.measured[near], color=COLOUR["truth"], label="measured", **style)
+        for law, colour in shown.items():
+            axis.plot(own.v[near], own.predicted[law][near], color=colour, label=law, **style)
+        axis.set_xlim(-edge, edge)
+        axis.set_title(arm.joint_names[j])
+    legend_below(figure, panels[0], 4, markerscale=4)
+    figure.suptitle(f"Friction near zero velocity, {title}")
+    return figure
+
+
+def errors_figure(arm: LawsOnOneArm, title: str) -> "Figure":
+    """Held-out errors of every law, joint by joint."""
+    runs = [fit.name for fit in arm.validation[PLAIN]]
+    figure, axes = new_figure(1 + len(runs), 1, height=2.4 * (1 + len(runs)) + 0.8, share_x=True)
+    panels: list[Any] = list(axes[:, 0])
+    places = np.arange(len(arm.joint_names))
+    width = 0.8 / len(arm.validation)
+    for k, (law, fits) in enumerate(arm.validation.items()):
+        at = places + width * (k - 0.5 * (len(arm.validation) - 1))
+        colour = SERIES[k % len(SERIES)]
+        panels[0].bar(at, arm.rmse(law), width, color=colour, label=law)
+        for axis, fit in zip(panels[1:], fits, strict=True):
+            axis.bar(at, 100.0 * fit.relative, width, color=colour)
+    panels[0].set_ylabel("RMSE near zero [N m]")
+    panels[0].set_title(f"{title}: friction near zero velocity")
+    for axis, name in zip(panels[1:], runs, strict=True):
+        axis.set_ylabel("unexplained torque [%]")
+        axis.set_title(f"{title}: {name}")
+    panels[-1].set_xticks(places, [name.removesuffix("_joint") for name in arm.joint_names])
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=4)
+    return figure
+
+
+EXPERIMENT = Experiment(
+    name="friction-laws",
+    title="Friction laws compared on held-out data",
+    section="section 4.6, Fig. 18; recordings of a UR10e",
+    run=run,
+    uses=(FOLDER,),
+    order=140,
+    seconds=90,
+)

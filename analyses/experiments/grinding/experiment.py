@@ -1,0 +1,30 @@
+"""Experiment `grinding`: a blade under a varying force, the normal force read (section 5.2)."""
+
+from wrenchsight.analyses.experiments.setups.machining_runs.machining import MachiningTask
+from wrenchsight.analyses.experiments.setups.machining_runs.machining_study import study_machining
+from wrenchsight.analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
+
+TASK = MachiningTask(
+    scenario="Grinding",
+    sensorless="GrindingSensorless",
+    component="normal",
+    correlation=(0.7901, 0.5772, 0.4614),
+    rmse_n=(12.9954, 19.2482, 22.9833),
+    figure="Fig. 27",
+)
+
+
+def run(context: ExperimentContext) -> ExperimentResult:
+    """The experiment `grinding` of `study`."""
+    return study_machining(context, TASK)
+
+
+EXPERIMENT = Experiment(
+    name="grinding",
+    title="Grinding a blade without a force sensor",
+    section="5.2, Figs. 26-27",
+    run=run,
+    order=120,
+    seconds=330,
+    readme=("article.rmse_n", "ours.rmse_n"),
+)

@@ -1,0 +1,1 @@
+"""The experiment `lara8-contact`."""

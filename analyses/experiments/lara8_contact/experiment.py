@@ -1,0 +1,451 @@
+"""Experiment `lara8-contact`: a NEURA LARA 8's load from motor torque, against its wrist sensor.
+
+Held against J^T of the sensor's wrench, joint by joint and row by row, like the figure of the
+data's source: joint 3 over `joint3_sweep`, 6.483 N m by motor current and 2.671 N m by a neural
+network trained on that robot. Nothing is trained here: `lara8_reading`
+says where each number comes from. The sensor's own delay is taken off it, and its zero, both as the
+data set states them; `source` repeats the source's way, without.
+
+"moving" is each joint over the rows in which it moves, "rest" over those in which it stands, from
+the observer's settling on; of the wrench, whether any joint moves.
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from wrenchsight.analyses.experiments.lara8_contact.lara8_reading import (
+    FOLDER,
+    FORMAT,
+    K_0,
+    LOAD_SHARE,
+    MIN_ROWS,
+    NUM_JOINTS,
+    REST_SPEED,
+    VARIANTS,
+    Lara8Log,
+    Lara8Reading,
+    controller_friction,
+    read_log,
+    read_logs,
+    rmse_by_joint,
+    settled_from,
+)
+from wrenchsight.analyses.methods.sensors.comparison import SensorComparison
+from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure, save_figure
+from wrenchsight.analyses.study.experiment import (
+    ComparisonRow,
+    Experiment,
+    ExperimentContext,
+    ExperimentResult,
+    FigureFile,
+)
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.recordings.recording_reader import read_recording
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+SWEEP: Final = "joint3_sweep"
+_JOINT: Final = 2  # joint 3, counted from 0
+_THESIS: Final = "thesis of the data's source"
+_LOADED = 20.0  # N m, from which a joint's friction tells its share of the load
+
+
+def run(context: ExperimentContext) -> ExperimentResult:
+    """Reads every recording by both variants, and judges them against the sensor."""
+    context.progress(0.0, "reading the recordings")
+    logs = read_logs(context.data)
+    metrics: dict[str, Any] = {}
+    readings: dict[tuple[str, str], Lara8Reading] = {}
+    comparisons: dict[tuple[str, str], SensorComparison] = {}
+    for k, log in enumerate(logs):
+        context.progress(0.1 + 0.5 * k / len(logs), log.name)
+        for variant in VARIANTS:
+            readings[log.name, variant] = reading = read_log(log, variant)
+            comparisons[log.name, variant] = reading.against_sensor()
+        metrics[log.name] = {
+            state: {
+                variant: _judged(readings[log.name, variant], comparisons[log.name, variant], state)
+                for variant in VARIANTS
+            }
+            | {"target_less_motor": {"rmse_nm": _by_hand(log, state)}}
+            for state in ("moving", "rest")
+        }
+    context.progress(0.6, "what the errors are made of")
+    metrics["parts"] = {log.name: _parts(log, readings[log.name, "urdf"]) for log in logs}
+    metrics["load_share"] = _load_shares(logs)
+    metrics["stiction"] = {log.name: _stiction(readings[log.name, "urdf"]) for log in logs}
+    sweep = next((log for log in logs if log.name == SWEEP), None)
+    if sweep is not None:
+        metrics["source"] = _source(context.data, readings)
+        metrics["summary"] = {
+            f"joint3_{variant}_rmse_nm": metrics[SWEEP]["moving"][variant]["rmse_nm"][_JOINT]
+            for variant in VARIANTS
+        }
+    context.progress(0.9, "figures")
+    return ExperimentResult(
+        metrics=metrics,
+        figures=_figures(readings, comparisons, context.out),
+        comparison=_comparison(metrics),
+        notes=_notes(metrics, logs),
+        configuration={
+            "recordings": [log.name for log in logs],
+            "K_0": K_0,
+            "load_share": list(LOAD_SHARE),
+            "sensor": {log.name: log.config for log in logs},
+        },
+    )
+
+
+def _rows(log: Lara8Log, state: str) -> Flags:
+    """(N, n) rows of each joint in a state."""
+    if state == "moving":
+        return log.moving
+    rest = ~log.moving
+    rest[: settled_from(log.recording)] = False
+    return rest
+
+
+def _judged(reading: Lara8Reading, comparison: SensorComparison, state: str) -> dict[str, Any]:
+    log = reading.log
+    truth = log.joint_torque(log.sensor_wrench())
+    error = reading.batch.tau_ext - truth
+    rows = _rows(log, state)
+    inside = [
+        100.0 * float(np.mean(np.abs(error[own, j]) <= 1.96 * reading.batch.torque_sd[own, j]))
+        if (own := rows[:, j] & np.isfinite(error[:, j])).sum() >= MIN_ROWS
+        else None
+        for j in range(NUM_JOINTS)
+    ]
+    phase = "moving" if state == "moving" else "rest"
+    where = comparison.phases[f"free_{phase}"] | comparison.phases[f"contact_{phase}"]
+    judged = [comparison.judged_over(axis, where) for axis in comparison.axes]
+    forces = judged[:3]
+    return {
+        "rmse_nm": reading.torque_rmse(truth, rows),
+        "bias_nm": _mean_by_joint(error, rows),
+        "torque_inside_95_pct": inside,
+        "rmse_n": [None if j is None else j.rmse for j in forces],
+        "bias_n": [None if j is None else j.bias for j in forces],
+        "stated_sd_n": [None if j is None else j.stated_sd for j in forces],
+        "moment_rmse_nm": [None if j is None else j.rmse for j in judged[3:]],
+        "inside_95_pct": [
+            None if j is None or j.inside_95 is None else 100.0 * j.inside_95 for j in judged
+        ],
+        "averages": int(where.sum()),
+    }
+
+
+def _mean_by_joint(error: Array, rows: Flags) -> list[float | None]:
+    found: list[float | None] = []
+    for j in range(error.shape[1]):
+        own = error[rows[:, j], j]
+        own = own[np.isfinite(own)]
+        found.append(float(np.mean(own)) if len(own) >= MIN_ROWS else None)
+    return found
+
+
+def _by_hand(log: Lara8Log, state: str) -> list[float | None]:
+    """The source's current method: the controller's target torque less the motor's."""
+    tau = log.recording.extra["tau_target"] - log.recording.current
+    return rmse_by_joint(tau - log.joint_torque(log.sensor_wrench()), _rows(log, state))
+
+
+def _source(data: Path, readings: dict[tuple[str, str], Lara8Reading]) -> dict[str, Any]:
+    """Joint 3 of the sweep as its source has it: every row, the sensor as it was recorded."""
+    raw = read_recording(data / FOLDER / f"{SWEEP}.csv", FORMAT)
+    log = readings[SWEEP, "urdf"].log
+    R_WE, _ = log.robot.chain.pose(raw.q)
+    J = log.robot.chain.jacobian(raw.q)
+    force, moment = (
+        np.einsum("kij,kj->ki", R_WE, raw.extra["sensor"][:, part])
+        for part in (slice(0, 3), slice(3, 6))
+    )
+    truth = np.einsum("ki,ki->k", J[:, :, _JOINT], np.concatenate([moment, force], axis=1))
+    moving = np.abs(raw.v[:, _JOINT]) > REST_SPEED
+
+    def errors(tau: Array) -> dict[str, float]:
+        error = tau - truth
+        return {
+            "all_rows_rmse_nm": float(np.sqrt(np.mean(error**2))),
+            "moving_rmse_nm": float(np.sqrt(np.mean(error[moving] ** 2))),
+        }
+
+    by_current = raw.extra["tau_target"] - raw.current
+    found = {"current": errors(by_current[:, _JOINT])}
+    for variant in VARIANTS:
+        reading = readings[SWEEP, variant]
+        tau = np.interp(raw.t, reading.log.recording.t, reading.batch.tau_ext[:, _JOINT])
+        found[variant] = errors(tau)
+    return found
+
+
+# What the errors are made of ----------------------------------------------------------------------
+
+
+def _parts(log: Lara8Log, reading: Lara8Reading) -> dict[str, list[float | None]]:
+    """RMSE of the joints in motion, N m, as it is and with one piece of knowledge left out."""
+    moving = log.moving
+    truth = log.joint_torque(log.sensor_wrench())
+    plain = log.joint_torque(log.recording.extra["wrench"])
+    none = np.zeros(NUM_JOINTS)
+    zero_left = log.joint_torque(log.sensor_wrench(log.mounting_without_tare))
+
+    def with_friction(**change: Any) -> list[float | None]:
+        law = controller_friction(log.name, **change)
+        return read_log(log, "urdf", law).torque_rmse(truth, moving)
+
+    no_rotor = read_log(log, "urdf", without_rotors=True).torque_rmse(truth, moving)
+    return {
+        "as_it_is": reading.torque_rmse(truth, moving),
+        "controllers_rigid_body": read_log(log, "controller_model").torque_rmse(truth, moving),
+        "friction_without_load": with_friction(load_share=none),
+        "friction_of_another_day": with_friction(of_that_day=False),
+        "rotors_left_out": no_rotor,
+        "delay_of_the_sensor_left": reading.torque_rmse(plain, moving),
+        "zero_of_the_sensor_left": reading.torque_rmse(zero_left, moving),
+        "friction_fitted_to_this_sensor": _floor(reading, truth),
+    }
+
+
+def _floor(reading: Lara8Reading, truth: Array) -> list[float | None]:
+    """What no friction law of speed, load and direction could take off; it is given the sensor."""
+    log, found = reading.log, list[float | None]()
+    error = reading.batch.tau_ext - truth
+    load = np.abs(reading.transmitted)
+    for j in range(NUM_JOINTS):
+        rows = log.moving[:, j] & np.isfinite(error[:, j])
+        if rows.sum() < MIN_ROWS:
+            found.append(None)
+            continue
+        v, side = log.recording.v[rows, j], np.sign(log.recording.v[rows, j])
+        A = np.stack([np.ones_like(v), side, side * load[rows, j], v], axis=1)
+        left = error[rows, j] - A @ np.linalg.lstsq(A, error[rows, j], rcond=None)[0]
+        found.append(float(np.sqrt(np.mean(left**2))))
+    return found
+
+
+def _load_shares(logs: list[Lara8Log]) -> dict[str, Any]:
+    """N m of friction beyond the controller's law per N m of load, by file and joint, by sensor.
+
+    Evidence for `LOAD_SHARE`, which is another arm's; not used.
+    """
+    found: dict[str, Any] = {}
+    for log in logs:
+        law = controller_friction(log.name, load_share=np.zeros(NUM_JOINTS))
+        reading = read_log(log, "urdf", law)
+        truth = log.joint_torque(log.sensor_wrench())
+        error = reading.batch.tau_ext - truth
+        load = reading.transmitted
+        shares: list[float | None] = []
+        for j in range(NUM_JOINTS):
+            rows = log.moving[:, j] & (np.abs(load[:, j]) > _LOADED) & np.isfinite(error[:, j])
+            rows[: round(5.0 / K_0 / log.recording.time_step)] = False
+            if rows.sum() < MIN_ROWS:
+                shares.append(None)
+                continue
+            pull = np.sign(log.recording.v[rows, j]) * np.abs(load[rows, j])
+            # Too little friction taken off reads as a torque against the motion.
+            shares.append(float(-np.sum(pull * error[rows, j]) / np.sum(pull**2)))
+        found[log.name] = shares
+    return found
+
+
+def _stiction(reading: Lara8Reading) -> dict[str, Any]:
+    """Stiction of joints at rest: RMS of the reading less the sensor's, and their sliding level."""
+    log = reading.log
+    rows = _rows(log, "rest")
+    truth = log.joint_torque(log.sensor_wrench())
+    level = controller_friction(log.name)
+    loads = np.abs(reading.transmitted)
+    slow = level.coulomb + level.stribeck + level.load * loads
+    return {
+        "rest_rmse_nm": reading.torque_rmse(truth, rows),
+        "level_nm": slow.mean(axis=0),
+    }
+
+
+# Report -------------------------------------------------------------------------------------------
+
+
+def _figures(
+    readings: dict[tuple[str, str], Lara8Reading],
+    comparisons: dict[tuple[str, str], SensorComparison],
+    out: Path,
+) -> list[FigureFile]:
+    names = list(dict.fromkeys(name for name, _ in readings))
+    figures = [
+        _saved(
+            _torque_figure(readings, names),
+            out,
+            "torque",
+            "Torque from outside, from motor torque alone, against J^T of the sensor's wrench "
+            "(its delay taken off), of the most loaded joint of those that move.",
+        )
+    ]
+    shown = SWEEP if SWEEP in names else names[0]
+    figures.append(
+        _saved(
+            comparisons[shown, "urdf"].figure(),
+            out,
+            "wrench",
+            f"The wrench at the flange in {shown}, with its band, against the sensor.",
+        )
+    )
+    return figures
+
+
+def _torque_figure(readings: dict[tuple[str, str], Lara8Reading], names: list[str]) -> "Figure":
+    figure, axes = new_figure(len(names), 1, height=2.0 * len(names) + 0.6)
+    for panel, name in zip(list[Any](axes[:, 0]), names, strict=True):
+        ours = readings[name, "urdf"]
+        log = ours.log
+        truth = log.joint_torque(log.sensor_wrench())
+        moves = log.moving.sum(axis=0) >= MIN_ROWS
+        j = int(np.argmax(np.where(moves, np.nanmean(np.abs(truth), axis=0), -1.0)))
+        t, tau, sd = log.recording.t, ours.batch.tau_ext[:, j], ours.batch.torque_sd[:, j]
+        by_current = (log.recording.extra["tau_target"] - log.recording.current)[:, j]
+        panel.plot(t, by_current, color=COLOUR["article"], lw=0.5, label="target less motor torque")
+        panel.fill_between(
+            t,
+            tau - 1.96 * sd,
+            tau + 1.96 * sd,
+            color=COLOUR["estimate"],
+            alpha=BAND_ALPHA,
+            lw=0,
+            label="95 % band",
+        )
+        panel.plot(t, tau, color=COLOUR["estimate"], lw=1.2, label="ours, the URDF's masses")
+        other = readings[name, "controller_model"].batch.tau_ext[:, j]
+        panel.plot(t, other, color=SERIES[2], lw=0.9, label="ours, the controller's")
+        panel.plot(t, truth[:, j], color=COLOUR["truth"], lw=1.0, label="sensor")
+        panel.set_ylabel(f"joint {j + 1} [N m]")
+        panel.set_title(name)
+    axes[-1, 0].set_xlabel("time [s]")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    return figure
+
+
+def _saved(figure: "Figure", out: Path, name: str, caption: str) -> FigureFile:
+    path = Path("figures") / f"{name}.png"
+    save_figure(figure, out / path)
+    return FigureFile(path, caption)
+
+
+def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
+    if "source" not in metrics:
+        return []
+    network = "a neural network trained on that robot"
+    return [
+        ComparisonRow(
+            "Joint 3 over its sweep, by the controller's target torque less the motor's: RMSE",
+            "source.current.all_rows_rmse_nm",
+            "N m",
+            6.483,
+            "its way, repeated",
+            _THESIS,
+        ),
+        ComparisonRow(
+            "Joint 3 over its sweep, nothing trained, masses of the URDF: RMSE in motion",
+            "summary.joint3_urdf_rmse_nm",
+            "N m",
+            2.671,
+            f"{network} gave 2.671",
+            _THESIS,
+        ),
+        ComparisonRow(
+            "Joint 3 over its sweep, nothing trained, the controller's masses: RMSE in motion",
+            "summary.joint3_controller_model_rmse_nm",
+            "N m",
+            2.671,
+            network,
+            _THESIS,
+        ),
+    ]
+
+
+def _notes(metrics: dict[str, Any], logs: list[Lara8Log]) -> list[str]:
+    def row(values: list[float | None]) -> str:
+        return " ".join("-" if value is None else f"{value:.1f}" for value in values)
+
+    notes = []
+    if "source" in metrics:
+        source, summary = metrics["source"], metrics["summary"]
+        parts = metrics["parts"][SWEEP]
+        notes += [
+            f"Joint 3 over its sweep, rows in motion: {summary['joint3_urdf_rmse_nm']:.2f} N m "
+            f"with the URDF's masses, {summary['joint3_controller_model_rmse_nm']:.2f} with the "
+            "controller's, the sensor's own delay of 65 to 90 ms taken off. With it left in "
+            f"{parts['delay_of_the_sensor_left'][_JOINT]:.2f} (URDF), and against the sensor as "
+            f"recorded, its zero left in as well, {source['urdf']['moving_rmse_nm']:.2f} and "
+            f"{source['controller_model']['moving_rmse_nm']:.2f}, all rows "
+            f"{source['urdf']['all_rows_rmse_nm']:.2f} and "
+            f"{source['controller_model']['all_rows_rmse_nm']:.2f}; there the source has 6.483 by "
+            f"current (here {source['current']['all_rows_rmse_nm']:.3f}) and 2.671 by a network "
+            "trained on that robot.",
+            f"Nothing was fitted on this arm. The friction is what its controller states; what "
+            f"makes the difference is friction's share of the load, "
+            f"{LOAD_SHARE[_JOINT]:g} N m per N m, of a UR10e: without it "
+            f"{parts['friction_without_load'][_JOINT]:.1f} N m remain. No law of direction, load "
+            "and speed, not even one fitted to this very sensor, would leave less than "
+            f"{parts['friction_fitted_to_this_sensor'][_JOINT]:.1f} N m: the sensor sees a shaking "
+            "that the motor does not.",
+        ]
+    for log in logs:
+        own, parts = metrics[log.name], metrics["parts"][log.name]
+        worst = "; ".join(
+            f"{name.replace('_', ' ')} {row(values)}"
+            for name, values in sorted(parts.items(), key=lambda item: -_size(item[1]))
+        )
+        notes.append(
+            f"{log.name}, joints 1 to 6 [N m]: in motion {row(own['moving']['urdf']['rmse_nm'])} "
+            f"(URDF), {row(own['moving']['controller_model']['rmse_nm'])} (controller's), "
+            f"{row(own['moving']['target_less_motor']['rmse_nm'])} by target less motor torque. "
+            f"One thing changed at a time, what matters most first: {worst}."
+        )
+    shares = "; ".join(f"{name} {_two(values)}" for name, values in metrics["load_share"].items())
+    return [
+        *notes,
+        "At rest a joint keeps up to its sliding friction, and the band says so: "
+        + "; ".join(
+            f"{name} {row(own['rest_rmse_nm'])} N m of a level of {row(list(own['level_nm']))}"
+            for name, own in metrics["stiction"].items()
+        )
+        + ". With one joint in motion the wrench is known in one direction alone.",
+        "Friction beyond the controller's law per load, as the sensors tell it, joints 1 to 6 "
+        f"[N m per N m] (not used): {shares}. On `{SWEEP}` it counts from a law that holds some "
+        "load already.",
+        "The start of a recording reads low until the observer has settled, 0.3 s: most of what "
+        "`fourier_start_loaded`, 0.44 s long, errs by.",
+        "All recordings but `jog_joint2_loaded` were in sight when this was written; no constant "
+        "was chosen on them. The load's share, the observer's gain and the displacement before "
+        "slip are those of the UR10e, the rest is stated with the data.",
+        "The sensor is mounted beyond the flange: it does not carry what lies between the two, "
+        "which counts to the arm; the data set calls the whole mass doubtful. Nothing here depends "
+        "on it but the zero that is taken off.",
+    ]
+
+
+def _size(values: list[float | None]) -> float:
+    """Root of the sum of squares."""
+    return float(np.sqrt(sum(value**2 for value in values if value is not None)))
+
+
+def _two(values: list[float | None]) -> str:
+    return " ".join("-" if value is None else f"{value:.2f}" for value in values)
+
+
+EXPERIMENT = Experiment(
+    name="lara8-contact",
+    title="Load of a NEURA LARA 8 from its motor torque, against its wrist sensor",
+    section="recordings of a NEURA LARA 8",
+    run=run,
+    needs=(FOLDER,),
+    order=170,
+    seconds=20.0,
+    readme=("summary.joint3_urdf_rmse_nm",),
+)

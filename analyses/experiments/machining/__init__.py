@@ -1,1 +1,0 @@
-"""The simulated arm at work on a surface."""

@@ -1,0 +1,498 @@
+"""Which number tells beforehand how wrong the force will be? (The question of section 3.2.)
+
+The article chooses configurations by the condition number of J, which bounds the relative error of
+the wrench in the worst case. Here postures, wrenches and model errors are drawn at random, and each
+measure of the posture is compared with the force error that results, by rank correlation.
+
+The model errors are not white noise. For each of several robots, the model that its owner has
+identified is wrong in its inertial parameters and knows of friction only Coulomb and viscous parts,
+while the true joints have stiction, Stribeck's rise, load dependence and ripple (the
+plain truth of the arm). So the torque error is a function of posture, velocity and
+wrench. The inertial errors are those that an identification leaves, of such a size that each
+joint's RMSE becomes that of the article's cross-validation (section 4.1).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import rankdata
+
+from wrenchsight.analyses.output.axes import log_scale
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
+from wrenchsight.analyses.study.experiment import (
+    ComparisonRow,
+    Experiment,
+    ExperimentContext,
+    ExperimentResult,
+    FigureFile,
+)
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.wrench import (
+    WrenchReconstructionConfig,
+    live_prior,
+    reconstruct_wrench,
+)
+from wrenchsight.models.friction.true_friction import DryFriction
+from wrenchsight.models.rigid_body.conditioning import condition_number, singular_values
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.truth.true_robot import plain_truth
+
+NUM_POSTURES, NUM_POSTURES_QUICK = 2000, 400
+NUM_MODELS = 20  # identified models; each posture meets one of them
+NUM_CALIBRATION = 2000  # postures that a model's residual covariance is taken from
+NUM_BOOTSTRAP, NUM_BOOTSTRAP_QUICK = 2000, 300
+RMSE = np.array([3.2926, 3.5804, 2.2578, 0.5272, 0.7846, 0.3602])  # N m, article, section 4.1
+MAX_SPEED = 0.5  # rad/s; a machining motion
+FLOOR = 0.0  # m; E stays above it
+METHODS = ("inverse", "bayesian")
+_TOGETHER = 100  # resamplings at a time
+_FITTING_STEPS = 60  # of the weights of `InertialErrors`
+
+# Each is taken with the sign that makes a larger value a worse posture.
+PREDICTORS: dict[str, str] = {
+    "jcn": "condition number (JCN)",
+    "scaled_jcn": "JCN, scaled by a length",
+    "manipulability": "manipulability (inverted)",
+    "smallest_singular_value": "smallest singular value (inverted)",
+    "force_gain": "force gain, all joints alike",
+    "stated_sd": "stated sd of the force",
+}
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Postures with their readings.
+
+    Attributes:
+        predictors: name to (N,), larger is worse; `stated_sd` per method.
+        force_error: method to (N,), N.
+        relative_error: method to (N,), force error over true force.
+        torque_rmse: (n,) of the torque error over the postures, N m.
+        friction_rmse: (n,) of its friction part.
+        length: characteristic length of the scaled JCN, m.
+    """
+
+    predictors: dict[str, dict[str, Array]]
+    force_error: dict[str, Array]
+    relative_error: dict[str, Array]
+    torque_rmse: Array
+    friction_rmse: Array
+    length: float
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """Spearman's rank correlation and its bootstrap 95 % confidence interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+def draw_postures(robot: Robot, count: int, rng: np.random.Generator) -> Array:
+    """(count, n) postures drawn evenly within the joint limits, E above FLOOR."""
+    kept = np.empty((0, robot.num_joints))
+    while len(kept) < count:
+        q = rng.uniform(robot.position_lower, robot.position_upper, (2 * count, robot.num_joints))
+        kept = np.concatenate([kept, q[robot.chain.pose(q)[1][:, 2] > FLOOR]])
+    return kept[:count]
+
+
+class InertialErrors:
+    """Errors that an identification leaves in the inertial parameters.
+
+    Least squares with residuals of covariance diag(1 / w) leaves errors of covariance
+    C = (sum_j w_j G_j)^+, where G_j is the mean of y_j^T y_j over the motion, y_j the regressor's
+    row of joint j: more where the torques say less. The weights are those with which each joint's
+    expected mean square torque error, tr(G_j C), is the wanted one. (Not every joint's can be: the
+    bundled arm's joint 5 stays 9 % below, since joint 4 feels the same links.)
+
+    Args:
+        q, v, vdot: (N, n) motion.
+        wanted: (n,) root mean square torque errors, N m.
+    """
+
+    def __init__(self, robot: Robot, q: Array, v: Array, vdot: Array, wanted: Array) -> None:
+        Y = robot.chain.regressor(q, v, vdot)
+        gram = np.einsum("tjp,tjr->jpr", Y, Y) / len(Y)
+        weights = 1.0 / wanted**2
+        for _ in range(_FITTING_STEPS):
+            covariance = np.linalg.pinv(
+                np.einsum("j,jpr->pr", weights, gram), rcond=1e-10, hermitian=True
+            )
+            expected = np.einsum("jpr,rp->j", gram, covariance)
+            if np.max(np.abs(expected / wanted**2 - 1.0)) < 1e-3:
+                break
+            weights *= np.sqrt(expected / wanted**2)
+        values, vectors = np.linalg.eigh(covariance)
+        self._factor = vectors * np.sqrt(np.maximum(values, 0.0))
+        self.expected_rmse = np.sqrt(expected)
+
+    def draw(self, rng: np.random.Generator) -> Array:
+        """(10 n,) errors of the parameters, link by link."""
+        return np.asarray(self._factor @ rng.normal(size=self._factor.shape[1]))
+
+
+def friction_error(robot: Robot, q: Array, v: Array, load: Array) -> Array:
+    """(N, n) true friction less the best Coulomb-viscous law for these very samples, N m."""
+    truth = robot.truth
+    law = DryFriction(
+        truth.stiction,
+        truth.coulomb,
+        truth.stribeck_velocity,
+        truth.viscous,
+        truth.load_dependence,
+        truth.ripple_amplitude,
+        truth.ripple_periods,
+    )
+    true = law.sliding_torque(v, load) + truth.ripple_amplitude * np.sin(truth.ripple_periods * q)
+    error: Array = np.empty_like(true)
+    for j in range(q.shape[1]):
+        A = np.column_stack([np.sign(v[:, j]), v[:, j]])
+        error[:, j] = true[:, j] - A @ np.linalg.lstsq(A, true[:, j], rcond=None)[0]
+    return error
+
+
+def draw(
+    robot: Robot,
+    seed: int,
+    num_postures: int,
+    progress: Callable[[float, str], None] = lambda fraction, what: None,
+) -> Draws:
+    """Draws postures, wrenches and model errors, and reads the wrenches back."""
+    rng = np.random.default_rng(seed)
+    force_sd, moment_sd = live_prior(robot.payload)
+    n, total = robot.num_joints, NUM_CALIBRATION + num_postures
+    wanted = RMSE if n == len(RMSE) else np.full(n, float(np.median(RMSE)))
+    error = {method: np.empty(num_postures) for method in METHODS}
+    stated = {method: np.empty(num_postures) for method in METHODS}
+    q_all = np.empty((num_postures, n))
+    inertial_errors = _inertial_errors(robot, wanted, rng)
+    forces = np.empty(num_postures)
+    torque_error, friction_part = np.empty((num_postures, n)), np.empty((num_postures, n))
+    for model in range(NUM_MODELS):
+        progress(model / NUM_MODELS, "model errors")
+        rows = np.arange(model, num_postures, NUM_MODELS)
+        q = draw_postures(robot, NUM_CALIBRATION + len(rows), rng)
+        v = MAX_SPEED * rng.uniform(-1.0, 1.0, q.shape)
+        vdot = 2.0 * MAX_SPEED * rng.uniform(-1.0, 1.0, q.shape)
+        wrench = rng.normal(size=(len(q), 6)) * np.repeat([moment_sd, force_sd], 3)
+        J = robot.chain.jacobian(q)
+        tau_ext = np.einsum("tij,ti->tj", J, wrench)
+        free = robot.chain.inverse_dynamics(q, v, vdot)
+        dry = friction_error(robot, q, v, free - tau_ext)
+        inertial = robot.chain.regressor(q, v, vdot) @ inertial_errors.draw(rng)
+        residual = dry + inertial
+        # What the owner sees in the logs of free motion, and takes as the torque covariance.
+        calm = friction_error(robot, q, v, free) + inertial
+        covariance = np.cov(calm[:NUM_CALIBRATION].T)
+        task = slice(NUM_CALIBRATION, total)
+        for method in METHODS:
+            config = WrenchReconstructionConfig(method=method).with_prior(force_sd, moment_sd)
+            read = reconstruct_wrench(J[task], tau_ext[task] + residual[task], covariance, config)
+            error[method][rows] = np.linalg.norm((read.wrench - wrench[task])[:, 3:], axis=1)
+            trace = np.trace(read.covariance[:, 3:, 3:], axis1=1, axis2=2)
+            stated[method][rows] = np.sqrt(trace)
+        q_all[rows] = q[task]
+        forces[rows] = np.linalg.norm(wrench[task][:, 3:], axis=1)
+        torque_error[rows], friction_part[rows] = residual[task], dry[task]
+    measures, length = _measures(robot, q_all)
+    return Draws(
+        predictors={method: {**measures, "stated_sd": stated[method]} for method in METHODS},
+        force_error=error,
+        relative_error={method: error[method] / forces for method in METHODS},
+        torque_rmse=np.sqrt(np.mean(torque_error**2, axis=0)),
+        friction_rmse=np.sqrt(np.mean(friction_part**2, axis=0)),
+        length=length,
+    )
+
+
+def _inertial_errors(robot: Robot, wanted: Array, rng: np.random.Generator) -> InertialErrors:
+    """Errors that, beside friction, leave the wanted RMSE at each joint in free motion."""
+    q = draw_postures(robot, NUM_CALIBRATION, rng)
+    v = MAX_SPEED * rng.uniform(-1.0, 1.0, q.shape)
+    vdot = 2.0 * MAX_SPEED * rng.uniform(-1.0, 1.0, q.shape)
+    load = robot.chain.inverse_dynamics(q, v, vdot)
+    dry = np.mean(friction_error(robot, q, v, load) ** 2, axis=0)
+    room = np.maximum(wanted**2 - dry, (0.1 * wanted) ** 2)
+    return InertialErrors(robot, q, v, vdot, np.sqrt(room))
+
+
+def _measures(robot: Robot, q: Array) -> tuple[dict[str, Array], float]:
+    """Measures of the postures that know nothing of the torque error; the length of the scaled one.
+
+    The characteristic length (Angeles' natural length) is the one that makes the best of these
+    postures best: rows of J in m are divided by it.
+    """
+    J = robot.chain.jacobian(q)
+    lengths = np.geomspace(0.05, 2.0, 75)
+    smallest = [float(np.min(condition_number(_scaled(J, length)))) for length in lengths]
+    length = float(lengths[int(np.argmin(smallest))])
+    values = singular_values(J)
+    inverse = np.linalg.pinv(J)
+    return {
+        "jcn": condition_number(J),
+        "scaled_jcn": condition_number(_scaled(J, length)),
+        "manipulability": -np.prod(values, axis=1),
+        "smallest_singular_value": -values[:, -1],
+        "force_gain": np.linalg.norm(inverse[:, :, 3:], axis=(1, 2)),
+    }, length
+
+
+def _scaled(J: Array, length: float) -> Array:
+    scaled = J.copy()
+    scaled[:, 3:] /= length
+    return scaled
+
+
+def rank_correlation(a: Array, b: Array) -> float:
+    """Spearman's rank correlation of a (N,) and b (N,)."""
+    return float(_weighted_correlation(np.ones((1, len(a))), rankdata(a), rankdata(b))[0])
+
+
+def _ranks(times: Array, order: NDArray[np.intp]) -> Array:
+    """(K, N) mean rank of each row where row i is there times[k, i] times, from the rows' order."""
+    sorted_times = times[:, order]
+    ranks = np.empty_like(times)
+    ranks[:, order] = np.cumsum(sorted_times, axis=1) - 0.5 * (sorted_times - 1.0)
+    return ranks
+
+
+def _weighted_correlation(weights: Array, a: Array, b: Array) -> Array:
+    """(K,) correlation of a and b ((N,) or (K, N)) under weights (K, N)."""
+    total = np.sum(weights, axis=1, keepdims=True)
+    a = a - np.sum(weights * a, axis=1, keepdims=True) / total
+    b = b - np.sum(weights * b, axis=1, keepdims=True) / total
+    squares = np.sum(weights * a * a, axis=1) * np.sum(weights * b * b, axis=1)
+    return np.asarray(np.sum(weights * a * b, axis=1) / np.sqrt(squares))
+
+
+def bootstrap(
+    columns: dict[str, Array], target: Array, count: int, rng: np.random.Generator
+) -> tuple[dict[str, Correlation], dict[str, Array]]:
+    """Rank correlation of each column with the target, with its 95 % percentile interval.
+
+    All columns meet the same resampled rows, so that their differences can be judged as well.
+
+    Returns:
+        The correlations, and each one's values (count,) over the resamplings.
+    """
+    N = len(target)
+    draws = {name: np.empty(count) for name in columns}
+    order = {name: np.argsort(column, kind="stable") for name, column in columns.items()}
+    target_order = np.argsort(target, kind="stable")
+    for start in range(0, count, _TOGETHER):
+        rows = slice(start, min(start + _TOGETHER, count))
+        # How often each row is drawn: ranks then follow from one sorting, by running sums.
+        times = rng.multinomial(N, np.full(N, 1.0 / N), rows.stop - start).astype(np.float64)
+        ranks = _ranks(times, target_order)
+        for name in columns:
+            draws[name][rows] = _weighted_correlation(times, _ranks(times, order[name]), ranks)
+    found = {}
+    for name, column in columns.items():
+        low, high = np.quantile(draws[name], [0.025, 0.975])
+        found[name] = Correlation(rank_correlation(column, target), float(low), float(high))
+    return found, draws
+
+
+def run(context: ExperimentContext) -> ExperimentResult:
+    """The experiment `metrics-compare` of `study`."""
+    # Friction as a closed form of posture, velocity and load: no joint has a past here.
+    robot = plain_truth(Robot.load("sts_sre4_600"))
+    num_postures = NUM_POSTURES_QUICK if context.quick else NUM_POSTURES
+    count = NUM_BOOTSTRAP_QUICK if context.quick else NUM_BOOTSTRAP
+    draws = draw(robot, context.seed, num_postures, lambda f, what: context.progress(0.3 * f, what))
+    metrics: dict[str, Any] = {
+        "postures": num_postures,
+        "models": NUM_MODELS,
+        "torque_rmse_nm": draws.torque_rmse,
+        "friction_rmse_nm": draws.friction_rmse,
+        "characteristic_length_m": draws.length,
+    }
+    found: dict[str, dict[str, Correlation]] = {}
+    for index, method in enumerate(METHODS):
+        context.progress(0.3 + 0.35 * index, f"bootstrap, {method}")
+        rng = np.random.default_rng([context.seed, 1])
+        target = draws.force_error[method]
+        found[method], resampled = bootstrap(draws.predictors[method], target, count, rng)
+        gap = resampled["stated_sd"] - resampled["jcn"]
+        metrics[method] = {
+            name: {
+                "rank_correlation": correlation.value,
+                "interval_95": [correlation.low, correlation.high],
+                "with_interval": [correlation.value, correlation.low, correlation.high],
+                "rank_correlation_of_relative_error": rank_correlation(
+                    draws.predictors[method][name], draws.relative_error[method]
+                ),
+            }
+            for name, correlation in found[method].items()
+        }
+        metrics[method]["force_error_n"] = {
+            "median": float(np.median(target)),
+            "rms": float(np.sqrt(np.mean(target**2))),
+            "p95": float(np.quantile(target, 0.95)),
+        }
+        metrics[method]["stated_sd_minus_jcn_interval_95"] = np.quantile(gap, [0.025, 0.975])
+        # What choosing by a measure gains: the error in the fifth that it ranks best.
+        metrics[method]["best_fifth_median_n"] = {
+            name: float(np.median(target[np.argsort(column, kind="stable")[: len(target) // 5]]))
+            for name, column in draws.predictors[method].items()
+        }
+    figures = [
+        _draw_correlations(context, found),
+        _draw_errors(context, draws),
+    ]
+    return ExperimentResult(
+        metrics=metrics,
+        figures=figures,
+        comparison=[
+            ComparisonRow(
+                f"Rank correlation with the force error, {method}: {label}",
+                f"{method}.{name}.with_interval",
+                "",
+                None,
+                "and its 95 % interval",
+            )
+            for method in METHODS
+            for name, label in PREDICTORS.items()
+        ],
+        notes=findings(metrics, live_prior(robot.payload)),
+        configuration={
+            "robot": robot.name,
+            "seed": context.seed,
+            "num_postures": num_postures,
+            "num_models": NUM_MODELS,
+            "bootstrap": count,
+            "wanted_rmse_nm": RMSE,
+            "max_speed_rad_per_s": MAX_SPEED,
+        },
+    )
+
+
+def findings(metrics: dict[str, Any], prior: tuple[float, float]) -> list[str]:
+    """What the figures say, in sentences.
+
+    Args:
+        prior: force sd N and moment sd N m.
+    """
+
+    def stated(method: str, name: str) -> str:
+        entry = metrics[method][name]
+        low, high = entry["interval_95"]
+        return f"{entry['rank_correlation']:.2f} ({low:.2f} to {high:.2f})"
+
+    force_sd, moment_sd = prior
+    weaker = {
+        name: metrics["bayesian"][name]["rank_correlation"]
+        < metrics["inverse"][name]["rank_correlation"]
+        for name in PREDICTORS
+    }
+    best = {
+        method: max(PREDICTORS, key=lambda name: metrics[method][name]["rank_correlation"])
+        for method in METHODS
+    }
+    return [
+        "The stated standard deviation ranks postures by their force error better than the "
+        f"condition number does: rank correlation {stated('inverse', 'stated_sd')} against "
+        f"{stated('inverse', 'jcn')} for `inverse`, {stated('bayesian', 'stated_sd')} against "
+        f"{stated('bayesian', 'jcn')} for `bayesian`."
+        if all(metrics[m]["stated_sd_minus_jcn_interval_95"][0] > 0.0 for m in METHODS)
+        else "The stated standard deviation does not rank postures by their force error better "
+        f"than the condition number for both methods: rank correlation "
+        f"{stated('inverse', 'stated_sd')} against {stated('inverse', 'jcn')} for `inverse`, "
+        f"{stated('bayesian', 'stated_sd')} against {stated('bayesian', 'jcn')} for `bayesian`.",
+        f"The best of the {len(PREDICTORS)} is {PREDICTORS[best['inverse']]} for `inverse` and "
+        f"{PREDICTORS[best['bayesian']]} for `bayesian`. Force gain is the stated sd of `inverse` "
+        "if all joints had one sd of torque: the difference to the stated sd is the knowledge of "
+        "each joint's own.",
+        "Intervals are 95 % percentiles of the bootstrap over postures. Each posture meets one of "
+        f"{metrics['models']} models with errors of their own, functions of posture, velocity and "
+        "wrench, not white noise; the RMSE per joint is "
+        + " ".join(f"{value:.2f}" for value in metrics["torque_rmse_nm"])
+        + " N m, of which friction makes "
+        + " ".join(f"{value:.2f}" for value in metrics["friction_rmse_nm"])
+        + " (the article's cross-validation: 3.29 3.58 2.26 0.53 0.78 0.36).",
+        f"Wrenches are Gaussian, {force_sd:.1f} N and {moment_sd:.2f} N m in each direction, which "
+        "is also the prior of `bayesian`; the torque covariance is that of each model's own "
+        "residuals in free motion, on other postures.",
+        "The median force error of `bayesian` is "
+        f"{metrics['bayesian']['force_error_n']['median']:.1f} N against "
+        f"{metrics['inverse']['force_error_n']['median']:.1f} N, its 95th percentile "
+        f"{metrics['bayesian']['force_error_n']['p95']:.0f} N against "
+        f"{metrics['inverse']['force_error_n']['p95']:.0f} N of `inverse`. Of the "
+        f"{len(PREDICTORS)} measures {sum(weaker.values())} tell less about the error of "
+        "`bayesian` than about that of `inverse`.",
+    ]
+
+
+def _draw_correlations(
+    context: ExperimentContext, found: dict[str, dict[str, Correlation]]
+) -> FigureFile:
+    figure, axes = new_figure(1, 1, height=3.4)
+    ax = axes[0, 0]
+    names = list(PREDICTORS)
+    for index, method in enumerate(METHODS):
+        values = np.array([found[method][name].value for name in names])
+        low = np.array([found[method][name].low for name in names])
+        high = np.array([found[method][name].high for name in names])
+        ax.errorbar(
+            values,
+            np.arange(len(names)) + 0.16 * (2 * index - 1),
+            xerr=np.stack([values - low, high - values]),
+            fmt="o",
+            capsize=3,
+            color=SERIES[index],
+            label=method,
+        )
+    ax.set_yticks(np.arange(len(names)), labels=[PREDICTORS[name] for name in names])
+    ax.invert_yaxis()
+    ax.set_xlabel("rank correlation with the force error")
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    save_figure(figure, context.out / "figures" / "correlations.png")
+    return FigureFile(
+        (context.out / "figures" / "correlations.png").relative_to(context.out),
+        "How well each measure of a posture ranks the force error there; bars: 95 % intervals.",
+    )
+
+
+def _draw_errors(context: ExperimentContext, draws: Draws) -> FigureFile:
+    figure, axes = new_figure(2, 2, height=5.6, share_y=True)
+    for row, method in enumerate(METHODS):
+        for column, (name, label) in enumerate(
+            (("jcn", "condition number of J"), ("stated_sd", "stated sd of the force [N]"))
+        ):
+            ax = axes[row, column]
+            x, y = draws.predictors[method][name], draws.force_error[method]
+            ax.plot(x, y, ".", color=COLOUR["estimate"], markersize=1.8, alpha=0.5)
+            order = np.argsort(x, kind="stable")
+            groups = np.array_split(order, 20)
+            ax.plot(
+                [float(np.median(x[group])) for group in groups],
+                [float(np.median(y[group])) for group in groups],
+                color=COLOUR["truth"],
+                label="median of a twentieth",
+            )
+            ax.set_xlabel(label)
+            ax.set_title(method)
+            log_scale(ax, "x")
+        axes[row, 0].set_ylabel("force error [N]")
+    for panel in axes.flat:
+        log_scale(panel, "y")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center")
+    save_figure(figure, context.out / "figures" / "errors.png")
+    return FigureFile(
+        (context.out / "figures" / "errors.png").relative_to(context.out),
+        "Force error of each posture over the condition number and over the stated sd.",
+    )
+
+
+EXPERIMENT = Experiment(
+    name="metrics-compare",
+    title="Which measure of a posture tells how wrong the force will be",
+    section="3.2, the question it leaves open",
+    run=run,
+    order=60,
+)

@@ -1,0 +1,493 @@
+"""Experiment `observers`: every registered observer side by side, on real and simulated logs.
+
+The UR10e's model is fitted on three unloaded runs and read on all its other logs: as they are (the
+truth is zero), with pushes put in (`put_in_pushes`), and with a known load, read where it acts. The
+simulated arm has the model of its own logs. Excitation 2, which it was not fitted on, is read, with
+and without pushes; the torque error is learnt from excitation 1 with each joint mirrored within its
+range, a motion of its own, as fast as what is read: slow passes cannot tell it. Each observer has
+its default settings; the UR10e's currents are samples of a continuous signal.
+
+Of each reading: error, lasting error (`bias_n`), the shift in time at which it fits the truth best
+(`delay_s`, where the truth changes), what is faster than NOISE_CUTOFF in it (`noise_n`), and the
+share inside the stated 95 % band. By `force_only`, whose band holds the torque error alone; below
+`bayesian` the same with the live prior. `kalman-smoothed` is no observer: it knows what comes after
+each sample, too (`models.estimation.smoothing`). Figure and notes judge valid samples. Where no
+observer's reading of a log is valid, they judge all its samples, and say so.
+
+Not blind: the kalman observer's bandwidth, its share of white noise and the super-twisting
+observer's rate were settled on the three fitted runs with pushes and slow forces put in. That
+stiction lasts as long as a joint rests was put into the kalman observer after `ur-20_01_17-p1` had
+been seen, and the torque error's law was settled with p1 to p5 in sight. How the kalman observer
+tells that a force has changed was settled on `simulated-pushes` of seed 0, with the UR10e's logs in
+sight; how smoothing does, on these pushes and `ur-20_02_10-20sec_7harm`, with and without.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wrenchsight.analyses.experiments.observers.put_in_pushes import push_forces, pushed
+from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import identify_arm
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import payload_reference
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
+    FOLDER,
+    identify_ur10e,
+)
+from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.runs.simulated_logs import (
+    PERIODS,
+    ROBOT,
+    simulate_excitation,
+    stored_excitation,
+)
+from wrenchsight.analyses.output.figures import (
+    COLOUR,
+    SERIES,
+    legend_below,
+    new_figure,
+    save_figure,
+)
+from wrenchsight.analyses.study.experiment import (
+    Experiment,
+    ExperimentContext,
+    ExperimentResult,
+    FigureFile,
+)
+from wrenchsight.analyses.study.wording import change_between, listed
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.point_of_action import find_point_of_action
+from wrenchsight.models.estimation.smoothing import smoothed_estimate
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.excitation.fourier_trajectory import FourierTrajectory
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.identification.torque_error_fit import HeldOutReading, fit_torque_error
+from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.observers.observer_kinds import OBSERVERS, kind_name
+from wrenchsight.models.recordings.position_resolution import position_resolution
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import PoseConfig
+from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass
+
+MORE = "ur10e_more"  # below the data folder
+FREE = {
+    FOLDER: ("ur-20_02_19_14harm50sec", "ur-20_01_17-ptp_10_points"),
+    MORE: (
+        "ur-20_02_19_15harm50sec",
+        "ur-20_02_10-20sec_7harm",
+        "ur-20_02_06-20sec_5harm",
+        "ur-20_02_06-20sec_10harm",
+        "ur-20_02_05-20sec_8harm",
+        "ur-20_01_31-unload",
+        "ur-19_12_23_free",
+        *(f"ur-20_01_17-p{k}" for k in range(1, 6)),
+    ),
+}
+PUSHED = ("ur-20_02_19_14harm50sec", "ur-20_02_19_15harm50sec", "ur-20_02_10-20sec_7harm")
+LOADED = {  # kg
+    FOLDER: {"ur-20_02_19_14harm50secLoad": 2.805},
+    MORE: {"ur-19_12_23_load": 1.069},
+}
+PUSH, PUSH_TIME, PAUSE = 30.0, 0.5, 1.5  # N, s, s
+TIME_STEP = 0.01  # s, of the UR10e's logs
+LAW = "presliding"
+LEARNING = slice(100, 1000, 5)  # samples of a loaded log that tell the point of action
+MARGIN = 1.0  # s left out at both ends
+NOISE_CUTOFF = 5.0  # Hz
+BAND = 1.96  # sds: 95 %
+DELAYS = np.arange(-0.05, 0.3005, 0.0025)  # s that are tried
+METHODS = ("force_only", "bayesian")
+SMOOTHED = "kalman-smoothed"
+SHOWN = "ur-20_02_19_15harm50sec-pushes", (10.0, 20.0)  # log and part of it, s, in the figure
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A log with its truth.
+
+    Attributes:
+        recording: on a uniform grid.
+        truth: (N, 3) N, in axes of W at E of `robot`.
+        robot, model: that read it.
+        resolution: (n,) rad, of the encoders.
+        torque_samples: as the observers' configurations.
+    """
+
+    recording: Recording
+    truth: Array
+    robot: Robot
+    model: IdentifiedModel
+    resolution: Array
+    torque_samples: str = "trapezoidal"
+
+
+@dataclass(frozen=True, eq=False)
+class Read:
+    """What an observer reads of a scene: (N, 3) N, (N, 3) N, (N,)."""
+
+    force: Array
+    sd: Array
+    valid: Flags
+
+
+def run(context: ExperimentContext) -> ExperimentResult:
+    """Reads every log by every observer."""
+    scenes = {**_real_scenes(context), **_simulated_scenes(context)}
+    kinds: dict[str, type] = {kind_name(kind): kind.Config for kind in OBSERVERS}
+    kinds[SMOOTHED] = KalmanObserverConfig
+    metrics: dict[str, Any] = {name: {} for name in kinds}
+    shown: dict[str, Read] = {}
+    for k, (log, scene) in enumerate(scenes.items()):
+        context.progress(0.6 + 0.35 * k / len(scenes), log)
+        for name, kind in kinds.items():
+            found: dict[str, Any] = {}
+            for method in METHODS:
+                read = _read(scene, kind, method, name == SMOOTHED)
+                own = _measured(scene, read)
+                found |= own if method == METHODS[0] else {method: own}
+                if log == SHOWN[0] and method == METHODS[0]:
+                    shown[name] = read
+            metrics[name][log] = found
+    context.progress(0.95, "figures")
+    figures = [_summary_figure(metrics, context.out)]
+    if shown:
+        figures.append(_push_figure(scenes[SHOWN[0]], shown, context.out))
+    return ExperimentResult(
+        metrics=metrics,
+        figures=figures,
+        comparison=[],
+        notes=findings(metrics),
+        configuration={
+            "free": FREE,
+            "loaded_kg": LOADED,
+            "pushed": PUSHED,
+            "push_n": PUSH,
+            "push_s": PUSH_TIME,
+            "observers": {kind_name(kind): kind.Config() for kind in OBSERVERS},
+        },
+    )
+
+
+def _real_scenes(context: ExperimentContext) -> dict[str, Scene]:
+    robot = Robot.load("ur10e")
+    model = identify_ur10e(
+        context.data,
+        robot,
+        IdentificationConfig(friction=LAW),
+        lambda share, what: context.progress(0.3 * share, what),
+    ).model
+    scenes = {}
+    for folder, own in FREE.items():
+        for name in own:
+            log = context.data / folder / f"{name}.csv"
+            if not log.is_file():
+                continue
+            recording = read_recording(log, robot=robot)
+            uniform = resampled(recording, TIME_STEP)
+            N, step = uniform.num_samples, position_resolution(recording.q)
+            scenes[name] = Scene(uniform, np.zeros((N, 3)), robot, model, step)
+            if name in PUSHED:
+                forces = push_forces(
+                    *(N, TIME_STEP, PUSH, PUSH_TIME, PAUSE),
+                    np.random.default_rng([context.seed, PUSHED.index(name)]),
+                )
+                scenes[f"{name}-pushes"] = Scene(
+                    pushed(uniform, robot, forces), forces, robot, model, step
+                )
+    for folder, loaded in LOADED.items():
+        for name, mass in loaded.items():
+            log = context.data / folder / f"{name}.csv"
+            if log.is_file():
+                scenes[name] = _loaded_scene(read_recording(log, robot=robot), mass, robot, model)
+    return scenes
+
+
+def _loaded_scene(recording: Recording, mass: float, robot: Robot, model: IdentifiedModel) -> Scene:
+    """The log read where its load acts, which its first 10 s tell."""
+    uniform, step = resampled(recording, TIME_STEP), position_resolution(recording.q)
+    config = WrenchEstimatorConfig(
+        MomentumObserverConfig(time_step=TIME_STEP, torque_samples="trapezoidal"),
+        position_resolution=step.tolist(),
+    )
+    seen = WrenchEstimator(robot, model, config).observe(uniform.q, uniform.v, uniform.current)
+    R_WE, _ = robot.chain.pose(uniform.q)
+    point = find_point_of_action(
+        seen.J[LEARNING], R_WE[LEARNING], seen.tau_ext[LEARNING], model.residual_covariance
+    ).p_EP
+    truth = mass * payload_reference(robot, uniform, 5.0, point).direction
+    if any(robot.config.tool_frame.xyz) or any(robot.config.tool_frame.rpy):
+        raise ValueError("the load's point is given in the flange")
+    there = robot.with_tool(robot.config.tool, PoseConfig([float(x) for x in point]))
+    return Scene(uniform, truth, there, model, step)
+
+
+def _simulated_scenes(context: ExperimentContext) -> dict[str, Scene]:
+    robot = context.robot(ROBOT)
+    models = identify_arm(
+        robot,
+        context.seed,
+        context.quick,
+        lambda share, what: context.progress(0.3 + 0.25 * share, what),
+    )
+    recording = models.held_out[0]
+    other = simulate_excitation(
+        *(robot, mirrored(stored_excitation(robot, 1)), 1 if context.quick else PERIODS),
+        *(2 * context.seed, "excitation_1_mirrored"),
+        lambda share, what: context.progress(0.55 + 0.05 * share, what),
+    ).recording
+    model = _with_torque_error(models.models[LAW], robot, other)
+    step = position_resolution(recording.q)
+    N = recording.num_samples
+    forces = push_forces(
+        *(N, recording.time_step, PUSH, PUSH_TIME, PAUSE), np.random.default_rng(context.seed)
+    )
+    there = pushed(recording, robot, forces)
+    return {
+        "simulated": Scene(recording, np.zeros((N, 3)), robot, model, step, "held"),
+        "simulated-pushes": Scene(there, forces, robot, model, step, "held"),
+    }
+
+
+def mirrored(trajectory: FourierTrajectory) -> FourierTrajectory:
+    """The trajectory with every joint at the other end of the range that it has there."""
+    q, _, _ = trajectory.sample(np.linspace(0.0, trajectory.period, 2000))
+    return replace(
+        trajectory,
+        centre=q.max(axis=0) + q.min(axis=0) - trajectory.centre,
+        sine=-trajectory.sine,
+        cosine=-trajectory.cosine,
+    )
+
+
+def _with_torque_error(model: IdentifiedModel, robot: Robot, log: Recording) -> IdentifiedModel:
+    """The model with the torque error that a contact-free log shows."""
+    step = position_resolution(log.q)
+    observer = MomentumObserverConfig(time_step=log.time_step)
+    config = WrenchEstimatorConfig(observer, position_resolution=step.tolist())
+    estimator = WrenchEstimator(robot, replace(model, torque_error=None), config)
+    seen = estimator.observe(log.q, log.v, log.current)
+    settled = log.t - log.t[0] > MARGIN
+    reading = HeldOutReading(
+        seen.tau_ext,
+        log.q,
+        log.v,
+        seen.tau_J - seen.tau_f,
+        seen.fresh & settled,
+        estimator.friction,
+        log.time_step,
+        np.full(robot.num_joints, observer.K_0[0]),
+        step,
+    )
+    return replace(model, torque_error=fit_torque_error([reading]))
+
+
+def _read(scene: Scene, kind: type, method: str, smoothed: bool) -> Read:
+    config = WrenchEstimatorConfig(
+        kind(time_step=scene.recording.time_step, torque_samples=scene.torque_samples),
+        WrenchReconstructionConfig(method),
+        position_resolution=scene.resolution.tolist(),
+    )
+    estimator, log = WrenchEstimator(scene.robot, scene.model, config), scene.recording
+    if smoothed:
+        batch = smoothed_estimate(estimator, log.q, log.v, log.current)
+    else:
+        batch = estimator.run(estimator.initial_state(), log.q, log.v, log.current)
+    return Read(batch.wrench[:, 3:], batch.standard_deviation[:, 3:], batch.valid)
+
+
+def _measured(scene: Scene, read: Read) -> dict[str, Any]:
+    step, N = scene.recording.time_step, scene.recording.num_samples
+    margin = round(MARGIN / step)
+    kept = ~scene.recording.dropout
+    kept[:margin] = kept[-margin:] = False
+    error = read.force - scene.truth
+    noise = read.force - ZeroPhaseLowPass(NOISE_CUTOFF, step, 2)(read.force)
+    inside = np.abs(error) <= BAND * read.sd
+    valid = kept & read.valid
+    changes = bool(np.ptp(scene.truth, axis=0).any())
+    rows = np.flatnonzero(valid if valid.any() else kept)
+    delay = _delay(scene.truth, read.force, rows, step) if changes else None
+    return {
+        "rmse_n": _rms(error[kept]),
+        "bias_n": error[kept].mean(axis=0),
+        "delay_s": delay,
+        "noise_n": _rms(noise[kept]),
+        "inside_95_pct": 100.0 * inside[kept].mean(axis=0),
+        "share_valid_pct": 100.0 * float(valid.sum() / max(kept.sum(), 1)),
+        "valid_rmse_n": _rms(error[valid]) if valid.any() else None,
+        "valid_inside_95_pct": 100.0 * inside[valid].mean(axis=0) if valid.any() else None,
+        "num_samples": N,
+    }
+
+
+def _rms(x: Array) -> Array:
+    return np.asarray(np.sqrt(np.mean(x**2, axis=0)))
+
+
+def _delay(truth: Array, force: Array, rows: Any, step: float) -> float | None:
+    """The shift of the truth, s, at which a reading is nearest to it; None without samples."""
+    if not len(rows):
+        return None
+    t = step * np.arange(len(truth))
+    misses = []
+    for delay in DELAYS:
+        late = np.stack([np.interp(t[rows] - delay, t, axis) for axis in truth.T], axis=1)
+        misses.append(float(np.mean((force[rows] - late) ** 2)))
+    return float(DELAYS[int(np.argmin(misses))])
+
+
+def total(own: Mapping[str, Any], key: str = "rmse_n") -> float:
+    """Norm over the axes of a figure per axis."""
+    return float(np.linalg.norm(own[key]))
+
+
+def never_valid(metrics: Mapping[str, Any]) -> list[str]:
+    """The logs of which no observer's reading is ever valid."""
+    return [
+        log
+        for log in next(iter(metrics.values()))
+        if all(own[log]["valid_rmse_n"] is None for own in metrics.values())
+    ]
+
+
+def findings(metrics: Mapping[str, Any]) -> list[str]:
+    """What the figures say, whatever they are; the first observer is the default."""
+    unread = never_valid(metrics)
+    read = [log for log in next(iter(metrics.values())) if log not in unread]
+    notes = _of_logs(metrics, read, "valid_", "where both are valid", "of the valid samples")
+    if unread:
+        notes.append(
+            f"No reading of {listed(f'`{log}`' for log in unread)} is valid by any observer: what "
+            "is said of them counts all samples, and so does the figure (hatched)."
+        )
+        notes += _of_logs(metrics, unread, "", "over all samples", "of all samples, none valid")
+    return notes
+
+
+def _of_logs(
+    metrics: Mapping[str, Any], logs: list[str], kind: str, where: str, what: str
+) -> list[str]:
+    """`findings` of some logs, by the figures that `kind` stands before."""
+    default, *others = metrics
+    rmse, inside = f"{kind}rmse_n", f"{kind}inside_95_pct"
+    notes = []
+    for name in others:
+        judged = [
+            log
+            for log in logs
+            if metrics[name][log][rmse] is not None and metrics[default][log][rmse] is not None
+        ]
+        if not judged:
+            continue
+        better = [
+            log
+            for log in judged
+            if total(metrics[name][log], rmse) < total(metrics[default][log], rmse)
+        ]
+        notes.append(
+            f"`{name}` errs less than `{default}` {where} on {len(better)} of {len(judged)} logs"
+            + (f": {listed(f'`{log}`' for log in better)}." if better else ".")
+        )
+        parts = []
+        for log in judged:
+            before, after = metrics[default][log], metrics[name][log]
+            if log.endswith("-pushes"):
+                parts.append(
+                    f"{change_between(total(before, rmse), total(after, rmse))} error on `{log}`, "
+                    f"delay {_milliseconds(after)} for {_milliseconds(before)} ms"
+                )
+        if parts:
+            notes.append(f"`{name}` against `{default}`: {'; '.join(parts)}.")
+    for name, own in metrics.items():
+        shares = [own[log][inside] for log in logs if own[log][inside] is not None]
+        if shares:
+            low, high = float(np.min(shares)), float(np.max(shares))
+            notes.append(
+                f"The 95 % band of `{name}` holds {low:.0f} to {high:.0f} % {what}, "
+                "log by log and axis by axis."
+            )
+    return notes
+
+
+def _milliseconds(own: Mapping[str, Any]) -> str:
+    return "–" if own["delay_s"] is None else f"{1e3 * own['delay_s']:.0f}"
+
+
+def _summary_figure(metrics: Mapping[str, Any], out: Path) -> FigureFile:
+    logs, unread = list(next(iter(metrics.values()))), never_valid(metrics)
+    logs = [log for log in logs if log not in unread] + unread
+    figure, axes = new_figure(1, 2, height=0.34 * len(logs) + 1.2)
+    places = np.arange(len(logs))
+    width = 0.8 / len(metrics)
+    for i, (name, own) in enumerate(metrics.items()):
+        shift = width * (i - 0.5 * (len(metrics) - 1))
+        errors, shares = np.full(len(logs), np.nan), np.full(len(logs), np.nan)
+        for k, log in enumerate(logs):
+            kind = "" if log in unread else "valid_"
+            if own[log][f"{kind}rmse_n"] is not None:
+                errors[k] = total(own[log], f"{kind}rmse_n")
+                shares[k] = np.mean(own[log][f"{kind}inside_95_pct"])
+        for panel, values in zip(axes[0], (errors, shares), strict=True):
+            bars = panel.barh(places + shift, values, width, color=SERIES[i], label=name)
+            for bar, log in zip(bars, logs, strict=True):
+                if log in unread:
+                    bar.set(hatch="////", alpha=0.5, edgecolor="white", linewidth=0.0)
+    left: Any = axes[0, 0]
+    right: Any = axes[0, 1]
+    left.set_yticks(places, [f"{log} *" if log in unread else log for log in logs])
+    left.set_ylim(len(logs) - 0.4, -0.6)
+    left.set_xlabel("force error, RMSE [N]")
+    right.set_yticks(places, [""] * len(logs))
+    right.set_ylim(left.get_ylim())
+    right.axvspan(90.0, 98.0, alpha=0.2, lw=0)
+    lowest = min(bar.get_width() for bar in right.patches if np.isfinite(bar.get_width()))
+    right.set_xlim(min(50.0, 10.0 * np.floor(0.1 * lowest)), 100.0)
+    right.set_xlabel("inside the 95 % band [%]")
+    figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    path = Path("figures") / "observers.png"
+    save_figure(figure, out / path)
+    caption = (
+        "Every observer on every log (force_only): error, and share inside, of the valid samples."
+    )
+    if unread:
+        caption += f" Hatched (*): of all samples, as none is valid, on {listed(unread)}."
+    return FigureFile(path, caption)
+
+
+def _push_figure(scene: Scene, shown: Mapping[str, Read], out: Path) -> FigureFile:
+    t = scene.recording.t - scene.recording.t[0]
+    rows = (t >= SHOWN[1][0]) & (t <= SHOWN[1][1])
+    figure, axes = new_figure(3, 1, share_x=True)
+    for k, axis in enumerate("xyz"):
+        panel: Any = axes[k, 0]
+        panel.plot(t[rows], scene.truth[rows, k], color=COLOUR["truth"], lw=1.2, label="truth")
+        for i, (name, read) in enumerate(shown.items()):
+            panel.plot(t[rows], read.force[rows, k], color=SERIES[i], lw=0.9, label=name)
+        panel.set_ylabel(f"f$_{axis}$ [N]")
+        low, high = np.percentile([read.force[rows, k] for read in shown.values()], [1, 99])
+        panel.set_ylim(min(low, -PUSH) - 5.0, max(high, PUSH) + 5.0)
+    axes[2, 0].set_xlabel("time [s]")
+    legend_below(figure, axes[0, 0])
+    path = Path("figures") / "pushes.png"
+    save_figure(figure, out / path)
+    return FigureFile(path, f"Pushes of {PUSH:g} N put into `{SHOWN[0].removesuffix('-pushes')}`.")
+
+
+EXPERIMENT = Experiment(
+    name="observers",
+    title="Which observer errs least, and which says so?",
+    section="recordings of a UR10e",
+    run=run,
+    needs=(FOLDER,),
+    uses=(MORE,),
+    order=158,
+    seconds=150,
+    readme=(),
+)

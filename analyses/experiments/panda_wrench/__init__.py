@@ -1,0 +1,1 @@
+"""The experiment `panda-wrench`."""

@@ -1,1 +1,0 @@
-"""What a posture does to the force that is read in it."""

@@ -1,0 +1,1 @@
+"""What several experiments share: the arms, runs and recordings that they measure on."""

@@ -1,0 +1,1 @@
+"""The simulated arm at work on a plate or a blade, with and without a sensor, and read."""

@@ -1,0 +1,187 @@
+"""What does repeated motion read? Two cycles along each path; the second is read with the first.
+
+The torques of the first cycle are tau_d of eq. 4 in the second one: the model's error cancels, and
+the rest, noise and what friction does not repeat, is read as a force that grows with the
+condition number. As the article has it, eq. 4 takes the drives' torque as it comes, without the
+observer's low-pass.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from wrenchsight.analyses.experiments.setups.path_runs.repetition import repetition_torque
+from wrenchsight.analyses.experiments.setups.path_runs.repetition_errors import repetition_errors
+from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
+    PATHS,
+    RepetitionReader,
+    TaskRun,
+    on_path,
+    read_repetition,
+    run_task,
+    task_path,
+    task_scenario,
+)
+from wrenchsight.analyses.methods.reading.force_errors import (
+    ForceReading,
+    draw_band,
+    draw_signal,
+    reductions,
+)
+from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
+from wrenchsight.analyses.output.axes import legend_above, limit_y
+from wrenchsight.analyses.output.figures import COLOUR, new_figure
+from wrenchsight.analyses.study.experiment import (
+    ExperimentContext,
+)
+from wrenchsight.diagrams.scenario import LineMotion, Scenario
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.wrench import (
+    WrenchReconstruction,
+    WrenchReconstructionConfig,
+    live_prior,
+)
+from wrenchsight.models.rigid_body.spatial_vectors import AXES
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+ONE_WAY_QUICK = 5.0  # s
+K_0 = 20.0  # 1/s
+BEFORE, AFTER = "initial", "optimised"  # the article's two variants
+OURS = "found_bayesian"
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One row of the table; it differs in one thing from the row that it is compared with."""
+
+    key: str
+    label: str
+    path: str
+    K_0: float | None  # 1/s; None: raw, as eq. 4 stands
+    method: str
+
+
+VARIANTS = (
+    Variant(BEFORE, "article: initial path", "initial", None, "inverse"),
+    Variant(AFTER, "article: optimised path", "optimised", None, "inverse"),
+    Variant("found", "path found here", "found", None, "inverse"),
+    Variant("initial_filtered", "initial path, K$_0$ = 20", "initial", K_0, "inverse"),
+    Variant("optimised_filtered", "optimised path, K$_0$ = 20", "optimised", K_0, "inverse"),
+    Variant(
+        "optimised_bayesian", "optimised path, K$_0$ = 20, bayesian", "optimised", K_0, "bayesian"
+    ),
+    Variant(
+        "optimised_force_only",
+        "optimised path, K$_0$ = 20, force_only",
+        "optimised",
+        K_0,
+        "force_only",
+    ),
+    Variant(OURS, "path found here, K$_0$ = 20, bayesian", "found", K_0, "bayesian"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class RepeatedCycles:
+    """Runs and readings.
+
+    Attributes:
+        runs: by path.
+        readings: by variant.
+        scenario: as run, on the initial path.
+        torque_sd: (n,) N m of eq. 4 by noise alone, raw, as slow motion shows it.
+        filtered_torque_sd: (n,) N m, the same behind K_0.
+        filtered_torque_rms: (n,) N m by path, what eq. 4 behind K_0 reads in the second cycle.
+    """
+
+    runs: dict[str, TaskRun]
+    readings: dict[str, ForceReading]
+    scenario: Scenario
+    torque_sd: Array
+    filtered_torque_sd: Array
+    filtered_torque_rms: dict[str, Array]
+
+
+def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCycles:
+    """Simulates two cycles on each path, and reads the second one with every variant."""
+    robot = context.robot(ROBOT)
+    scenario = task_scenario(scenario_name, context.seed, ONE_WAY_QUICK if context.quick else None)
+    motion = scenario.motion
+    assert isinstance(motion, LineMotion)
+    period = round(2 * motion.one_way / scenario.time_step)
+    learnt = repetition_errors(
+        robot,
+        (None, K_0),
+        context.seed,
+        context.quick,
+        lambda share, what: context.progress(0.05 * share, what),
+    )
+    errors = {error.K_0: error for error in learnt}
+    runs: dict[str, TaskRun] = {}
+    readings: dict[str, ForceReading] = {}
+    torque_rms: dict[str, Array] = {}
+    for k, path in enumerate(PATHS):
+
+        def told(share: float, what: str, k: int = k) -> None:
+            context.progress(0.05 + 0.85 * (k + share) / len(PATHS), what)
+
+        moved = on_path(scenario, robot, *task_path(robot, path))
+        run = run_task(moved, robot, path, told).between(motion.lead_in)
+        runs[path] = run
+        torque = repetition_torque(run.recording, robot, period, K_0)
+        torque_rms[path] = np.sqrt(np.mean(torque**2, axis=0))
+        here = [variant for variant in VARIANTS if variant.path == path]
+        readers = []
+        for variant in here:
+            config = WrenchReconstructionConfig(variant.method).with_prior(
+                *live_prior(robot.payload)
+            )
+            error = errors[variant.K_0]
+            reconstruction = WrenchReconstruction(config, error.correlation)
+            readers.append(RepetitionReader(variant.label, reconstruction, error))
+        for variant, reading in zip(
+            here, read_repetition(run, robot, period, readers), strict=True
+        ):
+            readings[variant.key] = reading
+    ordered = {variant.key: readings[variant.key] for variant in VARIANTS}
+    return RepeatedCycles(
+        runs, ordered, scenario, errors[None].noise, errors[K_0].noise, torque_rms
+    )
+
+
+def cycle_metrics(cycles: RepeatedCycles) -> dict[str, Any]:
+    """Figures by variant; the article's reductions on top; ours against the article's method."""
+    metrics: dict[str, Any] = {key: own.metrics() for key, own in cycles.readings.items()}
+    before, after = metrics[BEFORE], metrics[AFTER]
+    metrics["found_against_initial"] = reductions(before, metrics["found"])
+    metrics["filtered"] = reductions(metrics["initial_filtered"], metrics["optimised_filtered"])
+    metrics["ours_against_article"] = reductions(after, metrics[OURS])
+    metrics["torque_sd_nm"] = cycles.torque_sd
+    metrics["filtered_torque_sd_nm"] = cycles.filtered_torque_sd
+    metrics["filtered_torque_rms_nm"] = cycles.filtered_torque_rms
+    return {**reductions(before, after), **metrics}
+
+
+def force_figure(cycles: RepeatedCycles, k: int, with_reference: bool, limit: float) -> "Figure":
+    """Force along axis k before and after the optimisation (the article's Figs. 16 and 17)."""
+    shown = (BEFORE, AFTER, OURS)
+    figure, axes = new_figure(len(shown), 1, height=2.3 * len(shown) + 0.6, share_x=True)
+    for panel, key, colour in zip(
+        axes[:, 0], shown, (COLOUR["before"], COLOUR["after"], COLOUR["estimate"]), strict=True
+    ):
+        reading = cycles.readings[key]
+        draw_signal(panel, reading.t, reading.force[:, k], colour, "read")
+        if with_reference:
+            draw_signal(panel, reading.t, reading.reference[:, k], COLOUR["truth"], "sensor")
+        draw_band(panel, reading, k, edges=not with_reference)
+        panel.set_title(reading.name)
+        panel.set_ylabel(f"force f{AXES[k]} [N]")
+        if with_reference or key != OURS:
+            limit_y(panel, -limit, limit, "N")
+        legend_above(panel, ncols=3)
+    axes[-1, 0].set_xlabel("time in the second cycle [s]")
+    return figure

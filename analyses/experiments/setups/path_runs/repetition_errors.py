@@ -1,0 +1,98 @@
+"""How far is eq. 4 off on the simulated arm? Contact-free logs in, its error out.
+
+Motion as slow as a task's joints, done twice, shows what does not repeat: torque of the one run
+minus the other's. (Two periods of an excitation are too fast: drives are louder above .05 rad/s,
+and 20 s are too short for friction that wanders over half a second.) What a push does to friction,
+such runs cannot show: the Coulomb friction of the model that is identified from excitation 1 says
+how much may turn round (`wrenchsight.models.identification.repetition_error`).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from wrenchsight.analyses.experiments.setups.path_runs.repetition import repetition_torque
+from wrenchsight.analyses.experiments.setups.simulated_arm.friction_reversal import (
+    reversal_recordings,
+)
+from wrenchsight.analyses.experiments.setups.simulated_arm.semi_parametric import POSTURES
+from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identification import (
+    CONFIG,
+    identify_simulated_arm,
+)
+from wrenchsight.analyses.methods.runs.simulated_logs import PERIODS
+from wrenchsight.models.identification.repetition_error import RepetitionError, repetition_error
+from wrenchsight.models.recordings.position_resolution import position_resolution
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
+
+ProgressCallback = Callable[[float, str], None]
+
+SPEEDS = (0.003, 0.01, 0.03)  # rad/s, of the passes
+PERIOD = 8.0  # s
+START = 1.0  # s that are left out: a low-pass settles
+
+
+def repetition_errors(
+    robot: Robot,
+    gains: Sequence[float | None],
+    seed: int = 0,
+    quick: bool = False,
+    progress: ProgressCallback = lambda fraction, what: None,
+) -> list[RepetitionError]:
+    """The error of eq. 4 behind each K_0 (1/s; None: raw); nothing of it is from a task's run.
+
+    Args:
+        robot: with its simulated truth.
+        gains: K_0.
+        seed: of the noise.
+        quick: a shorter log for the identification, and one posture.
+        progress: told the share done.
+    """
+    postures = np.asarray(robot.home) + np.asarray(POSTURES[1:2] if quick else POSTURES[1:3])
+    # The first of the two as in `wrenchsight.analyses.experiments.setups.simulated_arm.arm_models`.
+    first, second = (
+        reversal_recordings(
+            robot,
+            postures,
+            SPEEDS,
+            seed + 100 * (1 + k),
+            lambda share, what, k=k: progress(0.4 * (k + share), what),  # type: ignore[misc]
+            PERIOD,
+        )
+        for k in range(2)
+    )
+    result, _ = identify_simulated_arm(
+        robot,
+        seed,
+        1 if quick else PERIODS,
+        replace(CONFIG, seed=seed),
+        lambda share, what: progress(0.8 + 0.2 * share, what),
+    )
+    level = np.abs(result.model.friction.coulomb_viscous.coulomb)
+    resolution = position_resolution(np.vstack([log.q for log in first]))
+    errors = []
+    for K_0 in gains:
+        parts = [
+            repetition_torque(_after(*both), robot, len(both[0].t), K_0)[_settled(both[0])]
+            for both in zip(first, second, strict=True)
+        ]
+        errors.append(repetition_error(np.vstack(parts), level, resolution, K_0))
+    return errors
+
+
+def _after(first: Recording, second: Recording) -> Recording:
+    """Two runs of one motion, the one after the other."""
+    both = (first, second)
+    return Recording(
+        t=first.time_step * np.arange(len(first.t) + len(second.t), dtype=np.float64),
+        q=np.vstack([log.q for log in both]),
+        v=np.vstack([log.v for log in both]),
+        current=np.vstack([log.current for log in both]),
+        source=first.source,
+    )
+
+
+def _settled(log: Recording) -> slice:
+    return slice(round(START / log.time_step), None)

@@ -1,0 +1,382 @@
+"""What does the arm record while it does a task? A scenario in, its log out; then readings of it.
+
+The true robot follows the path of a bundled scenario under the drives' own controller, which knows
+the robot's nominal model only. The log holds what a real controller sees, encoders and motor
+current; truth and the force/torque sensor's reading are kept beside it, as references. Each variant
+of the estimator reads the same log with `WrenchEstimator.run`, which gives row for row what the
+estimator's diagram gives.
+
+Three paths: the article's initial and optimised one (section 4.3), and the one that `linear-path`
+finds, turned about the first axis to lie straight ahead.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+
+from wrenchsight.analyses.experiments.setups.path_runs.article_paths import (
+    INITIAL_PATH,
+    INITIAL_POSTURE,
+    OPTIMISED_PATH,
+    OPTIMISED_POSTURE,
+    branch_start,
+    found_path,
+)
+from wrenchsight.analyses.experiments.setups.path_runs.repetition import repetition_torque
+from wrenchsight.analyses.methods.advance import advance, even_stretches
+from wrenchsight.analyses.methods.reading.force_errors import ForceReading
+from wrenchsight.analyses.methods.runs.fast_runs import is_free, run_free
+from wrenchsight.analyses.study.experiment import FigureFile
+from wrenchsight.analyses.study.shared_results import shared
+from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.pages.path_page import PathMotion, write_path_page
+from wrenchsight.diagrams.scenario import LineMotion, Scenario, load_scenario, make_trajectory
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.control.wrench_script import HandPush, WrenchSegment
+from wrenchsight.models.estimation.estimator import WrenchEstimator
+from wrenchsight.models.estimation.wrench import WrenchEstimate, WrenchReconstruction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.identification.repetition_error import RepetitionError
+from wrenchsight.models.motion.paths import JointTrajectory, StraightPath
+from wrenchsight.models.observers.lag_power import LagPower
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.truth_config import SimulatedTruthConfig
+from wrenchsight.models.truth.log_clock import clocked
+
+ProgressCallback = Callable[[float, str], None]
+
+PATHS = ("initial", "optimised", "found")
+HAND_HZ = 3.0  # Hz, up to which the stated band covers a low-pass's lag behind a hand
+_BLOCK = 50_000  # rows read at a time: a covariance a row is much memory
+_FRAMES = 200  # of a pass in a recording
+_STRETCH = 0.5  # s between two reports of progress
+
+
+@dataclass(frozen=True, eq=False)
+class TaskRun:
+    """One run of a task.
+
+    Attributes:
+        name: of the path.
+        recording: t, q, v and measured current: all that an estimator may see.
+        wrench_true: (T, 6) rotation first, N m and N.
+        ft_wrench: (T, 6) of the sensor; None where the scenario has none.
+        tau_f_true: (T, n) N m, the true friction; for ablations, not for estimators.
+        q_exact: (T, n) rad, as the encoders read at the times t themselves.
+        chain: of the robot.
+    """
+
+    name: str
+    recording: Recording
+    wrench_true: Array
+    ft_wrench: Array | None
+    tau_f_true: Array
+    q_exact: Array
+    chain: SerialChain
+
+    @cached_property
+    def condition_number(self) -> Array:
+        """(T,) of J."""
+        return np.asarray(self.chain.condition_number(self.q_exact))
+
+    @property
+    def reference(self) -> Array:
+        """(T, 3) N that readings are compared with: the sensor's force, or the true one."""
+        wrench = self.wrench_true if self.ft_wrench is None else self.ft_wrench
+        return wrench[:, 3:]
+
+    def between(self, start: float, end: float = np.inf) -> "TaskRun":
+        """The part of the run from `start` to `end`, s."""
+        first, last = np.searchsorted(self.recording.t, [start - 1e-9, end + 1e-9])
+        rows = slice(int(first), int(last))
+        return replace(
+            self,
+            recording=self.recording[rows],
+            wrench_true=self.wrench_true[rows],
+            ft_wrench=None if self.ft_wrench is None else self.ft_wrench[rows],
+            tau_f_true=self.tau_f_true[rows],
+            q_exact=self.q_exact[rows],
+        )
+
+
+def uniform_motion(motion: LineMotion) -> tuple[float, float]:
+    """From when to when, s, the arm moves evenly on its one pass: between the ramps.
+
+    At rest before it, dry friction may hold any torque within stiction, which no law can predict.
+    """
+    ramp = motion.ramp * motion.one_way
+    return motion.start + ramp, motion.start + motion.one_way - ramp
+
+
+def task_path(robot: Robot, name: str) -> tuple[StraightPath, Array]:
+    """A path of PATHS and a posture (n,) at its midpoint that names the branch."""
+    if name == "found":
+        return found_path(robot)
+    if name == "optimised":
+        return OPTIMISED_PATH, OPTIMISED_POSTURE
+    return INITIAL_PATH, INITIAL_POSTURE
+
+
+def on_path(scenario: Scenario, robot: Robot, path: StraightPath, posture: Array) -> Scenario:
+    """The scenario's line motion, moved to a path; its times stay.
+
+    Args:
+        posture: (n,) at the path's midpoint, names the branch.
+
+    Raises:
+        ValueError: the scenario's motion is not a line.
+    """
+    if not isinstance(scenario.motion, LineMotion):
+        raise ValueError("the scenario has no line to move")
+    motion = replace(
+        scenario.motion,
+        n_W=path.n_W.tolist(),
+        p_WM=path.p_WM.tolist(),
+        R_WE=path.R_WE.tolist(),
+        path_length=path.path_length,
+        q_seed=branch_start(robot, path, posture).tolist(),
+    )
+    return replace(scenario, motion=motion)
+
+
+def task_scenario(name: str, seed: int, one_way: float | None = None) -> Scenario:
+    """A bundled scenario with this seed.
+
+    Args:
+        name: of the scenario; its motion is a line.
+        seed: added to the scenario's.
+        one_way: s, shortens the run: all times of motion and pushes shrink alike, but not how
+            long a push and its pause last, nor the ramps.
+    """
+    scenario = load_scenario(name)
+    scenario = replace(scenario, seed=scenario.seed + seed)
+    if one_way is None:
+        return scenario
+    motion = scenario.motion
+    assert isinstance(motion, LineMotion)
+    share = one_way / motion.one_way
+    lead_in = min(motion.lead_in, 0.5 * one_way)
+    pushes: list[WrenchSegment] = [
+        replace(
+            push,
+            start=lead_in + share * (push.start - motion.lead_in),
+            duration=share * push.duration,
+        )
+        for push in scenario.wrench
+        if isinstance(push, HandPush)
+    ]
+    return replace(
+        scenario,
+        duration=lead_in + motion.passes * one_way,
+        motion=replace(
+            motion, one_way=one_way, ramp=min(0.2, motion.ramp / share), lead_in=lead_in
+        ),
+        wrench=pushes,
+    )
+
+
+def run_task(
+    scenario: Scenario,
+    robot: Robot,
+    name: str = "task",
+    progress: ProgressCallback = lambda fraction, what: None,
+) -> TaskRun:
+    """Simulates the closed loop of a scenario and returns what was recorded.
+
+    Args:
+        scenario: what happens.
+        robot: with its simulated truth.
+        name: of the run.
+        progress: told the share done.
+    """
+    nominal = IdentifiedModel.nominal(robot)
+    if is_free(scenario, robot):
+        motion = planned_motion(scenario, robot, everywhere=name in PATHS)
+        t, signals = run_free(scenario, robot, nominal, motion)
+        progress(1.0, f"simulating, {name} path")
+    else:
+        t, signals = _run_closed_loop(scenario, robot, nominal, name, progress)
+    recording = Recording(
+        t=t, q=signals["q"], v=signals["v"], current=signals["current"], source=name
+    )
+    mechanisms = robot.config.simulated_truth.mechanisms
+    if mechanisms is not None:
+        recording = clocked(recording, mechanisms.clock, scenario.seed)
+    return TaskRun(
+        name,
+        recording,
+        signals["wrench_true"],
+        signals.get("ft_wrench"),
+        signals["tau_f_true"],
+        signals["q"],
+        robot.chain,
+    )
+
+
+def _run_closed_loop(
+    scenario: Scenario,
+    robot: Robot,
+    nominal: IdentifiedModel,
+    name: str,
+    progress: ProgressCallback,
+) -> tuple[Array, dict[str, Array]]:
+    wanted = ["q", "v", "current", "wrench_true", "tau_f_true"]
+    if scenario.force_torque_sensor is not None:
+        wanted.append("ft_wrench")
+    loop = make_closed_loop(
+        scenario,
+        robot,
+        nominal,
+        also_log=("tau_f_true",),
+        log_only=wanted,
+        with_estimator=False,  # the variants read the log
+    )
+    simulator = Simulator(loop.diagram)
+    simulator.Initialize()
+    advance(
+        simulator,
+        even_stretches(scenario.duration, _STRETCH),
+        lambda share: progress(share, f"simulating, {name} path"),
+    )
+    return loop.logged(simulator.get_context())
+
+
+def write_runs_page(
+    robot: Robot, runs: Mapping[str, TaskRun], passes: int, out: Path, title: str
+) -> FigureFile:
+    """Writes recording.html below `out`: the arm on the first pass of each run.
+
+    Args:
+        runs: by the path's name.
+        passes: that each run holds.
+        title: of the page.
+    """
+    motions = []
+    for name, run in runs.items():
+        length = run.recording.num_samples // passes
+        rows = np.linspace(0, length - 1, min(length, _FRAMES)).astype(int)
+        motions.append(PathMotion(name, run.recording.q[rows], run.condition_number[rows]))
+    write_path_page(robot, motions, out / "recording.html", title)
+    names = ", ".join(runs)
+    caption = f"The arm as it went once along each path ({names}); the path's colour: JCN."
+    return FigureFile(Path("recording.html"), caption)
+
+
+def read_run(
+    name: str, run: TaskRun, estimator: WrenchEstimator, tau_f: Array | None = None
+) -> ForceReading:
+    """What an estimator reads of a run, its start (3 / K_0) left out.
+
+    Args:
+        tau_f: (T, n) N m, friction known from elsewhere; None: by the estimator's law.
+    """
+    recording = run.recording
+    state = estimator.initial_state()
+    force, sd = np.empty((2, recording.num_samples, 3))
+    for start in range(0, recording.num_samples, _BLOCK):
+        rows = slice(start, start + _BLOCK)
+        part = estimator.run(
+            state,
+            recording.q[rows],
+            recording.v[rows],
+            recording.current[rows],
+            tau_f=None if tau_f is None else tau_f[rows],
+            conditions=False,  # the run has them
+        )
+        force[rows] = part.wrench[:, 3:]
+        sd[rows] = part.standard_deviation[:, 3:]
+    settled = recording.t - recording.t[0] >= estimator.observer.settling_time
+    return ForceReading(
+        name,
+        recording.t[settled],
+        force[settled],
+        sd[settled],
+        run.reference[settled],
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class RepetitionReader:
+    """One way to read the second cycle.
+
+    Attributes:
+        name: of the reading.
+        reconstruction: with the correlation of the error.
+        error: of eq. 4; the stated sds hold the lag of its K_0 behind a force of HAND_HZ.
+    """
+
+    name: str
+    reconstruction: WrenchReconstruction
+    error: RepetitionError
+
+
+def read_repetition(
+    run: TaskRun, robot: Robot, period: int, readers: Sequence[RepetitionReader]
+) -> list[ForceReading]:
+    """What eqs. 4 and 20 read in the second cycle, with the first one's torque as tau_d.
+
+    Args:
+        run: of two cycles.
+        period: samples of a cycle.
+        readers: each gives a reading.
+    """
+    log, step = run.recording, run.recording.time_step
+    errors = {reader.error.K_0: reader.error for reader in readers}
+    tau_ext = {K_0: repetition_torque(log, robot, period, K_0) for K_0 in errors}
+    torque_sd = {
+        K_0: own.sd(log.q, log.v, tau_ext[K_0], period, step) for K_0, own in errors.items()
+    }
+    lags = [LagPower.of(own.error.K_0, step, HAND_HZ) for own in readers]
+    late = [lag.initial_state() for lag in lags]
+    q, t = log.q[period:], log.t[period:]
+    force, sd = np.empty((2, len(readers), len(q), 3))
+    for start in range(0, len(q), _BLOCK):
+        rows = slice(start, start + _BLOCK)
+        J = np.asarray(robot.chain.jacobian(q[rows]))
+        for k, (own, lag) in enumerate(zip(readers, lags, strict=True)):
+            K_0 = own.error.K_0
+            tau = tau_ext[K_0][rows]
+            part = _reconstructed(own, J, tau, torque_sd[K_0][rows])
+            if K_0 is not None:
+                still = _reconstructed(own, J, tau, np.broadcast_to(own.error.noise, tau.shape))
+                noise = np.diagonal(still.covariance, axis1=1, axis2=2)
+                lag.add(late[k], part.wrench, noise, part.covariance)
+            force[k, rows] = part.wrench[:, 3:]
+            sd[k, rows] = np.sqrt(np.diagonal(part.covariance, axis1=1, axis2=2)[:, 3:])
+    return [
+        ForceReading(own.name, t - t[0], force[k], sd[k], run.reference[period:])
+        for k, own in enumerate(readers)
+    ]
+
+
+def _reconstructed(own: RepetitionReader, J: Array, tau: Array, sd: Array) -> WrenchEstimate:
+    return own.reconstruction.reconstruct(J, tau, sd, J_now=J[:0])  # the run has conditions
+
+
+def highest_speed(scenarios: Sequence[Scenario], robot: Robot) -> float:
+    """The highest planned joint speed of the scenarios, on PATHS, rad/s."""
+    motions = (planned_motion(one, robot, everywhere=True) for one in scenarios)
+    return max(float(np.abs(motion.v).max()) for motion in motions)
+
+
+def planned_motion(scenario: Scenario, robot: Robot, everywhere: bool) -> JointTrajectory:
+    """`make_trajectory`; within a study the same motion is planned once.
+
+    Args:
+        scenario: what happens.
+        robot: what it truly is has no part in its plan.
+        everywhere: whether all worlds of a campaign have this motion, as they have PATHS.
+    """
+    known = robot.with_truth(SimulatedTruthConfig())
+    return shared(
+        "planned_motion",
+        (known, scenario.motion, scenario.duration),
+        lambda: make_trajectory(scenario, robot),
+        everywhere=everywhere,
+    )

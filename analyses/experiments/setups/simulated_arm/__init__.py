@@ -1,0 +1,1 @@
+"""The simulated arm's models, learnt from its own contact-free logs."""

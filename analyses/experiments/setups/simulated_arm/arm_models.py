@@ -1,0 +1,313 @@
+"""What can be known of the simulated arm before its task? Contact-free logs in, models out.
+
+One identification as the article's (excitation 1, Coulomb-viscous friction) and passes of opposite
+direction in some postures give a model per friction law:
+
+    coulomb-viscous   the identified law
+    semi-parametric   the article's: the same, with networks near zero velocity that were trained
+                      on friction separated by reversal
+    presliding        `models.friction.presliding_friction`, fitted with the inertias on these logs
+
+**The stated covariance.** What a model leaves unexplained in an identification is not the error of
+its observer in a task: an excitation is fast, a task may be slow, and near zero velocity a friction
+law's error is largest. So the torque error of each law is learnt as `identify` learns it, by the
+state of each joint (`models.identification.torque_error_model`), from the causal observer's own
+output along contact-free logs that no model was fitted on, behind the same K_0: excitation 2, and
+slow passes in three postures. Each of these has other signs of the joints' velocities. Friction has
+the sign of the velocity, so that passes of one pattern would show that pattern as the correlation
+of the errors; and it ripples over position, so that one posture's error is not the arm's.
+
+For planning, where no state is known yet, one Sigma_tau is found over those samples of excitation 2
+and of the first posture that are slower than the task's planned motion:
+
+    sd_j        = RMS of tau_ext_j where |v_j| <= speed, about zero: a lasting error is an error
+    Sigma_tau   = D R D,  D = diag(sd),  R = the outputs' correlations (about zero) over all samples
+
+Nothing of it comes from a task's run. Eq. 4, where the first cycle's torque stands for the model,
+has an error of its own: `wrenchsight.analyses.experiments.setups.path_runs.repetition_errors`.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+import numpy as np
+
+from wrenchsight.analyses.experiments.setups.simulated_arm.friction_reversal import (
+    reversal_recordings,
+    separate_recordings,
+)
+from wrenchsight.analyses.experiments.setups.simulated_arm.semi_parametric import (
+    POSTURES,
+    semi_parametric_model,
+)
+from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identification import (
+    CONFIG,
+    identify_simulated_arm,
+)
+from wrenchsight.analyses.methods.learning.friction_training import TrainingConfig
+from wrenchsight.analyses.methods.learning.identification import (
+    IdentificationResult,
+    identify,
+)
+from wrenchsight.analyses.methods.runs.simulated_logs import PERIODS
+from wrenchsight.analyses.study.shared_results import digest, shared
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.identification.torque_error_fit import HeldOutReading, fit_torque_error
+from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.recordings.position_resolution import position_resolution
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
+
+ProgressCallback = Callable[[float, str], None]
+Result = TypeVar("Result")
+
+LAWS = ("coulomb-viscous", "semi-parametric", "presliding")
+# Passes as slow as a task's joints, with travel enough that the drives' own compliance does not
+# take it up. Without them networks know nothing of the speeds at which tasks are done: trained on
+# passes from 0.01 rad/s on with a period of 2 s alone, they halve neither error nor peak.
+SLOW_SPEEDS = (0.003, 0.01, 0.03)  # rad/s
+SLOW_PERIOD = 8.0  # s
+# Dry friction jumps at zero velocity. The networks start with a jump as wide as v_crit / STEEPEST,
+# 0.2 mrad/s; with the 60 of a smooth network, friction at 10 mrad/s is half the true one.
+STEEPEST = 2000.0
+# Passes that nothing is fitted on: departures from home, rad, and signs of the velocities.
+HELD_OUT_POSTURES = ((0.3, 0.2, -0.25, 0.3, 0.25, -0.3), (-0.3, -0.2, 0.25, -0.3, -0.25, 0.3))
+HELD_OUT_WAYS = ((1.0, 1.0, 1.0, 1.0, 1.0, 1.0), (1.0, 1.0, -1.0, -1.0, 1.0, 1.0))
+FEWEST = 200  # samples below the speed; with fewer the joint's sd is that of all its samples
+
+
+@dataclass(frozen=True, eq=False)
+class ArmModels:
+    """What the contact-free logs of an arm say.
+
+    Attributes:
+        robot: whose logs they are.
+        models: by law, as in LAWS.
+        held_out: contact-free logs that no model was fitted on.
+        passes: more of them, which planning does without.
+    """
+
+    robot: Robot
+    models: Mapping[str, IdentifiedModel]
+    held_out: tuple[Recording, ...]
+    passes: tuple[Recording, ...] = ()
+    # By law and K_0: variants of one estimator differ in what comes after
+    _errors: dict[tuple[str, float], Array] = field(default_factory=dict, repr=False)
+    _fits: dict[tuple[str, float], TorqueErrorModel] = field(default_factory=dict, repr=False)
+    _read: dict[tuple[str, float], list[HeldOutReading]] = field(default_factory=dict, repr=False)
+    _digests: dict[str, str] = field(default_factory=dict, repr=False)
+
+    def estimator(
+        self,
+        law: str,
+        speed: float,
+        K_0: float,
+        reconstruction: WrenchReconstructionConfig,
+        by_state: bool = True,
+    ) -> WrenchEstimator:
+        """An estimator with a law's model and the covariance of its error in a task.
+
+        Args:
+            law: one of LAWS.
+            speed: rad/s, the highest joint speed of the planned task.
+            K_0: 1/s.
+            reconstruction: method and prior.
+            by_state: whether its torque error follows the joints' states, or is Sigma_tau.
+        """
+        config = WrenchEstimatorConfig(MomentumObserverConfig([K_0]), reconstruction)
+        model = self.models[law]
+        tau_ext, v = self.held_out_errors(law, K_0)
+        covariance = covariance_at_speed(tau_ext, v, speed)
+        error = self.torque_error(law, K_0) if by_state else None
+        model = replace(model, residual_covariance=covariance, torque_error=error)
+        return WrenchEstimator(self.robot, model, config)
+
+    def torque_error(self, law: str, K_0: float) -> TorqueErrorModel:
+        """What an observer with a law's model errs by, as the held-out logs show.
+
+        Args:
+            law: one of LAWS.
+            K_0: 1/s.
+        """
+        if (law, K_0) not in self._fits:
+            self._fits[law, K_0] = self._shared(
+                "torque_error", law, K_0, lambda: fit_torque_error(self._readings(law, K_0))
+            )
+        return self._fits[law, K_0]
+
+    def held_out_errors(self, law: str, K_0: float) -> tuple[Array, Array]:
+        """tau_ext (N, n) N m that an observer reads of the held-out logs, and v (N, n) rad/s.
+
+        Args:
+            law: one of LAWS.
+            K_0: 1/s.
+        """
+        if (law, K_0) not in self._errors:
+            self._errors[law, K_0] = self._shared(
+                "held_out_errors", law, K_0, lambda: self._read_held_out(law, K_0)
+            )
+        v = [log.v[_settled(log, K_0)] for log in self.held_out]
+        return self._errors[law, K_0], np.vstack(v)
+
+    def _shared(self, name: str, law: str, K_0: float, compute: Callable[[], Result]) -> Result:
+        """For all experiments that have this arm, a result of a law's observer."""
+        if law not in self._digests:
+            self._digests[law] = digest((self.robot, self.models[law], self.held_out, self.passes))
+        return shared(name, (self._digests[law], K_0), compute)
+
+    def _read_held_out(self, law: str, K_0: float) -> Array:
+        own = self._readings(law, K_0)[: len(self.held_out)]
+        readings = zip(own, self.held_out, strict=True)
+        return np.vstack([own.tau_ext[_settled(log, K_0)] for own, log in readings])
+
+    def _readings(self, law: str, K_0: float) -> list[HeldOutReading]:
+        if (law, K_0) not in self._read:
+            self._read[law, K_0] = self._read_anew(law, K_0)
+        return self._read[law, K_0]
+
+    def _read_anew(self, law: str, K_0: float) -> list[HeldOutReading]:
+        config = WrenchEstimatorConfig(MomentumObserverConfig([K_0]))
+        plain = replace(self.models[law], torque_error=None)
+        estimator = WrenchEstimator(self.robot, plain, config)
+        readings = []
+        for log in (*self.held_out, *self.passes):
+            seen = estimator.observe(log.q, log.v, log.current)
+            readings.append(
+                HeldOutReading(
+                    *(seen.tau_ext, log.q, log.v, seen.tau_J - seen.tau_f),
+                    *(seen.fresh & _settled(log, K_0), estimator.friction, log.time_step),
+                    *(np.full(self.robot.num_joints, K_0), position_resolution(log.q)),
+                )
+            )
+        return readings
+
+
+def _settled(log: Recording, K_0: float) -> Flags:
+    """(N,) samples at which the observer has forgotten its start."""
+    return np.asarray(log.t - log.t[0] >= 3.0 / K_0)
+
+
+def identify_arm(
+    robot: Robot,
+    seed: int = 0,
+    quick: bool = False,
+    progress: ProgressCallback = lambda fraction, what: None,
+    contact_noise: bool = True,
+) -> ArmModels:
+    """Simulates the contact-free logs and identifies a model per law.
+
+    Args:
+        robot: with its simulated truth.
+        seed: of the noise and of the training.
+        quick: shorter logs, fewer postures.
+        progress: told the share done.
+        contact_noise: of `identify`; only contact detection reads it.
+    """
+    arguments = robot, seed, quick, contact_noise
+    models, held_out, passes = shared(
+        "identify_arm", arguments, lambda: _identify_arm(*arguments, progress)
+    )
+    progress(1.0, "models")
+    return ArmModels(robot, models, held_out, passes)
+
+
+def _identify_arm(
+    robot: Robot, seed: int, quick: bool, contact_noise: bool, progress: ProgressCallback
+) -> tuple[dict[str, IdentifiedModel], tuple[Recording, ...], tuple[Recording, ...]]:
+    result, (log, other) = identify_simulated_arm(
+        robot,
+        seed,
+        1 if quick else PERIODS,
+        replace(CONFIG, seed=seed),
+        lambda share, what: progress(0.2 * share, what),
+        contact_noise,
+    )
+    fast, slow = _reversals(robot, seed, quick, lambda s, what: progress(0.2 + 0.6 * s, what))
+    passes = reversal_recordings(
+        robot,
+        np.asarray(robot.home) + np.asarray(HELD_OUT_POSTURES),
+        SLOW_SPEEDS[1:],
+        seed + 200,
+        lambda s, what: progress(0.8 + 0.05 * s, what),
+        SLOW_PERIOD,
+        HELD_OUT_WAYS,
+    )
+    progress(0.85, "friction laws")
+    fitted = [*fast, *slow[:-1]]
+    semi_parametric = _with_networks(robot, result, fitted, seed)
+    config = replace(CONFIG, friction="presliding", cross_validate=False, seed=seed)
+    progress(0.9, "presliding friction")
+    presliding = identify([log.recording, *fitted], robot, [], config).model
+    models = dict(zip(LAWS, (result.model, semi_parametric, presliding), strict=True))
+    return models, (other.recording, slow[-1]), tuple(passes)
+
+
+def article_models(
+    robot: Robot, seed: int = 0, quick: bool = False
+) -> tuple[IdentificationResult, IdentifiedModel]:
+    """The article's two models alone, as in `identify_arm`: Coulomb-viscous, and semi-parametric.
+
+    Args:
+        robot: with its simulated truth.
+        seed: of the noise and of the training.
+        quick: shorter logs, fewer postures.
+    """
+    config = replace(CONFIG, seed=seed, cross_validate=False)  # asks what its observer errs by
+    periods = 1 if quick else PERIODS
+    result, _ = identify_simulated_arm(robot, seed, periods, config, contact_noise=False)
+    fast, slow = _reversals(robot, seed, quick, held_out=False)
+    return result, _with_networks(robot, result, [*fast, *slow], seed)
+
+
+def _reversals(
+    robot: Robot,
+    seed: int,
+    quick: bool,
+    progress: ProgressCallback = lambda fraction, what: None,
+    held_out: bool = True,
+) -> tuple[list[Recording], list[Recording]]:
+    """Logs of fast passes, and of slow ones; of these the last is held out of every fit."""
+    postures = np.asarray(robot.home) + np.asarray(POSTURES)
+    fast = reversal_recordings(
+        robot, postures[:1], seed=seed, progress=lambda s, what: progress(0.25 * s, what)
+    )
+    slow_postures = postures[-2:] if quick else postures[1:]
+    slow = reversal_recordings(
+        robot,
+        slow_postures if held_out else slow_postures[:-1],
+        SLOW_SPEEDS[1:] if quick else SLOW_SPEEDS,
+        seed + 100,
+        lambda s, what: progress(0.25 + 0.75 * s, what),
+        SLOW_PERIOD,
+    )
+    return fast, slow
+
+
+def _with_networks(
+    robot: Robot, result: IdentificationResult, fitted: Sequence[Recording], seed: int
+) -> IdentifiedModel:
+    """The semi-parametric model, its networks trained on friction separated in these logs."""
+    separated = separate_recordings(robot, fitted, result.model, CONFIG.cutoff)
+    training = TrainingConfig(seed=seed, odd=True, steepest=STEEPEST)
+    return semi_parametric_model(robot, result, separated, training)[0]
+
+
+def covariance_at_speed(tau_ext: Array, v: Array, speed: float) -> Array:
+    """Sigma_tau (n, n) in (N m)^2 by the rule at the top of this file.
+
+    Args:
+        tau_ext: (N, n) N m, the observer's output where nothing touches the arm.
+        v: (N, n) rad/s.
+        speed: rad/s.
+    """
+    slow = np.abs(v) <= speed
+    slow[:, slow.sum(axis=0) < FEWEST] = True
+    sd = np.sqrt((tau_ext**2 * slow).sum(axis=0) / slow.sum(axis=0))
+    moment = tau_ext.T @ tau_ext
+    scale = np.sqrt(np.diag(moment))
+    return np.asarray(np.outer(sd, sd) * moment / np.outer(scale, scale))

@@ -1,0 +1,200 @@
+"""What is the friction of these joints, without a torque sensor? Passes both ways in, friction out.
+
+Two sources: a planned motion of the simulated arm
+(`models.excitation.friction_reversal.reversal_motion`, the article's eqs. 16-19), and recordings of
+any arm whose joints pass equal positions both ways, such as the UR10e's `joint_1` to `joint_6`.
+Either gives friction samples over velocity, on which `analyses.methods.learning.friction_training`
+trains the networks, and the asymmetric part that eq. 15 neglects.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wrenchsight.analyses.methods.runs.simulated_logs import simulate_motion
+from wrenchsight.analyses.output.figures import COLOUR, legend_below, panels_in_pairs
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.excitation.friction_reversal import (
+    ReversalSamples,
+    reversal_motion,
+    separate,
+)
+from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+ProgressCallback = Callable[[float, str], None]
+
+SPEEDS = (0.01, 0.03, 0.06, 0.11, 0.18, 0.28, 0.45, 0.8)  # rad/s, of the planned passes
+PERIOD = 2.0  # s
+REST = 0.002  # rad/s
+
+
+@dataclass(frozen=True, eq=False)
+class SeparatedFriction:
+    """Friction of all joints by reversal.
+
+    Attributes:
+        joint_names: n of them.
+        samples: one entry a joint.
+    """
+
+    joint_names: tuple[str, ...]
+    samples: tuple[ReversalSamples, ...]
+
+    def table(self, symmetric: bool = False) -> tuple[Array, Array]:
+        """Velocities and torques (N, n) of both directions, NaN where a joint has fewer than N.
+
+        Args:
+            symmetric: whether the asymmetric part is left out, as the article does.
+        """
+        columns = []
+        for samples in self.samples:
+            v, torque = samples.friction()
+            if symmetric:
+                torque = np.concatenate([samples.symmetric, -samples.symmetric])
+            columns.append((v, torque))
+        rows = max(len(v) for v, _ in columns)
+        table = np.full((2, rows, len(columns)), np.nan)
+        for j, (v, torque) in enumerate(columns):
+            table[0, : len(v), j], table[1, : len(v), j] = v, torque
+        return table[0], table[1]
+
+    def metrics(self) -> dict[str, Any]:
+        """Lists per joint, as written to metrics.json."""
+
+        def rms(x: Array) -> float:
+            return float(np.sqrt(np.mean(x**2))) if len(x) else float("nan")
+
+        symmetric = [rms(s.symmetric) for s in self.samples]
+        asymmetric = [rms(s.asymmetric) for s in self.samples]
+        return {
+            "num_pairs": [len(s.speed) for s in self.samples],
+            "symmetric_rms_nm": symmetric,
+            "asymmetric_rms_nm": asymmetric,
+            "asymmetric_pct": [100.0 * a / s for a, s in zip(asymmetric, symmetric, strict=True)],
+            "asymmetric_mean_nm": [
+                float(s.asymmetric.mean()) if len(s.speed) else float("nan") for s in self.samples
+            ],
+        }
+
+
+def separate_recordings(
+    robot: Robot,
+    recordings: Sequence[Recording],
+    model: IdentifiedModel,
+    cutoff: float = 5.0,
+    joints: Sequence[int] | None = None,
+) -> SeparatedFriction:
+    """Separates friction in recordings by pairing passes of opposite direction.
+
+    Args:
+        robot: that was recorded.
+        recordings: uniform or not; each is resampled to its median step and low-passed.
+        model: mass matrix and, for the asymmetric part, gravity.
+        cutoff: Hz, of the zero-phase low-pass.
+        joints: which joint each recording is for; None: all joints of all recordings.
+
+    Raises:
+        ValueError: `joints` and `recordings` differ in number.
+    """
+    if joints is not None and len(joints) != len(recordings):
+        raise ValueError("one joint per recording expected")
+    chain = model.chain(robot)
+    found: list[list[ReversalSamples]] = [[] for _ in robot.joint_names]
+    for k, recording in enumerate(recordings):
+        step = float(f"{recording.time_step:.3g}")
+        uniform = resampled(recording, step)
+        low_pass = ZeroPhaseLowPass(cutoff, step)
+        tau = uniform.tau_J
+        if tau is None:
+            tau = robot.joint_torque(uniform.current)
+        q, v, tau = low_pass(uniform.q), low_pass(uniform.v), low_pass(tau)
+        signals = uniform.t, q, v, derivative(v, step), tau
+        for j in range(robot.num_joints) if joints is None else (joints[k],):
+            found[j].append(separate(chain, *signals, j, REST, 1.0 / cutoff))
+    return SeparatedFriction(robot.joint_names, tuple(_joined(j, s) for j, s in enumerate(found)))
+
+
+def reversal_recordings(
+    robot: Robot,
+    postures: ArrayLike,
+    speeds: Sequence[float] = SPEEDS,
+    seed: int = 0,
+    progress: ProgressCallback = lambda fraction, what: None,
+    period: float = PERIOD,
+    ways: ArrayLike | None = None,
+) -> list[Recording]:
+    """What the simulated arm's controller records in planned reversals, all joints together.
+
+    Args:
+        robot: with its simulated truth; the controller is the drives' own.
+        postures: (K, n) rad, in which the passes meet.
+        speeds: rad/s of the passes.
+        seed: of the noise.
+        progress: told the share done.
+        period: s, of the passes; slow ones need a long one, or the drives' own compliance takes up
+            the whole travel.
+        ways: (K, n) or (n,) share of the motion that each joint makes, with its sign; None: signs
+            alternate, so that the tool stays where it is rather than sweeping the cell.
+    """
+    recordings = []
+    postures = np.atleast_2d(np.asarray(postures, dtype=np.float64))
+    if ways is None:
+        ways = np.where(np.arange(robot.num_joints) % 2 == 0, 1.0, -1.0)
+    directions = np.broadcast_to(np.asarray(ways, dtype=np.float64), postures.shape)
+    for k, (posture, way) in enumerate(zip(postures, directions, strict=True)):
+        motion = reversal_motion(robot, way, posture, speeds, (0.0,), period)
+
+        def part(share: float, what: str, k: int = k) -> None:
+            progress((k + share) / len(postures), what)
+
+        log = simulate_motion(
+            robot, motion.trajectory, seed + k, f"reversals {k + 1}", progress=part
+        )
+        recordings.append(log.recording)
+    return recordings
+
+
+def reversal_figure(
+    separated: SeparatedFriction,
+    law: CoulombViscous,
+    title: str,
+    other: Callable[[Array], Array] | None = None,
+    other_name: str = "semi-parametric",
+) -> "Figure":
+    """Separated friction over velocity, one panel a joint, with the law (the article's Fig. 18)."""
+    n = len(separated.joint_names)
+    figure, panels = panels_in_pairs(n, "velocity [rad/s]", "friction [N m]")
+    for j, axis in enumerate(panels):
+        v, torque = separated.samples[j].friction()
+        axis.plot(v, torque, ".", color=COLOUR["reference"], ms=2, alpha=0.4, label="separated")
+        most = float(np.abs(v).max(initial=0.1))
+        line = np.tile(np.linspace(-most, most, 801)[:, None], (1, n))
+        axis.plot(
+            line[:, j], law.torque(line)[:, j], color=COLOUR["before"], label="Coulomb-viscous"
+        )
+        if other is not None:
+            axis.plot(line[:, j], other(line)[:, j], color=COLOUR["estimate"], label=other_name)
+        share = separated.metrics()["asymmetric_pct"][j]
+        axis.set_title(f"{separated.joint_names[j]}: asymmetric part {share:.0f} %")
+    legend_below(figure, panels[0], 3)
+    figure.suptitle(title)
+    return figure
+
+
+def _joined(joint: int, parts: Sequence[ReversalSamples]) -> ReversalSamples:
+    def column(name: str) -> Array:
+        return np.concatenate([getattr(part, name) for part in parts] or [np.zeros(0)])
+
+    names = ("position", "speed", "acceleration", "symmetric", "asymmetric")
+    return ReversalSamples(joint, *(column(name) for name in names))

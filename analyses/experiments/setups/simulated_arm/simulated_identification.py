@@ -1,0 +1,112 @@
+"""The simulated arm's model from its own logs: every simulated experiment has it from here.
+
+A Coulomb-viscous model is identified from a log along excitation 1 and predicts the torque along
+excitation 2. Both were found by `excite` and lie beside the robot as coefficients.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from wrenchsight.analyses.methods.learning.identification import IdentificationResult, identify
+from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.runs.simulated_logs import (
+    PERIODS,
+    SimulatedLog,
+    simulate_excitation,
+    stored_excitation,
+)
+from wrenchsight.analyses.study.shared_results import shared
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
+
+ProgressCallback = Callable[[float, str], None]
+
+CONFIG = IdentificationConfig(cutoff=7.5, friction="coulomb-viscous")  # as in the article
+
+
+def identify_simulated_arm(
+    robot: Robot,
+    seed: int = 0,
+    num_periods: int = PERIODS,
+    config: IdentificationConfig = CONFIG,
+    progress: ProgressCallback = lambda fraction, what: None,
+    contact_noise: bool = True,
+) -> tuple[IdentificationResult, tuple[SimulatedLog, SimulatedLog]]:
+    """Identifies the simulated arm from its own log along excitation 1, checked on excitation 2.
+
+    This is where every simulated experiment has its model from; within a study it is found once.
+
+    Args:
+        robot: with its simulated truth.
+        seed: of the noise.
+        num_periods: of each excitation.
+        config: of the identification.
+        progress: told the share done.
+        contact_noise: of `identify`; a world of a campaign, whose model nobody keeps, has none.
+    """
+    arguments = robot, seed, num_periods, config, contact_noise
+    return shared("identify_simulated_arm", arguments, lambda: _identify(*arguments, progress))
+
+
+def _identify(
+    robot: Robot,
+    seed: int,
+    num_periods: int,
+    config: IdentificationConfig,
+    contact_noise: bool,
+    progress: ProgressCallback,
+) -> tuple[IdentificationResult, tuple[SimulatedLog, SimulatedLog]]:
+    logs = tuple(
+        simulate_excitation(
+            robot,
+            stored_excitation(robot, k + 1),
+            num_periods,
+            2 * seed + k,
+            f"excitation_{k + 1}",
+            lambda share, what, k=k: progress(0.4 * (k + share), what),  # type: ignore[misc]
+        )
+        for k in range(2)
+    )
+    result = identify(
+        [logs[0].recording],
+        robot,
+        [logs[1].recording],
+        config,
+        lambda share, what: progress(0.8 + 0.2 * share, what),
+        contact_noise,
+    )
+    return result, (logs[0], logs[1])
+
+
+def inertial_error(robot: Robot, model: IdentifiedModel, number: int = 2) -> tuple[Array, Array]:
+    """RMS error (n,) of the identified rigid-body torque along an excitation, and RMS of the true.
+
+    Both in N m; measured on the planned motion, free of noise and filters.
+    """
+    trajectory = stored_excitation(robot, number)
+    motion = trajectory.sample(np.arange(1000) * trajectory.period / 1000)
+    true = robot.chain.inverse_dynamics(*motion)
+    found = model.chain(robot).inverse_dynamics(*motion)
+    return _rms(found - true), _rms(true)
+
+
+def with_known_friction(
+    robot: Robot, logs: tuple[SimulatedLog, SimulatedLog], config: IdentificationConfig = CONFIG
+) -> IdentificationResult:
+    """Identifies again from torques that the true friction has been taken off."""
+
+    def without(log: SimulatedLog) -> Recording:
+        recording = log.recording
+        tau = robot.joint_torque(recording.current)
+        return replace(recording, tau_J=tau - log.tau_f_true)
+
+    config = replace(config, cross_validate=False)  # what its observer errs by is not asked
+    return identify([without(logs[0])], robot, [without(logs[1])], config)
+
+
+def _rms(x: Array) -> Array:
+    return np.asarray(np.sqrt(np.mean(x**2, axis=0)))

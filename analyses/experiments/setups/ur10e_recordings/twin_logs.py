@@ -1,0 +1,82 @@
+"""The simulated twin of a real log: the same commanded motion, the true joints, the same clock.
+
+The motion is the log's own, low-passed: what the controller was told is not in the logs. The
+simulated arm follows it under the drives' own controller and is logged where the real log has its
+rows, rounded as it.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from wrenchsight.analyses.methods.runs.simulated_logs import drive_servo
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.motion.paths import JointTrajectory
+from wrenchsight.models.recordings.position_resolution import position_resolution
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import PoseConfig, ToolConfig
+from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass
+from wrenchsight.models.truth.free_arm import simulate_free_arm
+from wrenchsight.models.truth.log_clock import clocked
+from wrenchsight.models.truth.true_robot import true_robot
+
+TIME_STEP = 0.01  # s, of the reference
+CUTOFF = 8.0  # Hz, of the reference: more than twice what the motions hold
+LEAD = 0.5  # s, at rest before the motion, and as long again to come up to it
+
+
+def commanded_motion(recording: Recording) -> JointTrajectory:
+    """The motion of a log as it may have been commanded: low-passed, from rest to rest."""
+    uniform = resampled(recording, TIME_STEP)
+    q = ZeroPhaseLowPass(CUTOFF, TIME_STEP, 4)(uniform.q)
+    t = uniform.t - uniform.t[0]
+    return JointTrajectory.from_positions(t, q)
+
+
+def twin_log(
+    recording: Recording,
+    robot: Robot,
+    day: int = 0,
+    seed: int = 0,
+    payload: ToolConfig | None = None,
+) -> Recording:
+    """What the simulated arm records along the motion of a real log.
+
+    Args:
+        recording: the real log.
+        robot: with its simulated truth.
+        day: seed of what differs from day to day.
+        seed: of the noise.
+        payload: on the flange, unknown to the controller.
+    """
+    truth = robot.config.simulated_truth
+    mechanisms = truth.mechanisms
+    if mechanisms is not None:
+        robot = robot.with_truth(replace(truth, mechanisms=replace(mechanisms, day=day)))
+    carrying = robot if payload is None else robot.with_tool(payload, PoseConfig())
+    log = simulate_free_arm(
+        robot,
+        commanded_motion(recording),
+        drive_servo(robot, IdentifiedModel.nominal(robot)),
+        seed=seed,
+        payload=true_robot(carrying).chain,
+    )
+    t = recording.t - recording.t[0]
+    exact = Recording(
+        t=recording.t[0] + log.t, q=log.q, v=log.v, current=log.current, source=recording.source
+    )
+    if mechanisms is not None:
+        exact = clocked(exact, mechanisms.clock, seed)
+    rows = np.clip(np.rint(t / 1e-3).astype(int), 0, len(log.t) - 1)
+    steps = position_resolution(recording.q)
+    steps = np.where(steps > 0.0, steps, 1.0)
+    q = np.where(
+        position_resolution(recording.q) > 0.0,
+        np.rint(exact.q[rows] / steps) * steps,
+        exact.q[rows],
+    )
+    return replace(
+        recording, q=q, v=exact.v[rows], current=exact.current[rows], tau_J=None, extra={}
+    )

@@ -1,1 +1,0 @@
-"""Experiments about the simulated truth itself: is it like a real arm?"""

@@ -1,0 +1,1 @@
+"""The experiment `tx40-identification`."""

@@ -1,0 +1,124 @@
+"""Figures of the contact runs: forces over time with their band, and errors by interval."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from wrenchsight.analyses.experiments.ur10e_contact.contact_reading import block_mean
+from wrenchsight.analyses.experiments.ur10e_contact.contact_runs import JUDGED
+from wrenchsight.analyses.experiments.ur10e_contact.contact_study import ContactStudy, ReadRun
+from wrenchsight.analyses.output.axes import limit_y
+from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
+from wrenchsight.models.contact.contact_force import SIGMA_95
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+LABELS: Final = {
+    "no_sensor": "ours, never a sensor",
+    "calibrated": "ours, calibrated once",
+    "article": "the article's",
+    "by_hand": "K (i - i_target) by J^-T",
+    "two_joints": "K (i - i_target), joints 2 and 3",
+    "carried_over": "ours, friction of another robot",
+}
+_DRAWN = ("no_sensor", "calibrated", "article", "by_hand", "two_joints")
+_FULL_SCALE = 160.0  # N; impacts leave the picture
+
+
+def one_run_a_group(study: ContactStudy) -> list[ReadRun]:
+    """The run of the middle force of each scene and controller, in the order of their names."""
+    groups: dict[str, list[ReadRun]] = {}
+    for read in study.runs:
+        groups.setdefault(read.prepared.run.name.group, []).append(read)
+    chosen = []
+    for _, reads in sorted(groups.items(), reverse=True):
+        ranked = sorted(reads, key=lambda r: (r.prepared.run.name.force, r.prepared.run.name))
+        chosen.append(ranked[len(ranked) // 2])
+    return chosen
+
+
+def force_figure(reads: Sequence[ReadRun]) -> "Figure":
+    """The force along the tool over time, a panel a run: sensor, ours with its band, by hand."""
+    figure, axes = new_figure(len(reads), 1, height=2.1 * len(reads) + 0.6)
+    panels: list[Any] = list(axes[:, 0])
+    for axis, read in zip(panels, reads, strict=True):
+        run, ours = read.prepared.run, read.readings["no_sensor"]
+        assert ours.sd is not None
+        t = block_mean(run.t)
+        band = SIGMA_95 * ours.sd
+        for interval in JUDGED:
+            if interval in run.intervals:
+                axis.axvspan(*run.intervals[interval], color=COLOUR["reference"], alpha=0.08, lw=0)
+        colour = COLOUR["estimate"]
+        axis.fill_between(
+            t,
+            ours.force - band,
+            ours.force + band,
+            color=colour,
+            alpha=BAND_ALPHA,
+            lw=0,
+            label="95 % band",
+        )
+        by_hand = read.readings["two_joints"].force
+        axis.plot(t, by_hand, color=COLOUR["article"], lw=0.7, label=LABELS["two_joints"])
+        axis.plot(t, ours.force, color=colour, lw=1.2, label=LABELS["no_sensor"])
+        axis.plot(t, read.prepared.truth, color=COLOUR["truth"], lw=1.0, label="sensor")
+        limit_y(axis, -40.0, _FULL_SCALE, "N")
+        axis.set_ylabel("force [N]")
+        axis.set_title(run.name.stem)
+    panels[-1].set_xlabel("time from the first contact [s]; shaded: where it is judged")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=4)
+    return figure
+
+
+def error_figure(metrics: dict[str, Any], groups: Sequence[str]) -> "Figure":
+    """RMSE of each method by scene, controller and interval, a panel an interval."""
+    figure, axes = new_figure(len(JUDGED), 1, height=6.6, share_x=True)
+    panels: list[Any] = list(axes[:, 0])
+    kinds = [
+        (group, speed)
+        for group in groups
+        for speed in metrics[group]
+        if any(metrics[group][speed][i]["no_sensor"]["runs"] for i in JUDGED)
+    ]
+    places = np.arange(len(kinds))
+    width = 0.8 / len(_DRAWN)
+    for axis, interval in zip(panels, JUDGED, strict=True):
+        for m, method in enumerate(_DRAWN):
+            values = [metrics[group][speed][interval][method]["rmse_n"] for group, speed in kinds]
+            heights = [np.nan if value is None else value for value in values]
+            at = places + (m - 0.5 * (len(_DRAWN) - 1)) * width
+            axis.bar(at, heights, width, color=SERIES[m], label=LABELS[method])
+        axis.set_ylim(0.0, 20.0)
+        axis.set_ylabel("RMSE [N]")
+        axis.set_title(
+            {"hold1": "first hold", "slide": "steady slide", "hold2": "second hold"}[interval]
+        )
+    names = [f"{group.replace('_', chr(10))}\n{int(speed[1:]) / 100:.2f}" for group, speed in kinds]
+    panels[-1].set_xticks(places, names)
+    panels[-1].set_xlabel("scene, controller, speed [m/s]; bars beyond 20 N are cut")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    return figure
+
+
+def parts_figure(parts: dict[str, Any]) -> "Figure":
+    """RMSE with one piece of knowledge left out at a time."""
+    figure, axes = new_figure(1, 1, height=0.4 * len(parts) + 0.8)
+    axis: Any = axes[0, 0]
+    names = list(parts)
+    places = np.arange(len(names))
+    kinds = ("rest", "straight_slide", "ramp_slide")
+    for k, kind in enumerate(kinds):
+        values = [parts[name][f"{kind}_rmse_n"] for name in names]
+        heights = [np.nan if value is None else value for value in values]
+        label = {"rest": "holds", "straight_slide": "straight slides", "ramp_slide": "ramp slides"}
+        axis.barh(places + 0.27 * (k - 1), heights, 0.25, color=SERIES[k], label=label[kind])
+    axis.set_yticks(places, [name.replace("_", " ") for name in names])
+    axis.invert_yaxis()
+    axis.set_xlabel("RMSE of the force along the tool [N]")
+    figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    return figure

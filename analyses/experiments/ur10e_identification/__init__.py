@@ -1,0 +1,1 @@
+"""The experiment `ur10e-identification`."""

@@ -1,0 +1,379 @@
+"""Experiment `ur10e-payload`: does the estimator read a known force on a real arm?
+
+A UR10e carries a payload of 2.805 kg that its model knows nothing of. On the flange then acts
+F = m (g - a_E): some 27 N downwards, plus what accelerating the payload takes. The model comes from
+the three unloaded runs (`ur10e-identification`), the estimator is causal: raw encoders and motor
+currents on a uniform grid, momentum observer with K_0 = 15 /s, and each method of reading a wrench.
+
+**Sigma_tau** is the model's residual covariance: the second moment of the torque that each unloaded
+run leaves unexplained when the model is fitted on the other two. It is mostly friction, and so is
+what the observer sees; the same observer over an unloaded run that was not fitted shows by how much
+the two differ (`unloaded`).
+
+**The prior** of `bayesian` is chosen by a rule that sees the log but not the payload: the force and
+moment standard deviations with the largest marginal likelihood of the observed joint torques
+(`evidence_prior.evidence_prior`). `bayesian_live_prior` uses the rule for when there is
+no log yet, half the weight of the rated payload with a lever of 5 cm
+(`models.estimation.wrench.live_prior`).
+
+**With the best friction law** (`best`; chosen on the unloaded runs alone) the same is done once
+more. The payload's centre of mass sits some 18 cm off the flange, so that a reading of a force at
+the flange is wrong there. Below `best.at_load` the point where the force acts, its mean and the sds
+of its deviations come from the first 10 s of the loaded run by their marginal likelihood
+(`wrenchsight.models.estimation.point_of_action`); the rest is the test, read at that point.
+`bayesian_zero_mean` there is the same prior without a mean, with sds of its own.
+
+Not blind: which rule finds that point, and that the friction's load is taken from the motor torque
+rather than from the model's own (`models.friction.presliding_friction`), were settled on this very
+recording (a prior of mean zero read 2 % too little mass). No number was fitted to the test part,
+but the margin to a stated mass may owe something to the choice; `best.point_rules` gives the other
+rules.
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import (
+    MARGIN,
+    MASS,
+    METHODS,
+    REFERENCE_CUTOFF,
+    TIME_STEP,
+    AtLoad,
+    Reading,
+    Reference,
+    estimate_run,
+    estimator_config,
+    payload_reference,
+    read_at_load,
+    rms,
+)
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
+    FITTED,
+    FOLDER,
+    LOADED,
+    VALIDATED,
+    identify_ur10e,
+)
+from wrenchsight.analyses.experiments.ur10e_payload.payload_figures import (
+    force_figure,
+    methods_figure,
+    singular_figure,
+)
+from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.study.experiment import (
+    ComparisonRow,
+    Experiment,
+    ExperimentContext,
+    ExperimentResult,
+)
+from wrenchsight.analyses.study.figure_files import saved_figure
+from wrenchsight.analyses.study.wording import change_between
+from wrenchsight.models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
+from wrenchsight.models.estimation.wrench import WrenchReconstruction, live_prior
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.rigid_body.spatial_vectors import AXES
+from wrenchsight.models.robot.robot import Robot
+
+if TYPE_CHECKING:
+    pass
+
+
+UNLOADED = VALIDATED["14harm50sec"]
+# Whether the force at the point of action has a mean, and the noise a scale of its own.
+POINT_RULES = {
+    "mean_and_noise": (True, True),  # the one in use
+    "mean": (True, False),
+    "neither": (False, False),
+}
+
+
+def run(context: ExperimentContext) -> ExperimentResult:
+    """Identifies, estimates over the loaded run, and compares the methods with the payload."""
+    robot = Robot.load("ur10e")
+    model = identify_ur10e(
+        context.data, robot, progress=lambda share, what: context.progress(0.3 * share, what)
+    ).model
+    context.progress(0.3, "estimating over the loaded run")
+    loaded, batch = estimate_run(context.data / FOLDER / LOADED, robot, model)
+    inner = slice(round(MARGIN / TIME_STEP), -round(MARGIN / TIME_STEP))
+    t = loaded.t[inner] - loaded.t[0]
+    reference = Reference(payload_reference(robot, loaded, REFERENCE_CUTOFF).direction[inner])
+
+    context.progress(0.4, "finding the prior")
+    Sigma_tau = model.residual_covariance
+    prior = evidence_prior(batch.J[inner], batch.tau_ext[inner], Sigma_tau)
+    *free, noise_scale = evidence_prior_and_noise(batch.J[inner], batch.tau_ext[inner], Sigma_tau)
+    priors = dict.fromkeys(METHODS, prior) | {"bayesian_live_prior": live_prior(robot.payload)}
+    readings = {}
+    for name, config in METHODS.items():
+        reconstruction = WrenchReconstruction(config.with_prior(*priors[name]), Sigma_tau)
+        readings[name] = Reading.of(reconstruction.reconstruct(batch.J, batch.tau_ext), inner)
+
+    context.progress(0.7, "the same over an unloaded run")
+    _, empty = estimate_run(context.data / FOLDER / UNLOADED, robot, model)
+    bayesian = WrenchReconstruction(METHODS["bayesian"].with_prior(*prior), Sigma_tau)
+    unloaded = bayesian.reconstruct(empty.J[inner], empty.tau_ext[inner])
+    metrics: dict[str, Any] = {
+        name: reading.metrics(reference) for name, reading in readings.items()
+    }
+    metrics |= {
+        "true_mass_kg": MASS,
+        "prior": {
+            "force_sd_n": prior[0],
+            "moment_sd_nm": prior[1],
+            "live_force_sd_n": priors["bayesian_live_prior"][0],
+            "live_moment_sd_nm": priors["bayesian_live_prior"][1],
+        },
+        "prior_with_free_noise": {
+            "force_sd_n": free[0],
+            "moment_sd_nm": free[1],
+            "noise_factor": noise_scale,
+        },
+        "unloaded": {
+            "observed_torque_rms_nm": rms(empty.tau_ext[inner]),
+            "stated_torque_sd_nm": np.sqrt(np.diag(Sigma_tau)),
+            "bayesian_force_rms_n": rms(unloaded.wrench[:, 3:]),
+        },
+        "condition_number": {
+            "median": float(np.median(batch.condition_number[inner])),
+            "max": float(np.max(batch.condition_number[inner])),
+        },
+    }
+    context.progress(0.72, "the best friction law")
+    best_model = identify_ur10e(context.data, robot, IdentificationConfig(friction="best"))
+    at_load, best_readings = _with_best_law(
+        context.data / FOLDER / LOADED, robot, best_model.model, reference
+    )
+    metrics["best"] = {"law": best_model.law, **best_readings, "at_load": at_load.metrics()}
+    context.progress(0.9, "figures")
+    figures = [
+        saved_figure(
+            force_figure(t, readings["bayesian"], reference),
+            context.out,
+            "payload_force",
+            "Force on the flange over the loaded run: Bayesian reading with its 95 % band, and the "
+            "payload's weight and inertia.",
+        ),
+        saved_figure(
+            singular_figure(t, readings["bayesian"], readings["inverse"], reference),
+            context.out,
+            "payload_singular_pass",
+            "The same around a singular pass, with the plain inverse "
+            "(eq. 22); samples that its flag calls invalid are shaded.",
+        ),
+        saved_figure(
+            methods_figure(metrics),
+            context.out,
+            "payload_methods",
+            "Force error per axis and the payload's mass as each method reads it.",
+        ),
+        saved_figure(
+            force_figure(at_load.t, at_load.readings["bayesian"], at_load.reference),
+            context.out,
+            "payload_force_at_load",
+            "Force at the point of action that was found from the first 10 s, with the best "
+            "friction law: Bayesian reading with its 95 % band, and the payload's weight and "
+            "inertia.",
+        ),
+    ]
+    return ExperimentResult(
+        metrics=metrics,
+        figures=figures,
+        comparison=_comparison(metrics),
+        notes=findings(metrics),
+        configuration={
+            "fitted": list(FITTED),
+            "loaded": LOADED,
+            "unloaded": UNLOADED,
+            "estimator": estimator_config(),
+            "methods": {name: config.with_prior(*priors[name]) for name, config in METHODS.items()},
+            "payload_kg": MASS,
+            "reference_cutoff_hz": REFERENCE_CUTOFF,
+            "margin_s": MARGIN,
+        },
+    )
+
+
+def _with_best_law(
+    log: Path, robot: Robot, model: IdentifiedModel, reference: Reference
+) -> tuple[AtLoad, dict[str, Any]]:
+    """Readings at the point of action, and the metrics of those at the flange."""
+    loaded, batch = estimate_run(log, robot, model)
+    margin = round(MARGIN / TIME_STEP)
+    inner = slice(margin, -margin)
+    Sigma_tau = model.residual_covariance
+    prior = evidence_prior(batch.J[inner], batch.tau_ext[inner], Sigma_tau)
+    flange: dict[str, Any] = {"force_sd_n": prior[0], "moment_sd_nm": prior[1]}
+    for name in ("bayesian", "force_only"):
+        reconstruction = WrenchReconstruction(METHODS[name].with_prior(*prior), Sigma_tau)
+        reading = Reading.of(reconstruction.reconstruct(batch.J, batch.tau_ext), inner)
+        flange[name] = reading.metrics(reference)
+
+    at_load = {
+        name: read_at_load(robot, loaded, batch, Sigma_tau, with_mean, free_noise)
+        for name, (with_mean, free_noise) in POINT_RULES.items()
+    }
+    flange["point_rules"] = {
+        name: {"point_m": one.found.p_EP}
+        | {
+            method: {key: metrics[key] for key in ("rmse_n", "mass_kg")}
+            for method, metrics in one.metrics().items()
+            if method in ("bayesian", "force_only") and isinstance(metrics, dict)
+        }
+        for name, one in at_load.items()
+    }
+    return at_load["mean_and_noise"], flange
+
+
+def findings(metrics: dict[str, Any]) -> list[str]:
+    """What the figures say, in sentences."""
+    bayesian, inverse, damped = (metrics[name] for name in ("bayesian", "inverse", "damped"))
+    force_only, live = metrics["force_only"], metrics["bayesian_live_prior"]
+    prior, unloaded = metrics["prior"], metrics["unloaded"]
+
+    def errors(part: dict[str, Any], digits: int = 1) -> str:
+        return " ".join(f"{part[f'rmse_f{axis}_n']:.{digits}f}" for axis in AXES)
+
+    seen = " ".join(f"{x:.2f}" for x in unloaded["observed_torque_rms_nm"])
+    stated = " ".join(f"{x:.2f}" for x in unloaded["stated_torque_sd_nm"])
+    inside = " ".join(f"{x:.0f}" for x in bayesian["inside_95_pct"])
+    kept = inverse["valid"]
+    kept_text = (
+        f"over these it errs by {errors(kept)} N and reads {kept['mass_kg']:.2f} kg"
+        if kept["mass_kg"] is not None
+        else "no sample is left"
+    )
+    best = metrics["best"]
+    at_load = best["at_load"]
+    return [
+        f"From motor currents alone, with the friction law `{best['law']}` that the unloaded runs "
+        f"chose, the Bayesian reading at the flange follows the payload's force within "
+        f"{errors(best['bayesian'])} N RMS (x y z); read where the load acts, found from the first "
+        f"10 s, within {errors(at_load['bayesian'])} N, and it weighs "
+        f"{at_load['bayesian']['mass_kg']:.3f} kg (`force_only`: {errors(at_load['force_only'])} N "
+        f"and {at_load['force_only']['mass_kg']:.3f} kg; true: {MASS} kg).",
+        f"A prior of mean zero reads {at_load['bayesian_zero_mean']['mass_kg']:.2f} kg there "
+        f"({change_between(MASS, at_load['bayesian_zero_mean']['mass_kg'], 1)} than the true "
+        "mass): it pulls every reading towards zero, and the pulls on a force that always points "
+        "down add up. The prior of `best.at_load.bayesian` has a mean, learnt from the same first "
+        "10 s.",
+        "The rule that finds the point of action was settled on this recording, not blindly. Mass "
+        "by `force_only` and `bayesian` with each rule: "
+        + "; ".join(
+            f"`{name}` {rule['force_only']['mass_kg']:.3f} and {rule['bayesian']['mass_kg']:.3f} kg"
+            for name, rule in best["point_rules"].items()
+        )
+        + ".",
+        f"With plain friction the Bayesian reading follows the payload's force within "
+        f"{errors(bayesian)} N RMS (x y z), eq. 22 within {errors(inverse, 0)} N: the arm passes "
+        "configurations with a condition number of up to "
+        f"{metrics['condition_number']['max']:.3g}.",
+        f"The flag of eq. 22 keeps {inverse['share_valid_pct']:.0f} % of its samples; {kept_text}.",
+        f"A smooth reading need not be a correct one: of {MASS} kg `damped` reads "
+        f"{damped['mass_kg']:.2f} kg "
+        f"and states a band that holds the truth in {damped['inside_95_pct'][2]:.0f} % of the "
+        f"samples in z, where it should in 95 %. `bayesian` reads {bayesian['mass_kg']:.2f} kg "
+        f"({bayesian['valid']['mass_kg'] or float('nan'):.2f} kg over its valid samples): it falls "
+        f"back on its prior where the arm sees little, and its band says so ({inside} % inside, "
+        "x y z).",
+        f"The prior of `bayesian`, {prior['force_sd_n']:.1f} N and "
+        f"{prior['moment_sd_nm']:.2f} N m, maximises the marginal likelihood of the observed joint "
+        "torques; the payload plays no part in it. It has mean zero, so that a force which always "
+        "points down counts as unusual: in z the 95 % band holds "
+        f"{bayesian['inside_95_pct'][2]:.0f} % of the samples. With the rule for live use (half "
+        "the rated payload's weight, "
+        f"{prior['live_force_sd_n']:.1f} N, and a lever of 5 cm) the error is "
+        f"{errors(live)} N and the mass {live['mass_kg']:.2f} kg.",
+        "Sigma_tau is the second moment of each unloaded run's torque residual under a model "
+        f"fitted on the other two: sd {stated} N m per joint. Over an unloaded run that was not "
+        f"fitted the causal observer reads {seen} N m RMS. Under load the likelihood of the run "
+        f"asks for {metrics['prior_with_free_noise']['noise_factor']:.2f} times these sds.",
+        "The payload's centre of mass lies some 18 cm off the flange, so there is a real moment at "
+        f"E. `force_only` assumes none and reads it as force ({errors(force_only)} N).",
+    ]
+
+
+def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
+    lost = f"damping reads {change_between(MASS, metrics['damped']['mass_kg'])} than there is"
+
+    def row(label: str, key: str, unit: str, value: float, remark: str = "") -> ComparisonRow:
+        return ComparisonRow(label, key, unit, value, remark, "plain tools")
+
+    richer = "the plain tools' friction had memory, Stribeck and load terms"
+    rows = [
+        row(f"force RMSE {axis}, Bayesian", f"bayesian.rmse_f{axis}_n", "N", value, remark)
+        for axis, value, remark in zip(
+            AXES,
+            (7.3, 7.4, 10.0),
+            ("prior of maximum evidence; there it was set by hand (30 N, 2 N m)", "", ""),
+            strict=True,
+        )
+    ]
+    rows += [
+        row(f"force RMSE {axis}, eq. 22", f"inverse.rmse_f{axis}_n", "N", value, remark)
+        for axis, value, remark in zip(
+            AXES,
+            (139.0, 5797.0, 901.0),
+            ("it depends on how close the samples come to singular", "", ""),
+            strict=True,
+        )
+    ]
+    rows += [
+        row(f"force RMSE {axis}, damped", f"damped.rmse_f{axis}_n", "N", value, richer)
+        for axis, value in zip(AXES, (4.4, 3.5, 11.2), strict=True)
+    ]
+    rows += [
+        row(f"force RMSE {axis}, truncated", f"truncated.rmse_f{axis}_n", "N", value, richer)
+        for axis, value in zip(AXES, (4.4, 4.2, 9.5), strict=True)
+    ]
+    rows += [
+        row(
+            f"Force RMSE {axis} at the flange, Bayesian, best friction law",
+            f"best.bayesian.rmse_f{axis}_n",
+            "N",
+            value,
+        )
+        for axis, value in zip(AXES, (4.5, 4.8, 6.1), strict=True)
+    ]
+    rows += [
+        row(
+            f"Force RMSE {axis} where the load acts, {label}, best friction law",
+            f"best.at_load.{method}.rmse_f{axis}_n",
+            "N",
+            value,
+        )
+        for method, label, values in (
+            ("bayesian", "Bayesian", (1.8, 2.7, 3.1)),
+            ("force_only", "force only", (1.6, 2.9, 2.9)),
+        )
+        for axis, value in zip(AXES, values, strict=True)
+    ]
+    rows += [
+        row(
+            "Mass where the load acts, force only (true 2.805)",
+            "best.at_load.force_only.mass_kg",
+            "kg",
+            2.804,
+        )
+    ]
+    return [
+        *rows,
+        row("mass, damped (true 2.805)", "damped.mass_kg", "kg", 1.88, lost),
+        ComparisonRow("mass, Bayesian (true 2.805)", "bayesian.mass_kg", "kg", None),
+        ComparisonRow("mass, force only (true 2.805)", "force_only.mass_kg", "kg", None),
+    ]
+
+
+EXPERIMENT = Experiment(
+    name="ur10e-payload",
+    title="Payload of a real UR10e, read from its motor currents",
+    section="recordings of a UR10e",
+    run=run,
+    needs=(FOLDER,),
+    order=160,
+    seconds=40,
+    readme=("best.at_load.force_only.mass_kg",),
+)

@@ -1,0 +1,356 @@
+"""Experiment `ur10e-trust`: does the stated uncertainty hold on logs that nobody tuned to?
+
+The model is fitted on the three unloaded runs; every other contact-free log of the same arm, from
+seven weeks before to a week after, and two logs with a known load are read sample by sample as a
+controller would. Where nothing touches the arm the truth is zero; a load's truth is its weight and
+inertia, read at its point of action, which the first 10 s of the log tell.
+
+The figures are those of `force_only`, whose band holds the torque error alone; below `bayesian` the
+same with the live prior, which is right about a force that is zero and so holds it more often, and
+below `refreshed` those of the model whose friction was found again from the log's first
+REFRESH_SECONDS, over the rest of it; with a load, from those of the same motion's or day's log
+without. Below `widened`, where `estimate` says of a log that its friction is not the model's, the
+same with the drift, joint by joint, that it then allows for: the band of a whole log, which a
+controller that has read no second of it cannot have.
+
+**Rest** is where no joint has moved faster than REST_SPEED for .3 s, **reversal** where a joint
+turns round within .15 s, **sliding** all else.
+
+Not blind: the drift of friction, an assumption, was settled with these logs in sight, and so were
+the forms of the law and of the lag in the band. How long a joint takes to rest and how far its slip
+reaches come from the three fitted runs.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import payload_reference
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
+    FOLDER,
+    identify_ur10e,
+)
+from wrenchsight.analyses.methods.calibration.friction_refreshing import refresh_model
+from wrenchsight.analyses.methods.learning.identification_config import (
+    IdentificationConfig,
+    RefreshConfig,
+)
+from wrenchsight.analyses.methods.reading.drifted_band import covariance_about
+from wrenchsight.analyses.methods.reading.friction_watch import FrictionWatch
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
+from wrenchsight.analyses.study.experiment import (
+    ComparisonRow,
+    Experiment,
+    ExperimentContext,
+    ExperimentResult,
+    FigureFile,
+)
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.point_of_action import find_point_of_action, jacobian_at
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.recordings.position_resolution import position_resolution
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.robot.robot import Robot
+
+MORE = "ur10e_more"  # below the data folder
+FREE = {
+    FOLDER: ("ur-20_02_19_14harm50sec", "ur-20_01_17-ptp_10_points"),
+    MORE: (
+        "ur-20_02_19_15harm50sec",
+        "ur-20_02_10-20sec_7harm",
+        "ur-20_02_06-20sec_5harm",
+        "ur-20_02_06-20sec_10harm",
+        "ur-20_02_05-20sec_8harm",
+        "ur-20_01_31-unload",
+        "ur-19_12_23_free",
+        *(f"ur-20_01_17-p{k}" for k in range(1, 6)),
+    ),
+}
+LOADED = {  # kg
+    FOLDER: {"ur-20_02_19_14harm50secLoad": 2.805},
+    MORE: {"ur-19_12_23_load": 1.069},
+}
+REFRESHED_BY = {  # the log without the load
+    "ur-20_02_19_14harm50secLoad": "ur-20_02_19_14harm50sec",
+    "ur-19_12_23_load": "ur-19_12_23_free",
+}
+REFRESH_SECONDS = 4.0
+TIME_STEP = 0.01  # s
+K_0 = 15.0  # 1/s, as in `ur10e-payload`; the logs' currents are samples of continuous signals
+REST_SPEED = 0.01  # rad/s
+REST_TIME = 0.3  # s
+REVERSAL_TIME = 0.15  # s
+LEARNING = slice(100, 1000, 5)  # samples of a loaded log that tell the point of action
+MARGIN = 100  # samples left out at both ends
+FEWEST = 30  # samples of a regime
+BAND = 1.96  # sds: 95 %
+
+
+def run(context: ExperimentContext) -> ExperimentResult:
+    """Identifies, reads every log, and counts how often the band holds the truth."""
+    robot = Robot.load("ur10e")
+    model = identify_ur10e(
+        context.data, robot, IdentificationConfig(friction="presliding"), context.progress
+    ).model
+    metrics: dict[str, Any] = {}
+    logs = [(context.data / f / f"{n}.csv", 0.0) for f, names in FREE.items() for n in names]
+    logs += [
+        (context.data / folder / f"{name}.csv", mass)
+        for folder, own in LOADED.items()
+        for name, mass in own.items()
+    ]
+    renewed: dict[str, IdentifiedModel] = {}
+    for k, (log, mass) in enumerate(logs):
+        context.progress(0.6 + 0.35 * k / len(logs), log.stem)
+        recording = read_recording(log, robot=robot)
+        own = _log_metrics(recording, mass, robot, model, MARGIN)
+        begin = MARGIN
+        if mass == 0.0 and "sliding" in own:
+            config = RefreshConfig(part=[0.0, REFRESH_SECONDS])
+            renewed[log.stem] = refresh_model(recording, robot, model, config).model
+            begin += round(REFRESH_SECONDS / TIME_STEP)
+            drift = _drift_told(recording, robot, model)
+            if drift is not None and model.torque_error is not None:
+                error = replace(model.torque_error, drift_shown=drift)
+                wide = replace(model, torque_error=error)
+                told = _log_metrics(recording, mass, robot, model, MARGIN, wide)
+                own["widened"] = {"drift": drift, **told}
+        source = REFRESHED_BY.get(log.stem, log.stem)
+        if source in renewed:
+            own["refreshed"] = _log_metrics(recording, mass, robot, renewed[source], begin)
+        metrics[log.stem] = own
+    context.progress(0.95, "figure")
+    return ExperimentResult(
+        metrics=metrics,
+        figures=[_figure(metrics, context.out)],
+        comparison=_comparison(),
+        notes=_notes(metrics),
+        configuration={"free": FREE, "loaded_kg": LOADED, "rest_speed_rad_per_s": REST_SPEED},
+    )
+
+
+def _drift_told(recording: Recording, robot: Robot, model: IdentifiedModel) -> Array | None:
+    """(n,) drift that `estimate` allows for in the band of a contact-free log; None: nothing."""
+    uniform = resampled(recording, TIME_STEP)
+    config = WrenchEstimatorConfig(
+        MomentumObserverConfig([K_0], TIME_STEP, "trapezoidal"),
+        position_resolution=position_resolution(recording.q).tolist(),
+    )
+    estimator = WrenchEstimator(robot, model, config)
+    seen = estimator.observe(uniform.q, uniform.v, uniform.current)
+    watch = FrictionWatch(model, estimator.chain, estimator.observer.pole, TIME_STEP)
+    known = seen.fresh & ~uniform.dropout
+    watch.add(uniform.t, uniform.q, uniform.v, seen.tau_ext, known, np.ones_like(known))
+    return watch.drifts()
+
+
+def _log_metrics(
+    recording: Recording,
+    mass: float,
+    robot: Robot,
+    model: IdentifiedModel,
+    begin: int,
+    wide: IdentifiedModel | None = None,
+) -> dict[str, Any]:
+    """What `model` reads, with the band of `wide`, if given."""
+    uniform = resampled(recording, TIME_STEP)
+    found: dict[str, Any] = {}
+    for method in ("force_only", "bayesian"):
+        config = WrenchEstimatorConfig(
+            MomentumObserverConfig([K_0], TIME_STEP, "trapezoidal"),
+            WrenchReconstructionConfig(method),
+            position_resolution=position_resolution(recording.q).tolist(),
+        )
+        estimator = WrenchEstimator(robot, model, config)
+        if estimator.trusted is None:
+            raise ValueError("the model has no torque error")
+        seen = estimator.observe(uniform.q, uniform.v, uniform.current)
+        J, truth = seen.J, np.zeros((len(seen.J), 3))
+        if mass > 0.0:
+            R_WE, _ = robot.chain.pose(uniform.q)
+            point = find_point_of_action(
+                J[LEARNING], R_WE[LEARNING], seen.tau_ext[LEARNING], model.residual_covariance
+            ).p_EP
+            J = jacobian_at(J, R_WE, point)
+            truth = mass * payload_reference(robot, uniform, 5.0, point).direction
+        log = (uniform.q, uniform.v, seen.tau_J - seen.tau_f, J, seen.tau_ext, seen.fresh)
+        reading = estimator.trusted
+        wrench, covariance, _, valid, _ = reading.run(reading.initial_state(), *log)
+        if wide is not None:
+            other = WrenchEstimator(robot, wide, config).trusted
+            assert other is not None
+            mean, covariance, _, still, _ = other.run(other.initial_state(), *log)
+            covariance, valid = covariance_about(wrench, mean, covariance), valid & still
+        sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))[:, 3:]
+        kept = ~uniform.dropout
+        kept[:begin] = kept[-MARGIN:] = False
+        parts = {
+            name: _counted(
+                wrench[rows & kept, 3:] - truth[rows & kept], sd[rows & kept], valid[rows & kept]
+            )
+            for name, rows in regimes(uniform.v).items()
+            if (rows & kept).sum() >= FEWEST
+        }
+        found |= parts if method == "force_only" else {method: parts}
+    return found
+
+
+def regimes(v: Array) -> dict[str, Flags]:
+    """Which of N samples are rest, reversal and sliding, for v (N, n) every TIME_STEP s."""
+    N = len(v)
+    moves = (np.abs(v) > REST_SPEED).any(axis=1)
+    recent = np.convolve(moves, np.ones(round(REST_TIME / TIME_STEP)))[:N] > 0.0
+    turning, reach = np.zeros(N, bool), round(REVERSAL_TIME / TIME_STEP)
+    for j in range(v.shape[1]):
+        moving = np.flatnonzero(np.abs(v[:, j]) > 0.1 * REST_SPEED)
+        for k in np.flatnonzero(np.diff(np.sign(v[moving, j])) != 0.0):
+            turning[max(0, moving[k] - reach) : moving[k + 1] + reach + 1] = True
+    return {
+        "all": np.ones(N, bool),
+        "rest": ~recent,
+        "reversal": recent & turning,
+        "sliding": recent & ~turning,
+    }
+
+
+def _counted(error: Array, sd: Array, valid: Flags) -> dict[str, Any]:
+    return {
+        "inside_95_pct": 100.0 * np.mean(np.abs(error) <= BAND * sd, axis=0),
+        "rmse_n": np.sqrt(np.mean(error**2, axis=0)),
+        "share_valid_pct": 100.0 * float(valid.mean()),
+        "largest_valid_n": np.abs(error[valid]).max(axis=0) if valid.any() else np.zeros(3),
+    }
+
+
+def _notes(metrics: dict[str, Any]) -> list[str]:
+    def line(values: Any) -> str:
+        return " ".join(f"{value:.0f}" for value in values)
+
+    moving = {name: own for name, own in metrics.items() if "sliding" in own}
+    still = [own["all"] for name, own in metrics.items() if name not in moving]
+    shares = "; ".join(
+        f"`{name}` {line(own['all']['inside_95_pct'])}" for name, own in moving.items()
+    )
+    renewed = "; ".join(
+        f"`{name}` {line(own['refreshed']['all']['inside_95_pct'])}"
+        for name, own in moving.items()
+        if "refreshed" in own
+    )
+    notes = [f"Share of the samples inside the 95 % band, x y z: {shares}."]
+    if renewed:
+        notes.append(
+            f"With friction found again from {REFRESH_SECONDS:g} s without contact: {renewed}."
+        )
+    told = "; ".join(
+        f"`{name}` {line(own['widened']['all']['inside_95_pct'])} "
+        f"({line(100.0 * np.asarray(own['widened']['drift']))} %)"
+        for name, own in moving.items()
+        if "widened" in own
+    )
+    if told:
+        notes.append(
+            "Where `estimate` says that friction is not the model's, with the drift of each joint "
+            f"that it finds in the log and allows for in the band: {told}."
+        )
+    if still:
+        held = min(float(np.min(own["inside_95_pct"])) for own in still)
+        phantom = max(float(np.max(own["largest_valid_n"])) for own in still)
+        notes.append(
+            f"In {len(still)} untouched postures the band holds zero in {held:.0f} % of the "
+            f"samples or more; the largest reading there that is called valid is {phantom:.1f} N."
+        )
+    return notes
+
+
+def _comparison() -> list[ComparisonRow]:
+    inside = "Inside the stated 95 % band, x y z"
+    return [
+        ComparisonRow(
+            f"{inside}, a week after the fit",
+            "ur-20_02_19_15harm50sec.all.inside_95_pct",
+            "%",
+            None,
+        ),
+        ComparisonRow(
+            f"{inside}, seven weeks before it", "ur-19_12_23_free.all.inside_95_pct", "%", None
+        ),
+        ComparisonRow(
+            f"{inside}, the same as `estimate` states it, by the drift that the log shows",
+            "ur-19_12_23_free.widened.all.inside_95_pct",
+            "%",
+            None,
+        ),
+        ComparisonRow(
+            f"{inside}, the same with friction refreshed from {REFRESH_SECONDS:g} s",
+            "ur-19_12_23_free.refreshed.all.inside_95_pct",
+            "%",
+            None,
+        ),
+    ]
+
+
+def _figure(metrics: dict[str, Any], out: Path) -> FigureFile:
+    figure, axes = new_figure(1, 1, height=6.0)
+    panel: Any = axes[0, 0]
+    panel.axvspan(90.0, 98.0, color=COLOUR["truth"], alpha=0.12, lw=0, zorder=0)
+    places = np.arange(len(metrics))
+    for i, axis in enumerate("xyz"):
+        level = places + 0.25 * (i - 1)
+        shares = [own["all"]["inside_95_pct"][i] for own in metrics.values()]
+        panel.barh(level, shares, 0.23, color=SERIES[i], label=f"f{axis}", zorder=2)
+        for key, fill, words in (
+            ("widened", "white", "as estimate states it"),
+            ("refreshed", COLOUR["truth"], "with friction refreshed"),
+        ):
+            again = [
+                own[key]["all"]["inside_95_pct"][i] if key in own else np.nan
+                for own in metrics.values()
+            ]
+            panel.plot(
+                again,
+                level,
+                "D",
+                color=COLOUR["truth"],
+                markerfacecolor=fill,
+                ms=3.5,
+                label=words if i == 0 else None,
+                zorder=3,
+            )
+    panel.set_yticks(places, list(metrics))
+    panel.set_xlabel("samples inside the 95 % band [%]; shaded: 90 to 98")
+    least = min(min(own["all"]["inside_95_pct"]) for own in metrics.values())
+    panel.set_xlim(min(50.0, 10.0 * np.floor(0.1 * least)), 100.5)
+    panel.invert_yaxis()
+    figure.legend(loc="outside upper center", ncols=5)
+    path = Path("figures") / "trust.png"
+    save_figure(figure, out / path)
+    caption = (
+        "Share of the samples inside the stated 95 % band, log by log; open diamonds: with the "
+        "drift that `estimate` finds in the log and allows for; full ones: of the model whose "
+        f"friction was found again from {REFRESH_SECONDS:g} s without contact."
+    )
+    return FigureFile(path, caption)
+
+
+EXPERIMENT = Experiment(
+    name="ur10e-trust",
+    title="Does the stated uncertainty hold on logs that nobody tuned to?",
+    section="recordings of a UR10e",
+    run=run,
+    needs=(FOLDER, MORE),
+    order=155,
+    seconds=90,
+    readme=(
+        "ur-20_02_19_15harm50sec.all.inside_95_pct",
+        "ur-19_12_23_free.all.inside_95_pct",
+        "ur-19_12_23_free.widened.all.inside_95_pct",
+        "ur-19_12_23_free.refreshed.all.inside_95_pct",
+    ),
+)

@@ -1,0 +1,157 @@
+"""Experiment `observers`: pushes put in, the delay it finds, and what its notes say."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from wrenchsight.analyses.experiments.observers.experiment import (
+    DELAYS,
+    Read,
+    _delay,
+    _measured,
+    _summary_figure,
+    findings,
+    mirrored,
+    never_valid,
+)
+from wrenchsight.analyses.experiments.observers.put_in_pushes import push_forces, pushed
+from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT, stored_excitation
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
+
+STEP = 0.01
+
+
+def test_the_mirrored_motion_stays_in_its_range_and_is_as_fast() -> None:
+    robot = Robot.load(ROBOT)
+    trajectory = stored_excitation(robot, 1)
+    t = np.linspace(0.0, trajectory.period, 1000)
+    q, v, _ = trajectory.sample(t)
+    other, w, _ = mirrored(trajectory).sample(t)
+    np.testing.assert_allclose(w, -v, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(other.min(axis=0), q.min(axis=0), rtol=0.0, atol=1e-3)
+    np.testing.assert_allclose(other.max(axis=0), q.max(axis=0), rtol=0.0, atol=1e-3)
+    assert (other > robot.position_lower).all() and (other < robot.position_upper).all()
+
+
+def test_pushes_have_their_size_and_their_time() -> None:
+    forces = push_forces(1000, STEP, 30.0, 0.5, 1.5, np.random.default_rng(0))
+    size = np.linalg.norm(forces, axis=1)
+    np.testing.assert_allclose(size.max(), 30.0)
+    acts = np.flatnonzero(size > 0.0)
+    assert acts[0] == 150
+    assert len(acts) == 4 * 50  # at 1.5, 3.5, 5.5 and 7.5 s
+    assert np.ptp(forces[150:200] / size[150:200, None], axis=0).max() < 1e-12  # one direction
+
+
+def test_a_push_that_is_put_in_reads_as_itself(ur10e: Robot) -> None:
+    N, n = 400, ur10e.num_joints
+    q = np.tile(ur10e.home, (N, 1))
+    model = IdentifiedModel.nominal(ur10e)
+    tau = model.chain(ur10e).gravity_torque(q)
+    current = tau / (ur10e.torque_per_ampere * ur10e.current_sign)
+    log = Recording(STEP * np.arange(N), q, np.zeros((N, n)), current, source="at rest")
+    forces = push_forces(N, STEP, 30.0, 2.0, 1.0, np.random.default_rng(0))
+    config = WrenchEstimatorConfig(
+        MomentumObserverConfig([40.0], STEP), WrenchReconstructionConfig("force_only")
+    )
+    estimator = WrenchEstimator(ur10e, model, config)
+    there = pushed(log, ur10e, forces)
+    found = estimator.run(estimator.initial_state(), there.q, there.v, there.current)
+    np.testing.assert_allclose(found.wrench[250, 3:], forces[250], rtol=1e-3, atol=1e-3)
+
+
+def test_the_delay_is_that_of_the_reading() -> None:
+    t = STEP * np.arange(800)
+    rng = np.random.default_rng(1)
+    truth = push_forces(800, STEP, 30.0, 0.5, 1.0, rng)
+    late = np.stack([np.interp(t - 0.04, t, axis) for axis in truth.T], axis=1)
+    late += rng.normal(size=late.shape)
+    found = _delay(truth, late, np.arange(100, 700), STEP)
+    assert found is not None
+    assert abs(found - 0.04) <= np.diff(DELAYS)[0]
+    assert _delay(truth, late, np.arange(0), STEP) is None
+
+
+def _figures(
+    rmse: float, inside: float, delay: float | None, valid: bool = True
+) -> dict[str, object]:
+    """Figures of all samples; those of the valid ones are half the error, or there are none."""
+    return {
+        "rmse_n": np.full(3, rmse if not valid else 2.0 * rmse),
+        "inside_95_pct": np.full(3, inside if not valid else inside - 20.0),
+        "valid_rmse_n": np.full(3, rmse) if valid else None,
+        "valid_inside_95_pct": np.full(3, inside) if valid else None,
+        "delay_s": delay,
+    }
+
+
+def test_the_notes_say_what_the_figures_do() -> None:
+    metrics = {
+        "momentum": {"a": _figures(2.0, 95.0, None), "b-pushes": _figures(3.0, 92.0, 0.035)},
+        "kalman": {"a": _figures(1.0, 97.0, None), "b-pushes": _figures(4.5, 90.0, 0.02)},
+    }
+    first, second, *bands = findings(metrics)
+    assert "`kalman` errs less than `momentum` where both are valid on 1 of 2 logs: `a`." in first
+    assert "50 % more error on `b-pushes`, delay 20 for 35 ms" in second
+    assert [note.split(" holds ")[1][:8] for note in bands] == ["92 to 95", "90 to 97"]
+
+
+def _never_valid() -> dict[str, dict[str, object]]:
+    return {
+        "momentum": {
+            "a": _figures(2.0, 95.0, None),
+            "hard-pushes": _figures(20.0, 99.0, 0.05, valid=False),
+        },
+        "kalman": {
+            "a": _figures(1.0, 97.0, None),
+            "hard-pushes": _figures(10.0, 56.0, 0.02, valid=False),
+        },
+    }
+
+
+def test_a_log_that_is_never_valid_is_judged_by_all_samples_and_the_notes_say_so() -> None:
+    metrics = _never_valid()
+    assert never_valid(metrics) == ["hard-pushes"]
+    text = " ".join(findings(metrics))
+    assert "both are valid on 1 of 1 logs: `a`." in text
+    assert "No reading of `hard-pushes` is valid by any observer" in text
+    assert "errs less than `momentum` over all samples on 1 of 1 logs: `hard-pushes`." in text
+    assert "50 % less error on `hard-pushes`, delay 20 for 50 ms" in text
+    assert "The 95 % band of `kalman` holds 97 to 97 % of the valid samples" in text
+    assert "The 95 % band of `kalman` holds 56 to 56 % of all samples, none valid" in text
+
+
+def test_a_log_that_one_observer_reads_validly_is_judged_by_its_valid_samples() -> None:
+    metrics = _never_valid()
+    metrics["kalman"]["hard-pushes"] = _figures(10.0, 56.0, 0.02)
+    assert never_valid(metrics) == []
+    assert "all samples" not in " ".join(findings(metrics))
+
+
+def test_the_figure_draws_and_marks_a_log_that_is_never_valid(tmp_path: Path) -> None:
+    (tmp_path / "figures").mkdir()
+    made = _summary_figure(_never_valid(), tmp_path)
+    assert (tmp_path / made.path).is_file()
+    assert "Hatched (*): of all samples, as none is valid, on hard-pushes." in made.caption
+    assert (
+        "Hatched"
+        not in _summary_figure({"momentum": {"a": _figures(2.0, 95.0, None)}}, tmp_path).caption
+    )
+
+
+def test_figures_of_a_log_that_is_never_valid_hold_a_delay() -> None:
+    N, n = 800, 6
+    force = push_forces(N, STEP, 30.0, 0.5, 1.0, np.random.default_rng(1))
+    zeros = np.zeros((N, n))
+    log = Recording(STEP * np.arange(N), zeros, zeros, zeros, source="never valid")
+    scene: Any = SimpleNamespace(recording=log, truth=force)
+    found = _measured(scene, Read(np.roll(force, 4, axis=0), np.ones((N, 3)), np.zeros(N, bool)))
+    assert found["valid_rmse_n"] is None
+    np.testing.assert_allclose(found["delay_s"], 0.04)

@@ -1,0 +1,142 @@
+"""What the studies of machining run, and with what: the runs themselves are made up."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from wrenchsight.analyses.experiments.grinding import experiment as grinding
+from wrenchsight.analyses.experiments.polishing import experiment as polishing
+from wrenchsight.analyses.experiments.setups.machining_runs import machining_study as module
+from wrenchsight.analyses.experiments.setups.machining_runs.machining import (
+    FEEDBACKS,
+    FEEDS,
+    OURS,
+    READINGS,
+    feed_key,
+)
+from wrenchsight.analyses.study.experiment import ExperimentContext
+from wrenchsight.diagrams.scenario import load_scenario
+
+EXPERIMENTS = (polishing.EXPERIMENT, grinding.EXPERIMENT)
+
+
+def figures_of(feed):
+    """As `feed_metrics` names them; every number is the feed."""
+    ways = {"correlation": feed}
+    return {
+        name: {"correlation": feed, "rmse_n": feed, "within_ways": ways} for name in READINGS
+    } | {
+        "regulation": {name: {"rms_n": feed, "median_n": feed} for name in FEEDBACKS},
+        "band": {
+            "sensor": {
+                part: dict.fromkeys("xyz", feed) for part in ("steady", "ends", "turns", "all")
+            }
+        },
+    }
+
+
+@pytest.fixture
+def studied(monkeypatch, tmp_path):
+    """Runs an experiment with another arm in the place of the simulated one.
+
+    Returns the result, the runs asked for one by one, and the shares told. A plan, a lesson and a
+    run stand for the feed that they were made for.
+    """
+
+    def study(experiment, steady=True, **given):
+        runs, lessons, shares = [], [], []
+
+        def learnt(scenario, robot, model, plan, seed):
+            assert model == "the model of ours" and plan == scenario.machining.one_way
+            lessons.append(seed)
+            return plan, plan
+
+        def ran(scenario, models, plan, taught, reads, page, progress):
+            progress(0.5, "half")
+            # Both feedbacks of a feed are given its plan and its lesson.
+            assert plan == taught == reads == scenario.machining.one_way
+            runs.append((scenario, page))
+            return SimpleNamespace(steady=np.full(3, steady), fault=0, feed=plan)
+
+        def measured(task, own, readings):
+            assert list(own) == list(FEEDBACKS) and readings == own["sensor"].feed
+            return figures_of(readings)
+
+        def drawn(context, task, shown, without, metrics):
+            assert list(shown) == list(without) == list(FEEDS)
+            return ["figures"]
+
+        monkeypatch.setattr(
+            module, "identify_arm", lambda *_: SimpleNamespace(models={OURS: "the model of ours"})
+        )
+        monkeypatch.setattr(
+            module, "make_machining_path", lambda scenario, robot: scenario.machining.one_way
+        )
+        monkeypatch.setattr(module, "learn_air_passes", learnt)
+        monkeypatch.setattr(module, "run_machining", ran)
+        monkeypatch.setattr(module, "read_all", lambda run, models: run.feed)
+        monkeypatch.setattr(module, "feed_metrics", measured)
+        monkeypatch.setattr(module, "sources", lambda models, own: list(own))
+        monkeypatch.setattr(module, "machining_figures", drawn)
+        monkeypatch.setattr(module, "findings", lambda task, metrics: ["findings"])
+        told = {"progress": lambda share, what: shares.append(share)}
+        result = experiment.run(ExperimentContext(tmp_path, tmp_path, **told | given))
+        assert len(lessons) == len(runs) / 2
+        return result, runs, shares
+
+    return study
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+def test_the_fastest_feed_alone_is_run_with_a_sensor_and_without(studied, experiment):
+    """And its figures stand where they stand in a run of all feeds, the others' being NaN."""
+    result, runs, shares = studied(experiment, fastest_feed=True, seed=7)
+    assert [one.machining.one_way for one, _ in runs] == [min(FEEDS)] * 2 == [15.0] * 2
+    assert result.configuration["feeds_s"] == (15.0,)
+    assert [feed_key(feed) in result.metrics for feed in FEEDS] == [True, False, False]
+    assert result.metrics["sources"] == [15.0]
+    for row in result.comparison:
+        value = result.metrics
+        for part in row.key.split("."):
+            value = value[part]
+        np.testing.assert_array_equal(value, [15.0, np.nan, np.nan], err_msg=row.key)
+    # Sentences and figures are of all feeds.
+    assert result.notes == [] and result.figures == []
+    # Half of the first of two runs, half of the second; between them the models and the figures.
+    assert [s for s in shares if 0.1 < s < 0.95] == pytest.approx([0.1 + 0.2125, 0.1 + 0.6375])
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+def test_every_feed_is_run_with_a_sensor_and_without(studied, experiment):
+    result, runs, shares = studied(experiment)
+    assert [one.machining.one_way for one, _ in runs] == [15.0, 15.0, 30.0, 30.0, 60.0, 60.0]
+    assert result.configuration["feeds_s"] == FEEDS
+    np.testing.assert_array_equal(result.metrics["ours"]["rmse_n"], FEEDS)
+    assert result.notes == ["findings"] and result.figures == ["figures"]
+    assert shares == sorted(shares) and shares[-1] <= 1.0
+    # The picture is of the fastest feed without a sensor.
+    assert [page is not None for _, page in runs] == [False, True, False, False, False, False]
+
+
+def test_a_quick_study_s_ways_are_as_much_shorter(studied):
+    _, runs, _ = studied(polishing.EXPERIMENT, quick=True, draws=False, fastest_feed=True)
+    assert [one.machining.one_way for one, _ in runs] == pytest.approx([1.0, 1.0])
+    assert all(page is None for _, page in runs)
+
+
+def test_another_seed_is_other_noise_and_another_process(studied):
+    task = polishing.TASK
+    for seed in (0, 7):
+        _, runs, _ = studied(polishing.EXPERIMENT, seed=seed, fastest_feed=True)
+        for (run, _), name in zip(runs, (task.scenario, task.sensorless), strict=True):
+            own = load_scenario(name)
+            assert run.seed == own.seed + seed
+            process, usual = run.machining.process, own.machining.process
+            assert process.variations.seed == usual.variations.seed + seed
+            assert run.force_torque_sensor == own.force_torque_sensor
+
+
+def test_a_pass_that_ends_before_its_feed_is_steady_is_an_error(studied):
+    with pytest.raises(RuntimeError, match="sensor feedback, 15 s: the pass ended early"):
+        studied(polishing.EXPERIMENT, steady=False, fastest_feed=True)
