@@ -6,13 +6,11 @@ the runs. That the article's figures come out is what the studies themselves sho
 
 import numpy as np
 import pytest
-from wrenchsight.analyses.experiments.free_motion import (
-    combined,
-    friction,
-    repeat_cycle,
-    repeat_cycle_push,
-)
 
+from wrenchsight.analyses.experiments.combined import experiment as combined
+from wrenchsight.analyses.experiments.friction import experiment as friction
+from wrenchsight.analyses.experiments.repeat_cycle import experiment as repeat_cycle
+from wrenchsight.analyses.experiments.repeat_cycle_push import experiment as repeat_cycle_push
 from wrenchsight.analyses.experiments.setups.path_runs import repeated_cycles
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     run_task,

@@ -11,26 +11,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from wrenchsight.analyses.experiments.free_motion import (
-    bandwidth,
-    combined,
-    friction,
-    friction_laws,
-    identification,
-    repeat_cycle,
-    repeat_cycle_push,
-)
-from wrenchsight.analyses.experiments.postures import (
-    constant_wrench,
-    jcn_map,
-    metrics_compare,
-    surface_path,
-)
 
+from wrenchsight.analyses.experiments.bandwidth import experiment as bandwidth
+from wrenchsight.analyses.experiments.combined import experiment as combined
+from wrenchsight.analyses.experiments.constant_wrench import experiment as constant_wrench
+from wrenchsight.analyses.experiments.friction import experiment as friction
+from wrenchsight.analyses.experiments.friction_laws import experiment as friction_laws
 from wrenchsight.analyses.experiments.grinding import experiment as grinding
+from wrenchsight.analyses.experiments.identification import experiment as identification
+from wrenchsight.analyses.experiments.jcn_map import experiment as jcn_map
+from wrenchsight.analyses.experiments.metrics_compare import experiment as metrics_compare
 from wrenchsight.analyses.experiments.panda_wrench import experiment as panda_wrench
 from wrenchsight.analyses.experiments.polishing import experiment as polishing
+from wrenchsight.analyses.experiments.repeat_cycle import experiment as repeat_cycle
+from wrenchsight.analyses.experiments.repeat_cycle_push import experiment as repeat_cycle_push
 from wrenchsight.analyses.experiments.setups.machining_runs import machining_study
+from wrenchsight.analyses.experiments.surface_path import experiment as surface_path
 from wrenchsight.analyses.experiments.ur10e_identification import experiment as ur10e_identification
 from wrenchsight.analyses.experiments.ur10e_payload import experiment as ur10e_payload
 from wrenchsight.analyses.methods.planning.jcn_map_settings import SliceConfig
