@@ -128,7 +128,9 @@ def test_the_article_s_figures_are_bundled():
     truth = draw_world(0, 3, figures.source).robot(Robot.load("sts_sre4_600")).config
     about = figures.source.about.friction
     factor = draw_world(0, 3, figures.source).factors["coulomb"][0]
-    assert truth.simulated_truth.friction.coulomb == [factor * x for x in about.coulomb]
+    np.testing.assert_array_equal(
+        truth.simulated_truth.friction.coulomb, factor * np.asarray(about.coulomb)
+    )
 
 
 def test_worlds_of_the_article_s_arm_are_drawn_from_what_a_fit_found():
@@ -141,8 +143,7 @@ def test_worlds_of_the_article_s_arm_are_drawn_from_what_a_fit_found():
     assert world.parameters()["coulomb"] == posterior.arms["coulomb"][arm]
     sts, ur10e = Robot.load("sts_sre4_600"), Robot.load("ur10e")
     own = world.robot(sts).config.simulated_truth.friction.coulomb
-    expected = [
-        posterior.arms["coulomb"][arm] * x for x in sts.config.simulated_truth.friction.coulomb
-    ]
-    assert own == expected
+    factor = posterior.arms["coulomb"][arm]
+    expected = factor * np.asarray(sts.config.simulated_truth.friction.coulomb)
+    np.testing.assert_array_equal(own, expected)
     assert world.robot(ur10e).config == plain.robot(ur10e).config  # of another arm they say nothing
