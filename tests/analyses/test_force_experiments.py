@@ -16,6 +16,7 @@ from wrenchsight.analyses.experiments.repeat_cycle_push import experiment as rep
 from wrenchsight.analyses.experiments.setups.path_runs import (
     article_cycles,
     article_method,
+    path_study,
     repeated_cycles,
 )
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
@@ -58,8 +59,8 @@ def run_small(name, out, monkeypatch):
         monkeypatch.setattr(repeated_cycles, "task_path", known_path)
         monkeypatch.setattr(repeated_cycles, "repetition_errors", known_errors)
     else:
-        monkeypatch.setattr(module, "ONE_WAY_QUICK", 0.8)
-        monkeypatch.setattr(module, "identify_arm", known_arm)
+        monkeypatch.setattr(path_study, "ONE_WAY_QUICK", 0.8)
+        monkeypatch.setattr(path_study, "identify_arm", known_arm)
         if name == "combined":
             monkeypatch.setattr(module, "task_path", known_path)
             monkeypatch.setattr(module, "found_path", lambda *_: known_path(None, "optimised"))
