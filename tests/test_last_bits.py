@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 from wrenchsight.analyses.methods.learning.friction_training import train_networks
 from wrenchsight.analyses.methods.learning.identification import (
     IdentificationConfig,
-    best_law,
     identify,
 )
+from wrenchsight.analyses.methods.learning.law_choice import best_law
 from wrenchsight.analyses.methods.planning.redundancy import make_problem
 from wrenchsight.analyses.methods.planning.redundancy_task import RedundancyTask
 from wrenchsight.diagrams.machining import make_machining_path

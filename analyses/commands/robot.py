@@ -46,6 +46,13 @@ def command(
     drafted, places = draft_robot(Path(source), path, base, flange)
     _print(drafted)
     console = new_console()
+    held = ", ".join(f"{name} at {at:g}" for name, at in drafted.config.locked_joints.items())
+    if held:
+        say(
+            console,
+            f"note: joints held still, rad or m: {held}. Where one of them is the arm's, name the "
+            "link that it moves: --flange LINK",
+        )
     say(console, f"robot: {path}; look for {FILL_IN}: {', '.join(places)}")
 
 

@@ -204,6 +204,12 @@ class WrenchReconstruction:
                 raise ValueError("usual_sd: expected finite numbers above zero")
             self.table[2 * n + 1, :n] = usual
 
+    @property
+    def limits(self) -> tuple[float, float, float]:
+        """Largest force sd of a valid reading, N, and the prior that it is judged with: N, N m."""
+        bound, force_sd, moment_sd = _settings(self.config)[5:8]
+        return bound, force_sd, moment_sd
+
     def scratch(self) -> Array:
         """Returns a new work array for `reconstruct`; one per thread."""
         return np.zeros((WORK_ROWS, max(self.num_joints, 6)))

@@ -1,6 +1,7 @@
 """The examples run as a newcomer would run them, and say what they promise."""
 
 import importlib.util
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -37,7 +38,9 @@ def test_a_log_of_ones_own_becomes_wrenches(tmp_path, capsys):
     table = np.loadtxt(tmp_path / "reading" / "wrench.csv", delimiter=",", skiprows=1)
     assert len(table) == 501
     assert np.isfinite(table).all()
-    assert "501 samples" in printed
+    [valid] = re.findall(r"501 samples, (\d+) % valid", printed)
+    assert 0 <= int(valid) <= 100
+    assert not re.search(r"\b(nan|inf)\b", printed)
 
 
 def test_the_quickstart_goes_from_nothing_to_a_wrench(tmp_path):
@@ -49,6 +52,16 @@ def test_the_quickstart_goes_from_nothing_to_a_wrench(tmp_path):
         cwd=tmp_path,
     )
     assert result.returncode == 0, result.stderr
-    assert "inside the stated 95 % band" in result.stdout
+    assert "Warning" not in result.stderr
+    assert not re.search(r"\b(nan|inf)\b", result.stdout)
+    [(valid, count)] = re.findall(r"(\d+) % of (\d+) readings valid", result.stdout)
+    assert int(count) == 10001
+    assert int(valid) >= 90  # the others are about reversals, where stiction hides a force
+    line = r"f[xyz]: RMSE ([\d.]+) N, (\d+) % inside the stated 95 % band"
+    axes = re.findall(line, result.stdout)
+    assert len(axes) == 3
+    for rmse, inside in axes:
+        assert 0.5 < float(rmse) < 12.0  # N; the push has an sd of 15 N an axis
+        assert 90 <= int(inside) <= 98
     assert (tmp_path / "quickstart.png").stat().st_size > 10_000
     assert (tmp_path / "model.yaml").exists()

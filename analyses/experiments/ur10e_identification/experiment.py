@@ -20,9 +20,10 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     VALIDATED,
     identify_ur10e,
 )
-from wrenchsight.analyses.methods.learning.identification import IdentificationResult, best_law
+from wrenchsight.analyses.methods.learning.identification import IdentificationResult
 from wrenchsight.analyses.methods.learning.identification_config import LAWS, IdentificationConfig
 from wrenchsight.analyses.methods.learning.identification_figures import torque_figure
+from wrenchsight.analyses.methods.learning.law_choice import best_law
 from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit
 from wrenchsight.analyses.output.figures import SERIES, new_figure, save_figure
 from wrenchsight.analyses.study.experiment import (

@@ -21,7 +21,8 @@ FILL_IN = "FILL IN"
 """Marks, in the comments of a draft, a number that the URDF does not hold."""
 
 _MOVING = ("revolute", "continuous", "prismatic")
-_HANDS = ("finger", "gripper", "hand", "thumb", "knuckle", "claw")
+_FINGERS = ("finger", "thumb", "knuckle", "claw")
+_HANDS = (*_FINGERS, "gripper", "hand")
 _FLANGES = ("tool0", "flange", "ee_link", "tcp", "tool_link", "hand_tcp", "link_eef", "ee")
 _LEAST_ARM = 4  # joints; a shorter line from the base is a neck, a finger or a lift
 _CANDIDATES = 300  # postures that the home posture is chosen from
@@ -170,8 +171,10 @@ def _end_of_arm(joints: list[_Joint], base: str, urdf: Path) -> str:
         below.setdefault(joint.parent, []).append(joint)
 
     def is_hand(joint: _Joint) -> bool:
-        words = f"{joint.name} {joint.child}".lower()
-        return joint.moves and (joint.leader != "" or any(word in words for word in _HANDS))
+        # What carries a link "gripper" is the arm's last joint; what carries a finger is a hand's.
+        by_name = any(word in joint.name.lower() for word in _HANDS)
+        by_child = any(word in joint.child.lower() for word in _FINGERS)
+        return joint.moves and (joint.leader != "" or by_name or by_child)
 
     def depth(link: str) -> int:
         ways = [joint for joint in below.get(link, []) if not is_hand(joint)]

@@ -20,7 +20,7 @@ Every error stated here compares low-passed measured torque with low-passed pred
 of the filter's transients and of drop-outs.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,8 +31,8 @@ import numpy as np
 from wrenchsight.analyses.methods.learning.friction_fit import FrictionFit, Motion, Solution
 from wrenchsight.analyses.methods.learning.identification_checks import (
     contradictions,
-    doubts,
     repeated_logs,
+    warnings_of,
 )
 from wrenchsight.analyses.methods.learning.identification_config import (
     WITH_NETWORK,
@@ -42,6 +42,7 @@ from wrenchsight.analyses.methods.learning.identification_config import (
 )
 from wrenchsight.analyses.methods.learning.identification_figures import torque_figure
 from wrenchsight.analyses.methods.learning.identification_report import filter_text
+from wrenchsight.analyses.methods.learning.law_choice import best_law
 from wrenchsight.analyses.methods.learning.law_fits import LawFit, LawFits
 from wrenchsight.analyses.methods.learning.low_passed_logs import (
     LowPassedLog,
@@ -89,7 +90,7 @@ from wrenchsight.models.recordings.plausibility.drive_evidence import (
 )
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
-from wrenchsight.models.rigid_body.ties import beyond_rounding, first_of_least
+from wrenchsight.models.rigid_body.ties import beyond_rounding
 from wrenchsight.models.robot.robot import Robot
 
 ProgressCallback = Callable[[float, str], None]
@@ -221,7 +222,7 @@ def identify(
         robot: the robot that they were recorded on.
         validation: logs to predict, not fitted.
         config: see `IdentificationConfig`.
-        progress: told the share done and the current step.
+        progress: called with the share done and the current step.
         contact_noise: whether the model is to say, of cross-validated logs, what a contact
             statistic reads without contact; nothing else depends on it.
 
@@ -255,7 +256,7 @@ def _identify(
         (tuple(recordings), robot, tuple(validation), *filtering),
         lambda: low_pass_logs(recordings, robot, validation, config, progress),
     )
-    fitted, kept = given.fitted, given.kept
+    fitted, selected = given.fitted, given.kept
     row_rate = 1.0 / (decimation(fitted[0].low_pass) * fitted[0].low_pass.time_step)
     problem = FrictionFit(
         robot,
@@ -282,17 +283,62 @@ def _identify(
         chosen = _best_of(candidates)
     choice = next(c for c in candidates if c.law == chosen)
     solution, chain, friction = choice.solution, choice.chain, choice.friction
-    base, estimate = solution.base, solution.estimate
+    base = solution.base
     fit, cross_validation = choice.fit, choice.cross_validation
-    covariance, how = _model_error(fit, cross_validation, estimate)
-    model = IdentifiedModel(
+    model = _model_of(choice, robot, fitted, config)
+    if config.cross_validate:
+        progress(0.95, "the observer's error")
+        readings = held_out_readings(
+            recordings, fitted, given.regressions, fits.held_out_models(chosen), robot, model
+        )
+        model = replace(model, torque_error=learn_torque_error(readings))
+        if contact_noise:
+            model = replace(model, contact_noise=fit_contact_noise(readings, model, chain))
+    of_torque = all(recording.tau_J is not None for recording in recordings)
+    result = IdentificationResult(
+        model=model,
+        base=base,
+        fit=fit,
+        cross_validation=cross_validation,
+        validation=tuple(run.predict(chain, friction) for run in selected),
+        warnings=(
+            *repeated_logs(recordings, validation),
+            *repeated_motion_notes([run.name for run in fitted], motion_groups(fitted)),
+            *contradictions(
+                replace(problem, weights=choice.weights, groups=None),
+                solution,
+                fitted,
+                robot,
+                of_torque,
+            ),
+            *warnings_of(fit, base, model, of_torque),
+        ),
+        config=config,
+        law=choice.law,
+        held_out={c.law: c.cross_validated_rmse for c in candidates},
+        extrapolated={c.law: c.extrapolated for c in candidates if c.extrapolated},
+        solution=solution,
+        robot=robot,
+        drive_signs=recordings_sign_evidence(recordings, robot),
+    )
+    progress(1.0, "done")
+    return result
+
+
+def _model_of(
+    choice: LawFit, robot: Robot, fitted: Sequence[LowPassedLog], config: IdentificationConfig
+) -> IdentifiedModel:
+    """The model of a friction law, without the observer's error."""
+    base, estimate = choice.solution.base, choice.solution.estimate
+    covariance, how = _model_error(choice.fit, choice.cross_validation, estimate)
+    return IdentifiedModel(
         robot=robot.name,
         joint_names=robot.joint_names,
         kinematics_digest=robot.kinematics_digest,
         fitted_robot=FittedRobot.of(robot),
-        inertial_parameters=chain.inertial_parameters,
-        reflected_inertia=chain.reflected_inertia,
-        friction=friction,
+        inertial_parameters=choice.chain.inertial_parameters,
+        reflected_inertia=choice.chain.reflected_inertia,
+        friction=choice.friction,
         residual_covariance=covariance,
         base_parameters=BaseParameterTable(
             names=list(base.names),
@@ -313,43 +359,6 @@ def _identify(
             residual=how,
         ),
     )
-    if config.cross_validate:
-        progress(0.95, "the observer's error")
-        readings = held_out_readings(
-            recordings, fitted, given.regressions, fits.held_out_models(chosen), robot, model
-        )
-        model = replace(model, torque_error=learn_torque_error(readings))
-        if contact_noise:
-            model = replace(model, contact_noise=fit_contact_noise(readings, model, chain))
-    of_torque = all(recording.tau_J is not None for recording in recordings)
-    result = IdentificationResult(
-        model=model,
-        base=base,
-        fit=fit,
-        cross_validation=cross_validation,
-        validation=tuple(run.predict(chain, friction) for run in kept),
-        warnings=(
-            *repeated_logs(recordings, validation),
-            *repeated_motion_notes([run.name for run in fitted], motion_groups(fitted)),
-            *contradictions(
-                replace(problem, weights=choice.weights, groups=None),
-                solution,
-                fitted,
-                robot,
-                of_torque,
-            ),
-            *doubts(fit, base, model, of_torque),
-        ),
-        config=config,
-        law=choice.law,
-        held_out={c.law: c.cross_validated_rmse for c in candidates},
-        extrapolated={c.law: c.extrapolated for c in candidates if c.extrapolated},
-        solution=solution,
-        robot=robot,
-        drive_signs=recordings_sign_evidence(recordings, robot),
-    )
-    progress(1.0, "done")
-    return result
 
 
 def identify_logs(
@@ -411,31 +420,6 @@ def predict_torque(
         for name, recording in zip(log_names(recordings), recordings, strict=True)
     )
     return tuple(run.predict(chain, model.friction) for run in runs)
-
-
-def best_law(
-    held_out: Mapping[str, Array], extrapolated: Mapping[str, Sequence[Array]] | None = None
-) -> str:
-    """The law with the lowest RMSE on what it was not fitted on, as the geometric mean over the
-    joints: a joint that carries little counts as much as one that carries the arm.
-
-    Where use differs from the fit counts too: each joint's fastest samples and its slowest ones,
-    predicted from the others, weigh as much as the held-out logs.
-
-    Args:
-        held_out: (n,) N m per law, from the logs that were fitted alone.
-        extrapolated: (n,) N m each, per law; a law that is missing has its held-out error there.
-    """
-
-    def score(law: str) -> float:
-        others = (extrapolated or {}).get(law) or [held_out[law]]
-        errors = [held_out[law], *others]
-        weights = [1.0, *[2.0 / len(others)] * len(others)]
-        logs = [np.mean(np.log(np.maximum(error, 1e-12))) for error in errors]
-        return float(np.average(logs, weights=weights))
-
-    scores = np.exp([score(law) for law in held_out])
-    return list(held_out)[int(first_of_least(scores))]
 
 
 def _best_of(candidates: Sequence[LawFit]) -> str:

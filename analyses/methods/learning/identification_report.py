@@ -2,9 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.learning.law_choice import Extrapolated, law_scores
 from wrenchsight.models.arrays import Array
 
 
@@ -17,20 +16,33 @@ def filter_text(config: IdentificationConfig) -> str:
     )
 
 
-def law_lines(held_out: Mapping[str, Array], chosen: str, how: str) -> list[str]:
-    """One line for each law that was tried: its held-out error by joint, the chosen one first.
+def law_lines(
+    errors: Mapping[str, Array],
+    chosen: str,
+    how: str,
+    extrapolated: Extrapolated | None = None,
+) -> list[str]:
+    """One line for each law that was tried: its error by joint, the chosen one first.
 
     Args:
-        held_out: RMSE (n,) N m by law.
+        errors: RMSE (n,) N m by law.
         chosen: the law of the model.
         how: on what the errors are, "held out" or "fitted".
+        extrapolated: as `law_scores`.
     """
-    width = max(map(len, held_out))
-    order = sorted(held_out, key=lambda law: (law != chosen, float(np.mean(np.log(held_out[law])))))
-    lines = [f"friction laws, {how} RMSE by joint [N m]:"]
+    width = max(map(len, errors))
+    scores = dict(zip(errors, law_scores(errors, extrapolated), strict=True))
+    order = sorted(errors, key=lambda law: (law != chosen, scores[law]))
+    lines = [f"friction laws, {how} RMSE by joint [N m]; last what decides:"]
     for law in order:
-        errors = " ".join(f"{error:7.3f}" for error in held_out[law])
-        lines.append(f"  {law:{width}} {errors}  {'chosen' if law == chosen else 'lost'}")
+        own = " ".join(f"{error:7.3f}" for error in errors[law])
+        verdict = "chosen" if law == chosen else "lost"
+        lines.append(f"  {law:{width}} {own}  {scores[law]:7.3f}  {verdict}")
+    if len(order) > 1:
+        lines.append(
+            "  what decides: the geometric mean over joints of these and of the errors on each "
+            "joint's fastest and slowest samples, predicted without them"
+        )
     return lines
 
 

@@ -232,13 +232,12 @@ class EstimateSummary:
                 f"motion that the model was identified on (mostly {where}): friction is "
                 "extrapolated there"
             )
-        unsure = self._num_invalid["unsure"] / self.count
-        if unsure > _UNSURE_WARNING:
-            found.append(
-                f"{100 * unsure:.0f} % of the samples say less about the force than the prior: "
-                "noise, posture or model do not allow more"
-            )
         return found
+
+    @property
+    def mostly_unsure(self) -> bool:
+        """Whether most samples say too little about the force."""
+        return self._num_invalid["unsure"] > _UNSURE_WARNING * self.count
 
     def figure(self, reads_moments: bool = True, smoothed: bool = False) -> "Figure":
         """Reading and band over the log's own time, with the range of the valid samples.

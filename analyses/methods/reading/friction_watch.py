@@ -164,20 +164,34 @@ class FrictionWatch:
         return replace(self._rows[0], **parts) if free.any() else None
 
     def sentences(
-        self, log: str, robot: str, model: str | None, allowed: Array | None = None
+        self,
+        log: str,
+        robot: str,
+        model: str | None,
+        allowed: Array | None = None,
+        fitted: bool = False,
     ) -> list[str]:
         """What to tell a user: each joint, and the command that brings its friction up to date.
 
         Args:
             log, robot, model: as they were given; without a model nothing is said.
             allowed: `drifts` that the stated band holds already; None: it does not.
+            fitted: whether the model was fitted on this very log: its friction has not drifted.
         """
         if model is None or not self._model.provenance.logs:
             return []
         found = self.disagreements()
-        lines = [own.sentence(self._model.joint_names) for own in found]
         if not found:
             return []
+        names = self._model.joint_names
+        if fitted:
+            joints = ", ".join(names[own.joint] for own in found)
+            line = (
+                f"the model was fitted on this log, and its friction law does not hold for {joints}"
+            )
+            line += ": identify with --friction best, or with more logs"
+            return [line, *_allowance("", allowed)]
+        lines = [own.sentence(names) for own in found]
         begin, end = (x - (self._first or 0.0) for x in self._longest)
         part = ""
         touched = not all(own.all() for own in self._free)
@@ -187,12 +201,7 @@ class FrictionWatch:
         command = f"wrenchsight identify {where} --robot {robot} --refresh {model}{part}"
         lines.append(f"friction of today: {command} --out refreshed")
         if allowed is not None:
-            shares = " ".join(f"{100.0 * share:.0f}" for share in allowed)
-            lines.append(
-                "until then the stated band allows for what the contact-free stretches show: "
-                f"friction off by {shares} % of the viscous torque, joint by joint"
-            )
-            return lines
+            return lines + _allowance("until then ", allowed)
         drift, error = self.drift(), self._model.torque_error
         if drift is not None and error is not None and drift > error.drift:
             share = min(np.ceil(100.0 * drift) / 100.0, LARGEST_DRIFT)
@@ -201,3 +210,14 @@ class FrictionWatch:
                 "the contact-free stretches show"
             )
         return lines
+
+
+def _allowance(begin: str, allowed: Array | None) -> list[str]:
+    """What the stated band holds of friction that is off."""
+    if allowed is None:
+        return []
+    shares = " ".join(f"{100.0 * x:.0f}" if x <= 1.0 else "over 100" for x in allowed)
+    return [
+        f"{begin}the stated band allows for what the contact-free stretches show: friction off by "
+        f"{shares} % of the viscous torque, joint by joint"
+    ]

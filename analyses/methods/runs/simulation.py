@@ -6,7 +6,7 @@ recording), read by a program (metrics) and fed to `estimate` (log.csv).
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -37,6 +37,8 @@ from wrenchsight.diagrams.scenario import (
     make_trajectory,
 )
 from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.estimation.estimator import WrenchEstimator
+from wrenchsight.models.estimation.uncertain_force import UncertainForce
 from wrenchsight.models.excitation.fourier_trajectory import FourierTrajectory
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
@@ -61,6 +63,8 @@ _QUICK_DURATION = 1.0  # s
 _FIT_SAMPLES = 1000
 _FIT_RANGE = (0.02, 0.5)  # rad/s
 _TOO_FAST = 10.0  # times its velocity limit no joint moves
+_FEW_VALID = 0.5  # share of the readings, below which it is told why
+_JUDGED = 500  # readings that this rests on
 _BAND = 1.96  # standard deviations: 95 %
 _TRUE_LINE: dict[str, Any] = {"color": COLOUR["truth"], "label": "true"}
 # Dashed and on top: a good sensor lies on the truth.
@@ -374,6 +378,17 @@ def _in_motion(scenario: Scenario, path: Path, duration: float | None) -> Scenar
     return replace(scenario, motion=motion, machining=None, workpiece=None, duration=period)
 
 
+def _known_notice(scenario: Scenario) -> str:
+    """What controller and estimator know where no model is given."""
+    known = "the arm's true inertias"
+    if scenario.friction != "none":
+        known += " and a Coulomb-viscous fit of its true friction"
+    return (
+        f"without --model, controller and estimator are given {known}: "
+        "identify a model for a realistic error"
+    )
+
+
 def simulate(
     scenario: Scenario,
     robot: Robot,
@@ -410,13 +425,7 @@ def simulate(
     trajectory = make_trajectory(scenario, robot) if plan is None else plan.trajectory
     if model is None:
         model = known_model(robot, scenario, trajectory)
-        known = "the arm's true inertias"
-        if scenario.friction != "none":
-            known += " and a Coulomb-viscous fit of its true friction"
-        notices.append(
-            f"without --model, controller and estimator are given {known}: "
-            "identify a model for a realistic error"
-        )
+        notices.append(_known_notice(scenario))
     taught, reads = None, model
     if plan is not None and scenario.machining is not None and scenario.machining.air_pass > 0.0:
         seed = scenario.seed + 1
@@ -459,13 +468,16 @@ def simulate(
         if fault != Fault.NONE:
             left = t[int(np.argmax(phase[:, 0] == Phase.RETREAT))]
             notices.append(f"{FAULT_SENTENCES[fault]} at {left:.3f} s: the tool retreated")
+    valid = signals.pop("valid")[:, 0] == 1.0
+    if valid.mean() < _FEW_VALID:
+        notices.append(_why_uncertain(scenario, robot, reads, signals, valid))
     return SimulationResult(
         scenario=scenario,
         robot=robot,
         t=t,
         covariance=signals.pop("covariance").reshape(-1, 6, 6),
         condition_number=signals.pop("condition_number")[:, 0],
-        valid=signals.pop("valid")[:, 0] == 1.0,
+        valid=valid,
         ft_wrench=signals.pop("ft_wrench", None),
         pose_error=signals.pop("pose_error", None),
         force_setpoint=_first_column(signals.pop("force_setpoint", None)),
@@ -476,6 +488,24 @@ def simulate(
         files=tuple(files),
         **signals,
     )
+
+
+def _why_uncertain(
+    scenario: Scenario,
+    robot: Robot,
+    model: IdentifiedModel,
+    signals: Mapping[str, Array],
+    valid: Flags,
+) -> str:
+    """Why most readings are not valid: the estimator once more, over the log of the run."""
+    observer = replace(scenario.estimator.observer, time_step=scenario.time_step)
+    estimator = WrenchEstimator(robot, model, replace(scenario.estimator, observer=observer))
+    log = (signals[name] for name in ("q", "v", "current"))
+    batch = estimator.run(estimator.initial_state(), *log)
+    rows = np.flatnonzero(~valid & np.isfinite(batch.J).all(axis=(1, 2)))
+    rows = rows[:: max(1, len(rows) // _JUDGED)]
+    uncertain = UncertainForce.of(estimator, batch.J[rows], batch.torque_sd[rows])
+    return uncertain.sentence(float(valid.mean()))
 
 
 def known_model(

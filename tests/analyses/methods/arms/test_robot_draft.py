@@ -5,7 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from typer.testing import CliRunner
 
+from wrenchsight.analyses.__main__ import app
 from wrenchsight.analyses.methods.arms.robot_draft import FILL_IN, draft_robot
 from wrenchsight.diagrams.distances.clearance import Clearance
 from wrenchsight.models.files.configuration import load_configuration
@@ -97,3 +99,39 @@ def test_what_is_no_arm(tmp_path: Path, name: str, text: str, words: str) -> Non
         draft_robot(tmp_path / name, tmp_path / "robot.yaml")
     with pytest.raises(InputError, match="no such file"):
         draft_robot(tmp_path / "none.urdf", tmp_path / "robot.yaml")
+
+
+def arm_with_gripper(path: Path) -> Path:
+    """Writes a URDF as SO-101's: the wrist carries a link "gripper_link", which carries a jaw."""
+    names = ["base", "shoulder", "upper", "lower", "wrist", "gripper_link", "moving_jaw"]
+    joints = ["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper"]
+    mass = (
+        "<inertial><mass value='0.3'/><inertia ixx='1e-3' iyy='1e-3' izz='1e-3' "
+        "ixy='0' ixz='0' iyz='0'/></inertial>"
+    )
+    parts = [f"<link name='{name}'>{mass}</link>" for name in names]
+    for k, name in enumerate(joints):
+        axis = "0 1 0" if name in ("shoulder_lift", "elbow_flex", "wrist_flex") else "0 0 1"
+        parts.append(
+            f"<joint name='{name}' type='revolute'><parent link='{names[k]}'/>"
+            f"<child link='{names[k + 1]}'/><origin xyz='0.02 0 0.1'/><axis xyz='{axis}'/>"
+            "<limit lower='-1.9' upper='1.9' velocity='3' effort='10'/></joint>"
+        )
+    path.write_text(f"<robot name='arm'>{''.join(parts)}</robot>")
+    return path
+
+
+def test_a_joint_that_carries_the_gripper_is_the_arms(tmp_path: Path) -> None:
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    robot, _ = draft_robot(urdf, tmp_path / "robot.yaml")
+    assert robot.joint_names[-1] == "wrist_roll"
+    assert robot.num_joints == 5
+    assert robot.config.flange == "gripper_link"
+
+
+def test_no_joint_is_held_still_without_a_line(tmp_path: Path) -> None:
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    result = CliRunner().invoke(app, ["robot", str(urdf), "--out", str(tmp_path / "robot.yaml")])
+    said = " ".join(result.output.split())
+    assert "joints held still, rad or m: gripper at 0." in said
+    assert "--flange LINK" in said

@@ -9,7 +9,6 @@ import pytest
 import yaml
 
 from wrenchsight.analyses.methods.learning.identification import (
-    best_law,
     identify,
     identify_logs,
     residual_covariance,
@@ -19,6 +18,7 @@ from wrenchsight.analyses.methods.learning.identification_config import (
     IdentificationConfig,
     IdentifySettings,
 )
+from wrenchsight.analyses.methods.learning.law_choice import best_law
 from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig

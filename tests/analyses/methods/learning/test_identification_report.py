@@ -1,6 +1,7 @@
 """What an identification says of itself."""
 
 import numpy as np
+import pytest
 
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
 from wrenchsight.analyses.methods.learning.identification_report import (
@@ -9,6 +10,7 @@ from wrenchsight.analyses.methods.learning.identification_report import (
     law_lines,
     residual_text,
 )
+from wrenchsight.analyses.methods.learning.law_choice import best_law
 from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit, joined_fits
 
 ERRORS = {
@@ -19,11 +21,27 @@ ERRORS = {
 
 
 def test_every_law_has_its_line_and_the_chosen_one_is_first() -> None:
-    title, *lines = law_lines(ERRORS, "stribeck", "held out")
+    title, *lines, _ = law_lines(ERRORS, "stribeck", "held out")
     assert "held out RMSE" in title
     assert [line.split()[0] for line in lines] == ["stribeck", "presliding", "coulomb-viscous"]
     assert [line.split()[-1] for line in lines] == ["chosen", "lost", "lost"]
     assert lines[1].split()[1:3] == ["0.900", "0.200"]
+
+
+def test_the_figure_that_decided_is_shown_where_all_joints_speak_against_the_chosen_law() -> None:
+    beyond = {
+        "stribeck": (np.array([1.0, 0.2]),),
+        "presliding": (np.array([4.0, 0.9]),),
+        "coulomb-viscous": (np.array([1.8, 0.4]),),
+    }
+    assert best_law(ERRORS, beyond) == "stribeck"
+    title, *lines, last = law_lines(ERRORS, "stribeck", "fitted", beyond)
+    # (1.1 * .25)^(1/6) (1 * .2)^(2/6) and so on, by hand.
+    assert [float(line.split()[-2]) for line in lines] == pytest.approx(
+        [0.472, 0.805, 1.152], abs=6e-4
+    )
+    assert "decides" in title
+    assert "fastest and slowest" in last
 
 
 def test_links_that_cannot_exist_are_one_line_with_the_remedy() -> None:

@@ -103,6 +103,11 @@ def test_more_viscous_friction_is_named_with_the_command_to_run(sts, model, cuts
     command = "wrenchsight identify log.csv --robot r --refresh model.yaml --out refreshed"
     assert lines[1] == f"friction of today: {command}"
     assert watch.sentences("log.csv", "r", None) == []
+    # On the log that the model was fitted on nothing has drifted, and nothing is to be refreshed.
+    [own] = watch.sentences("log.csv", "r", "model.yaml", fitted=True)
+    assert "was fitted on this log, and its friction law does not hold for" in own
+    assert "--friction best" in own
+    assert "refresh" not in own
 
 
 def test_the_drift_for_the_band_is_what_the_stretches_show(sts, model):

@@ -1,0 +1,65 @@
+"""Why readings are not valid, told apart by what is known of the arm."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.uncertain_force import UncertainForce
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.robot.robot import Robot
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Robot.load("sts_sre4_600")
+
+
+def judged(robot, sd, max_force_sd=None):
+    """The verdict at home, and what the estimator reads there once it has settled."""
+    model = IdentifiedModel.nominal(robot)
+    model = replace(model, residual_covariance=np.diag(np.square(sd)))
+    config = WrenchEstimatorConfig()
+    config.observer.time_step = 1e-3
+    config.reconstruction.max_force_sd = max_force_sd
+    estimator = WrenchEstimator(robot, model, config)
+    q = np.tile(robot.home, (200, 1))
+    batch = estimator.run(estimator.initial_state(), q, np.zeros_like(q), np.zeros_like(q))
+    return UncertainForce.of(estimator, batch.J[5:], batch.torque_sd[5:]), batch
+
+
+def test_the_sd_is_what_the_estimator_states_and_the_limit_is_where_it_stops(robot):
+    sd = [3.0, 2.5, 1.5, 0.3, 0.5, 0.2]
+    found, batch = judged(robot, sd)
+    # By the same formula, inverted instead of factorised; the prior is the live one.
+    assert found.sd == pytest.approx(stated(batch), rel=1e-9)
+    assert judged(robot, sd, 1.01 * found.sd)[1].valid[-1]
+    assert not judged(robot, sd, 0.99 * found.sd)[1].valid[-1]
+    assert judged(robot, sd, 12.0)[0].limit == 12.0
+
+
+def stated(batch):
+    return np.sqrt(np.linalg.eigvalsh(batch.covariance[-1, 3:, 3:])[-1])
+
+
+def test_the_joint_that_counts_most_is_named_with_the_remedy(robot):
+    sd = np.array([30.0, 25.0, 15.0, 3.0, 5.0, 2.0])
+    found, _ = judged(robot, sd)
+    # By what the estimator states where one joint after the other is ten times better.
+    better = [stated(judged(robot, sd / np.where(np.arange(6) == j, 10, 1))[1]) for j in range(6)]
+    worst = int(np.argmin(better))
+    assert found.joint == robot.joint_names[worst]
+    said = found.sentence(0.0)
+    assert said.startswith("no reading is valid: the force's sd is ")
+    assert "payload 4 kg in robot.yaml" in said
+    assert f"of {found.joint}, {sd[worst]:g} N m, which is assumed: give --model" in said
+    fitted = replace(found, assumed=False).sentence(0.2)
+    assert fitted.startswith("20 % of readings are valid")
+    assert "--max-force-sd" in fitted
+
+
+def test_where_the_sd_would_do_rest_and_foreign_contact_are_named(robot):
+    found, _ = judged(robot, [0.01] * 6)
+    assert found.sd < found.limit
+    assert "joints rest or turn round" in found.sentence(0.0)
