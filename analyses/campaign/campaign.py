@@ -9,7 +9,7 @@ import shutil
 import time
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing, suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -36,10 +36,11 @@ from wrenchsight.analyses.output.result_marker import ResultMarker
 from wrenchsight.analyses.output.sole_writer import sole_writer
 from wrenchsight.analyses.study.fingerprint import libraries, software_hash
 from wrenchsight.analyses.study.registry import REGISTRY
+from wrenchsight.analyses.study.shared_results import digest
 from wrenchsight.analyses.study.study import check_names, software_version
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.whole_file import writing_to
-from wrenchsight.models.truth.worlds import WorldRanges, check_ranges, draw_world
+from wrenchsight.models.truth.worlds import WorldRanges, WorldSource, check_ranges, draw_world
 
 COMMAND: Final = "campaign"
 METRICS: Final = "metrics.json"
@@ -52,6 +53,7 @@ _WORDS: Final = {
     "quick": "of another length (--quick)",
     "fastest_feed": "of other feeds (--fastest-feed)",
     "ranges": "drawn from other ranges",
+    "source": "of other arms",
     "libraries": "computed with other versions of libraries",
 }
 
@@ -65,8 +67,9 @@ class CampaignSettings:
     seed: int = 0
     quick: bool = False
     data: Path = Path("../shared/data")  # folder of the real recordings
-    ranges: WorldRanges = field(default_factory=WorldRanges)
+    source: WorldSource = field(default_factory=WorldSource)  # of worlds
     world: int | None = None  # this world alone, anew, with figures and recordings
+    numbers: tuple[int, ...] | None = None  # of the worlds that are run; None: all
     fastest_feed: bool = False  # of experiments at several feeds the fastest alone
 
 
@@ -119,7 +122,7 @@ def run_campaign(
         KeyboardInterrupt: passed on after the results so far were written.
     """
     names = check_names(settings.experiments)
-    check_ranges(settings.ranges)
+    check_ranges(settings.source.ranges, settings.source.even)
     _check_numbers(settings, jobs)
     if settings.world is not None and cluster is not None:
         problem = "a world that is run alone is run on this machine"
@@ -178,9 +181,12 @@ class _Campaign:
         depends_on: dict[str, Any] = {
             "seed": settings.seed,
             "quick": settings.quick,
-            "ranges": plain(asdict(settings.ranges)),
+            "ranges": plain(asdict(settings.source.ranges)),
             "libraries": libraries(),
         }
+        others = replace(settings.source, ranges=WorldRanges())
+        if others != WorldSource():  # absent from campaigns that draw from ranges alone
+            depends_on["source"] = digest(others)
         if settings.fastest_feed:  # absent from campaigns that were run before it was
             depends_on["fastest_feed"] = True
         self.record = CampaignRecord(depends_on)
@@ -231,7 +237,8 @@ class _Campaign:
     ) -> list[WorldTask]:
         """What is left to do; see `WorldTask.everywhere`."""
         alone = self._settings.world
-        numbers = range(self._settings.worlds) if alone is None else [alone]
+        numbers: Sequence[int] = range(self._settings.worlds) if alone is None else [alone]
+        numbers = numbers if self._settings.numbers is None else self._settings.numbers
         tasks = []
         for number in numbers:
             own = list(names) if alone is not None else self.record.missing(number, names)
@@ -240,7 +247,7 @@ class _Campaign:
                     WorldTask(
                         seed=self._settings.seed,
                         number=number,
-                        ranges=self._settings.ranges,
+                        source=self._settings.source,
                         modules={name: modules[name] for name in own},
                         software={name: self.record.software[name] for name in own},
                         data=self._settings.data.resolve(),
@@ -334,7 +341,7 @@ class _Campaign:
         return before
 
     def _failure(self, outcome: WorldOutcome) -> str:
-        world = draw_world(self._settings.seed, outcome.number, self._settings.ranges)
+        world = draw_world(self._settings.seed, outcome.number, self._settings.source)
         lines = [f"world {outcome.number}, seed {outcome.seed}", "", repr(world), ""]
         for name, what in outcome.failures.items():
             lines += [f"== {name}: {what}", ""]

@@ -145,7 +145,7 @@ def _refuse_silent(address: str) -> None:
 
 def killed(task: WorldTask) -> WorldOutcome:
     """The outcome of a world whose workers die."""
-    world = draw_world(task.seed, task.number, task.ranges)
+    world = draw_world(task.seed, task.number, task.source)
     failures = dict.fromkeys(task.modules, KILLED)
     return WorldOutcome(world.number, world.seed, world.parameters(), failures=failures)
 

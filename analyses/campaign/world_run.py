@@ -24,7 +24,7 @@ from wrenchsight.analyses.study.experiment import Experiment, ExperimentContext,
 from wrenchsight.analyses.study.fingerprint import software_hash
 from wrenchsight.analyses.study.shared_results import sharing_in
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.truth.worlds import WorldRanges, draw_world
+from wrenchsight.models.truth.worlds import WorldSource, draw_world
 
 THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Environment of every worker: 1, or the last bits of a figure depend on the machine's cores."""
@@ -39,7 +39,7 @@ class WorldTask:
     Attributes:
         seed: of the campaign.
         number: of the world.
-        ranges: to draw from.
+        source: of worlds.
         modules: of the experiments to run, by their names.
         software: `software_hash` of each module, by the experiment's name.
         data: folder of the real recordings.
@@ -51,7 +51,7 @@ class WorldTask:
 
     seed: int
     number: int
-    ranges: WorldRanges
+    source: WorldSource
     modules: Mapping[str, str]
     software: Mapping[str, str]
     data: Path
@@ -102,7 +102,7 @@ def run_world(task: WorldTask) -> WorldOutcome:
     """
     for name, module in task.modules.items():
         _check_worker(module, task.software[name])
-    world = draw_world(task.seed, task.number, task.ranges)
+    world = draw_world(task.seed, task.number, task.source)
     outcome = WorldOutcome(world.number, world.seed, world.parameters())
     with _one_at_a_time, _one_thread(), scratch_folder() as folder:
         shared = folder / "shared"

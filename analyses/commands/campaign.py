@@ -10,14 +10,15 @@ from wrenchsight.analyses.output.console import new_console, new_table, plain_te
 
 if TYPE_CHECKING:
     from wrenchsight.analyses.campaign.campaign import CampaignResult
+    from wrenchsight.analyses.campaign.figures_fit import FiguresFit
 
 ORDER = 15
 
 
 def command(
     experiments: Annotated[
-        list[str], typer.Argument(metavar="EXPERIMENT", help="Names; see `study --list`.")
-    ],
+        list[str] | None, typer.Argument(metavar="EXPERIMENT", help="Names; see `study --list`.")
+    ] = None,
     worlds: Annotated[int, typer.Option(min=1, help="How many worlds there are to be.")] = 200,
     out: Out = Path("out/campaign"),
     data: Data = Path("../shared/data"),
@@ -40,6 +41,19 @@ def command(
             "--fastest-feed", help="Of experiments at several feeds (machining), the fastest alone."
         ),
     ] = False,
+    fit: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FIGURES.yaml",
+            help="Find the arms that give these printed figures; `article` is bundled.",
+        ),
+    ] = None,
+    narrow: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="With --fit: draw from the ranges that an earlier fit there found."
+        ),
+    ] = None,
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Begin anew where the folder holds a campaign.")
     ] = False,
@@ -50,15 +64,41 @@ def command(
     interruption, or to add worlds or experiments, run the same again.
     """
     from wrenchsight.analyses.campaign.campaign import COMMAND, CampaignSettings, run_campaign
+    from wrenchsight.analyses.campaign.figures_config import bundled_worlds, load_figures
+    from wrenchsight.analyses.campaign.figures_fit import fit_figures
     from wrenchsight.analyses.output.progress import ProgressDisplay
     from wrenchsight.analyses.study.study import available_cores
+    from wrenchsight.models.files.input_error import InputError
 
+    if (fit is None) == (not experiments) or (narrow is not None and fit is None):
+        problem = "name experiments, or give --fit FIGURES.yaml (with --narrow, if at all)"
+        raise InputError("campaign", "", problem)
+    if fit is not None:
+        if world is not None or fastest_feed:
+            raise InputError("--fit", "", "goes with neither --world nor --fastest-feed")
+        figures = load_figures(fit, narrow)
+        with ProgressDisplay(new_console(stderr=True), (COMMAND,)) as watch:
+            fitted = fit_figures(
+                figures,
+                worlds,
+                out,
+                seed=seed,
+                quick=quick,
+                data=data,
+                jobs=jobs or available_cores(),
+                cluster=cluster,
+                fresh=fresh,
+                watch=watch,
+            )
+        _print_fit(fitted)
+        return
     settings = CampaignSettings(
-        tuple(experiments),
+        tuple(experiments or ()),
         worlds,
         seed=seed,
         quick=quick,
         data=data,
+        source=bundled_worlds(),
         world=world,
         fastest_feed=fastest_feed,
     )
@@ -74,6 +114,27 @@ def command(
     _print(result)
     if result.failures:
         raise typer.Exit(1)
+
+
+def _print_fit(fit: "FiguresFit") -> None:
+    table = new_table("", "printed", "nearest arm", "median", "5-95 %", "moved by")
+    for row in fit.rows:
+        moved = row.moved_by[0] if row.moved_by else None
+        by = "" if moved is None else f"{moved.parameter} {moved.rank_correlation:+.2f}"
+        numbers = (f"{x:.3g}" for x in (row.printed, row.best, row.median))
+        table.add_row(plain_text(row.name), *numbers, f"{row.p05:.3g} to {row.p95:.3g}", by)
+    console = new_console()
+    console.print(table)
+    learnt = "; ".join(
+        f"{name} {low:.3g} to {high:.3g}" for name, (low, high) in fit.ranges.items()
+    )
+    say(console, f"parameters (5 to 95 %): {learnt}")
+    say(
+        console,
+        f"arms: {fit.arms}; inside 5 to 95 %: {100 * fit.fitted_inside:.0f} % of the rows, of "
+        f"those held out {100 * fit.held_out_inside:.0f} %",
+    )
+    say(console, f"written to {fit.out / 'posterior'}")
 
 
 def _print(result: "CampaignResult") -> None:

@@ -30,9 +30,9 @@ Quick = Annotated[bool, typer.Option("--quick", help="Shorter and coarser: to tr
 Truth = Annotated[
     str,
     typer.Option(
-        metavar="own|plain",
+        metavar="own|plain|hard",
         help="What simulated arms truly are: as their robot.yaml has it, or with plain friction "
-        "alone, all else exact.",
+        "alone, all else exact, or as the harder truth beside it has it.",
     ),
 ]
 

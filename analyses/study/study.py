@@ -104,7 +104,7 @@ def run_study(
     if jobs < 1:
         raise InputError("--jobs", "", f"is {jobs}, at least 1 was expected")
     if truth not in TRUTHS:
-        raise InputError("--truth", "", f"is {truth!r}, expected {' or '.join(TRUTHS)}")
+        raise InputError("--truth", "", f"is {truth!r}, expected {', '.join(TRUTHS)}")
     OutputFolder(out)
     _check_apart(out, data)
     with sole_writer(out, "study"), ends_are_interrupts():

@@ -45,8 +45,9 @@ from typing import Final
 
 import numpy as np
 
-TRUTHS: Final = ("own", "plain")
-"""Which truth a simulated arm is given: that of its robot.yaml, or plain friction alone."""
+TRUTHS: Final = ("own", "plain", "hard")
+"""Which truth a simulated arm is given: that of its robot.yaml, plain friction alone, or the harder
+one that the article's arm has beside (hard_truth.yaml)."""
 
 
 def _not_given() -> np.ndarray:

@@ -15,19 +15,24 @@ from wrenchsight.models.robot.truth_config import (
     SimulatedTruthConfig,
 )
 
-PLAIN = "plain_truth.yaml"  # beside robot.yaml
+PLAIN, HARD = "plain_truth.yaml", "hard_truth.yaml"  # beside robot.yaml
 _FRAMES = 19  # stream of the individual's random numbers
 
 
 def with_truth_named(robot: Robot, name: str) -> Robot:
-    """The robot with the truth of its own file (`own`), or with the plain one (`plain`).
+    """The robot with the truth of its own file (`own`), the plain one (`plain`) or the harder one.
+
+    A robot without a file of a harder truth (`hard`) has its own as that.
 
     Raises:
         InputError: another name, or as `plain_truth`.
     """
     if name not in TRUTHS:
-        raise InputError("--truth", "", f"is {name!r}, expected {' or '.join(TRUTHS)}")
-    return robot if name == "own" else plain_truth(robot)
+        raise InputError("--truth", "", f"is {name!r}, expected {', '.join(TRUTHS)}")
+    path = robot.source.parent / HARD
+    if name == "hard" and path.is_file():
+        return robot.with_truth(load_truth(path))
+    return plain_truth(robot) if name == "plain" else robot
 
 
 def plain_truth(robot: Robot) -> Robot:

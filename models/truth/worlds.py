@@ -93,6 +93,9 @@ class WorldRanges:
     heating: tuple[float, float] = (0.5, 2.0)
     # Torque of a gear's transmission error at speed: of mounting, as the ripple (Tuttle, Seering)
     transmission_error: tuple[float, float] = (0.5, 1.5)
+    # Speed at which half of that torque is there: the stiffness of the gear, which catalogues state
+    # within a third, over the inertia
+    transmission_speed: tuple[float, float] = (0.7, 1.4)
     # Velocity by which dry friction has turned round, where it is a function of velocity; judged
     transition_velocity: tuple[float, float] = (0.5, 1.5)
 
@@ -100,6 +103,41 @@ class WorldRanges:
 ABSOLUTE: Final = ("torque_constant", "start_rise", "latency")
 """Ranges of the quantity itself; all others are of factors."""
 PER_JOINT: Final = ("torque_constant",)
+
+
+@dataclass
+class ArmPosterior:
+    """Arms that agree with printed figures, equally likely, as `campaign --fit` finds them."""
+
+    robot: str = ""  # whose truth they are drawn about
+    # By the names of WorldRanges, what each arm has of it: as many numbers as there are arms
+    arms: dict[str, list[float]] = field(default_factory=dict)
+
+    @property
+    def num_arms(self) -> int:
+        """How many there are."""
+        return min((len(values) for values in self.arms.values()), default=0)
+
+
+@dataclass(frozen=True)
+class WorldSource:
+    """What worlds are drawn from.
+
+    Attributes:
+        ranges: between what each parameter lies.
+        posterior: arms that are drawn from instead, as far as they say; None: none.
+        about: truth that is drawn about, of whatever robot; None: the robot's own.
+        only: parameters that are drawn, all others stay as the truth has them; None: all.
+        alike: whether worlds have one seed, individual and day, 0: only parameters differ.
+        even: whether draws are even over each range, wherever the truth's own value lies in it.
+    """
+
+    ranges: WorldRanges = field(default_factory=WorldRanges)
+    posterior: ArmPosterior | None = None
+    about: SimulatedTruthConfig | None = None
+    only: tuple[str, ...] | None = None
+    alike: bool = False
+    even: bool = False
 
 
 @dataclass(frozen=True)
@@ -112,6 +150,9 @@ class World:
         individual: seed of what differs from arm to arm (phases of ripple, frames of joints).
         day: seed of what differs from day to day.
         factors: of each range of `WorldRanges`, one number, or MOST_JOINTS of them (PER_JOINT).
+        of_robot: the same in the place of some of them, for one robot alone.
+        posterior_of: the name of that robot.
+        about: truth in the place of the robot's own.
     """
 
     number: int
@@ -119,11 +160,14 @@ class World:
     individual: int
     day: int
     factors: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    of_robot: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    posterior_of: str = ""
+    about: SimulatedTruthConfig | None = None
 
     def parameters(self) -> dict[str, float]:
         """All that was drawn by name, as a table has it; `torque_constant_1` is of joint 1."""
         drawn = {"individual": float(self.individual), "day": float(self.day)}
-        for name, values in self.factors.items():
+        for name, values in (self.factors | self.of_robot).items():
             if name in PER_JOINT:
                 drawn |= {f"{name}_{j + 1}": value for j, value in enumerate(values)}
             else:
@@ -139,7 +183,11 @@ class World:
         if robot.num_joints > MOST_JOINTS:
             problem = f"{robot.num_joints} joints; a world is drawn for up to {MOST_JOINTS}"
             raise InputError(robot.source, "", problem)
-        return robot.with_truth(self.truth(robot.config.simulated_truth, robot.num_joints))
+        about = robot.config.simulated_truth if self.about is None else self.about
+        world = self
+        if self.posterior_of and robot.name == self.posterior_of:
+            world = replace(self, factors=self.factors | self.of_robot)
+        return robot.with_truth(world.truth(about, robot.num_joints))
 
     def truth(self, about: SimulatedTruthConfig, num_joints: int) -> SimulatedTruthConfig:
         """The truth of this world, drawn about `about`; what is off there stays off."""
@@ -195,7 +243,7 @@ class World:
                 about.lubrication,
                 saturation=times("saturation", "saturation"),
                 heating=times("heating", "heating"),
-                start_rise=lambda _: scaled.one("start_rise"),
+                start_rise=lambda c: scaled.own("start_rise", c.start_rise),
                 transition_velocity=times("transition_velocity", "transition_velocity"),
                 day_sd=times("day_sd", "day_sd"),
                 coulomb_day_sd=times("day_sd", "coulomb_day_sd"),
@@ -209,12 +257,16 @@ class World:
                 motor_amplitudes=lambda c: [scaled("ripple", row) for row in c.motor_amplitudes],
             ),
             transmission_error=part(
-                about.transmission_error, amplitude=times("transmission_error", "amplitude")
+                about.transmission_error,
+                amplitude=times("transmission_error", "amplitude"),
+                speed=times("transmission_speed", "speed"),
             ),
             elasticity=part(about.elasticity, stiffness=times("stiffness", "stiffness")),
             motor=part(
                 about.motor,
-                torque_factor=lambda _: list(self.factors["torque_constant"][:num_joints]),
+                torque_factor=lambda c: list(
+                    self.factors.get("torque_constant", c.torque_factor)[:num_joints]
+                ),
                 cogging_amplitude=times("cogging", "cogging_amplitude"),
                 moving_noise_sd=times("moving_noise", "moving_noise_sd"),
             ),
@@ -223,8 +275,8 @@ class World:
                 translation_sd=lambda c: scaled.one("calibration_error") * c.translation_sd,
                 rotation_sd=lambda c: scaled.one("calibration_error") * c.rotation_sd,
             ),
-            payload=part(about.payload, factor=lambda _: scaled.one("payload")),
-            clock=part(about.clock, latency=lambda _: scaled.one("latency")),
+            payload=part(about.payload, factor=lambda c: scaled.own("payload", c.factor)),
+            clock=part(about.clock, latency=lambda c: scaled.own("latency", c.latency)),
             individual=self.individual,
             day=self.day,
         )
@@ -237,39 +289,59 @@ class _Scaled:
         self._factors = factors
 
     def one(self, name: str) -> float:
-        return self._factors[name][0]
+        return self.own(name, 1.0)
+
+    def own(self, name: str, otherwise: float) -> float:
+        """What was drawn itself; `otherwise` where nothing was."""
+        return self._factors.get(name, (otherwise,))[0]
 
     def __call__(self, name: str, values: Sequence[float]) -> list[float]:
         return [self.one(name) * value for value in values]
 
 
-def draw_world(seed: int, number: int, ranges: WorldRanges | None = None) -> World:
+def draw_world(seed: int, number: int, source: WorldSource | WorldRanges | None = None) -> World:
     """Draws a world.
 
     Args:
         seed: of the campaign, 0 or more.
         number: of the world, 0 or more.
-        ranges: to draw from.
+        source: to draw from; ranges alone are a source, too.
 
     Raises:
         InputError: a range is not of two finite numbers in their order, or one of a factor does not
             hold 1.
     """
-    ranges = WorldRanges() if ranges is None else ranges
-    check_ranges(ranges)
+    if not isinstance(source, WorldSource):
+        source = WorldSource(WorldRanges() if source is None else source)
+    ranges = source.ranges
+    check_ranges(ranges, source.even)
     generator = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, number])))
     own, individual, day = (int(x) for x in generator.integers(_SEEDS, size=3))
     factors = {}
     for one in dataclasses.fields(ranges):
         shares = generator.random(MOST_JOINTS if one.name in PER_JOINT else 1)
         low, high = getattr(ranges, one.name)
-        middle = 0.5 * (low + high) if one.name in ABSOLUTE else 1.0
+        middle = 0.5 * (low + high) if one.name in ABSOLUTE or source.even else 1.0
         factors[one.name] = tuple(_between(low, middle, high, float(u)) for u in shares)
-    return World(number, own, individual, day, factors)
+    if source.only is not None:
+        factors = {name: factors[name] for name in factors if name in source.only}
+    if source.alike:
+        own = individual = day = 0
+    world = World(number, own, individual, day, factors, about=source.about)
+    if source.posterior is None or source.posterior.num_arms == 0:
+        return world
+    arm = int(generator.integers(source.posterior.num_arms))
+    arms = source.posterior.arms
+    of_robot: dict[str, tuple[float, ...]] = {name: (values[arm],) for name, values in arms.items()}
+    return replace(world, of_robot=of_robot, posterior_of=source.posterior.robot)
 
 
-def check_ranges(ranges: WorldRanges) -> None:
+def check_ranges(ranges: WorldRanges, even: bool = False) -> None:
     """Refuses ranges that are none.
+
+    Args:
+        ranges: to check.
+        even: see `WorldSource`; then a range of factors need not hold 1.
 
     Raises:
         InputError: see `draw_world`.
@@ -279,7 +351,7 @@ def check_ranges(ranges: WorldRanges) -> None:
         place = f"ranges.{one.name}"
         if not (math.isfinite(low) and math.isfinite(high) and 0.0 <= low <= high):
             raise InputError("world", place, f"{low}, {high}; expected 0 <= low <= high")
-        if one.name not in ABSOLUTE and not 0.0 < low <= 1.0 <= high:
+        if not even and one.name not in ABSOLUTE and not 0.0 < low <= 1.0 <= high:
             raise InputError("world", place, f"{low}, {high}; a range of factors holds 1")
 
 

@@ -23,7 +23,7 @@ from wrenchsight.models.machining.machining_phases import Phase
 from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.robot.robot import Robot
-from wrenchsight.models.truth.true_robot import plain_truth
+from wrenchsight.models.truth.true_robot import plain_truth, with_truth_named
 from wrenchsight.systems.force_torque_sensor import ForceTorqueSensorConfig
 from wrenchsight.systems.machining.machining_reference import MachiningReference
 
@@ -42,7 +42,7 @@ SHORT = {
 @pytest.fixture(scope="module")
 def hard():
     """The arm with the mechanisms of real joints."""
-    return Robot.load("sts_sre4_600")
+    return with_truth_named(Robot.load("sts_sre4_600"), "hard")
 
 
 def short(name):

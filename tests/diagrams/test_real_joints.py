@@ -14,7 +14,7 @@ from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import PoseConfig
 from wrenchsight.models.robot.truth_config import MechanismsConfig, MotorConfig
-from wrenchsight.models.truth.true_robot import plain_truth
+from wrenchsight.models.truth.true_robot import plain_truth, with_truth_named
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def plain():
 
 @pytest.fixture(scope="module")
 def robot():
-    return Robot.load("sts_sre4_600")
+    return with_truth_named(Robot.load("sts_sre4_600"), "hard")
 
 
 def test_the_cell_has_the_ports_of_the_plain_one(plain, robot):

@@ -9,7 +9,7 @@ from wrenchsight.analyses.output.outputs import plain_metrics
 from wrenchsight.analyses.study.experiment import ExperimentContext
 from wrenchsight.analyses.study.fingerprint import software_hash
 from wrenchsight.analyses.study.registry import REGISTRY
-from wrenchsight.models.truth.worlds import WorldRanges, draw_world
+from wrenchsight.models.truth.worlds import WorldSource, draw_world
 
 NAMES = ("identification", "friction", "combined", "repeat-cycle")
 
@@ -26,7 +26,7 @@ def test_numbers_are_those_of_a_study_in_the_same_world(tmp_path, monkeypatch):
             WorldTask(
                 seed=0,
                 number=number,
-                ranges=WorldRanges(),
+                source=WorldSource(),
                 modules=modules,
                 software=software,
                 data=tmp_path,

@@ -309,7 +309,7 @@ def test_an_experiment_is_given_the_truth_that_was_asked(experiments, run, truth
 
 def test_an_unknown_truth_is_refused(experiments, run):
     experiments("one")
-    with pytest.raises(InputError, match="'soft', expected own or plain"):
+    with pytest.raises(InputError, match="'soft', expected own, plain, hard"):
         run("one", truth="soft")
 
 

@@ -15,11 +15,12 @@ from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.truth import free_arm
 from wrenchsight.models.truth.free_arm import simulate_free_arm
 from wrenchsight.models.truth.true_joints import TrueJoints
+from wrenchsight.models.truth.true_robot import with_truth_named
 
 
 @pytest.fixture(scope="module")
 def robot():
-    return Robot.load("sts_sre4_600")
+    return with_truth_named(Robot.load("sts_sre4_600"), "hard")
 
 
 def swing(robot, duration=0.6, amplitude=0.3):

@@ -82,7 +82,7 @@ def test_bad_input(robot, tmp_path):
     (tmp_path / "plain_truth.yaml").write_text("friction: {stiction: [1.0]}")
     with pytest.raises(InputError, match=r"friction\.stiction: 1 numbers"):
         plain_truth(elsewhere)
-    with pytest.raises(InputError, match="'soft', expected own or plain"):
+    with pytest.raises(InputError, match="'soft', expected own, plain, hard"):
         with_truth_named(robot, "soft")
 
 
@@ -99,3 +99,13 @@ def test_the_plain_truth_is_dry_friction_alone(name):
     assert same == robot.config
     if name != "panda":  # its own truth is plain
         assert true_robot(robot) is not robot
+
+
+def test_the_harder_truth_is_another_of_the_same_arm():
+    sts, ur10e = Robot.load("sts_sre4_600"), Robot.load("ur10e")
+    hard = with_truth_named(sts, "hard")
+    assert hard.config.simulated_truth.mechanisms.slip is not None
+    assert hard.config.simulated_truth != sts.config.simulated_truth
+    same = dataclasses.replace(hard.config, simulated_truth=sts.config.simulated_truth)
+    assert same == sts.config
+    assert with_truth_named(ur10e, "hard") is ur10e  # its own is as hard as logs say

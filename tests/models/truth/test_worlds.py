@@ -8,6 +8,7 @@ import pytest
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.truth_config import JointFrictionConfig, SimulatedTruthConfig
+from wrenchsight.models.truth.true_robot import with_truth_named
 from wrenchsight.models.truth.worlds import (
     ABSOLUTE,
     MOST_JOINTS,
@@ -52,7 +53,7 @@ def test_every_draw_lies_in_its_range_with_the_truth_s_own_as_the_median():
 
 
 def test_a_world_changes_the_truth_and_nothing_else():
-    sts = Robot.load("sts_sre4_600")
+    sts = with_truth_named(Robot.load("sts_sre4_600"), "hard")
     world = draw_world(0, 4)
     robot = world.robot(sts)
     about, truth = sts.config.simulated_truth, robot.config.simulated_truth
@@ -104,7 +105,7 @@ def test_a_world_changes_the_truth_and_nothing_else():
 
 
 def test_harmonics_of_the_motor_grow_with_the_ripple():
-    about = Robot.load("sts_sre4_600").config.simulated_truth
+    about = with_truth_named(Robot.load("sts_sre4_600"), "hard").config.simulated_truth
     ripple = dataclasses.replace(
         about.mechanisms.ripple, motor_periods=[202.0], motor_amplitudes=[[0.1, 0.2]]
     )

@@ -42,6 +42,7 @@ from wrenchsight.models.truth.joint_kernels import (
     tick_work,
 )
 from wrenchsight.models.truth.true_joints import TrueJoints
+from wrenchsight.models.truth.true_robot import with_truth_named
 from wrenchsight.systems.truth.tool_contacts import ToolContacts
 from wrenchsight.systems.truth.true_arm import ArmParts, TrueArm
 
@@ -57,7 +58,7 @@ RADIUS, DEPTH = 0.012, 5e-4
 
 @pytest.fixture(scope="module")
 def robot():
-    return Robot.load("sts_sre4_600")
+    return with_truth_named(Robot.load("sts_sre4_600"), "hard")
 
 
 @pytest.fixture(scope="module")

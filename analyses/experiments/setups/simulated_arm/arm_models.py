@@ -27,7 +27,7 @@ Nothing of it comes from a task's run. Eq. 4, where the first cycle's torque sta
 has an error of its own: `wrenchsight.analyses.experiments.setups.path_runs.repetition_errors`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
@@ -46,7 +46,10 @@ from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identificat
     identify_simulated_arm,
 )
 from wrenchsight.analyses.methods.learning.friction_training import TrainingConfig
-from wrenchsight.analyses.methods.learning.identification import identify
+from wrenchsight.analyses.methods.learning.identification import (
+    IdentificationResult,
+    identify,
+)
 from wrenchsight.analyses.methods.runs.simulated_logs import PERIODS
 from wrenchsight.analyses.study.shared_results import digest, shared
 from wrenchsight.models.arrays import Array, Flags
@@ -224,20 +227,7 @@ def _identify_arm(
         lambda share, what: progress(0.2 * share, what),
         contact_noise,
     )
-    postures = np.asarray(robot.home) + np.asarray(POSTURES)
-    slow_speeds = SLOW_SPEEDS[1:] if quick else SLOW_SPEEDS
-    slow_postures = postures[-2:] if quick else postures[1:]
-    fast = reversal_recordings(
-        robot, postures[:1], seed=seed, progress=lambda s, what: progress(0.2 + 0.15 * s, what)
-    )
-    slow = reversal_recordings(
-        robot,
-        slow_postures,
-        slow_speeds,
-        seed + 100,
-        lambda s, what: progress(0.35 + 0.45 * s, what),
-        SLOW_PERIOD,
-    )
+    fast, slow = _reversals(robot, seed, quick, lambda s, what: progress(0.2 + 0.6 * s, what))
     passes = reversal_recordings(
         robot,
         np.asarray(robot.home) + np.asarray(HELD_OUT_POSTURES),
@@ -249,14 +239,62 @@ def _identify_arm(
     )
     progress(0.85, "friction laws")
     fitted = [*fast, *slow[:-1]]
-    separated = separate_recordings(robot, fitted, result.model, CONFIG.cutoff)
-    training = TrainingConfig(seed=seed, odd=True, steepest=STEEPEST)
-    semi_parametric, _ = semi_parametric_model(robot, result, separated, training)
+    semi_parametric = _with_networks(robot, result, fitted, seed)
     config = replace(CONFIG, friction="presliding", cross_validate=False, seed=seed)
     progress(0.9, "presliding friction")
     presliding = identify([log.recording, *fitted], robot, [], config).model
     models = dict(zip(LAWS, (result.model, semi_parametric, presliding), strict=True))
     return models, (other.recording, slow[-1]), tuple(passes)
+
+
+def article_models(
+    robot: Robot, seed: int = 0, quick: bool = False
+) -> tuple[IdentificationResult, IdentifiedModel]:
+    """The article's two models alone, as in `identify_arm`: Coulomb-viscous, and semi-parametric.
+
+    Args:
+        robot: with its simulated truth.
+        seed: of the noise and of the training.
+        quick: shorter logs, fewer postures.
+    """
+    config = replace(CONFIG, seed=seed, cross_validate=False)  # asks what its observer errs by
+    periods = 1 if quick else PERIODS
+    result, _ = identify_simulated_arm(robot, seed, periods, config, contact_noise=False)
+    fast, slow = _reversals(robot, seed, quick, held_out=False)
+    return result, _with_networks(robot, result, [*fast, *slow], seed)
+
+
+def _reversals(
+    robot: Robot,
+    seed: int,
+    quick: bool,
+    progress: ProgressCallback = lambda fraction, what: None,
+    held_out: bool = True,
+) -> tuple[list[Recording], list[Recording]]:
+    """Logs of fast passes, and of slow ones; of these the last is held out of every fit."""
+    postures = np.asarray(robot.home) + np.asarray(POSTURES)
+    fast = reversal_recordings(
+        robot, postures[:1], seed=seed, progress=lambda s, what: progress(0.25 * s, what)
+    )
+    slow_postures = postures[-2:] if quick else postures[1:]
+    slow = reversal_recordings(
+        robot,
+        slow_postures if held_out else slow_postures[:-1],
+        SLOW_SPEEDS[1:] if quick else SLOW_SPEEDS,
+        seed + 100,
+        lambda s, what: progress(0.25 + 0.75 * s, what),
+        SLOW_PERIOD,
+    )
+    return fast, slow
+
+
+def _with_networks(
+    robot: Robot, result: IdentificationResult, fitted: Sequence[Recording], seed: int
+) -> IdentifiedModel:
+    """The semi-parametric model, its networks trained on friction separated in these logs."""
+    separated = separate_recordings(robot, fitted, result.model, CONFIG.cutoff)
+    training = TrainingConfig(seed=seed, odd=True, steepest=STEEPEST)
+    return semi_parametric_model(robot, result, separated, training)[0]
 
 
 def covariance_at_speed(tau_ext: Array, v: Array, speed: float) -> Array:

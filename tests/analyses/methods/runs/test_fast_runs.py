@@ -15,13 +15,14 @@ from wrenchsight.diagrams.scenario import load_scenario
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.motion.paths import JointTrajectory
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.truth.true_robot import with_truth_named
 from wrenchsight.models.truth.worlds import draw_world
 from wrenchsight.systems.force_torque_sensor import ForceTorqueSensorConfig
 
 
-@pytest.fixture(scope="module")
-def robot():
-    return draw_world(0, 0).robot(Robot.load("sts_sre4_600"))
+@pytest.fixture(scope="module", params=["own", "hard"])
+def robot(request):
+    return draw_world(0, 0).robot(with_truth_named(Robot.load("sts_sre4_600"), request.param))
 
 
 def test_it_is_the_closed_loop_tick_by_tick(robot):

@@ -1,0 +1,188 @@
+"""Printed figures to which arms are fitted: FIGURES.yaml, and the numbers that it asks for."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.files.configuration import REQUIRED, load_configuration, nearest
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.truth.true_robot import load_truth
+from wrenchsight.models.truth.worlds import ArmPosterior, WorldRanges, WorldSource, check_ranges
+
+RANGES: Final = "ranges.yaml"
+"""What a fit writes of the parameters that agree, for `--narrow`."""
+WORLDS: Final = "worlds.yaml"
+"""Beside robot.yaml: arms that give printed figures, see `ArmPosterior`."""
+ROBOT: Final = "sts_sre4_600"
+_MOST = 4.0  # tolerances that a row may be off by and still count more
+_NO_FIGURE = 1e3
+
+
+@dataclass
+class FigureRow:
+    """One printed figure."""
+
+    key: str = field(default="", metadata=REQUIRED)  # EXPERIMENT.KEY of what is compared with it
+    figure: float = field(default=0.0, metadata=REQUIRED)  # as printed
+    # by how much a figure may be off and still agree: a share of it, or in its own unit (share:
+    # false) for what may be zero, such as a reduction in percent
+    tolerance: float = 0.25
+    share: bool = True  # see tolerance
+    settles: bool = True  # whether the fit of half of the rows sees it; the others judge that fit
+
+
+@dataclass
+class FoundRanges:
+    """5 to 95 % of each parameter over the arms that agree."""
+
+    ranges: dict[str, list[float]] = field(default_factory=dict)
+
+
+@dataclass
+class FiguresConfig:
+    """What a fit is made to."""
+
+    name: str = "article-arm"  # under which metrics.json has it
+    robot: str = "sts_sre4_600"  # whose truth is drawn
+    modules: list[str] = field(default_factory=list)  # of experiments that no study has
+    # a truth file, beside this one, that arms are drawn about; empty: the robot's own
+    about: str = ""
+    # between what each drawn parameter lies, by the names of WorldRanges; others stay
+    ranges: dict[str, list[float]] = field(default_factory=dict, metadata=REQUIRED)
+    alike: bool = True  # whether all arms have the same noise, phases and day
+    accept: float = 0.2  # share of the arms that is accepted, the nearest
+    # experiments that take long: only the nearest `late_arms` by the others' rows run them, and
+    # the posterior is of those
+    late: list[str] = field(default_factory=list)
+    late_arms: int = 40  # see late
+    rows: dict[str, FigureRow] = field(default_factory=dict, metadata=REQUIRED)
+
+
+@dataclass(frozen=True)
+class Figures:
+    """A checked FIGURES.yaml.
+
+    Attributes:
+        path: of the file.
+        config: what it says.
+        source: of the worlds.
+    """
+
+    path: Path
+    config: FiguresConfig
+    source: WorldSource
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the R rows."""
+        return tuple(self.config.rows)
+
+    @property
+    def experiments(self) -> tuple[str, ...]:
+        """That the rows are figures of, each once."""
+        return tuple(dict.fromkeys(row.key.partition(".")[0] for row in self.config.rows.values()))
+
+    @property
+    def early(self) -> Flags:
+        """(R,) whether all arms have a row."""
+        rows = self.config.rows.values()
+        return np.array([row.key.partition(".")[0] not in self.config.late for row in rows])
+
+    @property
+    def printed(self) -> Array:
+        """(R,) printed figures."""
+        return np.array([row.figure for row in self.config.rows.values()])
+
+    @property
+    def settles(self) -> Flags:
+        """(R,) whether a row is of the half that is fitted to first."""
+        return np.array([row.settles for row in self.config.rows.values()])
+
+    def off(self, values: Array) -> Array:
+        """(N, R) by how many tolerances figures (N, R) are off, at most some; NaN: at the most."""
+        out = np.empty_like(values)
+        for k, row in enumerate(self.config.rows.values()):
+            own = values[:, k]
+            if row.share:  # half and twice are equally far
+                ratio = np.maximum(own / row.figure, 1e-6)
+                out[:, k] = np.log(ratio) / math.log1p(row.tolerance)
+            else:
+                out[:, k] = (own - row.figure) / row.tolerance
+        return np.clip(np.nan_to_num(out, nan=_NO_FIGURE), -_MOST, _MOST)
+
+    def values(self, measured: Mapping[str, Mapping[str, float | None]]) -> Array:
+        """(R,) figures of one arm, NaN where it has none.
+
+        Args:
+            measured: by experiment and key.
+
+        Raises:
+            InputError: no experiment measures a row's key.
+        """
+        found = np.full(len(self.config.rows), math.nan)
+        for k, (name, row) in enumerate(self.config.rows.items()):
+            experiment, _, key = row.key.partition(".")
+            own = measured.get(experiment)
+            if own is None:
+                continue
+            if key not in own:
+                problem = f"{experiment} measures no {key}"
+                raise InputError(self.path, f"rows.{name}.key", problem, nearest(key, own))
+            value = own[key]
+            found[k] = math.nan if value is None else value
+        return found
+
+
+def bundled_worlds() -> WorldSource:
+    """Worlds of a campaign: arms that give the article's figures, as far as a fit has found any."""
+    path = Robot.load(ROBOT).source.parent / WORLDS
+    posterior = load_configuration(path, ArmPosterior) if path.is_file() else None
+    return WorldSource(posterior=posterior)
+
+
+def load_figures(file: str | Path, narrowed_by: Path | None = None) -> Figures:
+    """Reads FIGURES.yaml.
+
+    Args:
+        file: its path, or the name of a bundled one.
+        narrowed_by: folder of an earlier fit, whose ranges are taken in the place of the file's.
+
+    Raises:
+        InputError: a key that is unknown or of the wrong type, a range or tolerance that is none.
+    """
+    bundled = Path(__file__).parent / "figures" / f"{file}.yaml"
+    path = bundled if bundled.is_file() and not Path(file).exists() else Path(file)
+    config = load_configuration(path, FiguresConfig)
+    given: dict[str, Any] = dict(config.ranges)
+    if narrowed_by is not None:
+        found = load_configuration(narrowed_by / "posterior" / RANGES, FoundRanges).ranges
+        given |= {name: pair for name, pair in found.items() if name in given}
+    known = WorldRanges()
+    for name, pair in given.items():
+        if not hasattr(known, name):
+            remedy = nearest(name, WorldRanges.__dataclass_fields__) or "see docs/worlds.md"
+            raise InputError(path, f"ranges.{name}", "is no parameter of a world", remedy)
+        if len(pair) != 2:
+            raise InputError(path, f"ranges.{name}", f"{pair}, expected two numbers: from, to")
+    if not config.rows or not given:
+        raise InputError(path, "", "names no rows or no ranges: there is nothing to fit")
+    for name, row in config.rows.items():
+        if not (math.isfinite(row.figure) and (row.figure > 0.0 or not row.share)):
+            problem = f"{row.figure}, expected a number above 0 (or share: false)"
+            raise InputError(path, f"rows.{name}.figure", problem)
+        if not (math.isfinite(row.tolerance) and row.tolerance > 0.0):
+            problem = f"{row.tolerance}, expected a number above 0"
+            raise InputError(path, f"rows.{name}.tolerance", problem)
+    if not 0.0 < config.accept <= 1.0:
+        raise InputError(path, "accept", f"{config.accept}, expected above 0, up to 1")
+    ranges = WorldRanges(**{name: (pair[0], pair[1]) for name, pair in given.items()})
+    check_ranges(ranges, even=True)
+    about = load_truth(path.parent / config.about) if config.about else None
+    source = WorldSource(ranges, None, about, tuple(given), config.alike, even=True)
+    return Figures(path, config, source)

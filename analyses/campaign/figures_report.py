@@ -1,0 +1,85 @@
+"""Figures of a fit to printed figures: which parameters agree, and each row over the arms."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from wrenchsight.analyses.campaign.posterior import Posterior
+from wrenchsight.analyses.output.figures import COLOUR, new_figure
+from wrenchsight.models.arrays import Array, Flags
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_COLUMNS = 4
+_BINS = 14
+
+
+class ShownRow(Protocol):
+    """What is drawn of a row."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def printed(self) -> float: ...
+    @property
+    def best(self) -> float: ...
+    @property
+    def median(self) -> float: ...
+    @property
+    def p05(self) -> float: ...
+    @property
+    def p95(self) -> float: ...
+
+
+def parameters_figure(
+    names: Sequence[str], ranges: Array, parameters: Array, posterior: Posterior, arms: Array
+) -> "Figure":
+    """Each parameter: what was drawn, what agrees, and the nearest arm.
+
+    Args:
+        names, ranges: of the P parameters, and from where to where each was drawn.
+        parameters: (N, P) of all arms.
+        posterior: of them.
+        arms: (A, P) that agree, equally likely.
+    """
+    rows = -(-len(names) // _COLUMNS)
+    figure, axes = new_figure(rows, _COLUMNS, height=0.6 + 1.55 * rows)
+    for k, panel in enumerate(axes.ravel()):
+        if k >= len(names):
+            panel.set_visible(False)
+            continue
+        low, high = ranges[k]
+        bins = np.linspace(low, high, _BINS + 1)
+        style = {"bins": bins.tolist(), "density": True}
+        panel.hist(parameters[:, k], color=COLOUR["reference"], alpha=0.35, label="drawn", **style)
+        panel.hist(arms[:, k], color=COLOUR["estimate"], alpha=0.6, label="agrees", **style)
+        nearest = parameters[int(posterior.accepted[0]), k]
+        panel.axvline(nearest, color=COLOUR["after"], label="nearest arm")
+        panel.set_title(names[k].replace("_", " "), fontsize=8.5)
+        panel.set_yticks([])
+        panel.set_xlim(low, high)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    figure.suptitle("Arms that give the printed figures, over all that were drawn")
+    return figure
+
+
+def rows_figure(rows: Sequence[ShownRow], settles: Flags) -> "Figure":
+    """Each row over its printed figure: 5 to 95 % of the arms that agree, and the nearest."""
+    figure, ((axes,),) = new_figure(1, 1, height=1.0 + 0.21 * len(rows))
+    for k, row in enumerate(reversed(rows)):
+        scale = 1.0 / row.printed if row.printed else 1.0
+        colour = COLOUR["estimate"] if settles[len(rows) - 1 - k] else COLOUR["before"]
+        axes.plot([row.p05 * scale, row.p95 * scale], [k, k], color=colour, lw=4.0, alpha=0.45)
+        axes.plot(row.median * scale, k, "o", color=colour, mfc="white", ms=4)
+        axes.plot(row.best * scale, k, "x", color=COLOUR["after"], ms=5)
+    axes.axvline(1.0, color=COLOUR["article"], lw=1.5, zorder=0.5)
+    names = [row.name.replace("_", " ") for row in reversed(rows)]
+    axes.set_yticks(range(len(rows)), labels=names, fontsize=7)
+    axes.set_ylim(-0.7, len(rows) - 0.3)
+    axes.set_xlim(-0.5, 3.0)
+    axes.set_xlabel(
+        "over the printed figure: bar 5 to 95 %, ring median (orange: held out), cross nearest arm"
+    )
+    return figure

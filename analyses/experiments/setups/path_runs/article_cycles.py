@@ -1,0 +1,74 @@
+"""Experiment `article-cycles`: what eq. 4 reads on the simulated arm, as the article has it.
+
+The same runs and readings as in `repeat-cycle` and `repeat-cycle-push`, number by number, without
+what this program adds to them. No part of a study: it is what a search over arms repeats.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from wrenchsight.analyses.experiments.setups.path_runs.article_method import errors_alone
+from wrenchsight.analyses.experiments.setups.path_runs.repetition import repetition_torque
+from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
+    on_path,
+    run_task,
+    task_path,
+    task_scenario,
+)
+from wrenchsight.analyses.methods.reading.force_errors import force_metrics, reductions
+from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
+from wrenchsight.analyses.study.experiment import (
+    Experiment,
+    ExperimentContext,
+    ExperimentResult,
+)
+from wrenchsight.diagrams.scenario import LineMotion
+
+ONE_WAY_QUICK = 5.0  # s
+_BLOCK = 50_000  # samples read at a time
+_PATHS = ("initial", "optimised")
+
+
+def method_by_repetition(context: ExperimentContext, scenario: str) -> dict[str, Any]:
+    """Figures of `RepeatCycle` or `RepeatCyclePush`, by the experiments' keys.
+
+    Args:
+        context: of an experiment.
+        scenario: its name.
+    """
+    robot = context.robot(ROBOT)
+    found: dict[str, Any] = {}
+    for k, path in enumerate(_PATHS):
+        context.progress(0.5 * k, f"{path} path")
+        planned = task_scenario(scenario, context.seed, ONE_WAY_QUICK if context.quick else None)
+        motion = planned.motion
+        assert isinstance(motion, LineMotion)
+        period = round(2 * motion.one_way / planned.time_step)
+        moved = on_path(planned, robot, *task_path(robot, path))
+        run = run_task(moved, robot, path).between(motion.lead_in)
+        tau = repetition_torque(run.recording, robot, period)
+        q, force = run.recording.q[period:], np.empty((len(tau), 3))
+        for start in range(0, len(q), _BLOCK):
+            rows = slice(start, start + _BLOCK)
+            J = robot.chain.jacobian(q[rows])
+            force[rows] = np.linalg.solve(np.swapaxes(J, 1, 2), tau[rows, :, None])[:, 3:, 0]
+        found[path] = errors_alone(force_metrics(force, 0.0 * force, run.reference[period:]))
+    return {**reductions(found["initial"], found["optimised"]), **found}
+
+
+def run(context: ExperimentContext) -> ExperimentResult:
+    """Repeated cycles with and without a hand that pushes."""
+    metrics = {
+        "repeat-cycle": method_by_repetition(context, "RepeatCycle"),
+        "repeat-cycle-push": method_by_repetition(context, "RepeatCyclePush"),
+    }
+    return ExperimentResult(metrics=metrics)
+
+
+EXPERIMENT = Experiment(
+    name="article-cycles",
+    title="The article's method without a model",
+    section="4.5",
+    run=run,
+)

@@ -1,0 +1,100 @@
+"""Experiment `article-method`: what the article's method reads on the simulated arm, and no more.
+
+The same logs, models and readings as in `identification`, `friction` and `combined`, without what
+this program adds to them: the numbers agree to a thousandth, the stated torque error being another
+(it keeps eq. 22 finite next to a singularity). No part of a study, which has the experiments
+themselves: it is what a search over arms repeats.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
+    TaskRun,
+    on_path,
+    read_run,
+    run_task,
+    task_path,
+    task_scenario,
+    uniform_motion,
+)
+from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import article_models
+from wrenchsight.analyses.methods.reading.force_errors import reductions
+from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
+from wrenchsight.analyses.study.experiment import (
+    Experiment,
+    ExperimentContext,
+    ExperimentResult,
+)
+from wrenchsight.diagrams.scenario import LineMotion
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.robot.robot import Robot
+
+K_0 = 20.0  # 1/s, the article's
+ONE_WAY_QUICK = 8.0  # s
+
+
+def method_by_model(context: ExperimentContext) -> dict[str, Any]:
+    """Figures of identification, friction and combined, by experiment and the experiment's key."""
+    robot = context.robot(ROBOT)
+    context.progress(0.0, "identification")
+    result, semi_parametric = article_models(robot, context.seed, context.quick)
+    one_way = ONE_WAY_QUICK if context.quick else None
+    laws = {"coulomb_viscous": result.model, "semi_parametric": semi_parametric}
+    read = {law: _estimator(robot, model) for law, model in laws.items()}
+
+    def figures(run: TaskRun, law: str) -> dict[str, Any]:
+        return errors_alone(read_run(law, run, read[law]).metrics())
+
+    context.progress(0.5, "friction")
+    turned = _task(context, robot, "FrictionAtReversal", "initial", one_way)
+    friction = {law: figures(turned, law) for law in laws}
+    context.progress(0.7, "combined")
+    before = figures(_task(context, robot, "Combined", "initial", one_way), "coulomb_viscous")
+    after = figures(_task(context, robot, "Combined", "optimised", one_way), "semi_parametric")
+    return {
+        "identification": {"cross_validation": {"rmse_nm": result.validation[0].rmse}},
+        "friction": {
+            **friction,
+            **reductions(friction["coulomb_viscous"], friction["semi_parametric"]),
+        },
+        "combined": {"initial": before, "optimised": after, **reductions(before, after)},
+    }
+
+
+def _task(
+    context: ExperimentContext, robot: Robot, name: str, path: str, one_way: float | None
+) -> TaskRun:
+    scenario = task_scenario(name, context.seed, one_way)
+    scenario = on_path(scenario, robot, *task_path(robot, path))
+    motion = scenario.motion
+    assert isinstance(motion, LineMotion)
+    return run_task(scenario, robot, path).between(*uniform_motion(motion))
+
+
+def _estimator(robot: Robot, model: Any) -> WrenchEstimator:
+    """Eq. 22; the stated covariance counts next to a singularity, where it keeps it finite."""
+    config = WrenchEstimatorConfig(
+        MomentumObserverConfig([K_0]), WrenchReconstructionConfig("inverse")
+    )
+    return WrenchEstimator(robot, model, config)
+
+
+def errors_alone(metrics: Mapping[str, Any]) -> dict[str, Any]:
+    """RMSE and largest error by axis."""
+    return {key: value for key, value in metrics.items() if key.startswith(("rmse", "max_error"))}
+
+
+def run(context: ExperimentContext) -> ExperimentResult:
+    """Identification, friction and combined, as far as the article's own method goes."""
+    return ExperimentResult(metrics=method_by_model(context))
+
+
+EXPERIMENT = Experiment(
+    name="article-method",
+    title="The article's method with a model",
+    section="4.1, 4.6, 4.7",
+    run=run,
+)

@@ -1,0 +1,149 @@
+"""Fits of toy arms to printed figures: what is found, kept, narrowed and refused."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+from wrenchsight.analyses.campaign import figures_fit
+from wrenchsight.analyses.campaign.figures_config import bundled_worlds, load_figures
+from wrenchsight.analyses.campaign.figures_fit import fit_figures
+from wrenchsight.models.files.configuration import load_configuration
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.truth.true_robot import load_truth
+from wrenchsight.models.truth.worlds import ArmPosterior, draw_world
+
+# Of the toy arm `coulomb` is a metric (its one joint has 1 N m): what a fit is to find.
+ROWS = {
+    "level": {"key": "toy.coulomb", "figure": 1.3, "tolerance": 0.05},
+    "again": {"key": "toy.coulomb", "figure": 1.3, "tolerance": 0.05, "settles": False},
+}
+
+
+@pytest.fixture
+def figures(tmp_path):
+    """Returns a function that writes a FIGURES.yaml and reads it."""
+
+    def figures(narrow=None, **changes):
+        content = {"name": "toy-arm", "ranges": {"coulomb": [0.5, 2.0], "viscous": [0.5, 2.0]}}
+        path = tmp_path / "figures.yaml"
+        path.write_text(yaml.safe_dump(content | {"rows": ROWS} | changes))
+        return load_figures(path, narrow)
+
+    return figures
+
+
+def test_the_arm_that_gives_the_figures_is_found_and_goes_on(
+    tmp_path, experiment, figures, counted
+):
+    experiment("toy")
+    fit = fit_figures(figures(), 40, tmp_path / "fit", jobs=2)
+    assert fit.arms == 40
+    low, high = fit.ranges["coulomb"]
+    assert low < 1.3 < high and high - low < 0.2  # drawn over 1.5
+    low, high = fit.ranges["viscous"]
+    assert high - low > 0.7  # nothing says it
+    assert fit.fitted_inside == fit.held_out_inside == 1.0
+    metrics = json.loads((tmp_path / "fit" / "posterior" / "metrics.json").read_text())["toy-arm"]
+    row = metrics["level"]
+    assert row["article"] == 1.3 and row["agrees"] and row["inside"]
+    assert row["p05"] <= row["median"] <= row["p95"]
+    assert row["moved_by"][0]["parameter"] == "coulomb"
+    assert metrics["held_out"]["share_inside_pct"] == 100.0
+    assert metrics["parameters"]["coulomb"]["range_narrowed_pct"] > 90.0
+    # The nearest arm, as another command reads it.
+    posterior = load_configuration(tmp_path / "fit" / "posterior" / "worlds.yaml", ArmPosterior)
+    assert posterior.num_arms == 100
+    truth = load_truth(tmp_path / "fit" / "posterior" / "truth.yaml")
+    own = Robot.load("sts_sre4_600").config.simulated_truth.friction.coulomb[0]
+    nearest = truth.friction.coulomb[0] / own
+    assert nearest == pytest.approx(1.3, abs=0.1)
+    again = np.array(posterior.arms["coulomb"]) * nearest
+    assert np.percentile(again, 50) == pytest.approx(1.3, abs=0.02)
+
+    assert fit_figures(figures(), 44, tmp_path / "fit", jobs=2).arms == 44
+    assert counted("ran_toy") == 44  # what was there is not run again
+    closer = figures(narrow=tmp_path / "fit")
+    assert closer.source.ranges.coulomb == pytest.approx(fit.ranges["coulomb"], abs=0.1)
+    for number in range(20):
+        drawn = draw_world(0, number, closer.source).factors["coulomb"][0]
+        assert closer.source.ranges.coulomb[0] <= drawn <= closer.source.ranges.coulomb[1]
+
+
+def test_late_experiments_run_on_the_nearest_arms_alone(tmp_path, experiment, figures, counted):
+    experiment("toy")
+    experiment("slow")
+    rows = ROWS | {"late": {"key": "slow.coulomb", "figure": 1.3}}
+    own = figures(rows=rows, late=["slow"], late_arms=13)
+    fit = fit_figures(own, 30, tmp_path / "fit", jobs=2)
+    assert (counted("ran_toy"), counted("ran_slow")) == (30, 13)
+    assert fit.arms == 13
+    assert {row.name for row in fit.rows} == set(rows)
+
+
+def test_too_few_arms_are_one_line_and_what_is_done_stays(tmp_path, experiment, figures, counted):
+    experiment("toy")
+    with pytest.raises(InputError, match="3 arms have"):
+        fit_figures(figures(), 3, tmp_path / "fit")
+    assert not (tmp_path / "fit" / "posterior").exists()
+    assert counted("ran_toy") == 3
+    assert fit_figures(figures(), figures_fit.FEWEST_ARMS, tmp_path / "fit").arms == 12
+    assert counted("ran_toy") == 12
+
+
+@pytest.mark.parametrize(
+    ("changes", "match"),
+    [
+        ({"ranges": {"coulom": [0.5, 2.0]}}, r'ranges\.coulom: .*did you mean "coulomb"'),
+        ({"ranges": {"coulomb": [0.5]}}, r"ranges\.coulomb: .*two numbers"),
+        ({"ranges": {"coulomb": [2.0, 0.5]}}, r"ranges\.coulomb"),
+        ({"rows": {}}, "no rows or no ranges"),
+        ({"rows": {"a": {"key": "toy.coulomb", "figure": 0.0}}}, r"rows\.a\.figure"),
+        (
+            {"rows": {"a": {"key": "toy.coulomb", "figure": 1.0, "tolerance": 0.0}}},
+            r"rows\.a\.tolerance",
+        ),
+        ({"accept": 0.0}, "accept"),
+        ({"rows": {"a": {"keys": "toy.coulomb", "figure": 1.0}}}, "keys"),
+    ],
+)
+def test_a_file_that_makes_no_sense_is_one_line(figures, changes, match):
+    with pytest.raises(InputError, match=match):
+        figures(**changes)
+
+
+def test_a_row_that_nothing_measures_is_named(tmp_path, experiment, figures):
+    experiment("toy")
+    rows = {"a": {"key": "toy.coulom", "figure": 1.0}}
+    with pytest.raises(InputError, match=r'rows\.a\.key.*did you mean "coulomb"'):
+        fit_figures(figures(rows=rows), 12, tmp_path / "fit")
+
+
+def test_the_article_s_figures_are_bundled():
+    figures = load_figures("article")
+    assert figures.experiments == ("article-method", "article-cycles")
+    assert 10 <= figures.settles.sum() < len(figures.names)
+    truth = draw_world(0, 3, figures.source).robot(Robot.load("sts_sre4_600")).config
+    about = figures.source.about.friction
+    factor = draw_world(0, 3, figures.source).factors["coulomb"][0]
+    np.testing.assert_array_equal(
+        truth.simulated_truth.friction.coulomb, factor * np.asarray(about.coulomb)
+    )
+
+
+def test_worlds_of_the_article_s_arm_are_drawn_from_what_a_fit_found():
+    posterior = bundled_worlds().posterior
+    assert posterior is not None and posterior.robot == "sts_sre4_600"
+    world, plain = draw_world(4, 2, bundled_worlds()), draw_world(4, 2)
+    arm = posterior.arms["coulomb"].index(world.of_robot["coulomb"][0])
+    assert world.of_robot == {name: (values[arm],) for name, values in posterior.arms.items()}
+    assert world.factors == plain.factors
+    assert world.parameters()["coulomb"] == posterior.arms["coulomb"][arm]
+    sts, ur10e = Robot.load("sts_sre4_600"), Robot.load("ur10e")
+    own = world.robot(sts).config.simulated_truth.friction.coulomb
+    factor = posterior.arms["coulomb"][arm]
+    expected = factor * np.asarray(sts.config.simulated_truth.friction.coulomb)
+    np.testing.assert_array_equal(own, expected)
+    assert world.robot(ur10e).config == plain.robot(ur10e).config  # of another arm they say nothing
