@@ -406,6 +406,6 @@ def _print_comparison(comparison: "SensorComparison", out: Path, W: str = "world
     say(
         console,
         f"sensor: axes of the {frame} turned by [{axes}], {says}, "
-        f"{1000 * mounting.delay:.0f} ms late, tare {' '.join(f'{x:.3g}' for x in mounting.tare)}; "
+        f"{1000 * abs(mounting.delay):.0f} ms {'late' if mounting.delay >= 0 else 'early'}, tare {' '.join(f'{x:.3g}' for x in mounting.tare)}; "
         f"figure: {out / 'figures' / 'reference.png'}",
     )

@@ -53,6 +53,13 @@ def command(
             f"note: joints held still, rad or m: {held}. Where one of them is the arm's, name the "
             "link that it moves: --flange LINK",
         )
+    say(
+        console,
+        "note: friction, noise and resolution of the simulated arm are assumed: simulated_truth "
+        "and drives in the file"
+        if drafted.config.simulated_truth.friction.coulomb.size
+        else "note: the simulated arm has no friction, since the URDF has no inertias to size it by",
+    )
     say(console, f"robot: {path}; look for {FILL_IN}: {', '.join(places)}")
 
 

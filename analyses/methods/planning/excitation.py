@@ -425,8 +425,8 @@ def _warnings(robot: Robot, undetermined: tuple[str, ...], clearance: Clearance)
             + ", ".join(robot.unusable_collisions)
         )
     warnings += [
-        f"{pair} are near each other in the home posture: they keep {1e3 * kept:.0f} mm, not "
-        f"{1e3 * clearance.margin:.0f}"
+        f"{pair} are near each other in the home posture: they keep {1e3 * kept:.3g} mm, "
+        f"{1e3 * (clearance.margin - kept):.2g} mm less than the clearance"
         for pair, kept in clearance.near_at_home
     ]
     warnings += [
