@@ -143,7 +143,7 @@ def make_closed_loop(
     if machining_path is not None:
         apart = links_apart(scenario, robot, machining_path)
     builder = DiagramBuilder()
-    cell = make_robot_cell(scenario, robot, q_0, meshcat, fused=fused, apart=apart)
+    cell = make_robot_cell(scenario, robot, q_0, meshcat, apart)
     builder.AddSystem(cell.diagram)
     out = cell.diagram.GetOutputPort
     config = replace(

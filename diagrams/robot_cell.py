@@ -25,19 +25,10 @@ from pydrake.multibody.plant import (
     MultibodyPlantConfig,
 )
 from pydrake.multibody.tree import RigidBody
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
-from pydrake.systems.primitives import (
-    ConstantVectorSource,
-    Demultiplexer,
-    Gain,
-    MatrixGain,
-    Saturation,
-)
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, Saturation
 
-from wrenchsight.diagrams.current_sensor import drives_sensor, export_measured_current
 from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig, Scenario
-from wrenchsight.diagrams.truth.hard_joints import add_hard_joints, connect_hard_joints, hard_joints
-from wrenchsight.diagrams.truth.machined_arm import add_machined_arm
 from wrenchsight.diagrams.workpiece import (
     add_blade,
     add_plate,
@@ -48,20 +39,13 @@ from wrenchsight.diagrams.workpiece import (
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.control.wrench_script import WrenchScript
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.friction.true_friction import DryFriction
 from wrenchsight.models.machining.machining_process import MachiningProcess
-from wrenchsight.models.robot.motors import motor_gain
 from wrenchsight.models.robot.robot import Robot, RobotInPlant
 from wrenchsight.models.truth.true_joints import TrueJoints
-from wrenchsight.models.truth.true_robot import true_robot
-from wrenchsight.systems.external_wrench_source import ExternalWrenchSource
+from wrenchsight.models.truth.true_robot import true_robot, with_friction
 from wrenchsight.systems.force_torque_sensor import ForceTorqueSensor
-from wrenchsight.systems.free_joint_friction import FreeJointFriction
-from wrenchsight.systems.joint_friction import JointFriction, add_holding_actuators
-from wrenchsight.systems.machining.machining_process import MachiningProcessSystem
-from wrenchsight.systems.rigid_body_terms import RigidBodyTermsSystem
-from wrenchsight.systems.truth.environment_truth import EnvironmentTruth
-from wrenchsight.systems.truth.machined_arm import MachinedArm
+from wrenchsight.systems.truth.tool_contacts import ToolContacts
+from wrenchsight.systems.truth.true_arm import ArmParts, TrueArm
 
 FLOOR_STIFFNESS = 1e6  # N/m
 _FLOOR_COLOUR = np.array([0.86, 0.87, 0.88, 1.0])
@@ -75,14 +59,14 @@ class RobotCell:
         diagram: see make_robot_cell.
         plant: the plant in it.
         parts: the robot's model instance, joints, actuators and frame E.
-        friction: the true friction; None where the scenario has none.
+        joints: the true joints.
         script: the wrench that acts on the tool, as a function of time.
     """
 
     diagram: Diagram
     plant: MultibodyPlant
     parts: RobotInPlant
-    friction: DryFriction | None
+    joints: TrueJoints
     script: WrenchScript
 
 
@@ -91,8 +75,6 @@ def make_robot_cell(
     robot: Robot,
     q_0: ArrayLike,
     meshcat: Meshcat | None = None,
-    with_brakes: bool | None = None,
-    fused: bool = False,
     apart: Collection[str] = (),
 ) -> RobotCell:
     """Builds the true robot with its tool, drives, sensors and surroundings.
@@ -102,7 +84,7 @@ def make_robot_cell(
                          |            | --> ft_wrench        (6,) sensor, where there is one
       current_command -->| robot_cell | --> state            (2n,) q and v
         (n,) A           |            | --> tau_J_true       (n,) N m
-                         |            | --> tau_f_true       (n,) N m, where there is friction
+                         |            | --> tau_f_true       (n,) N m
                          |            | --> tau_ext_true     (n,) N m
                          |            | --> wrench_true      (6,) F_E_W, N m, N
                          +------------+ --> wrench_unbalance (6,) of a spindle, when machining
@@ -117,11 +99,6 @@ def make_robot_cell(
         robot: the true robot.
         q_0: (n,) rad, where its encoders are at the start, at rest.
         meshcat: draws the cell into it; without it there are no pictures.
-        with_brakes: whether dry friction is solved by the plant together with contact
-            (`JointFriction`), or without it (`FreeJointFriction`), which is faster and the same
-            where nothing touches; by default with brakes where there is something to touch.
-        fused: whether machining, joints and sensors are one block where they can be: with the
-            mechanisms of real joints and without a scripted wrench. The same numbers, sooner.
         apart: names of links that never come near anything: contact is not looked for at them.
 
     Raises:
@@ -129,19 +106,12 @@ def make_robot_cell(
     """
     builder = DiagramBuilder()
     touches = scenario.workpiece is not None or scenario.floor
-    with_brakes = touches if with_brakes is None else with_brakes
-    joints = hard_joints(scenario, robot)
-    true = robot if joints is None else true_robot(robot)
+    robot = with_friction(robot, scenario.friction)
+    joints, true = TrueJoints.of(robot, scenario.time_step), true_robot(robot)
     plant, scene_graph = _add_plant(builder, scenario, touches or meshcat is not None)
     parts = true.add_to_plant(plant)
-    friction = true_friction(scenario, robot)
-    if friction is not None and with_brakes and joints is None:
-        add_holding_actuators(plant, parts.joints, parts.actuators, friction)
-    else:
-        for i, joint in enumerate(parts.joints):
-            # Joints with mechanisms have their viscous friction in themselves.
-            damped = friction if joints is None else None
-            joint.set_default_damping(0.0 if damped is None else damped.viscous[i])
+    for joint in parts.joints:  # viscous friction is the true joints'
+        joint.set_default_damping(0.0)
     if isinstance(scenario.workpiece, BladeConfig):
         add_blade(plant, scenario.workpiece)
     elif scenario.workpiece is not None:
@@ -149,174 +119,126 @@ def make_robot_cell(
     if scene_graph is not None:
         _add_floor(plant, solid=scenario.floor)
     plant.Finalize()
-    q_0 = np.asarray(q_0, dtype=np.float64)
-    if joints is not None:  # the encoders read q_0, their gears bent by the arm's weight
-        q_0 = joints.links_at(q_0, true.chain)
-    plant.SetDefaultPositions(parts.model_instance, q_0)
+    # The encoders read q_0, their gears bent by the arm's weight.
+    q_start = joints.links_at(np.asarray(q_0, dtype=np.float64), true.chain)
+    plant.SetDefaultPositions(parts.model_instance, q_start)
     if scene_graph is not None:
         _prepare_contact(plant, scene_graph, parts, scenario, apart)
         if meshcat is None:
             _remove_pictures(plant, scene_graph)
 
     script = WrenchScript(scenario.wrench, scenario.seed, "scenario")
-    if fused and joints is not None and scenario.machining is not None and not script.segments:
-        sensor = _force_torque_sensor(plant, parts, scenario, robot)
-        block = MachinedArm(
-            true.chain,
-            joints,
-            scenario.seed,
-            _environment_truth(scenario, robot, plant, parts),
-            _machining_process(scenario, plant, parts, scripted=False),
-            drives_sensor(scenario, robot),
-            sensor,
-            scenario.seed,
+    sensor = _force_torque_sensor(plant, parts, scenario, robot)
+    arm = TrueArm(
+        ArmParts(
+            chain=true.chain,
+            joints=joints,
+            tool_body=tool_body(plant, parts).index(),
+            p_BE=_p_BE(plant, parts),
+            script=script,
+            contacts=_tool_contacts(scenario, robot, plant, parts) if touches else None,
+            process=_machining_process(scenario),
+            current=_current_sensor(robot) if scenario.current_noise else None,
+            sensor=sensor,
+            seed=scenario.seed,
         )
-        add_machined_arm(builder, robot, plant, parts, block, sensor is not None)
-    else:
-        _add_blocks(
-            builder, scenario, robot, true, plant, parts, joints, friction, script, with_brakes
-        )
+    )
+    _connect_arm(builder, robot, plant, parts, arm, touches, sensor is not None)
     if meshcat is not None and scene_graph is not None:
         parameters = MeshcatVisualizerParams(publish_period=1.0 / scenario.recording.fps)
         MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, parameters)
     diagram = builder.Build()
     diagram.set_name("robot_cell")
-    return RobotCell(diagram, plant, parts, friction, script)
+    return RobotCell(diagram, plant, parts, joints, script)
 
 
-def _add_blocks(
+def _connect_arm(
     builder: DiagramBuilder,
-    scenario: Scenario,
     robot: Robot,
-    true: Robot,
     plant: MultibodyPlant,
     parts: RobotInPlant,
-    joints: TrueJoints | None,
-    friction: DryFriction | None,
-    script: WrenchScript,
-    with_brakes: bool,
+    arm: TrueArm,
+    touches: bool,
+    senses: bool,
 ) -> None:
-    """Joints, sensors and surroundings, each in a block of its own; exports their ports."""
-    touches = scenario.workpiece is not None or scenario.floor
+    """Adds the true arm, connects it with drives and plant, and exports the cell's ports.
+
+    Args:
+        touches: whether there is something to touch.
+        senses: whether there is a force/torque sensor.
+    """
     n = robot.num_joints
+    builder.AddNamedSystem("true_arm", arm)
+    drives = builder.AddNamedSystem("drives", Saturation(-robot.current_limit, robot.current_limit))
+    builder.ExportInput(drives.get_input_port(), "current_command")
     state = plant.get_state_output_port(parts.model_instance)
-    split = builder.AddNamedSystem("encoders", Demultiplexer([n, n]))
-    terms = builder.AddNamedSystem("true_terms", RigidBodyTermsSystem(true.chain))
-    builder.Connect(state, split.get_input_port())
-    for i, name in enumerate(("q", "v")):
-        if joints is None:
-            builder.ExportOutput(split.get_output_port(i), name)
-        builder.Connect(split.get_output_port(i), terms.GetInputPort(name))
-    builder.ExportOutput(state, "state")
-
-    if joints is None:
-        tau_J = _add_drives(builder, scenario, robot)
-        builder.ExportOutput(tau_J, "tau_J_true")
-    else:
-        block = add_hard_joints(builder, scenario, joints, touches)
-    tau_ext = _add_environment(builder, scenario, robot, plant, parts, script, terms, touches)
-    if joints is not None:
-        connect_hard_joints(
-            builder, scenario, robot, plant, parts, block, terms.get_output_port(), tau_ext
+    known = {"state": state, "current_command": drives.get_output_port()}
+    if touches:
+        known["contact_results"] = plant.get_contact_results_output_port()
+        known["tau_contact"] = plant.get_generalized_contact_forces_output_port(
+            parts.model_instance
         )
-    elif friction is not None and with_brakes:
-        _connect_with_brakes(builder, plant, parts, tau_J)
-        _add_friction(builder, plant, parts, friction, tau_J)
-    else:
-        builder.Connect(tau_J, plant.get_actuation_input_port(parts.model_instance))
-        if friction is not None:
-            block = builder.AddNamedSystem(
-                "joint_friction", FreeJointFriction(friction, scenario.time_step)
-            )
-            builder.Connect(terms.get_output_port(), block.GetInputPort("terms"))
-            builder.Connect(tau_J, block.GetInputPort("tau_J"))
-            builder.Connect(tau_ext, block.GetInputPort("tau_ext"))
-            builder.Connect(
-                block.GetOutputPort("torque"), plant.get_applied_generalized_force_input_port()
-            )
-            builder.ExportOutput(block.GetOutputPort("tau_f_true"), "tau_f_true")
-    _add_force_torque_sensor(builder, plant, parts, scenario, robot, terms.get_output_port())
+    if senses:
+        known["reaction_forces"] = plant.get_reaction_forces_output_port()
+        known["vdot"] = plant.get_generalized_acceleration_output_port(parts.model_instance)
+    for name, port in known.items():
+        builder.Connect(port, arm.GetInputPort(name))
+    # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
+    split = {}
+    sizes = {"motion": list(arm.motion_sizes.values()), "drives": arm.drive_sizes}
+    for name, of_parts in (sizes | ({"truth": arm.truth_sizes} if touches else {})).items():
+        demultiplexer = builder.AddNamedSystem(f"{name}_parts", Demultiplexer(of_parts))
+        builder.Connect(arm.GetOutputPort(name), demultiplexer.get_input_port())
+        split[name] = [demultiplexer.get_output_port(i) for i in range(len(of_parts))]
+    motion = dict(zip(arm.motion_sizes, split["motion"], strict=True))
+    wrench_true, tau_ext_true = motion["wrench"], motion["torque"]
+    tau_J, torque, tau_f, _, current, _ = split["drives"]
+    builder.Connect(tau_J, plant.get_actuation_input_port(parts.model_instance))
+    builder.Connect(torque, plant.get_applied_generalized_force_input_port())
+    exported = {"q": motion["q_read"], "v": motion["v_read"], "state": state, "current": current}
+    exported |= {"tau_J_true": tau_J, "tau_f_true": tau_f}
+    if touches:
+        wrench_true, tau_ext_true, _ = split["truth"]
+    elif not arm.pushed:  # asks nobody
+        for name, size in (("wrench_true", 6), ("tau_ext_true", n)):
+            nothing = builder.AddNamedSystem(f"no_{name}", ConstantVectorSource(np.zeros(size)))
+            exported[name] = nothing.get_output_port()
+    exported = {"wrench_true": wrench_true, "tau_ext_true": tau_ext_true} | exported
+    if arm.pushed:
+        builder.Connect(
+            arm.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port()
+        )
+    if arm.HasOutputPort("wrench_unbalance"):
+        exported["wrench_unbalance"] = arm.GetOutputPort("wrench_unbalance")
+    if senses:
+        exported["ft_wrench"] = motion["sensed"]
+    for name, port in exported.items():
+        builder.ExportOutput(port, name)
 
 
-def _environment_truth(
+def _tool_contacts(
     scenario: Scenario, robot: Robot, plant: MultibodyPlant, parts: RobotInPlant
-) -> EnvironmentTruth:
+) -> ToolContacts:
     tool = tool_body(plant, parts)
     geometries = plant.GetCollisionGeometriesForBody(tool)
     radius = tip_radius(robot) if scenario.machining is not None else 0.0
-    return EnvironmentTruth(len(parts.actuators), tool.index(), geometries, radius)
+    return ToolContacts(tool.index(), geometries, radius)
 
 
-def _machining_process(
-    scenario: Scenario, plant: MultibodyPlant, parts: RobotInPlant, scripted: bool
-) -> MachiningProcessSystem:
-    assert scenario.machining is not None and scenario.workpiece is not None
+def _machining_process(scenario: Scenario) -> MachiningProcess | None:
+    if scenario.machining is None:
+        return None
+    assert scenario.workpiece is not None
     ends = (scenario.machining.start, scenario.machining.end)
-    return MachiningProcessSystem(
-        MachiningProcess(
-            scenario.machining.process,
-            contact=process_contact(scenario.workpiece, ends),
-            time_step=scenario.time_step,
-        ),
-        tool_body(plant, parts).index(),
-        _p_BE(plant, parts),
-        scenario.time_step,
-        scripted,
+    return MachiningProcess(
+        scenario.machining.process,
+        contact=process_contact(scenario.workpiece, ends),
+        time_step=scenario.time_step,
     )
 
 
-def _add_environment(
-    builder: DiagramBuilder,
-    scenario: Scenario,
-    robot: Robot,
-    plant: MultibodyPlant,
-    parts: RobotInPlant,
-    script: WrenchScript,
-    true_terms: RigidBodyTermsSystem,
-    touches: bool,
-) -> OutputPort:
-    """What acts on the robot from outside; exports the truth of it, and returns tau_ext_true."""
-    n, terms = len(parts.actuators), true_terms.get_output_port()
-    if not script.segments and not touches:
-        for name, size in (("wrench_true", 6), ("tau_ext_true", n)):
-            nothing = builder.AddNamedSystem(f"no_{name}", ConstantVectorSource(np.zeros(size)))
-            builder.ExportOutput(nothing.get_output_port(), name)
-        return nothing.get_output_port()
-    tool = tool_body(plant, parts)
-    source = builder.AddNamedSystem(
-        "external_wrench", ExternalWrenchSource(script, tool.index(), _p_BE(plant, parts))
-    )
-    truth = builder.AddNamedSystem("truth", _environment_truth(scenario, robot, plant, parts))
-    # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
-    parts_of_truth = builder.AddNamedSystem("truth_parts", Demultiplexer(truth.sizes(n)))
-    builder.Connect(truth.GetOutputPort("truth"), parts_of_truth.get_input_port())
-    wrench_true, tau_ext_true, contact = (parts_of_truth.get_output_port(i) for i in range(3))
-    applied, forces = source.GetOutputPort("wrench_true"), source.GetOutputPort("spatial_forces")
-    if scenario.machining is not None:
-        process = builder.AddNamedSystem(
-            "process", _machining_process(scenario, plant, parts, bool(script.segments))
-        )
-        builder.Connect(terms, process.GetInputPort("terms"))
-        builder.Connect(contact, process.GetInputPort("contact"))
-        if script.segments:
-            builder.Connect(applied, process.GetInputPort("wrench_applied"))
-        applied, forces = process.GetOutputPort("wrench"), process.GetOutputPort("spatial_forces")
-        builder.ExportOutput(process.GetOutputPort("wrench_unbalance"), "wrench_unbalance")
-    if script.segments or scenario.machining is not None:
-        builder.Connect(forces, plant.get_applied_spatial_force_input_port())
-    builder.Connect(terms, truth.GetInputPort("terms"))
-    builder.Connect(applied, truth.GetInputPort("wrench_applied"))
-    if touches:
-        builder.Connect(
-            plant.get_generalized_contact_forces_output_port(parts.model_instance),
-            truth.GetInputPort("tau_contact"),
-        )
-        builder.Connect(
-            plant.get_contact_results_output_port(), truth.GetInputPort("contact_results")
-        )
-    builder.ExportOutput(tau_ext_true, "tau_ext_true")
-    builder.ExportOutput(wrench_true, "wrench_true")
-    return tau_ext_true
+def _current_sensor(robot: Robot) -> Array:
+    return np.stack([robot.current_bandwidth, robot.current_noise_sd, robot.current_resolution])
 
 
 def _add_plant(
@@ -369,25 +291,6 @@ def _p_BE(plant: MultibodyPlant, parts: RobotInPlant) -> Array:
     X_WB = tool_body(plant, parts).EvalPoseInWorld(context)
     X_BE = X_WB.InvertAndCompose(parts.frame_E.CalcPoseInWorld(context))
     return np.array(X_BE.translation())
-
-
-def true_friction(scenario: Scenario, robot: Robot) -> DryFriction | None:
-    """The friction of the scenario's robot; None where it has none."""
-    if scenario.friction == "none":
-        return None
-    truth = robot.truth
-    none = np.zeros(robot.num_joints)
-    full = scenario.friction == "full"
-    return DryFriction(
-        # A robot file may leave stiction out: then breakaway is at Coulomb level.
-        stiction=np.maximum(truth.stiction, truth.coulomb) if full else truth.coulomb,
-        coulomb=truth.coulomb,
-        stribeck_velocity=truth.stribeck_velocity,
-        viscous=truth.viscous,
-        load_dependence=truth.load_dependence if full else none,
-        ripple_amplitude=truth.ripple_amplitude if full else none,
-        ripple_periods=truth.ripple_periods,
-    )
 
 
 def _add_floor(plant: MultibodyPlant, solid: bool) -> None:
@@ -459,54 +362,6 @@ def _prepare_contact(
         filters.Apply(CollisionFilterDeclaration().ExcludeBetween(foot, GeometrySet(floor)))
 
 
-def _add_drives(builder: DiagramBuilder, scenario: Scenario, robot: Robot) -> OutputPort:
-    """From the commanded current to the motor torque; exports the measured current."""
-    limit = robot.current_limit
-    drives = builder.AddNamedSystem("drives", Saturation(-limit, limit))
-    builder.ExportInput(drives.get_input_port(), "current_command")
-    gain = motor_gain(robot.torque_per_ampere, robot.current_sign)
-    motors = MatrixGain(robot.motor_rates.T * gain) if robot.is_coupled else Gain(gain)
-    torque = builder.AddNamedSystem("motors", motors)
-    builder.Connect(drives.get_output_port(), torque.get_input_port())
-    export_measured_current(builder, scenario, robot, drives.get_output_port())
-    return torque.get_output_port()
-
-
-def _connect_with_brakes(
-    builder: DiagramBuilder, plant: MultibodyPlant, parts: RobotInPlant, tau_J: OutputPort
-) -> None:
-    """The motors come first; the desired state of the brakes behind them is rest."""
-    n = len(parts.actuators)
-    spread = builder.AddNamedSystem("actuation", MatrixGain(np.eye(2 * n, n)))
-    builder.Connect(tau_J, spread.get_input_port())
-    builder.Connect(spread.get_output_port(), plant.get_actuation_input_port(parts.model_instance))
-    desired = plant.get_desired_state_input_port(parts.model_instance)
-    rest = builder.AddNamedSystem("rest", ConstantVectorSource(np.zeros(desired.size())))
-    builder.Connect(rest.get_output_port(), desired)
-
-
-def _add_friction(
-    builder: DiagramBuilder,
-    plant: MultibodyPlant,
-    parts: RobotInPlant,
-    friction: DryFriction,
-    tau_J: OutputPort,
-) -> None:
-    n = len(parts.actuators)
-    block = builder.AddNamedSystem("joint_friction", JointFriction(friction))
-    net = plant.get_net_actuation_output_port(parts.model_instance)
-    split = builder.AddNamedSystem("holding", Demultiplexer([n, n]))
-    builder.Connect(net, split.get_input_port())
-    builder.Connect(split.get_output_port(1), block.GetInputPort("tau_holding"))
-    builder.Connect(tau_J, block.GetInputPort("tau_J"))
-    state = plant.get_state_output_port(parts.model_instance)
-    builder.Connect(state, block.GetInputPort("state"))
-    builder.Connect(
-        block.GetOutputPort("explicit_torque"), plant.get_applied_generalized_force_input_port()
-    )
-    builder.ExportOutput(block.GetOutputPort("tau_f_true"), "tau_f_true")
-
-
 def _force_torque_sensor(
     plant: MultibodyPlant, parts: RobotInPlant, scenario: Scenario, robot: Robot
 ) -> ForceTorqueSensor | None:
@@ -531,24 +386,3 @@ def _force_torque_sensor(
         # Another stream than the drives': the same number would make the two noises one.
         scenario.seed + 2**32 if noisy else None,
     )
-
-
-def _add_force_torque_sensor(
-    builder: DiagramBuilder,
-    plant: MultibodyPlant,
-    parts: RobotInPlant,
-    scenario: Scenario,
-    robot: Robot,
-    terms: OutputPort,
-) -> None:
-    sensor = _force_torque_sensor(plant, parts, scenario, robot)
-    if sensor is None:
-        return
-    builder.AddNamedSystem("force_torque_sensor", sensor)
-    for name, port in (
-        ("reaction_forces", plant.get_reaction_forces_output_port()),
-        ("terms", terms),
-        ("vdot", plant.get_generalized_acceleration_output_port(parts.model_instance)),
-    ):
-        builder.Connect(port, sensor.GetInputPort(name))
-    builder.ExportOutput(sensor.GetOutputPort("wrench"), "ft_wrench")

@@ -1,7 +1,31 @@
 """Types of numpy arrays, by what they hold. The shapes stand in the docstrings of their users."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+
+Record = NDArray[np.void]
+"""One structured entry (1,) with named fields: what belongs together, in one argument of a kernel.
+
+Handing over an array costs a kernel half a microsecond, so a record of twelve is ten times as fast
+as twelve arrays. Inside a kernel `p = record[0]` and then `p.name` are views; written to, they
+change the record.
+"""
+
+
+def record(**values: Any) -> Record:
+    """Returns a record of these numbers and arrays, each with its own shape, as float64."""
+    arrays = {name: np.asarray(value, dtype=np.float64) for name, value in values.items()}
+    made = np.zeros(1, record_type(**{name: array.shape for name, array in arrays.items()}))
+    for name, array in arrays.items():
+        made[name][0] = array
+    return made
+
+
+def record_type(**shapes: tuple[int, ...]) -> np.dtype[np.void]:
+    """The type of a record whose fields have these shapes; () is a number."""
+    return np.dtype([(name, np.float64, shape) for name, shape in shapes.items()])

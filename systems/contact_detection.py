@@ -13,7 +13,7 @@ from pydrake.systems.framework import (
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.detection.contact_detector import ContactDetector
-from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms
+from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.last_tick import LastTick
 
 DETECTION = ("contact_statistic", "contact", "misfit", "link", "rest", "out_of_range")

@@ -29,7 +29,7 @@ from wrenchsight.models.observers.observer import (
     Q,
     V,
 )
-from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms
+from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.last_tick import LastTick
 
 

@@ -18,7 +18,7 @@ from pydrake.systems.framework import (
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms
+from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.models.signals.gaussian_noise import gaussian_noise
 from wrenchsight.models.signals.low_pass import LowPass
 from wrenchsight.models.signals.tool_wrench import measure_contact_wrench, tool_table

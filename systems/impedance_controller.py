@@ -15,17 +15,15 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.control.impedance import impedance_action
+from wrenchsight.models.arrays import Array, Record
+from wrenchsight.models.control.impedance import impedance_action, impedance_law
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
-from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms
+from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
 from wrenchsight.systems.pose_reference import POSE_REFERENCE_SIZE
 
 _NO_WRENCH = np.zeros(6)
-_Settled = tuple[Array, bool, float, Array, float, Array, float]
-_Constants = tuple[bool, Array, Array, Array, Array, bool, float, Array, float, Array, float]
 
 
 @dataclass
@@ -132,28 +130,37 @@ class ImpedanceController(LeafSystem):
         self._effort_limit = np.array(effort_limit, dtype=np.float64)
         n = self._effort_limit.shape[0]
         self._n = n
-        self._friction = friction.table
-        self._friction_velocity = config.friction_velocity
         self._time_step = time_step
         self._in_E = _in_E(config.axes, "axes")
         if not config.null_space_damping >= 0.0:
             raise InputError("impedance", "null_space_damping", "expected 0 or more")
-        self._null_space_damping = config.null_space_damping
         self._at_rest = np.zeros(3 * n)
         force = config.force
         self._has_force = force is not None
         force = force or ForceControlConfig()
-        self._direction = _unit(force.direction)
-        self._direction_in_E = _in_E(force.axes, "force.axes")
         gains = [force.proportional, force.integral, force.integral_limit]
         if not np.all(np.isfinite(gains)) or min(gains) < 0.0:
             raise InputError("impedance", "force", f"gains {gains}, expected 0 or more")
 
         stiffness = _matrix(config.stiffness, "stiffness")
-        self._default_damping = _matrix(config.damping, "damping")
-        self._default_gains = (stiffness.ravel(), self._default_damping.ravel(), np.array(gains))
+        damping = _matrix(config.damping, "damping")
+        self._default_law = impedance_law(
+            effort_limit=self._effort_limit,
+            friction=friction.table,
+            time_step=time_step,
+            in_E=self._in_E,
+            stiffness=stiffness,
+            damping=damping,
+            null_space_damping=config.null_space_damping,
+            friction_velocity=config.friction_velocity,
+            force_gains=(force.proportional, force.integral, force.integral_limit),
+            direction=_unit(force.direction),
+            direction_in_E=_in_E(force.axes, "force.axes"),
+            has_force=self._has_force,
+        )
         self._stiffness, self._damping, self._force_gains = (
-            self.DeclareNumericParameter(BasicVector(values)) for values in self._default_gains
+            self.DeclareNumericParameter(BasicVector(values))
+            for values in (stiffness.ravel(), damping.ravel(), np.array(gains))
         )
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._pose_reference = self.DeclareVectorInputPort("pose_reference", POSE_REFERENCE_SIZE)
@@ -166,9 +173,9 @@ class ImpedanceController(LeafSystem):
         if self._has_force:
             self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
         # The gains change only with the parameters, not at every tick.
-        self._gains = self.DeclareCacheEntry(
-            "gains",
-            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_gains),
+        self._law = self.DeclareCacheEntry(
+            "law",
+            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_law),
             {self.all_parameters_ticket()},
         )
         prerequisites = {
@@ -179,7 +186,7 @@ class ImpedanceController(LeafSystem):
             self._force_setpoint.ticket(),
             self._force_active.ticket(),
             self._feedback_valid.ticket(),
-            self._gains.ticket(),
+            self._law.ticket(),
             self.xd_ticket(),
         }
         self.DeclareVectorOutputPort("tau_command", n, self._calc_tau_command, prerequisites)
@@ -195,7 +202,7 @@ class ImpedanceController(LeafSystem):
 
     def damping_per_tick(self, M: Array, J: Array, R_WE: Array) -> float:
         """The largest share of a velocity that the damper takes off in one tick, at M, J, R_WE."""
-        B = self._default_damping
+        B = self._default_law["damping"][0]
         turn = np.kron(np.eye(2), R_WE) if self._in_E else np.eye(6)
         rates = np.linalg.eigvals(J @ np.linalg.solve(M, J.T) @ turn @ B @ turn.T)
         return float(self._time_step * np.abs(rates).max())
@@ -203,20 +210,20 @@ class ImpedanceController(LeafSystem):
     def _presses(self, context: Context) -> bool:
         return self._has_force and _is_on(self._force_active, context)
 
-    def _calc_gains(self, context: Context, value: Value) -> None:
-        indices = (self._stiffness, self._damping, self._force_gains)
-        value.set_value(tuple(context.get_numeric_parameter(i).CopyToVector() for i in indices))
+    def _calc_law(self, context: Context, value: Value) -> None:
+        law = self._default_law.copy()
+        law["stiffness"], law["damping"] = (
+            context.get_numeric_parameter(i).CopyToVector().reshape(6, 6)
+            for i in (self._stiffness, self._damping)
+        )
+        gains = context.get_numeric_parameter(self._force_gains).CopyToVector()
+        law["proportional"], law["integral"], law["integral_limit"] = gains
+        value.set_value(law)
 
     @property
-    def constants(self) -> _Constants:
-        """What `impedance_action` reads that no tick changes, in its order: the gains as given."""
-        return self._in_E, *self._default_gains, *self._settled
-
-    @property
-    def _settled(self) -> _Settled:
-        drives = (self._time_step, self._effort_limit, self._null_space_damping)
-        friction = (self._friction, self._friction_velocity)
-        return self._direction, self._direction_in_E, *drives, *friction
+    def law(self) -> Record:
+        """What `impedance_action` reads that no tick changes, with the gains as given."""
+        return self._default_law
 
     @property
     def has_force(self) -> bool:
@@ -226,25 +233,11 @@ class ImpedanceController(LeafSystem):
     def _calc_action(self, context: Context, output: BasicVector) -> None:
         has_reference, has_force = self._reference.HasValue(context), self._has_force
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        gains = cast(tuple[Array, Array, Array], self._gains.Eval(context))
-        stiffness, damping, force_gains = gains
         impedance_action(
-            self._in_E,
-            stiffness,
-            damping,
-            force_gains,
-            *self._settled,
-            terms.M,
-            terms.Cv,
-            terms.G,
-            terms.J,
-            terms.R_WE,
-            terms.p_WE,
-            terms.V_WE,
-            terms.v,
+            self._law.Eval(context),
+            terms.record,
             self._pose_reference.Eval(context),
             self._reference.Eval(context) if has_reference else self._at_rest,
-            has_force,
             self._presses(context),
             _is_on(self._feedback_valid, context),
             self._force_setpoint.Eval(context)[0] if has_force else 0.0,

@@ -16,7 +16,7 @@ from pydrake.systems.framework import (
 
 from wrenchsight.models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
 from wrenchsight.models.estimation.wrench_kernels import reconstruct
-from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms
+from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 
 READING_SIZES = (6, 36, 1, 1)
 """Entries of the port `reading`: wrench, covariance, condition number, valid."""

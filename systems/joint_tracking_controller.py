@@ -2,14 +2,25 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiscreteValues,
+    LeafSystem,
+    ValueProducer,
+)
 
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.control.joint_tracking import advance_integral, tracking_torque
+from wrenchsight.models.control.joint_tracking import (
+    advance_integral,
+    tracking_law,
+    tracking_torque,
+)
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
 
@@ -74,20 +85,30 @@ class JointTrackingController(LeafSystem):
         n = self._effort_limit.shape[0]
         self._n = n
         self._no_integral = np.zeros(n)
-        self._friction = friction.table
-        self._friction_velocity = config.friction_velocity
-        self._time_step = time_step
         if config.law not in LAWS:
             raise InputError(
                 "joint tracking", "law", f"{config.law!r} is none of {', '.join(LAWS)}"
             )
-        self._computed = config.law == "computed_torque"
         gains = [_per_joint(config, name, n) for name in ("kp", "kd", "ki", "integral_limit")]
         self._gains = self.DeclareNumericParameter(BasicVector(np.concatenate(gains)))
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._reference = self.DeclareVectorInputPort("reference", 3 * n)
         self.DeclareDiscreteState(n)
         self._integrates = bool(gains[2].any())
+        self._make_law = partial(
+            tracking_law,
+            computed=config.law == "computed_torque",
+            effort_limit=self._effort_limit,
+            friction=friction.table,
+            friction_velocity=config.friction_velocity,
+            time_step=time_step,
+        )
+        # The gains change only with the parameters, not at every tick.
+        self._law = self.DeclareCacheEntry(
+            "law",
+            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_law),
+            {self.all_parameters_ticket()},
+        )
         if self._integrates:
             self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
         self.DeclareVectorOutputPort(
@@ -102,20 +123,16 @@ class JointTrackingController(LeafSystem):
             },
         )
 
+    def _calc_law(self, context: Context, value: Value) -> None:
+        gains = context.get_numeric_parameter(self._gains).value().reshape(4, self._n)
+        value.set_value(self._make_law(gains=gains))
+
     def _torque(self, context: Context) -> Array:
         terms = self._terms.Eval(context)
         tau = np.empty(self._n)
         tracking_torque(
-            self._computed,
-            context.get_numeric_parameter(self._gains).value().reshape(4, self._n),
-            self._effort_limit,
-            self._friction,
-            self._friction_velocity,
-            terms.M,
-            terms.Cv,
-            terms.G,
-            terms.q,
-            terms.v,
+            self._law.Eval(context),
+            *(terms.M, terms.Cv, terms.G, terms.q, terms.v),
             self._reference.Eval(context),
             context.get_discrete_state(0).value() if self._integrates else self._no_integral,
             tau,
@@ -127,15 +144,9 @@ class JointTrackingController(LeafSystem):
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         integral = context.get_discrete_state(0).value().copy()
-        advance_integral(
-            self._time_step,
-            context.get_numeric_parameter(self._gains).value().reshape(4, self._n),
-            self._effort_limit,
-            self._terms.Eval(context).q,
-            self._reference.Eval(context)[: self._n],
-            self._torque(context),
-            integral,
-        )
+        wanted = self._reference.Eval(context)[: self._n]
+        q, law = self._terms.Eval(context).q, self._law.Eval(context)
+        advance_integral(law, q, wanted, self._torque(context), integral)
         discrete_state.set_value(integral)
 
 

@@ -13,7 +13,7 @@ from pydrake.systems.framework import (
 )
 
 from wrenchsight.models.estimation.trusted_reading import TrustedReading
-from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms
+from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.jacobian_wrench_reconstruction import OBSERVED_SIZE, READING_SIZES
 from wrenchsight.systems.last_tick import LastTick
 

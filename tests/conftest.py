@@ -93,7 +93,7 @@ def sts() -> Robot:
 
     Blocks and methods are held against closed forms, which know of no creep, bent gear or
     wandering friction. What the arm's own truth does to a loop is tested in tests/models/truth,
-    tests/diagrams/truth and with the tasks (`Robot.load`).
+    tests/diagrams/test_real_joints.py and with the tasks (`Robot.load`).
     """
     return plain_truth(Robot.load("sts_sre4_600"))
 

@@ -2,19 +2,9 @@
 
 from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from wrenchsight.analyses.commands.options import (
-    AcceptSigns,
-    LogFormat,
-    Out,
-    RobotName,
-    SeveralValues,
-    config_option,
-    settled,
-)
+from wrenchsight.analyses.commands.options import Option, Out, SeveralValues, with_settings
 from wrenchsight.analyses.methods.learning.identification_config import IdentifySettings
 from wrenchsight.analyses.output.console import new_console, new_table, say, showing_progress
 from wrenchsight.models.files.input_error import InputError
@@ -25,74 +15,24 @@ if TYPE_CHECKING:
 
 ORDER = 20
 COMMAND_CLASS = SeveralValues
-SETTINGS = IdentifySettings()
-DEFAULTS = SETTINGS.identification
-PLACES = {
-    "logs": "logs",
-    "robot": "robot",
-    "validate": "validate",
-    "load": "load",
-    "refresh": "refresh",
-    "part": "refreshing.part",
-    "log_format": "log_format",
-    "accept_signs": "accept_signs",
-    "cutoff_hz": "identification.cutoff",
-    "friction": "identification.friction",
-    "consistent": "identification.consistent",
-}
+OPTIONS = (
+    Option("logs", required=True, argument=True, metavar="LOG"),
+    Option("robot", required=True),
+    Option("validate", metavar="LOG"),
+    Option("load", metavar="LOG=KG[,X,Y,Z]"),
+    Option("refresh", metavar="MODEL"),
+    Option("refreshing.part", metavar="BEGIN,END"),
+    Option("log_format"),
+    Option("identification.cutoff", "cutoff_hz"),
+    Option("identification.friction", metavar="LAW"),
+    Option("identification.consistent"),
+    Option("accept_signs"),
+)
 
 
-def command(
-    ctx: typer.Context,
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG", help="Logs of free motion.")],
-    robot: RobotName,
-    validate: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="LOG", help="Logs to validate on: predicted, not fitted."),
-    ] = None,
-    load: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="LOG=KG[,X,Y,Z]",
-            help="A log with a weighed load, its centre of mass in the flange's frame (m) if it is "
-            "known: finds torque per ampere, adds robot.yaml.",
-        ),
-    ] = None,
-    refresh: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="MODEL",
-            help="A model.yaml: re-estimate only its drifted friction, from seconds of one log.",
-        ),
-    ] = None,
-    part: Annotated[
-        str, typer.Option(metavar="BEGIN,END", help="Part of the log to refresh from, s.")
-    ] = "",
-    log_format: LogFormat = None,
-    cutoff_hz: Annotated[
-        float, typer.Option(help="Cut-off frequency of the zero-phase low-pass filter, Hz.")
-    ] = DEFAULTS.cutoff,
-    friction: Annotated[
-        str,
-        typer.Option(
-            metavar="LAW",
-            help="coulomb-viscous, coulomb-viscous-offset, stribeck, load-dependent, "
-            "semi-parametric, presliding, presliding+network, or best: held-out logs choose.",
-        ),
-    ] = DEFAULTS.friction,
-    consistent: Annotated[
-        bool,
-        typer.Option(
-            "--consistent",
-            help="Keep every link's inertia physical; adds robot.urdf.",
-        ),
-    ] = DEFAULTS.consistent,
-    accept_signs: AcceptSigns = SETTINGS.accept_signs,
-    config: Annotated[Path | None, config_option(IdentifySettings, PLACES)] = None,
-    out: Out = Path("out/identify"),
-) -> None:
+@with_settings(IdentifySettings, OPTIONS)
+def command(settings: IdentifySettings, out: Out = Path("out/identify")) -> None:
     """Find a robot's dynamic model and friction: logs in, model.yaml out."""
-    settings = settled(ctx, IdentifySettings, PLACES)
     logs = [Path(log) for log in settings.logs]
     if settings.refresh is not None:
         _refresh(settings, logs, out)

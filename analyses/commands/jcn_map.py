@@ -2,19 +2,9 @@
 
 import logging
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from wrenchsight.analyses.commands.options import (
-    Out,
-    RobotName,
-    Seed,
-    config_option,
-    joined,
-    numbers,
-    settled,
-)
+from wrenchsight.analyses.commands.options import Option, Out, numbers, with_settings
 from wrenchsight.analyses.methods.planning.jcn_map_settings import JcnMapSettings, SliceConfig
 from wrenchsight.analyses.output.console import new_console, new_table, say, showing_progress
 from wrenchsight.models.files.input_error import InputError
@@ -23,63 +13,34 @@ if TYPE_CHECKING:
     from wrenchsight.analyses.methods.planning.jcn_map import JcnMapResult
 
 ORDER = 60
-DEFAULTS, SLICE = JcnMapSettings(), SliceConfig()
-PLACES = {
-    "robot": "robot",
-    "samples": "num_samples",
-    "within_limits": "within_limits",
-    "cone_axis": "slice.cone_axis",
-    "cone_deg": "slice.cone_deg",
-    "points": "slice.num_points",
-    "seed": "seed",
-}
 
 
-def command(
-    ctx: typer.Context,
-    robot: RobotName = DEFAULTS.robot,
-    samples: Annotated[
-        int, typer.Option(min=1, help="Number of random configurations.")
-    ] = DEFAULTS.num_samples,
-    within_limits: Annotated[
-        bool,
-        typer.Option(
-            "--within-limits",
-            help="Draw configurations within the joint limits, not over full turns.",
-        ),
-    ] = DEFAULTS.within_limits,
-    plane: Annotated[
-        str | None,
-        typer.Option(
-            "--slice",
-            help="A plane such as z=0.3 (m): the best condition number at each of its points.",
-        ),
-    ] = None,
-    cone_axis: Annotated[
-        str, typer.Option(help="Where the tool points on the slice, in W: three numbers.")
-    ] = joined(SLICE.cone_axis),
-    cone_deg: Annotated[
-        float, typer.Option(help="How far it may lean from there.")
-    ] = SLICE.cone_deg,
-    points: Annotated[
-        int, typer.Option(help="Points of the slice's grid along each side.")
-    ] = SLICE.num_points,
-    seed: Seed = DEFAULTS.seed,
-    config: Annotated[Path | None, config_option(JcnMapSettings, PLACES)] = None,
-    out: Out = Path("out/jcn-map"),
-) -> None:
+def _put_plane(settings: JcnMapSettings, plane: str) -> None:
+    axis, _, value = plane.partition("=")
+    place = numbers(value, "--slice")
+    if len(place) != 1:
+        raise InputError("--slice", "", f"{plane!r} names no plane", "write z=0.3")
+    settings.slice = settings.slice or SliceConfig()
+    settings.slice.axis, settings.slice.value = axis.strip(), place[0]
+
+
+OPTIONS = (
+    Option("robot"),
+    Option("num_samples", "samples", least=1),
+    Option("within_limits"),
+    Option("slice", put=_put_plane),
+    Option("slice.cone_axis"),
+    Option("slice.cone_deg"),
+    Option("slice.num_points", "points"),
+    Option("seed", least=0),
+)
+
+
+@with_settings(JcnMapSettings, OPTIONS)
+def command(settings: JcnMapSettings, out: Out = Path("out/jcn-map")) -> None:
     """Map the condition number over the workspace, and say where a table belongs."""
     from wrenchsight.analyses.methods.planning.jcn_map import jcn_map
 
-    settings = settled(ctx, JcnMapSettings, {})
-    if plane is not None:
-        axis, _, value = plane.partition("=")
-        place = numbers(value, "--slice")
-        if len(place) != 1:
-            raise InputError("--slice", "", f"{plane!r} names no plane", "write z=0.3")
-        settings.slice = settings.slice or SliceConfig()
-        settings.slice.axis, settings.slice.value = axis.strip(), place[0]
-    settings = settled(ctx, JcnMapSettings, PLACES, settings)
     logging.getLogger("drake").setLevel(logging.WARNING)
     with showing_progress("jcn-map") as progress:
         result = jcn_map(
@@ -114,7 +75,7 @@ def _print(result: "JcnMapResult", settings: JcnMapSettings, out: Path) -> None:
             f"{free['in_collision_pct']:.0f} % of {free['looked_at']} configurations hit the arm "
             f"itself or the floor; {best}",
         )
-    config = settings.slice or SLICE
+    config = settings.slice or SliceConfig()
     plane = f"{config.axis}={config.value:g}"
     if (cut := metrics.get("slice")) and "min" in cut:
         place_text = ", ".join(f"{value:.3f}" for value in cut["best_place_m"])

@@ -1,18 +1,24 @@
-"""Options that several commands have, and settings that come from a file and from options.
+"""Options of the commands, made from the fields of their settings.
 
-A command's settings are a dataclass: its config.yaml, all that is needed to run it again. Their
-defaults are the options' defaults; `--config FILE` reads them from such a file, and options on the
-command line override it.
+A command's settings are a dataclass: its config.yaml, all that is needed to run it again. An option
+is a key of it: its type and default are the field's, its help the words beside the field.
+`--config FILE` reads the settings from such a file, and options on the command line override it.
 """
 
-from collections.abc import Mapping, Sequence
+import dataclasses
+import inspect
+import re
+import types
+from collections.abc import Callable, Sequence
 from copy import deepcopy
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Final, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import typer
 from typer.core import TyperCommand
 
+from wrenchsight.models.files.field_words import field_words, schemas_in
 from wrenchsight.models.files.input_error import InputError
 
 Settings = TypeVar("Settings")
@@ -29,35 +35,152 @@ Truth = Annotated[
         "alone, all else exact.",
     ),
 ]
-RobotName = Annotated[
-    str, typer.Option(help="A bundled robot's name, or the path of a robot.yaml.")
-]
-Check = Annotated[bool, typer.Option(help="Check the log against the robot's limits and gravity.")]
-AcceptSigns = Annotated[
-    bool,
-    typer.Option(
-        "--accept-signs",
-        help="Take the drives' signs as the robot's file has them, although gravity, inertia "
-        "and friction contradict them; the result says so.",
-    ),
-]
-LogFormat = Annotated[
-    str | None,
-    typer.Option(help="Description of the log's columns: a bundled name or the path of a YAML."),
-]
 
-_KEY = "wrenchsight.settings"
+_UNIT_FIRST: Final = re.compile(
+    r"((?:N m|N|1/s|rad|Hz|m|s)(?:/s(?:\^2)?)?(?: \([^)]*\)| about E)?), (.+)"
+)
+_KEY: Final = "wrenchsight.settings"
+_HELP_ALL: Final = "Show every option, also those that are usually left to --config."
 
 
-def config_option(schema: type[Settings], places: Mapping[str, str]) -> Any:
-    """The option `--config` of a command whose settings are `schema`.
+@dataclass(frozen=True)
+class Option:
+    """An option, or an argument, that is a key of a command's settings.
 
-    Args:
-        schema: a dataclass that `load_configuration` reads.
-        places: of each parameter of the command that is a setting, where it stands in `schema`,
-            such as `estimate.engine`.
+    Type and default are the field's. A list of numbers is given with commas between them; what is
+    false by default is a flag that makes it true.
     """
 
+    place: str  # of the key in the settings, such as `estimate.engine`
+    name: str = ""  # of the option, with underscores; else the field's
+    help: str = ""  # else the field's words
+    shown: bool = True  # in --help; else in --help-all alone
+    required: bool = False  # unless `--config` gives it
+    argument: bool = False  # given by its position
+    flags: str = ""  # spelling of a flag, such as --smooth/--causal
+    metavar: str | None = None
+    default: str = ""  # shown as the default where the field's is a rule
+    least: int | None = None  # of a whole number
+    put: Callable[[Any, str], None] | None = None  # puts a text into the settings in its own way
+
+    @property
+    def parameter(self) -> str:
+        """The name of the command's parameter."""
+        return self.name or self.place.rpartition(".")[2]
+
+    @property
+    def spelling(self) -> str:
+        """The option as it is written on the command line."""
+        return self.flags.partition("/")[0] or f"--{self.parameter.replace('_', '-')}"
+
+
+def with_settings(
+    schema: type[Settings], options: Sequence[Option]
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Makes a command of a function that takes settings.
+
+    The function's first argument is the settings of the run: defaults, then `--config`, then what
+    the command line says. Its other arguments are options of its own.
+
+    Args:
+        schema: the settings' dataclass, which `load_configuration` reads.
+        options: its keys that are options, in the order of the help; each is put into the settings
+            after those before it.
+    """
+
+    def decorate(run: Callable[..., None]) -> Callable[..., None]:
+        (_, *rest) = inspect.signature(run).parameters.values()
+        own = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in rest]
+
+        def command(ctx: typer.Context, **given: Any) -> None:
+            settings = _settled(ctx, schema, options)
+            extra = {p.name: ctx if p.name == "ctx" else given[p.name] for p in own}
+            run(settings, **extra)
+
+        parameters = [_parameter("ctx", typer.Context)]
+        parameters += [_made(schema, option) for option in options]
+        parameters += [p for p in own if p.name not in ("ctx", "out")]
+        read = Annotated[Path | None, _config_option(schema, options)]
+        parameters.append(_parameter("config", read, None))
+        if not all(option.shown for option in options):
+            help_all = typer.Option("--help-all", is_eager=True, callback=_help_all, help=_HELP_ALL)
+            parameters.append(_parameter("help_all", Annotated[bool, help_all], False))
+        parameters += [p for p in own if p.name == "out"]
+        made: Any = command
+        made.__signature__ = inspect.Signature(parameters)
+        made.__annotations__, made.__doc__ = {}, run.__doc__
+        return command
+
+    return decorate
+
+
+def _parameter(name: str, annotation: Any, default: Any = inspect.Parameter.empty) -> Any:
+    kind = inspect.Parameter.KEYWORD_ONLY
+    return inspect.Parameter(name, kind, default=default, annotation=annotation)
+
+
+def _made(schema: type[Any], option: Option) -> Any:
+    """The parameter that typer makes an option or an argument of."""
+    cls, default = _holder(schema, option.place)
+    key = option.place.rpartition(".")[2]
+    hint = get_type_hints(cls)[key]
+    words = option.help or field_words(cls)[key]
+    shared: dict[str, Any] = {"help": _sentence(words), "metavar": option.metavar}
+    if option.put is not None:
+        hint, default = str | None, None
+    elif _plain(hint) == list[float]:
+        hint, default = str, joined(default or ())
+        shared["metavar"] = option.metavar or "X[,X...]"
+    elif _plain(hint) == list[str]:
+        hint, default = list[str] if option.required else list[str] | None, None
+    if option.required:
+        default = inspect.Parameter.empty
+    if option.argument:
+        return _parameter(option.parameter, Annotated[hint, typer.Argument(**shared)], default)
+    spellings = [option.flags] if option.flags else []
+    if hint is bool and default is False and not spellings:
+        spellings = [option.spelling]  # no --no-...
+    shared |= {"hidden": not option.shown, "min": option.least}
+    shared["show_default"] = option.default or (default not in ("", None))
+    return _parameter(
+        option.parameter, Annotated[hint, typer.Option(*spellings, **shared)], default
+    )
+
+
+def _sentence(words: str) -> str:
+    """A field's words as a sentence, with the unit that they begin with last."""
+    found = _UNIT_FIRST.fullmatch(words)
+    unit, what = found.groups() if found else ("", words)
+    is_file = "." in what.partition(" ")[0]
+    text = what if is_file else what[:1].upper() + what[1:]
+    return f"{text} ({unit})." if unit else text.rstrip(".") + "."
+
+
+def _plain(hint: Any) -> Any:
+    """A type without the None that it may be."""
+    if get_origin(hint) in (Union, types.UnionType):
+        kinds = [kind for kind in get_args(hint) if kind is not type(None)]
+        return kinds[0] if len(kinds) == 1 else hint
+    return hint
+
+
+def _holder(schema: type[Any], place: str) -> tuple[Any, Any]:
+    """The dataclass that has the key at a place, and the key's default.
+
+    Where a part has one of several kinds, or is left out, it is the first kind with that key.
+    """
+    *path, key = place.split(".")
+    holder: Any = schema()
+    for part, after in zip(path, [*path, key][1:], strict=True):
+        kinds = schemas_in(get_type_hints(type(holder))[part])
+        holder = getattr(holder, part)
+        if not hasattr(holder, after):
+            names = {kind: {f.name for f in dataclasses.fields(kind)} for kind in kinds}
+            holder = next(kind for kind in kinds if after in names[kind])()
+    return type(holder), getattr(holder, key)
+
+
+def _config_option(schema: type[Any], options: Sequence[Option]) -> Any:
     def read(ctx: typer.Context, path: Path | None) -> Path | None:
         if path is not None:
             from wrenchsight.models.files.configuration import load_configuration
@@ -65,9 +188,9 @@ def config_option(schema: type[Settings], places: Mapping[str, str]) -> Any:
             settings = load_configuration(path, schema)
             ctx.meta[_KEY] = settings
             # So that the parser does not ask for what the file gives.
-            given = {name: _get(settings, place) for name, place in places.items()}
-            required = {p.name for p in ctx.command.params if p.required}
-            ctx.default_map = {k: v for k, v in given.items() if k in required and v}
+            required = [option for option in options if option.required]
+            given = {option.parameter: _get(settings, option.place) for option in required}
+            ctx.default_map = {name: value for name, value in given.items() if value}
         return path
 
     return typer.Option(
@@ -79,32 +202,25 @@ def config_option(schema: type[Settings], places: Mapping[str, str]) -> Any:
     )
 
 
-def settled(
-    ctx: typer.Context,
-    schema: type[Settings],
-    places: Mapping[str, str],
-    start: Settings | None = None,
-) -> Settings:
-    """The settings of this run: defaults, then `--config`, then what the command line says.
+def _help_all(ctx: typer.Context, wanted: bool) -> None:
+    if wanted and not ctx.resilient_parsing:
+        for parameter in ctx.command.params:
+            parameter.hidden = False  # type: ignore[attr-defined]
+        typer.echo(ctx.get_help())
+        raise typer.Exit
 
-    Args:
-        ctx: of the command.
-        schema, places: as `config_option`.
-        start: settings to put the command line's into, instead of the defaults or the file's.
 
-    Raises:
-        InputError: a text that is not a list of numbers.
-    """
-    settings: Settings = start or deepcopy(ctx.meta.get(_KEY)) or schema()
-    for name, place in places.items():
-        if on_command_line(ctx, name):
-            _put(settings, place, ctx.params[name], f"--{name.replace('_', '-')}")
+def _settled(ctx: typer.Context, schema: type[Settings], options: Sequence[Option]) -> Settings:
+    settings: Settings = deepcopy(ctx.meta.get(_KEY)) or schema()
+    for option in options:
+        if not on_command_line(ctx, option.parameter):
+            continue
+        value = ctx.params[option.parameter]
+        if option.put is not None:
+            option.put(settings, value)
+        else:
+            _put(settings, option.place, value, option.spelling)
     return settings
-
-
-def from_file(ctx: typer.Context) -> bool:
-    """Whether the command has read `--config`."""
-    return _KEY in ctx.meta
 
 
 def on_command_line(ctx: typer.Context, name: str) -> bool:

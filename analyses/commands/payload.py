@@ -1,19 +1,9 @@
 """The command `payload`: mass, centre of mass and inertia of what an arm carries."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from wrenchsight.analyses.commands.options import (
-    AcceptSigns,
-    Check,
-    LogFormat,
-    Out,
-    RobotName,
-    config_option,
-    settled,
-)
+from wrenchsight.analyses.commands.options import Option, Out, with_settings
 from wrenchsight.analyses.methods.calibration.payload_config import PayloadSettings
 from wrenchsight.analyses.output.console import new_console, new_table, say, showing_progress
 
@@ -21,51 +11,24 @@ if TYPE_CHECKING:
     from wrenchsight.analyses.methods.calibration.payload_identification import PayloadResult
 
 ORDER = 35
-DEFAULTS = PayloadSettings()
-PLACES = {
-    "log": "log",
-    "robot": "robot",
-    "model": "model",
-    "empty": "empty",
-    "log_format": "log_format",
-    "check": "check",
-    "accept_signs": "accept_signs",
-    "gain_sd": "payload.gain_sd",
-    "name": "payload.name",
-}
+OPTIONS = (
+    Option("log", required=True, argument=True, metavar="LOG"),
+    Option("robot", required=True),
+    Option("model", required=True),
+    Option("empty", metavar="LOG"),
+    Option("log_format"),
+    Option("check"),
+    Option("accept_signs"),
+    Option("payload.gain_sd"),
+    Option("payload.name"),
+)
 
 
-def command(
-    ctx: typer.Context,
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="Log of motion with the load.")],
-    robot: RobotName,
-    model: Annotated[
-        Path, typer.Option(help="model.yaml that identify wrote, of the arm without the load.")
-    ],
-    empty: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="LOG",
-            help="A log of the same day without the load: what the model misses is taken off.",
-        ),
-    ] = None,
-    log_format: LogFormat = None,
-    check: Check = DEFAULTS.check,
-    accept_signs: AcceptSigns = DEFAULTS.accept_signs,
-    gain_sd: Annotated[
-        float,
-        typer.Option(help="How well each torque per ampere is known, relative; 0.03 is 3 %."),
-    ] = DEFAULTS.payload.gain_sd,
-    name: Annotated[
-        str, typer.Option(help="Name of the tool that is written.")
-    ] = DEFAULTS.payload.name,
-    config: Annotated[Path | None, config_option(PayloadSettings, PLACES)] = None,
-    out: Out = Path("out/payload"),
-) -> None:
+@with_settings(PayloadSettings, OPTIONS)
+def command(settings: PayloadSettings, out: Out = Path("out/payload")) -> None:
     """Find what the arm carries: mass, centre of mass, inertia, and a tool for robot.yaml."""
     from wrenchsight.analyses.methods.calibration.payload_identification import payload_log
 
-    settings = settled(ctx, PayloadSettings, PLACES)
     with showing_progress("payload") as progress:
         result = payload_log(
             Path(settings.log),

@@ -2,19 +2,11 @@
 
 import logging
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from wrenchsight.analyses.commands.options import (
-    Out,
-    Quick,
-    RobotName,
-    Seed,
-    config_option,
-    on_command_line,
-    settled,
-)
+from wrenchsight.analyses.commands.options import Option, Out, on_command_line, with_settings
 from wrenchsight.analyses.methods.planning.place_settings import PlaceSettings
 from wrenchsight.analyses.output.console import new_console, new_table, say, showing_progress
 
@@ -22,44 +14,23 @@ if TYPE_CHECKING:
     from wrenchsight.analyses.methods.planning.placement import PlacementResult
 
 ORDER = 70
-DEFAULTS = PlaceSettings()
-PLACES = {
-    "task": "task",
-    "robot": "robot",
-    "objective": "objective",
-    "solver": "solver",
-    "model": "model",
-    "method": "method",
-    "seed": "seed",
-    "quick": "quick",
-}
+OPTIONS = (
+    Option("task", required=True),
+    Option("robot"),
+    Option("objective"),
+    Option("solver"),
+    Option("model"),
+    Option("method"),
+    Option("seed", least=0),
+    Option("quick"),
+)
 
 
-def command(
-    ctx: typer.Context,
-    task: Annotated[str, typer.Option(help="Bundled task (such as linear_path), or a YAML file.")],
-    robot: RobotName = DEFAULTS.robot,
-    objective: Annotated[
-        str, typer.Option(help="What to minimise: jcn or force-sd.")
-    ] = DEFAULTS.objective,
-    solver: Annotated[
-        str, typer.Option(help="snopt, ipopt, or the article's pso-ga.")
-    ] = DEFAULTS.solver,
-    model: Annotated[
-        Path | None, typer.Option(help="model.yaml of `identify`, for force-sd.")
-    ] = None,
-    method: Annotated[
-        str, typer.Option(help="For force-sd: bayesian, force_only or inverse.")
-    ] = DEFAULTS.method,
-    seed: Seed = DEFAULTS.seed,
-    quick: Quick = DEFAULTS.quick,
-    config: Annotated[Path | None, config_option(PlaceSettings, PLACES)] = None,
-    out: Out = Path("out/place"),
-) -> None:
+@with_settings(PlaceSettings, OPTIONS)
+def command(settings: PlaceSettings, ctx: typer.Context, out: Out = Path("out/place")) -> None:
     """Find where a straight path belongs, and how the arm should stand along it."""
     from wrenchsight.analyses.methods.planning.placement import place_task
 
-    settings = settled(ctx, PlaceSettings, PLACES)
     logging.getLogger("drake").setLevel(logging.WARNING)
     with showing_progress("place") as progress:
         result = place_task(

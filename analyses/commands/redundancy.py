@@ -2,17 +2,11 @@
 
 import logging
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from wrenchsight.analyses.commands.options import (
-    Out,
-    RobotName,
-    config_option,
-    on_command_line,
-    settled,
-)
+from wrenchsight.analyses.commands.options import Option, Out, on_command_line, with_settings
 from wrenchsight.analyses.methods.planning.redundancy_task import RedundancySettings
 from wrenchsight.analyses.output.console import new_console, new_table, say, showing_progress
 
@@ -20,21 +14,16 @@ if TYPE_CHECKING:
     from wrenchsight.analyses.methods.planning.redundancy import RedundancyResult
 
 ORDER = 80
-DEFAULTS = RedundancySettings()
-PLACES = {"task": "task", "robot": "robot"}
+OPTIONS = (Option("task", required=True), Option("robot"))
 
 
+@with_settings(RedundancySettings, OPTIONS)
 def command(
-    ctx: typer.Context,
-    task: Annotated[str, typer.Option(help="Bundled task (blade_path), or a YAML file.")],
-    robot: RobotName = DEFAULTS.robot,
-    config: Annotated[Path | None, config_option(RedundancySettings, PLACES)] = None,
-    out: Out = Path("out/redundancy"),
+    settings: RedundancySettings, ctx: typer.Context, out: Out = Path("out/redundancy")
 ) -> None:
     """Choose the free angle about the normal, and the branch, along a path on a surface."""
     from wrenchsight.analyses.methods.planning.redundancy_results import redundancy
 
-    settings = settled(ctx, RedundancySettings, PLACES)
     logging.getLogger("drake").setLevel(logging.WARNING)
     content = None if on_command_line(ctx, "task") else settings.task_content
     with showing_progress("redundancy") as progress:

@@ -6,14 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from wrenchsight.analyses.commands.options import (
-    Out,
-    Quick,
-    Truth,
-    config_option,
-    on_command_line,
-    settled,
-)
+from wrenchsight.analyses.commands.options import Option, Out, on_command_line, with_settings
 from wrenchsight.analyses.methods.runs.simulate_settings import SimulateSettings
 from wrenchsight.analyses.output.console import new_console, new_table, say, showing_progress
 
@@ -21,64 +14,32 @@ if TYPE_CHECKING:
     from wrenchsight.analyses.methods.runs.simulation import SimulationResult
 
 ORDER = 40
-DEFAULTS = SimulateSettings()
-PLACES = {
-    "scenario": "scenario",
-    "robot": "robot",
-    "motion": "motion",
-    "model": "model",
-    "duration": "duration_s",
-    "truth": "truth",
-    "seed": "seed",
-    "quick": "quick",
-    "recording": "record",
-    "graphviz": "graph",
-}
+OPTIONS = (
+    Option("scenario"),
+    Option("robot"),
+    Option("motion"),
+    Option("model"),
+    Option("duration_s", "duration"),
+    Option("seed", least=0),
+    Option("truth", metavar="own|plain"),
+    Option("quick"),
+    Option("record", "recording"),
+    Option("graph", "graphviz"),
+)
 
 
+@with_settings(SimulateSettings, OPTIONS)
 def command(
+    settings: SimulateSettings,
     ctx: typer.Context,
-    scenario: Annotated[
-        str, typer.Option(help="A bundled scenario's name, or a YAML file of scenarios.")
-    ] = DEFAULTS.scenario,
     name: Annotated[
         str | None, typer.Option(help="Which scenario of the file, if it holds several.")
     ] = None,
-    robot: Annotated[
-        str | None, typer.Option(help="Another robot than the scenario's: a name or a robot.yaml.")
-    ] = DEFAULTS.robot,
-    motion: Annotated[
-        Path | None,
-        typer.Option(
-            help="trajectory.yaml that `excite` wrote, in the place of the scenario's motion; "
-            "without --scenario nothing touches the arm."
-        ),
-    ] = None,
-    model: Annotated[
-        Path | None,
-        typer.Option(help="model.yaml that controller and estimator know."),
-    ] = None,
-    duration: Annotated[
-        float | None, typer.Option(help="Another duration than the scenario's, s.")
-    ] = DEFAULTS.duration_s,
-    seed: Annotated[
-        int | None, typer.Option(min=0, help="Another seed than the scenario's.")
-    ] = DEFAULTS.seed,
-    truth: Truth = DEFAULTS.truth,
-    quick: Quick = DEFAULTS.quick,
-    recording: Annotated[
-        bool, typer.Option(help="Write the moving arm as recording.html.")
-    ] = DEFAULTS.record,
-    graphviz: Annotated[
-        bool, typer.Option("--graphviz", help="Draw the diagram of all blocks.")
-    ] = DEFAULTS.graph,
-    config: Annotated[Path | None, config_option(SimulateSettings, PLACES)] = None,
     out: Out = Path("out/simulate"),
 ) -> None:
     """Simulate an arm, what acts on it, and what the estimator reads from its currents."""
     from wrenchsight.analyses.methods.runs.simulation import simulate_scenario
 
-    settings = settled(ctx, SimulateSettings, PLACES)
     if name is not None:
         file = settings.scenario
         if not on_command_line(ctx, "scenario"):  # the file's own may name one already

@@ -1,16 +1,16 @@
 """A command's results: they change all at once, and nothing else in the folder is touched.
 
-While a command runs, its files are written into `.wrenchsight.partial` below the folder. At the end
-a journal of what is to change is put beside them, under its name only when it is complete; then
-every file is renamed to its place. So an error, an interrupt or a kill before the journal leaves
-the older results whole; after it the new ones are completed, by this run or by the next. Left-overs
-of a run that was killed are removed by the next one in the folder.
+While a command runs, its files are written into `.wrenchsight.partial/new` below the folder. When
+they are complete, with the marker that lists them, that is renamed to `ready`; then every file is
+renamed to its place, the marker last. So an error, an interrupt or a kill before `ready` leaves the
+older results whole; after it the new ones are completed, by this run or by the next. Only files
+that lie in `ready` as its marker says go anywhere, and only into the folder. Left-overs of a run
+that was killed are removed by the next one in the folder.
 """
 
-import json
 import os
 import shutil
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
@@ -33,7 +33,7 @@ from wrenchsight.models.files.whole_file import writing_to
 
 STAGING: Final = ".wrenchsight.partial"
 _NEW: Final = "new"
-_JOURNAL: Final = "journal.json"
+_READY: Final = "ready"
 _REMEDY: Final = "choose another folder with --out, or move it away"
 
 
@@ -101,45 +101,46 @@ def staged(
         marker = ResultMarker(command, listed | written)
         OutputFolder(new).write_text(MARKER, marker.text())
         for name in (*written, *removed):
+            _refuse_linked(out, name)
             if _state(out / name) != seen.get(name):
                 raise InputError(out / name, "", "was changed while this ran", _REMEDY)
         with uninterrupted(), writing_to(out):
-            for name in written:
-                (out / name).parent.mkdir(parents=True, exist_ok=True)
-            before = {} if earlier is None else earlier.files
-            plan = {
-                "files": [*written, MARKER],
-                "remove": removed,
-                "before": {n: before[n] for n in (*written, *removed) if n in before},
-                "after": written,
-            }
-            OutputFolder(staging).write_text(_JOURNAL, json.dumps(plan))
-            _carry_out(out)
+            new.rename(staging / _READY)
+            _carry_out(out, written, removed)
     finally:
-        if not (staging / _JOURNAL).exists():
+        if not (staging / _READY).exists():
             shutil.rmtree(staging, ignore_errors=True)
 
 
 def recover(out: Path) -> None:
     """Completes what a run was doing when it was killed while its files went to their places.
 
+    What is not as such a run leaves it is let alone; `discard_staging` removes it.
+
     Raises:
         InputError: a file has been changed since.
     """
-    staging = out / STAGING
-    if not (staging / _JOURNAL).exists():
+    ready = out / STAGING / _READY
+    if any(not _is_folder(path) for path in (out / STAGING, ready)):
+        return
+    later = ResultMarker.read(ready)
+    if later is None:
         return
     with writing_to(out), uninterrupted():
-        plan = json.loads((staging / _JOURNAL).read_text(encoding="utf-8"))
-        for name in (*plan["files"], *plan["remove"]):
+        staged_files = dict(visible_files(ready))
+        for name, path in staged_files.items():
+            if name not in later.files or not is_as_written(path, later.files[name]):
+                return
+        earlier = ResultMarker.read(out)
+        before = {} if earlier is None else earlier.files
+        removed = [name for name in before if name not in later.files]
+        for name in (*staged_files, *removed):
+            _refuse_linked(out, name)
             path = out / name
-            if name != MARKER and os.path.lexists(path):
-                checksums = [
-                    plan[state][name] for state in ("before", "after") if name in plan[state]
-                ]
-                if not any(is_as_written(path, checksum) for checksum in checksums):
-                    raise InputError(path, "", "was changed since wrenchsight wrote it", _REMEDY)
-        _carry_out(out)
+            checksums = [files[name] for files in (before, later.files) if name in files]
+            if os.path.lexists(path) and not any(is_as_written(path, c) for c in checksums):
+                raise InputError(path, "", "was changed since wrenchsight wrote it", _REMEDY)
+        _carry_out(out, staged_files, removed)
 
 
 def refuse_strangers(out: Path, marker: ResultMarker | None, command: str) -> None:
@@ -169,9 +170,16 @@ def _refusal(out: Path, found: Stranger) -> InputError:
 
 
 def discard_staging(out: Path) -> None:
-    """Removes what a killed run had begun to write."""
+    """Removes what a killed run had begun to write.
+
+    Raises:
+        InputError: something else has its name, or it cannot be removed.
+    """
+    staging = out / STAGING
+    if os.path.lexists(staging) and not _is_folder(staging):
+        raise InputError(staging, "", "is no folder", _REMEDY)
     with writing_to(out), suppress(FileNotFoundError):
-        shutil.rmtree(out / STAGING)
+        shutil.rmtree(staging)
 
 
 def _claimed(out: Path, command: str) -> ResultMarker | None:
@@ -181,32 +189,31 @@ def _claimed(out: Path, command: str) -> ResultMarker | None:
     return earlier
 
 
-def _carry_out(out: Path) -> None:
-    """Brings the staged files to their places; may be repeated from wherever it stopped."""
-    staging = out / STAGING
-    plan = json.loads((staging / _JOURNAL).read_text(encoding="utf-8"))
-    for name in plan["files"]:
-        source, target = staging / _NEW / name, out / name
-        if source.exists():
-            source.replace(target)
-    for name in plan["remove"]:
+def _carry_out(out: Path, staged_files: Iterable[str], removed: Iterable[str]) -> None:
+    """Brings the files that are ready to their places; may be repeated from wherever it stopped."""
+    ready = out / STAGING / _READY
+    for name in staged_files:
+        (out / name).parent.mkdir(parents=True, exist_ok=True)
+        (ready / name).replace(out / name)
+    for name in removed:
         (out / name).unlink(missing_ok=True)
         for parent in Path(name).parents[:-1]:
             with suppress(OSError):  # it holds something
                 (out / parent).rmdir()
-    _flush(out)
-    (staging / _JOURNAL).unlink()
-    shutil.rmtree(staging, ignore_errors=True)
+    (ready / MARKER).replace(out / MARKER)
+    shutil.rmtree(out / STAGING, ignore_errors=True)
 
 
-def _flush(folder: Path) -> None:
-    """Syncs a folder's names to disk, before the journal that could repeat the renames goes."""
-    with suppress(OSError):  # not every file system can
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
+def _refuse_linked(out: Path, name: str) -> None:
+    """Refuses a place in the folder that a link would lead out of it."""
+    for parent in Path(name).parents[:-1]:
+        if (out / parent).is_symlink():
+            raise InputError(out / parent, "", "is a link", _REMEDY)
+
+
+def _is_folder(path: Path) -> bool:
+    """Whether there is a folder, not a link to one."""
+    return path.is_dir() and not path.is_symlink()
 
 
 def _state(path: Path) -> tuple[int, ...] | None:

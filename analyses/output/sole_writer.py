@@ -3,6 +3,7 @@
 import errno
 import fcntl
 import os
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -11,7 +12,7 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.whole_file import writing_to
 
 LOCK = ".lock"
-_FLAGS = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
+_FLAGS = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
 
 
 @contextmanager
@@ -25,13 +26,17 @@ def sole_writer(folder: Path, who: str = "run") -> Iterator[None]:
         who: what another writer is called, in the refusal.
 
     Raises:
-        InputError: another run holds it; or the folder cannot be written to.
+        InputError: another run holds it; the folder cannot be written to; a pipe has that name.
     """
     path = folder / LOCK
     while True:
         with writing_to(path):
             # No truncation: a file of the user's may have this name.
             descriptor = os.open(path, _FLAGS, 0o666)
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            os.close(descriptor)
+            remedy = "choose another folder with --out, or move it away"
+            raise InputError(path, "", "is no plain file", remedy)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:

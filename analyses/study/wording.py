@@ -1,29 +1,40 @@
-"""Words for what figures say, so that a note of the report holds whatever they are."""
+"""Notes of the report, whose figures are taken from the metrics of the run."""
 
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any, Final
 
+from wrenchsight.analyses.output.outputs import plain_metrics
+from wrenchsight.analyses.study.outcome import look_up
 
-def change(reduction: float, digits: int = 1) -> str:
-    """A reduction in percent as "12.3 % less"; a negative one as "12.3 % more"."""
-    text = f"{abs(reduction):.{digits}f}"
-    if float(text) == 0.0:
-        return "no less"
-    return f"{text} % {'less' if reduction > 0.0 else 'more'}"
-
-
-def change_between(before: float, after: float, digits: int = 0) -> str:
-    """How much less, or more, `after` is than `before`, which is positive, in percent."""
-    return change(100.0 * (1.0 - after / before), digits)
+_FIGURE: Final = re.compile(r"<([^<>:]+):(?:([\de.]+) )?([^<> ]*)>")
 
 
-def compared(value: float, other: float, less: str, more: str, alike: str, within: float) -> str:
-    """One of three texts: `value` is less, more, or within that share of `other`."""
-    if abs(value - other) <= within * abs(other):
-        return alike
-    return less if value < other else more
+def filled(notes: Iterable[str], metrics: Mapping[str, Any]) -> list[str]:
+    """Notes with the figures that they name.
 
+    `<key:.2f>` is the metric at the path `key` in this format, all members of a list side by side;
+    `<key:100 .0f>` is a hundred times the metric. What is not finite is a dash.
 
-def listed(words: Iterable[str], nothing: str = "none") -> str:
-    """Words as "a, b and c"."""
-    *others, last = list(words) or [nothing]
-    return f"{', '.join(others)} and {last}" if others else last
+    Args:
+        notes: sentences. One that names a metric that the run has not is left out.
+        metrics: nested, of the run.
+    """
+    known = plain_metrics(dict(metrics))
+
+    def figure(match: "re.Match[str]") -> str:
+        key, scale, spec = match.groups()
+        value = look_up(known, key)
+        values = value if isinstance(value, list) else [value]
+        return " ".join(
+            "–" if one is None else format(one if scale is None else float(scale) * one, spec)
+            for one in values
+        )
+
+    sentences = []
+    for note in notes:
+        try:
+            sentences.append(_FIGURE.sub(figure, note))
+        except ValueError:
+            continue
+    return sentences

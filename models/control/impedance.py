@@ -12,11 +12,62 @@ Groups 2, eqs. 10.85, 10.86).
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, Record, record
 from wrenchsight.models.control.joint_tracking import friction_feedforward
 from wrenchsight.models.kernel import kernel
 from wrenchsight.models.rigid_body.rotations import rotation_vector
+
+_NOTHING = np.zeros((6, 6))
+
+
+def impedance_law(
+    *,
+    effort_limit: Array,
+    friction: Array,
+    time_step: float = 1e-3,
+    in_E: bool = False,
+    stiffness: ArrayLike = _NOTHING,
+    damping: ArrayLike = _NOTHING,
+    null_space_damping: float = 0.0,
+    friction_velocity: float = 0.005,
+    force_gains: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    direction: ArrayLike = (0.0, 0.0, 1.0),
+    direction_in_E: bool = False,
+    has_force: bool = False,
+) -> Record:
+    """Returns what an impedance controller is, for the kernels of this module.
+
+    Args:
+        effort_limit: (n,) N m.
+        friction: table of SemiParametricFriction.
+        time_step: s.
+        in_E: whether stiffness and damping are in axes of E (else of W).
+        stiffness, damping: (6, 6), rotation first.
+        null_space_damping: N m s/rad.
+        friction_velocity: rad/s, of `friction_feedforward`.
+        force_gains: proportional, integral (1/s), integral_limit (N).
+        direction: (3,) unit vector, in E with direction_in_E, else in W.
+        has_force: whether there is force control at all.
+    """
+    proportional, integral, integral_limit = force_gains
+    return record(
+        effort_limit=effort_limit,
+        friction=friction,
+        time_step=time_step,
+        in_E=in_E,
+        stiffness=stiffness,
+        damping=damping,
+        null_space_damping=null_space_damping,
+        friction_velocity=friction_velocity,
+        proportional=proportional,
+        integral=integral,
+        integral_limit=integral_limit,
+        direction=direction,
+        direction_in_E=direction_in_E,
+        has_force=has_force,
+    )
 
 
 @kernel
@@ -64,12 +115,8 @@ def pose_error(in_E: bool, R_WE: Array, p_WE: Array, R_WD: Array, p_WD: Array, o
 
 @kernel
 def impedance_wrench(
-    in_E: bool,
-    stiffness: Array,
-    damping: Array,
-    R_WE: Array,
-    p_WE: Array,
-    V_WE: Array,
+    law: Record,
+    terms: Record,
     R_WD: Array,
     p_WD: Array,
     V_WD: Array,
@@ -79,12 +126,14 @@ def impedance_wrench(
     """Writes the wrench (6,) that spring and damper put on E, axes of W, rotation first.
 
     Args:
-        in_E: whether stiffness and damping are in axes of E (else of W).
-        stiffness, damping: (6, 6), rotation first.
+        law: of `impedance_law`.
+        terms: of `terms_type`; the pose and velocity of E are read.
         V_WD: (6,) velocity of D, axes of W, rotation first.
         free_direction: (3,) unit vector in W along which the spring neither pulls nor is stretched;
             zero for none. The damper works there as well.
     """
+    in_E, stiffness, damping = law[0].in_E == 1.0, law[0].stiffness, law[0].damping
+    R_WE, p_WE, V_WE = terms[0].R_WE, terms[0].p_WE, terms[0].V_WE
     p_WC = p_WD.copy()
     along = 0.0
     for k in range(3):
@@ -146,18 +195,7 @@ def _to_world(R_WE: Array, wrench: Array) -> None:
 
 @kernel
 def impedance_torque(
-    effort_limit: Array,
-    null_space_damping: float,
-    friction: Array,
-    friction_velocity: float,
-    M: Array,
-    Cv: Array,
-    G: Array,
-    J: Array,
-    v: Array,
-    reference: Array,
-    wrench: Array,
-    tau: Array,
+    law: Record, terms: Record, reference: Array, wrench: Array, tau: Array
 ) -> None:
     """Writes the torque (n,) that puts `wrench` (6,) on E, on top of the arm's own dynamics.
 
@@ -167,56 +205,41 @@ def impedance_torque(
     (Khatib, IEEE J. Robotics and Automation 3(1), 1987); only for more than 6 joints.
 
     Args:
+        law: of `impedance_law`.
+        terms: of `terms_type`.
         reference: (3n,) q_d, v_d, vdot_d, of which v_d and vdot_d are fed forward.
     """
-    n = v.shape[0]
-    friction_feedforward(friction, reference[n : 2 * n], friction_velocity, tau)
+    at, effort_limit = terms[0], law[0].effort_limit
+    n = at.v.shape[0]
+    friction_feedforward(law[0].friction, reference[n : 2 * n], law[0].friction_velocity, tau)
     for i in range(n):
-        tau[i] += Cv[i] + G[i]
+        tau[i] += at.Cv[i] + at.G[i]
         for k in range(6):
-            tau[i] += J[k, i] * wrench[k]
+            tau[i] += at.J[k, i] * wrench[k]
         for j in range(n):
-            tau[i] += M[i, j] * reference[2 * n + j]
-    if n > 6 and null_space_damping > 0.0:
-        torque = -null_space_damping * v
-        M_inv_JT = np.linalg.solve(M, np.ascontiguousarray(J.T))
+            tau[i] += at.M[i, j] * reference[2 * n + j]
+    if n > 6 and law[0].null_space_damping > 0.0:
+        torque = -law[0].null_space_damping * at.v
+        M_inv_JT = np.linalg.solve(at.M, np.ascontiguousarray(at.J.T))
         # A small share of the identity keeps it solvable where J loses rank.
-        mobility = J @ M_inv_JT
+        mobility = at.J @ M_inv_JT
         for k in range(6):
             mobility[k, k] += 1e-9 * (1.0 + mobility[k, k])
         through = np.linalg.solve(mobility, M_inv_JT.T @ torque)
         for i in range(n):
             tau[i] += torque[i]
             for k in range(6):
-                tau[i] -= J[k, i] * through[k]
+                tau[i] -= at.J[k, i] * through[k]
     for i in range(n):
         tau[i] = min(max(tau[i], -effort_limit[i]), effort_limit[i])
 
 
 @kernel
 def impedance_action(
-    in_E: bool,
-    stiffness: Array,
-    damping: Array,
-    force_gains: Array,
-    direction: Array,
-    direction_in_E: bool,
-    time_step: float,
-    effort_limit: Array,
-    null_space_damping: float,
-    friction: Array,
-    friction_velocity: float,
-    M: Array,
-    Cv: Array,
-    G: Array,
-    J: Array,
-    R_WE: Array,
-    p_WE: Array,
-    V_WE: Array,
-    v: Array,
+    law: Record,
+    terms: Record,
     pose_reference: Array,
     reference: Array,
-    has_force: bool,
     presses: bool,
     feedback_valid: bool,
     setpoint: float,
@@ -227,68 +250,52 @@ def impedance_action(
     """Writes what ImpedanceController does in a tick: torque (n,), pose error (6,), integral (1,).
 
     Args:
-        in_E: whether stiffness and damping are in axes of E (else of W).
-        stiffness, damping: (36,) row by row, rotation first.
-        force_gains: (3,) proportional, integral, integral_limit.
-        direction: (3,) unit vector, in E with direction_in_E, else in W.
-        time_step: s.
+        law: of `impedance_law`; without has_force the integral stays.
+        terms: of `terms_type`.
         pose_reference: (18,) R_WD row by row, p_WD, V_WD.
-        has_force: whether there is force control at all; without it the integral stays.
         presses: whether force is controlled now.
         feedback_valid: whether by the feedback; else the press is the set-point and the integral.
         setpoint: N; while force is not controlled, that which is there already.
         wrench: (6,) F_E_W of the feedback.
         integral: N s, of the force error so far; that at the end of the tick is written.
-        others: as in impedance_wrench and impedance_torque.
+        others: as in impedance_torque.
     """
-    n = v.shape[0]
-    K, B = stiffness.reshape(6, 6), damping.reshape(6, 6)
+    n = terms[0].v.shape[0]
+    R_WE, p_WE, effort_limit = terms[0].R_WE, terms[0].p_WE, law[0].effort_limit
     R_WD = pose_reference[:9].reshape(3, 3)
     p_WD, V_WD = pose_reference[9:12], pose_reference[12:]
-    d_W, nowhere, commanded = direction.copy(), np.zeros(3), np.empty(6)
-    if direction_in_E:
+    d_W, nowhere, commanded = law[0].direction.copy(), np.zeros(3), np.empty(6)
+    if law[0].direction_in_E == 1.0:
         for i in range(3):
             d_W[i] = 0.0
             for k in range(3):
-                d_W[i] += R_WE[i, k] * direction[k]
+                d_W[i] += R_WE[i, k] * law[0].direction[k]
     push = 0.0
     for k in range(3):
         push += d_W[k] * wrench[3 + k]
     free = d_W if presses else nowhere
-    impedance_wrench(in_E, K, B, R_WE, p_WE, V_WE, R_WD, p_WD, V_WD, free, commanded)
+    impedance_wrench(law, terms, R_WD, p_WD, V_WD, free, commanded)
     error = setpoint - push if feedback_valid else 0.0
-    kp, ki, limit = force_gains
+    ki, limit = law[0].integral, law[0].integral_limit
     bound = limit / ki if ki > 0.0 else 0.0
     if presses:
-        press = setpoint + kp * error + ki * integral
+        press = setpoint + law[0].proportional * error + ki * integral
         for k in range(3):
             commanded[3 + k] -= press * d_W[k]
     tau = action[:n]
-    impedance_torque(
-        effort_limit,
-        null_space_damping,
-        friction,
-        friction_velocity,
-        M,
-        Cv,
-        G,
-        J,
-        v,
-        reference,
-        commanded,
-        tau,
-    )
-    pose_error(in_E, R_WE, p_WE, R_WD, p_WD, action[n : n + 6])
+    impedance_torque(law, terms, reference, commanded, tau)
+    pose_error(law[0].in_E == 1.0, R_WE, p_WE, R_WD, p_WD, action[n : n + 6])
+    has_force = law[0].has_force == 1.0
     if presses:
         saturated = False
         for j in range(n):
             saturated = saturated or abs(tau[j]) >= effort_limit[j]
         if not (saturated and error * integral > 0.0):
-            integral += time_step * error
+            integral += law[0].time_step * error
     elif has_force and ki > 0.0:
         # The push of the spring, less the set-point with which force control will begin.
         blind = np.empty(6)
-        impedance_wrench(in_E, K, B, R_WE, p_WE, V_WE, R_WD, p_WD, V_WD, d_W, blind)
+        impedance_wrench(law, terms, R_WD, p_WD, V_WD, d_W, blind)
         spring = 0.0
         for k in range(3):
             spring += d_W[k] * (commanded[3 + k] - blind[3 + k])

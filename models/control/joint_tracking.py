@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, Record, record
 from wrenchsight.models.friction.velocity_friction import friction_torque
 from wrenchsight.models.kernel import kernel
 
@@ -22,13 +22,42 @@ def friction_feedforward(table: Array, v_d: Array, velocity: float, out: Array) 
         out[i] *= abs(v_d[i]) / np.sqrt(v_d[i] * v_d[i] + velocity * velocity)
 
 
-@kernel
-def tracking_torque(
+def tracking_law(
+    *,
     computed: bool,
     gains: Array,
     effort_limit: Array,
     friction: Array,
     friction_velocity: float,
+    time_step: float,
+) -> Record:
+    """Returns what a joint tracking controller is, for the kernels of this module.
+
+    Args:
+        computed: True for computed torque, False for feed-forward with PD.
+        gains: (4, n) kp, kd, ki, and the largest ki integral that is let through.
+        effort_limit: (n,) N m.
+        friction: table of SemiParametricFriction.
+        friction_velocity: rad/s, see friction_feedforward.
+        time_step: s.
+    """
+    kp, kd, ki, integral_limit = gains
+    return record(
+        computed=computed,
+        kp=kp,
+        kd=kd,
+        ki=ki,
+        integral_limit=integral_limit,
+        effort_limit=effort_limit,
+        friction=friction,
+        friction_velocity=friction_velocity,
+        time_step=time_step,
+    )
+
+
+@kernel
+def tracking_torque(
+    law: Record,
     M: Array,
     Cv: Array,
     G: Array,
@@ -41,57 +70,46 @@ def tracking_torque(
     """Writes the torque (n,); the law is in JointTrackingController's docstring.
 
     Args:
-        computed: True for computed torque, False for feed-forward with PD.
-        gains: (4, n) kp, kd, ki, and the largest ki integral that is let through.
-        effort_limit: (n,) N m.
-        friction: table of SemiParametricFriction.
-        friction_velocity: rad/s, see friction_feedforward.
+        law: of `tracking_law`.
         reference: (3n,) q_d, v_d, vdot_d.
         integral: (n,) integral of the position error, rad s.
     """
+    gain = law[0]
     n = q.shape[0]
     feedback = np.empty(n)
     for i in range(n):
         error = reference[i] - q[i]
-        integral_part = gains[2, i] * integral[i]
-        integral_part = min(max(integral_part, -gains[3, i]), gains[3, i])
-        feedback[i] = gains[0, i] * error + gains[1, i] * (reference[n + i] - v[i]) + integral_part
-    friction_feedforward(friction, reference[n : 2 * n], friction_velocity, tau)
+        integral_part = gain.ki[i] * integral[i]
+        integral_part = min(max(integral_part, -gain.integral_limit[i]), gain.integral_limit[i])
+        feedback[i] = gain.kp[i] * error + gain.kd[i] * (reference[n + i] - v[i]) + integral_part
+    friction_feedforward(gain.friction, reference[n : 2 * n], gain.friction_velocity, tau)
     for i in range(n):
         tau[i] += Cv[i] + G[i]
         for j in range(n):
             acceleration = reference[2 * n + j]
-            if computed:
+            if gain.computed == 1.0:
                 acceleration += feedback[j]
             tau[i] += M[i, j] * acceleration
-        if not computed:
+        if gain.computed != 1.0:
             tau[i] += feedback[i]
-        tau[i] = min(max(tau[i], -effort_limit[i]), effort_limit[i])
+        tau[i] = min(max(tau[i], -gain.effort_limit[i]), gain.effort_limit[i])
 
 
 @kernel
-def advance_integral(
-    time_step: float,
-    gains: Array,
-    effort_limit: Array,
-    q: Array,
-    q_d: Array,
-    tau: Array,
-    integral: Array,
-) -> None:
+def advance_integral(law: Record, q: Array, q_d: Array, tau: Array, integral: Array) -> None:
     """Advances the integral (n,) in place by one tick, with anti-windup.
 
     It stands still where the drive is at its limit and the error would push further, and never
     grows beyond what the limit lets through.
     """
+    ki, limit = law[0].ki, law[0].integral_limit
     for i in range(q.shape[0]):
         error = q_d[i] - q[i]
-        saturated = abs(tau[i]) >= effort_limit[i]
+        saturated = abs(tau[i]) >= law[0].effort_limit[i]
         if saturated and error * tau[i] > 0.0:
             continue
-        integral[i] += time_step * error
-        if gains[2, i] > 0.0:
-            bound = gains[3, i] / gains[2, i]
-            integral[i] = min(max(integral[i], -bound), bound)
+        integral[i] += law[0].time_step * error
+        if ki[i] > 0.0:
+            integral[i] = min(max(integral[i], -limit[i] / ki[i]), limit[i] / ki[i])
         else:
             integral[i] = 0.0

@@ -15,7 +15,13 @@ import numpy as np
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.files_read import about_to_read
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.recordings.rosbag.messages import WRENCH, encoded, nanoseconds
+from wrenchsight.models.recordings.rosbag.messages import (
+    WRENCH,
+    Layout,
+    header,
+    nanoseconds,
+    typestore,
+)
 from wrenchsight.models.recordings.rosbag.table import BagWriter, RosbagTable
 
 FRAME = "E_W"
@@ -23,7 +29,6 @@ TOPIC = "/wrench"
 COVARIANCE_TOPIC = "/wrench/covariance"
 _COVARIANCE = "std_msgs/msg/Float64MultiArray"
 _TF = "tf2_msgs/msg/TFMessage"
-_TF_STAMP = 8  # behind the number of transforms
 _FORCE_FIRST = [3, 4, 5, 0, 1, 2]
 
 
@@ -45,32 +50,32 @@ class WrenchBagWriter:
 
     def __enter__(self) -> "WrenchBagWriter":
         self._writer.__enter__()
-        kinds = self._writer.types.types
+        kinds = typestore().types
         vector = kinds["geometry_msgs/msg/Vector3"]
-        marks = np.arange(1.0, 37.0)  # to find the numbers' places by
-        wrench = kinds[WRENCH](
-            self._writer.header(FRAME),
-            kinds["geometry_msgs/msg/Wrench"](vector(*marks[:3]), vector(*marks[3:6])),
-        )
         turn = kinds["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
-        transform = kinds["geometry_msgs/msg/Transform"](vector(*marks[:3]), turn)
-        stamped = kinds["geometry_msgs/msg/TransformStamped"]
-        header = self._writer.header(self._base_link)
         sides = [
             kinds["std_msgs/msg/MultiArrayDimension"]("rows", 6, 36),
             kinds["std_msgs/msg/MultiArrayDimension"]("columns", 6, 6),
         ]
         layout = kinds["std_msgs/msg/MultiArrayLayout"](sides, 0)
-        self._wrench = self._template(wrench, WRENCH, marks[:6])
-        tf = kinds[_TF]([stamped(header, FRAME, transform)])
-        self._tf = self._template(tf, _TF, marks[:3])
-        self._covariance = self._template(kinds[_COVARIANCE](layout, marks), _COVARIANCE, marks)
-        return self
 
-    def _template(self, message: Any, kind: str, marks: Array) -> tuple[bytes, int]:
-        """A message, and where its numbers begin."""
-        raw = bytes(self._writer.types.serialize_cdr(message, kind))
-        return raw, raw.index(marks.tobytes())
+        def wrench(stamp: int, number: float) -> Any:
+            half = vector(number, number, number)
+            both = kinds["geometry_msgs/msg/Wrench"](half, half)
+            return kinds[WRENCH](header(FRAME, stamp), both)
+
+        def tf(stamp: int, number: float) -> Any:
+            place = vector(number, number, number)
+            transform = kinds["geometry_msgs/msg/Transform"](place, turn)
+            stamped = kinds["geometry_msgs/msg/TransformStamped"]
+            return kinds[_TF]([stamped(header(self._base_link, stamp), FRAME, transform)])
+
+        def covariance(_: int, number: float) -> Any:
+            return kinds[_COVARIANCE](layout, np.full(36, number))
+
+        self._tf, self._wrench = Layout(_TF, tf), Layout(WRENCH, wrench)
+        self._covariance = Layout(_COVARIANCE, covariance, stamped=False)
+        return self
 
     def write(self, t: Array, wrench: Array, covariance: Array, p_WE: Array) -> None:
         """Appends N wrenches.
@@ -91,13 +96,12 @@ class WrenchBagWriter:
             )
         order = np.ix_(_FORCE_FIRST, _FORCE_FIRST)
         sigma = np.asarray(covariance)[:, order[0], order[1]].reshape(len(stamps), 36)
-        for topic, kind, (raw, begin), values, stamp_at in (
-            ("/tf", _TF, self._tf, p_WE, _TF_STAMP),
-            (TOPIC, WRENCH, self._wrench, wrench[:, _FORCE_FIRST], 4),
-            (COVARIANCE_TOPIC, _COVARIANCE, self._covariance, sigma, None),
+        for topic, kind, layout, values in (
+            ("/tf", _TF, self._tf, p_WE),
+            (TOPIC, WRENCH, self._wrench, wrench[:, _FORCE_FIRST]),
+            (COVARIANCE_TOPIC, _COVARIANCE, self._covariance, sigma),
         ):
-            messages = encoded(raw, stamps, [(begin, np.asarray(values))], stamp_at)
-            self._writer.write(topic, kind, stamps, messages)
+            self._writer.write(topic, kind, stamps, layout.encode(stamps, np.asarray(values)))
 
     def __exit__(self, kind: Any, error: BaseException | None, traceback: Any) -> None:
         self._writer.__exit__(kind, error, traceback)

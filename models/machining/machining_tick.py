@@ -1,13 +1,13 @@
 """What leads and watches a pass in one tick, with what it reads and remembers in few arrays."""
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, Record
 from wrenchsight.models.estimation.kernel_choice import KernelChoice
 from wrenchsight.models.estimation.tick import tick_update, trusted_update
 from wrenchsight.models.kernel import kernel
 from wrenchsight.models.machining.machining_phases import STATE_SIZE
 from wrenchsight.models.machining.machining_reference import advance_reference, machining_reference
 from wrenchsight.models.observers.sample_check import check_current, check_motion, take_sample
-from wrenchsight.models.rigid_body.flat_terms import flat_motion, write_flat_terms
+from wrenchsight.models.rigid_body.chain_kernels import all_terms
 
 
 @kernel
@@ -28,7 +28,7 @@ def lead_tick(
     q: Array,
     v: Array,
     scratch: Array,
-    known: Array,
+    terms: Record,
     out: Array,
 ) -> None:
     """Writes the terms of the model at q and v, and the reference at t.
@@ -37,14 +37,16 @@ def lead_tick(
         model: table of the SerialChain whose terms are written.
         memory: (7 + 15,) state and anchor.
         v: (n,) rad/s.
-        known: of `write_flat_terms`, written.
+        terms: (1,) of `terms_type`, written.
         others: as in `machining_reference`.
     """
-    write_flat_terms(model, q, v, known, scratch)
-    _, J, _, _, _ = flat_motion(known, q.shape[0])
+    own = terms[0]
+    own.q[:] = q
+    own.v[:] = v
+    all_terms(model, terms, scratch)
     machining_reference(
         *(phases, chain, t_path, q_path, v_path, vdot_path, place, force, trusted, pushes_on, t),
-        *(memory[:STATE_SIZE], memory[STATE_SIZE:], q, J, scratch, out),
+        *(memory[:STATE_SIZE], memory[STATE_SIZE:], q, own.J, scratch, out),
     )
 
 

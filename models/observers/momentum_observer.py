@@ -64,9 +64,11 @@ _GAIN, _POLE, _AFTER, _BEFORE, _HALF = range(5)
 class MomentumObserverConfig:
     """How the observer filters."""
 
-    K_0: list[float] = field(default_factory=lambda: [20.0])  # 1/s; one for all joints, or each
+    K_0: list[float] = field(default_factory=lambda: [20.0])  # 1/s, gain: one, or one a joint
     time_step: float = 0.001  # s between samples
-    torque_samples: str = "held"  # mean motor torque of a period: "held" or "trapezoidal"
+    torque_samples: str = "held"
+    # motor torque between samples: held (currents on the drive's own clock) or trapezoidal (samples
+    # of a continuous signal)
 
 
 @kernel

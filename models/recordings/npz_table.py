@@ -1,10 +1,13 @@
-"""Tables of numbers in NumPy's npz files: arrays by name, read block by block, and written."""
+"""Tables of numbers in NumPy's npz files: arrays by name, read by `numpy.load`, and written.
 
+What an array's header states is compared with what the file holds before anything is made of it.
+"""
+
+import math
 import tokenize
 import zipfile
 import zlib
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -24,6 +27,8 @@ Rows = NDArray[np.int64]
 _DAMAGE = (zipfile.BadZipFile, zlib.error, tokenize.TokenError, SyntaxError, RuntimeError,
            ArithmeticError, LookupError, TypeError, ValueError, EOFError, OSError)  # fmt: skip
 _BLOCK_ROWS = 1 << 16
+_LARGEST_ARRAY = 1 << 29  # bytes: an array is read whole
+_MOST_COLUMNS = 4096  # of an array
 _JOINT_ARRAYS = {"current": "i", "tau_J": "tau", "q": "q", "v": "v", "i": "i", "tau": "tau"}
 _SUFFIX = ".npy"
 
@@ -54,14 +59,12 @@ class NpzContainer:
 class _Stored:
     """One array of the file."""
 
-    member: str
+    name: str
     shape: tuple[int, ...]
-    dtype: np.dtype[Any]
-    by_columns: bool  # Fortran's order: rows do not follow each other
 
     @property
     def width(self) -> int:
-        return int(np.prod(self.shape[1:], dtype=int))
+        return math.prod(self.shape[1:])
 
 
 class NpzTable:
@@ -111,29 +114,21 @@ class NpzTable:
         assert self.names is not None
         first, last = rows_within(self.path, rows, self.num_rows, "rows")
         optional = np.array([column in may_be_empty for column in columns])
-        arrays = list(dict.fromkeys(self._places[column][0] for column in columns))
+        wanted = dict.fromkeys(self._places[column][0] for column in columns)
         try:
-            with ExitStack() as stack:
-                archive = stack.enter_context(zipfile.ZipFile(self.path))
-                parts = {
-                    array: _RowReader(stack.enter_context(archive.open(array.member)), array)
-                    for array in arrays
-                }
-                for begin in range(1, last + 1, _BLOCK_ROWS):
-                    end = min(begin + _BLOCK_ROWS - 1, last)
-                    read = {array: part.take(end - begin + 1) for array, part in parts.items()}
-                    self.progress = end / self.num_rows
-                    if end < first:
-                        continue
-                    values = np.empty((end - begin + 1, len(columns)))
-                    for i, column in enumerate(columns):
-                        array, k = self._places[column]
-                        values[:, i] = read[array][:, k]
-                    start = max(first - begin, 0)
-                    self._check(values[start:], begin + start, columns, optional)
-                    yield values[start:], np.arange(begin + start, end + 1)
-        except _DAMAGE as error:
+            with np.load(self.path, allow_pickle=False) as archive:
+                arrays = {one: archive[one.name].reshape(self.num_rows, -1) for one in wanted}
+        except (*_DAMAGE, MemoryError) as error:
             raise self._damaged(error) from error
+        for begin in range(first, last + 1, _BLOCK_ROWS):
+            end = min(begin + _BLOCK_ROWS - 1, last)
+            values = np.empty((end - begin + 1, len(columns)))
+            for i, column in enumerate(columns):
+                array, k = self._places[column]
+                values[:, i] = arrays[array][begin - 1 : end, k]
+            self._check(values, begin, columns, optional)
+            self.progress = end / self.num_rows
+            yield values, np.arange(begin, end + 1)
 
     def _check(
         self, values: Array, row: int, columns: list[int], optional: NDArray[np.bool_]
@@ -156,18 +151,24 @@ class NpzTable:
         stored: dict[str, _Stored] = {}
         try:
             with zipfile.ZipFile(self.path) as archive:
-                for member in archive.namelist():
-                    if member.endswith(_SUFFIX):
-                        with archive.open(member) as file:
-                            shape, by_columns, dtype = _header(file)
-                        if dtype.kind not in "iufb":
-                            self.notices.append(
-                                f"the array {member.removesuffix(_SUFFIX)} holds no numbers "
-                                f"({dtype}): left out"
-                            )
-                            continue
-                        array = _Stored(member, shape, dtype, by_columns)
-                        stored[member.removesuffix(_SUFFIX)] = array
+                for member in archive.infolist():
+                    name = member.filename.removesuffix(_SUFFIX)
+                    if name == member.filename:
+                        continue
+                    with archive.open(member) as file:
+                        shape, dtype = _header(file)
+                        left = member.file_size - file.tell()
+                    if dtype.kind not in "iufb":
+                        self.notices.append(
+                            f"the array {name} holds no numbers ({dtype}): left out"
+                        )
+                        continue
+                    if math.prod(shape) * dtype.itemsize != left:
+                        raise ValueError(f"{member.filename} states {shape}, of another size")
+                    if left > _LARGEST_ARRAY or math.prod(shape[1:]) > _MOST_COLUMNS:
+                        self.notices.append(f"the array {name} {shape} is too large: left out")
+                        continue
+                    stored[name] = _Stored(name, shape)
         except FileNotFoundError as error:
             raise InputError(self.path, "", "no such file", "check the path") from error
         except _DAMAGE as error:
@@ -184,37 +185,15 @@ class NpzTable:
         return InputError(self.path, "", problem, "write the file again")
 
 
-class _RowReader:
-    """Successive rows of one array."""
-
-    def __init__(self, file: IO[bytes], array: _Stored) -> None:
-        self._file, self._array = file, array
-        self._whole: NDArray[Any] | None = None
-        self._next = 0
-        if array.by_columns and len(array.shape) > 1:
-            read = np.lib.format.read_array(file, allow_pickle=False)
-            self._whole = read.reshape(len(read), -1)
-        else:
-            _header(file)
-
-    def take(self, count: int) -> NDArray[Any]:
-        """(count, width) the next rows."""
-        if self._whole is not None:
-            self._next += count
-            return self._whole[self._next - count : self._next]
-        width = self._array.width
-        size = count * width * self._array.dtype.itemsize
-        data = self._file.read(size)
-        if len(data) < size:
-            raise EOFError(f"{self._array.member} ends too early")
-        return np.frombuffer(data, self._array.dtype).reshape(count, width)
-
-
-def _header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+def _header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
     version = np.lib.format.read_magic(file)
     if version == (1, 0):
-        return np.lib.format.read_array_header_1_0(file)
-    return np.lib.format.read_array_header_2_0(file)
+        shape, _, dtype = np.lib.format.read_array_header_1_0(file)
+    else:
+        shape, _, dtype = np.lib.format.read_array_header_2_0(file)
+    if any(length < 0 for length in shape):
+        raise ValueError(f"shape {shape}")
+    return shape, dtype
 
 
 def _column_names(name: str, array: _Stored) -> list[str]:

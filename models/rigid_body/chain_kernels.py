@@ -17,7 +17,7 @@ no fast-math reordering, so that one sample and a row of a million agree bit for
 
 import math
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, Record
 from wrenchsight.models.kernel import kernel
 
 # Columns of SerialChain.table, one row per joint; the last row holds E and gravity. The kernels
@@ -510,26 +510,20 @@ def observer_terms(
 
 
 @kernel
-def all_terms(
-    table: Array,
-    q: Array,
-    v: Array,
-    momentum: Array,
-    CTv: Array,
-    Cv: Array,
-    G: Array,
-    M: Array,
-    J: Array,
-    R_WE: Array,
-    p_WE: Array,
-    V_WE: Array,
-    scratch: Array,
-) -> None:
-    """All of RigidBodyTerms for one sample; arguments as in observer_terms."""
-    n = q.shape[0]
-    observer_terms(table, q, v, momentum, CTv, G, J, R_WE, p_WE, scratch)
-    composite_mass_matrix(table, M, scratch)
-    coriolis_torque(table, v, Cv, scratch)
+def all_terms(table: Array, terms: Record, scratch: Array) -> None:
+    """Writes all of RigidBodyTerms at its own q and v.
+
+    Args:
+        table: SerialChain.table, (n + 1, TABLE_COLUMNS).
+        terms: (1,) of `terms_type`; q and v are read.
+        scratch: written; (n, SCRATCH_COLUMNS).
+    """
+    at = terms[0]
+    observer_terms(table, at.q, at.v, at.momentum, at.CTv, at.G, at.J, at.R_WE, at.p_WE, scratch)
+    composite_mass_matrix(table, at.M, scratch)
+    coriolis_torque(table, at.v, at.Cv, scratch)
+    n = at.q.shape[0]
+    p_WE, V_WE = at.p_WE, at.V_WE
     for i in range(3):
         V_WE[i] = scratch[n - 1, 18 + i]
     x, y, z = V_WE[0], V_WE[1], V_WE[2]

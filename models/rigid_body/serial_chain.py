@@ -48,36 +48,7 @@ from wrenchsight.models.rigid_body.chain_kernels import (
     TABLE_COLUMNS,
     all_terms,
 )
-
-
-@dataclass(slots=True)
-class RigidBodyTerms:
-    """Every term of the equation of motion at one sample; see SerialChain.
-
-    Attributes:
-        momentum: (n,) M v, kg m^2/s.
-        CTv: (n,) gradient of the kinetic energy, N m.
-        Cv: (n,) Coriolis and centrifugal torque, N m.
-        G: (n,) torque that holds the arm against gravity, N m.
-        M: (n, n) kg m^2, rotor inertia included.
-        J: (6, n) Jacobian [angular; linear] at E in axes of W.
-        R_WE: (3, 3) orientation of E in W.
-        p_WE: (3,) m.
-        V_WE: (6,) velocity of E in W [angular; linear], rad/s and m/s.
-        q: (n,) rad (m for a prismatic joint), v: (n,) its rate.
-    """
-
-    momentum: Array
-    CTv: Array
-    Cv: Array
-    G: Array
-    M: Array
-    J: Array
-    R_WE: Array
-    p_WE: Array
-    V_WE: Array
-    q: Array
-    v: Array
+from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 
 
 @dataclass(frozen=True, eq=False)
@@ -381,39 +352,14 @@ class SerialChain:
         n = len(self.joint_names)
         if q.shape != (n,) or v.shape != (n,):
             raise ValueError(f"terms: q and v of shapes {q.shape} and {v.shape}, expected ({n},)")
-        result = RigidBodyTerms(
-            np.empty(n),
-            np.empty(n),
-            np.empty(n),
-            np.empty(n),
-            np.empty((n, n)),
-            np.empty((6, n)),
-            np.empty((3, 3)),
-            np.empty(3),
-            np.empty(6),
-            q,
-            v,
-        )
+        result = RigidBodyTerms.zeros(n)
+        result.q[:], result.v[:] = q, v
         self.write_terms(result)
         return result
 
     def write_terms(self, terms: RigidBodyTerms) -> None:
         """Writes every term at its own q and v, which are (n,): without new memory, for a tick."""
-        all_terms(
-            self.table,
-            terms.q,
-            terms.v,
-            terms.momentum,
-            terms.CTv,
-            terms.Cv,
-            terms.G,
-            terms.M,
-            terms.J,
-            terms.R_WE,
-            terms.p_WE,
-            terms.V_WE,
-            self._scratch,
-        )
+        all_terms(self.table, terms.record, self._scratch)
 
     def _rows(self, *signals: ArrayLike) -> tuple[tuple[int, ...], list[Array]]:
         """The leading shape, and each signal as a contiguous (N, n) array."""

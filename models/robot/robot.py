@@ -212,6 +212,10 @@ class Robot:
         """
         return Robot(replace(self.config, simulated_truth=truth), self.source, self._urdf)
 
+    def without_coupling(self) -> "Robot":
+        """Returns the robot with rotors that each turn with their own joint, as Drake has them."""
+        return Robot(replace(self.config, coupling=[]), self.source, self._urdf)
+
     def with_moved_joints(self, translation: Array, rotation: Array) -> "Robot":
         """Returns the robot with the frames of its joints moved: another arm of the same make.
 

@@ -14,8 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.control.joint_tracking import advance_integral, tracking_torque
+from wrenchsight.models.arrays import Array, Record
+from wrenchsight.models.control.joint_tracking import (
+    advance_integral,
+    tracking_law,
+    tracking_torque,
+)
 from wrenchsight.models.control.wrench_script import WrenchScript, sample_script
 from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
 from wrenchsight.models.kernel import kernel
@@ -41,6 +45,7 @@ from wrenchsight.models.truth.joint_kernels import (
     TORQUE,
     encoder_reading,
     joint_tick,
+    mixed_currents,
     tick_work,
 )
 from wrenchsight.models.truth.true_joints import TrueJoints
@@ -148,20 +153,25 @@ def simulate_free_arm(
     times = trajectory.t[0] + time_step * np.arange(ticks)
     sensor = np.stack([robot.current_bandwidth, robot.current_noise_sd, robot.current_resolution])
     gain = motor_gain(robot.torque_per_ampere, robot.current_sign)
+    law = tracking_law(
+        computed=servo.computed,
+        gains=servo.gains,
+        effort_limit=robot.effort_limit,
+        friction=servo.friction.table,
+        friction_velocity=servo.friction_velocity,
+        time_step=time_step,
+    )
     seen, wrenches = np.empty((4, rows, n)), np.zeros((rows, 6))
     inner = np.empty((4, rows if whole else 0, n))
     memory = np.stack([q, v, np.zeros(n), np.full(n, np.nan)])
     for first in range(0, ticks, _CHUNK):
         _run(
             joints.table,
+            joints.motors,
             joints.on_motor,
             chain.table,
             servo.chain.table,
-            servo.computed,
-            np.ascontiguousarray(servo.gains, dtype=np.float64),
-            servo.friction.table,
-            servo.friction_velocity,
-            np.asarray(robot.effort_limit, dtype=np.float64),
+            law,
             gain,
             sensor,
             time_step,
@@ -197,14 +207,11 @@ def simulate_free_arm(
 @kernel
 def _run(
     table: Array,
+    motors: Array,
     on_motor: bool,
     chain: Array,
     model: Array,
-    computed: bool,
-    gains: Array,
-    friction: Array,
-    friction_velocity: float,
-    effort_limit: Array,
+    law: Record,
     gain: Array,
     sensor: Array,
     time_step: float,
@@ -257,27 +264,16 @@ def _run(
             table, state, G, q, v, on_motor, seed + VELOCITY_STREAM, tick, q_read, v_read
         )
         dynamics_terms(model, q_read, v_read, Cv_m, G_m, M_m, scratch)
-        tracking_torque(
-            computed,
-            gains,
-            effort_limit,
-            friction,
-            friction_velocity,
-            M_m,
-            Cv_m,
-            G_m,
-            q_read,
-            v_read,
-            wanted,
-            integral,
-            tau,
-        )
+        tracking_torque(law, M_m, Cv_m, G_m, q_read, v_read, wanted, integral, tau)
         for i in range(n):
             command[i] = tau[i] / gain[i]
         gaussian_noise(seed + WANDER_STREAM, tick, draws)
         joint_tick(
             table, time_step, M, Cv, G, q, v, command, tau_ext, draws, state, after, signals, work
         )
+        if motors.shape[0] > 0:
+            current[:] = motor_current
+            mixed_currents(motors[1], current, motor_current)
         update_lag(bandwidth, time_step, motor_current, lagged)
         if tick % every == 0:
             row = tick // every
@@ -294,7 +290,7 @@ def _run(
                     inner[2, row, i], inner[3, row, i] = signals[TAU_J, i], state[RISE, i]
             for axis in range(6):
                 wrenches[row, axis] = wrench[axis]
-        advance_integral(time_step, gains, effort_limit, q_read, wanted, tau, integral)
+        advance_integral(law, q_read, wanted, tau, integral)
         for i in range(n):
             vdot[i] = signals[TAU_J, i] + tau_ext[i] + signals[TORQUE, i] - Cv[i] - G[i]
         if n == 6:  # as in `joint_tick`

@@ -292,6 +292,15 @@ def spring_torque(table: Array, time_step: float, state: Array, i: int, k: int, 
 
 
 @kernel
+def mixed_currents(matrix: Array, current: Array, out: Array) -> None:
+    """Writes matrix current (n,), A: one of TrueJoints.motors."""
+    for i in range(current.shape[0]):
+        out[i] = 0.0
+        for j in range(current.shape[0]):
+            out[i] += matrix[i, j] * current[j]
+
+
+@kernel
 def deflection(table: Array, i: int, state: float, G: float) -> float:
     """Of joint i, rad; before its first tick that of a joint at rest under G, N m."""
     return G * table[i, COMPLIANCE] if math.isnan(state) else state

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -78,12 +78,16 @@ class TrueJoints:
         start_rise: K, of the joints at the start.
         on_motor: whether the encoders sit on the motors, and so see the gears' deflection.
         time_step: s, of a tick.
+        motors: (2, n, n) where several motors move one joint: from the motors' currents to those of
+            single joints with the same torque, and back; else without rows. The table is of single
+            joints.
     """
 
     table: Array
     start_rise: float
     on_motor: bool
     time_step: float
+    motors: Array = field(default_factory=lambda: np.empty((0, 0, 0)))
 
     @property
     def num_joints(self) -> int:
@@ -249,7 +253,17 @@ class TrueJoints:
         table = np.hstack([table, _harmonics(ripple, config.individual, read)])
         table[:, HARMONICS] = len(ripple.motor_periods)
         on_motor = elasticity.encoder == "motor"
-        return cls(table, read.number(lubrication, "start_rise"), on_motor, time_step)
+        rise = read.number(lubrication, "start_rise")
+        return cls(table, rise, on_motor, time_step, _motors(robot))
+
+
+def _motors(robot: Robot) -> Array:
+    if not robot.is_coupled:
+        return np.empty((0, 0, 0))
+    gain = motor_gain(robot.torque_per_ampere, robot.current_sign)
+    to_joints = robot.motor_rates.T * gain / gain[:, np.newaxis]
+    back = robot.coupling.T * gain / gain[:, np.newaxis]
+    return np.ascontiguousarray([to_joints, back])
 
 
 def _pack_elements(table: Array, slip: SlipConfig, read: "_Reader", time_step: float) -> None:

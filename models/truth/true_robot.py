@@ -9,7 +9,11 @@ import numpy as np
 from wrenchsight.models.files.configuration import load_configuration
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.robot.robot import Robot
-from wrenchsight.models.robot.truth_config import TRUTHS, SimulatedTruthConfig
+from wrenchsight.models.robot.truth_config import (
+    TRUTHS,
+    JointFrictionConfig,
+    SimulatedTruthConfig,
+)
 
 PLAIN = "plain_truth.yaml"  # beside robot.yaml
 _FRAMES = 19  # stream of the individual's random numbers
@@ -50,18 +54,40 @@ def load_truth(path: str | Path) -> SimulatedTruthConfig:
     return load_configuration(path, SimulatedTruthConfig)
 
 
+def with_friction(robot: Robot, friction: str) -> Robot:
+    """The robot with as much of its true friction as a scenario asks for.
+
+    Args:
+        friction: `full` for the truth as it is; `coulomb_viscous` for these two alone and `none`
+            for no friction, in either case on an arm that is otherwise as its file says.
+    """
+    if friction == "full":
+        return robot
+    if friction == "none":
+        return robot.with_truth(SimulatedTruthConfig())
+    truth = robot.truth
+    plain = JointFrictionConfig(
+        stiction=truth.coulomb,
+        coulomb=truth.coulomb,
+        stribeck_velocity=truth.stribeck_velocity,
+        viscous=truth.viscous,
+    )
+    return robot.with_truth(SimulatedTruthConfig(friction=plain))
+
+
 def true_robot(robot: Robot) -> Robot:
     """The robot as it really is: its joints' frames off, and its tool's weight.
 
     Frames are drawn once for each `individual`, along and about all three axes of the joint's own;
-    about the joint's axis that is an encoder's offset. The robot itself where nothing is off.
+    about the joint's axis that is an encoder's offset. Where several motors move one joint, rotors
+    turn with the joints instead, as in Drake's plant. The robot itself where nothing is off.
 
     Raises:
         InputError: a standard deviation or the tool's factor is negative or not finite.
     """
     mechanisms = robot.config.simulated_truth.mechanisms
     if mechanisms is None:
-        return robot
+        return robot.without_coupling() if robot.is_coupled else robot
     if mechanisms.payload is not None and mechanisms.payload.factor != 1.0:
         robot = _with_weight(robot, mechanisms.payload.factor)
     if mechanisms.kinematics is None:

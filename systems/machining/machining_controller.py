@@ -9,7 +9,7 @@ from wrenchsight.models.control.impedance_tick import impedance_tick
 from wrenchsight.models.machining.air_pass import TaughtTorque, taught_tick
 from wrenchsight.models.machining.machining_tick import lead_tick, take_tick
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
-from wrenchsight.models.rigid_body.flat_terms import flat_size
+from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.systems.impedance_controller import ImpedanceController
 from wrenchsight.systems.last_tick import LastTick
@@ -108,9 +108,10 @@ class MachiningController(LeafSystem):
         )
         # Memory that is settled once; nothing in it outlives a call.
         self._leading = (*reference.leading, np.ascontiguousarray(self._chain.table))
-        self._impedance = (*controller.constants, controller.has_force)
+        self._impedance = controller.law
         self._taking = (*estimator.taking, *reference.advancing)
-        self._known, self._scratch = np.empty(flat_size(n)), np.empty((n, SCRATCH_COLUMNS))
+        self._model_terms = RigidBodyTerms.zeros(n).record
+        self._scratch = np.empty((n, SCRATCH_COLUMNS))
         self._lesson = np.zeros(n + 1)
         self._unread = np.zeros(n)
 
@@ -140,9 +141,9 @@ class MachiningController(LeafSystem):
         state, out = context.get_discrete_state(0).value(), output.get_mutable_value()
         q, v = self._q.Eval(context), self._v.Eval(context)
         plan, reading = out[self._plan_from : self._plan_to], out[self._reading_at]
-        end, known = self._estimator_end, self._known
+        end, terms = self._estimator_end, self._model_terms
         lead_tick(
-            *self._leading, context.get_time(), state[end:-1], q, v, self._scratch, known, plan
+            *self._leading, context.get_time(), state[end:-1], q, v, self._scratch, terms, plan
         )
         taught, n = None, self._n
         if self._taught is not None:
@@ -151,9 +152,8 @@ class MachiningController(LeafSystem):
             taught = (lesson[:n], reference[n : 2 * n], lesson[n])
         self._estimator.read(self._tables, state[:end], q, v, self._unread, taught, reading)
         impedance_tick(
-            *self._impedance,
-            known,
-            v,
+            self._impedance,
+            terms,
             plan,
             out[self._wrench_at] if self._wrench is None else self._wrench.Eval(context),
             state[-1],

@@ -16,7 +16,8 @@ from wrenchsight.models.machining.machining_path import MachiningPath
 from wrenchsight.models.machining.machining_phases import PhasesConfig, initial_state
 from wrenchsight.models.machining.machining_reference import advance_reference, machining_reference
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
-from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms, SerialChain
+from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.systems.pose_reference import POSE_REFERENCE_SIZE
 

@@ -6,14 +6,12 @@ the runs. That the article's figures come out is what the studies themselves sho
 
 import numpy as np
 import pytest
-from wrenchsight.analyses.experiments.free_motion import (
-    combined,
-    friction,
-    repeat_cycle,
-    repeat_cycle_push,
-)
 
-from wrenchsight.analyses.experiments.setups.path_runs import repeated_cycles
+from wrenchsight.analyses.experiments.combined import experiment as combined
+from wrenchsight.analyses.experiments.friction import experiment as friction
+from wrenchsight.analyses.experiments.repeat_cycle import experiment as repeat_cycle
+from wrenchsight.analyses.experiments.repeat_cycle_push import experiment as repeat_cycle_push
+from wrenchsight.analyses.experiments.setups.path_runs import path_study, repeated_cycles
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     run_task,
     task_path,
@@ -53,8 +51,8 @@ def run_small(name, out, monkeypatch):
         monkeypatch.setattr(repeated_cycles, "task_path", known_path)
         monkeypatch.setattr(repeated_cycles, "repetition_errors", known_errors)
     else:
-        monkeypatch.setattr(module, "ONE_WAY_QUICK", 0.8)
-        monkeypatch.setattr(module, "identify_arm", known_arm)
+        monkeypatch.setattr(path_study, "ONE_WAY_QUICK", 0.8)
+        monkeypatch.setattr(path_study, "identify_arm", known_arm)
         if name == "combined":
             monkeypatch.setattr(module, "task_path", known_path)
             monkeypatch.setattr(module, "found_path", lambda *_: known_path(None, "optimised"))

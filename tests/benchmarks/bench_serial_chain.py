@@ -124,12 +124,10 @@ def main() -> None:
         lambda: arm.observer_terms(q1, v1),
         calls=2_000,
     )
-    Cv, V_WE, M = np.empty(6), np.empty(6), np.empty((6, 6))
+    terms = chain.terms(q1, v1).record
     compare(
         "one sample: all_terms (and Cv, M, V), preallocated",
-        lambda: all_terms(
-            chain.table, q1, v1, momentum, CTv, Cv, G, M, J, R_WE, p_WE, V_WE, scratch
-        ),
+        lambda: all_terms(chain.table, terms, scratch),
         lambda: arm.terms(q1, v1),
         calls=2_000,
     )

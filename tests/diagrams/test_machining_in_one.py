@@ -1,4 +1,4 @@
-"""Machining in two blocks: the numbers of the chain of blocks, in fewer calls into Python."""
+"""Machining's controller in one block: the numbers of its parts, in fewer calls into Python."""
 
 import collections
 import sys
@@ -93,7 +93,7 @@ def run(scenario, robot, fused, duration=0.5, **options):
         ),
     ],
 )
-def test_two_blocks_give_the_numbers_of_many(hard, name, knows, varied):
+def test_one_block_gives_the_numbers_of_many(hard, name, knows, varied):
     """To the last bit, from the approach over touch and work to the lift.
 
     Taught by an air pass, friction with a memory is taken as it is and that without at planned
@@ -199,16 +199,6 @@ def test_drives_that_report_their_current_late_do_so_in_one_block_as_well(hard):
     np.testing.assert_array_equal(late, robot.current_bandwidth < np.inf)
 
 
-def test_without_mechanisms_the_arm_is_many_blocks_and_the_controller_one(hard):
-    scenario, robot = short("Polishing"), plain_truth(hard)
-    plan = make_machining_path(scenario, robot)
-    options = {"model": plain_model(robot), "machining_path": plan, "duration": 0.1}
-    (one, loop), (many, _) = (run(scenario, robot, fused, **options) for fused in (True, False))
-    assert not loop.cell.diagram.HasSubsystemNamed("machined_arm")
-    for signal, values in one.items():
-        np.testing.assert_array_equal(values, many[signal], err_msg=signal)
-
-
 def test_damping_that_chatters_is_refused_as_of_the_blocks(hard):
     scenario = short("Polishing")
     controller = replace(scenario.controller, damping=np.array([700.0, 700, 400, 300, 300, 300]))
@@ -252,11 +242,11 @@ def test_a_tick_takes_seven_calls_two_of_them_of_estimator_and_controller(hard, 
     assert {call: count / 10 for call, count in calls.items()} == {
         ("MachiningController", "_calc_action"): 1.0,
         ("MachiningController", "_update"): 1.0,
-        ("MachinedArm", "_calc_motion"): 1.0,
-        ("MachinedArm", "_calc_drives"): 1.0,
-        ("MachinedArm", "_calc_spatial_forces"): 1.0,
-        ("MachinedArm", "_calc_truth"): 1.0,
-        ("MachinedArm", "_update"): 1.0,
+        ("TrueArm", "_calc_motion"): 1.0,
+        ("TrueArm", "_calc_drives"): 1.0,
+        ("TrueArm", "_calc_spatial_forces"): 1.0,
+        ("TrueArm", "_calc_truth"): 1.0,
+        ("TrueArm", "_update"): 1.0,
     }
 
 

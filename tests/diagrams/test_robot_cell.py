@@ -11,8 +11,8 @@ from wrenchsight.diagrams.scenario import PlateConfig, Scenario
 from wrenchsight.models.control.wrench_script import WrenchStep
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.robot.robot_config import PoseConfig
+from wrenchsight.models.truth.joint_kernels import RIGID
 from wrenchsight.systems.force_torque_sensor import ForceTorqueSensorConfig
-from wrenchsight.systems.joint_friction import HOLDING_DAMPING
 
 T = 1e-3
 QUIET = Scenario(friction="none", current_noise=False)
@@ -77,9 +77,7 @@ def test_the_motion_obeys_the_equation_of_motion(sts):
     vdot = np.diff(run.v, axis=0) / T
     left = chain.inverse_dynamics(run.q[:-1], run.v[:-1], vdot) + run.tau_f_true[:-1]
     right = run.tau_J_true[:-1] + run.tau_ext_true[:-1]
-    # Viscous friction acts at the velocity after the step: viscous vdot T, some 1e-2 N m.
-    implicit = sts.truth.viscous * vdot * T
-    np.testing.assert_allclose(left + implicit, right, atol=2e-6)
+    np.testing.assert_allclose(left, right, atol=2e-6)
 
 
 def test_gravity_held_at_rest_without_friction(sts):
@@ -97,7 +95,7 @@ def test_stiction_holds_what_gravity_compensation_misses(sts):
     scenario = replace(QUIET, friction="full")
     run = Run(scenario, sts, sts.home, G + miss, 0.5)
     # It creeps by torque / 1e5 N m s/rad; gravity changes by some ten N m times that angle.
-    creep = 0.5 * np.abs(miss).max() / HOLDING_DAMPING
+    creep = 0.5 * np.abs(miss).max() / RIGID
     np.testing.assert_allclose(run.q[-1], sts.home, atol=1.05 * creep)
     np.testing.assert_allclose(run.tau_f_true[-1], miss, atol=50 * creep)
 

@@ -8,7 +8,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 from wrenchsight.models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
-from wrenchsight.models.rigid_body.serial_chain import RigidBodyTerms
+from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.generalized_momentum_observer import GeneralizedMomentumObserver
 
 T = 1e-3
@@ -21,18 +21,9 @@ def config(K_0=(20.0,), torque_samples="held"):
 def terms(momentum, CTv=0.0, G=0.0):
     """Terms of which the observer reads momentum, CTv and G."""
     momentum = np.atleast_1d(np.asarray(momentum, float))
-    n, nothing = momentum.shape[0], np.empty(0)
-    return RigidBodyTerms(
-        momentum,
-        np.broadcast_to(np.asarray(CTv, float), n).copy(),
-        nothing,
-        np.broadcast_to(np.asarray(G, float), n).copy(),
-        nothing,
-        np.zeros((6, n)),
-        *([nothing] * 3),
-        np.zeros(n),
-        np.zeros(n),
-    )
+    result = RigidBodyTerms.zeros(momentum.shape[0])
+    result.momentum[:], result.CTv[:], result.G[:] = momentum, CTv, G
+    return result
 
 
 class MomentumSource(LeafSystem):

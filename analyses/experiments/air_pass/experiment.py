@@ -42,6 +42,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.estimation.point_of_action import find_point_of_action
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -114,7 +115,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
             ),
         ],
         comparison=_comparison(),
-        notes=_notes(metrics),
+        notes=filled(NOTES, metrics),
         configuration={
             "fitted": list(FITTED),
             "empty": VALIDATED["14harm50sec"],
@@ -250,52 +251,25 @@ def _comparison() -> list[ComparisonRow]:
     return rows
 
 
-def _notes(metrics: dict[str, Any]) -> list[str]:
-    def row(values: Any, digits: int = 1) -> str:
-        return " ".join(f"{value:.{digits}f}" for value in values)
-
-    notes = []
-    for key, law in LAWS.items():
-        own = metrics[key]
-        plain, taught = own["plain"], own["taught"]
-        notes.append(
-            f"{law}: the force at the load errs by {row(plain['rmse_f_n'])} N as read and by "
-            f"{row(taught['rmse_f_n'])} N taught, the torque by {row(plain['torque_rmse_nm'])} and "
-            f"{row(taught['torque_rmse_nm'])} N m. Of the torque error's mean square "
-            f"{row(own['repeated_share'], 2)} did repeat, joints 1 to 6; the errors of the two "
-            f"passes correlate by {row(own['correlation'], 2)}."
-        )
-    for key in list(LAWS)[:: len(LAWS) - 1]:
-        shares = {name: 100.0 * np.asarray(part) for name, part in metrics[key]["parts"].items()}
-        ranked = sorted(shares, key=lambda name: -float(shares[name][1]))
-        notes.append(
-            f"What joint 2's error with the load is made of, {LAWS[key]}, the largest first, and "
-            "of all joints [% of its mean square]: "
-            + "; ".join(f"{name.replace('_', ' ')} {row(shares[name], 0)}" for name in ranked)
-            + ". (`grows with load` is fitted in hindsight.)"
-        )
-    eq4, poor, rich = (metrics[key] for key in (NONE, *list(LAWS)[:: len(LAWS) - 1]))
-
-    def removed(part: dict[str, Any]) -> str:
-        shares = 100.0 * np.asarray(part["taken_off"]["torque_share"])
-        return f"{shares.min():.0f} to {shares.max():.0f} %"
-
-    return [
-        *notes,
-        f"Eq. 4 itself, torque less torque and no friction law: {row(eq4['taught']['rmse_f_n'])} N "
-        f"and {row(eq4['taught']['torque_rmse_nm'])} N m. Much of what the pass takes off a "
-        "simple law is not there with a richer one.",
-        "What does not repeat is what the load itself brings: joint 2's friction grows with it, on "
-        f"a plain law from {poor['plain']['torque_rmse_nm'][1]:.1f} to "
-        f"{poor['taught']['torque_rmse_nm'][1]:.1f} N m only; the first pass is without it.",
-        f"For the claims on machining: on this arm an air pass takes away {removed(poor)} of the "
-        f"joint torque's error with the poorest law and {removed(rich)} with the richest, and "
-        f"{100 * poor['taken_off']['force_share']:.0f} and "
-        f"{100 * rich['taken_off']['force_share']:.0f} % of the force's. What it takes away from a "
-        "simulated arm is that arm's own, and says nothing of this one.",
-        "The two passes are of one day, minutes apart, and of one motion in free space; a pass "
-        "just above a surface differs from the work in less than 2.8 kg, and in contact besides.",
-    ]
+NOTES = (
+    *(
+        f"{law}: force at the load off by <{key}.plain.rmse_f_n:.1f> N as read, "
+        f"<{key}.taught.rmse_f_n:.1f> N after the air pass; torque "
+        f"<{key}.plain.torque_rmse_nm:.1f> and <{key}.taught.torque_rmse_nm:.1f> N m; share of "
+        f"the mean square that repeats <{key}.repeated_share:.2f>, correlation "
+        f"of the passes <{key}.correlation:.2f>."
+        for key, law in LAWS.items()
+    ),
+    "Share of the error that the pass removes, torque by joint and force: "
+    + "; ".join(
+        f"<{key}.taken_off.torque_share:100 .0f> and <{key}.taken_off.force_share:100 .0f> % "
+        f"({LAWS[key]})"
+        for key in list(LAWS)[:: len(LAWS) - 1]
+    )
+    + ".",
+    "Both passes are of one day and one motion in free space. A pass above a surface differs from "
+    "the work in the contact besides.",
+)
 
 
 EXPERIMENT = Experiment(

@@ -40,6 +40,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from wrenchsight.analyses.study.wording import filled
 from wrenchsight.diagrams.held_arm import HeldArm, make_held_arm
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.control.wrench_script import (
@@ -386,7 +387,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics=metrics,
         figures=_figures(context, responses, t, true, readings),
         comparison=_comparison(metrics),
-        notes=findings(metrics, lowest),
+        notes=filled(NOTES, metrics),
         configuration={
             "robot": robot.name,
             "seed": context.seed,
@@ -402,30 +403,6 @@ def run(context: ExperimentContext) -> ExperimentResult:
             "sine_frequency": SINE_FREQUENCY,
         },
     )
-
-
-def findings(metrics: dict[str, Any], lowest: float) -> list[str]:
-    """What the figures say, in sentences."""
-    amplitude, phase = metrics["max_amplitude_error_pct"], metrics["max_phase_error_deg"]
-    slowest, fastest = (metrics[_name(K_0)] for K_0 in (GAINS[0], GAINS[-1]))
-    return [
-        f"The observer follows the first-order low-pass of eq. 30 within {amplitude:.4f} % and "
-        f"{phase:.3f}° for K_0 from {GAINS[0]:g} to {GAINS[-1]:g} 1/s, from {lowest:g} Hz to "
-        "five times each corner frequency.",
-        f"From K_0 = {GAINS[0]:g} to {GAINS[-1]:g} 1/s a step's time constant goes from "
-        f"{1e3 * slowest['step']['time_constant_s']:.0f} to "
-        f"{1e3 * fastest['step']['time_constant_s']:.1f} ms and a ramp's lag from "
-        f"{slowest['ramp']['lag_n']:.2f} to {fastest['ramp']['lag_n']:.2f} N, the noise "
-        f"in fx goes from {slowest['noise_sd_n'][0]:.2f} to {fastest['noise_sd_n'][0]:.2f} N.",
-        "The force is a sine in continuous time, on a plant that is integrated and not "
-        "stepped; drives, encoders and observers sample at 1 kHz. True and estimated torque "
-        "are compared at the same ticks, nothing is shifted. What is left of the phase error "
-        "is the mean over a tick that the sampled observer takes: against its own formula the "
-        f"largest deviation is {metrics['max_deviation_from_sampled_pct']:.4f} %.",
-        "No friction and the true model: the errors here are the observer's alone. Delay, lag "
-        "and attenuation are measured without current noise; the noise is the difference to a "
-        "second run with the noise and resolution of the robot file.",
-    ]
 
 
 def _metrics(
@@ -562,6 +539,19 @@ def _figures(
             "(Fig. 23).",
         ),
     ]
+
+
+NOTES = (
+    "Deviation from the low-pass of eq. 30, K_0 from 5 to 100 1/s: at most "
+    "<max_amplitude_error_pct:.4f> % and <max_phase_error_deg:.3f> deg; from the sampled filter's "
+    "own formula <max_deviation_from_sampled_pct:.4f> %.",
+    f"K_0 = {GAINS[0]:g} and {GAINS[-1]:g} 1/s: time constant of a step "
+    f"<{_name(GAINS[0])}.step.time_constant_s:1e3 .0f> and "
+    f"<{_name(GAINS[-1])}.step.time_constant_s:1e3 .1f> ms, lag of a ramp "
+    f"<{_name(GAINS[0])}.ramp.lag_n:.2f> and <{_name(GAINS[-1])}.ramp.lag_n:.2f> N, noise in fx "
+    f"<{_name(GAINS[0])}.noise_sd_n.0:.2f> and <{_name(GAINS[-1])}.noise_sd_n.0:.2f> N.",
+    "No friction and the true model: the errors are the observer's alone.",
+)
 
 
 EXPERIMENT = Experiment(

@@ -5,21 +5,23 @@ The article's first experiment (initial path, Coulomb-viscous friction) against 
 (optimised path, semi-parametric friction), then what this program adds, one change per row.
 """
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.path_runs.article_paths import found_path
+from wrenchsight.analyses.experiments.setups.path_runs.path_study import (
+    BAND_CAPTION,
+    PathStudy,
+    pushed_arm,
+    pushed_runs,
+)
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     PATHS,
-    TaskRun,
     highest_speed,
     on_path,
-    run_task,
     task_path,
-    task_scenario,
-    uniform_motion,
-    write_runs_page,
 )
 from wrenchsight.analyses.experiments.setups.path_runs.task_variants import (
     FAST,
@@ -29,25 +31,18 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_variants import (
     lag_alone,
     read_variants,
 )
-from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import identify_arm
 from wrenchsight.analyses.methods.reading.force_errors import (
     ForceReading,
     draw_signal,
     reductions,
-    variants_figure,
 )
-from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
 from wrenchsight.analyses.output.figures import COLOUR, legend_below, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
-    FigureFile,
 )
-from wrenchsight.analyses.study.figure_files import saved_figures
-from wrenchsight.analyses.study.wording import change, compared, listed
-from wrenchsight.diagrams.scenario import LineMotion
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.rigid_body.spatial_vectors import AXES
 
@@ -55,7 +50,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SCENARIO = "Combined"
-ONE_WAY_QUICK = 8.0  # s
 CV, SP = "coulomb-viscous", "semi-parametric"
 BEFORE, AFTER, OURS = "initial", "optimised", "ours"
 VARIANTS = (
@@ -72,122 +66,6 @@ VARIANTS = (
     EstimatorVariant("least_jcn", "B, path of least JCN", "found", SP, "bayesian", FAST),
     EstimatorVariant(OURS, "B, path of least force sd: ours", "placed", SP, "bayesian", FAST),
 )
-
-
-def run(context: ExperimentContext) -> ExperimentResult:
-    """The experiment `combined` of `study`."""
-    robot = context.robot(ROBOT)
-    models = identify_arm(
-        robot,
-        context.seed,
-        context.quick,
-        lambda s, what: context.progress(0.35 * s, what),
-        contact_noise=context.draws,
-    )
-    scenario = task_scenario(SCENARIO, context.seed, ONE_WAY_QUICK if context.quick else None)
-    scenarios = {path: on_path(scenario, robot, *task_path(robot, path)) for path in PATHS}
-    speed = highest_speed(list(scenarios.values()), robot)
-    context.progress(0.35, "placing the path")
-    bayesian = models.estimator(SP, speed, FAST, WrenchReconstructionConfig("bayesian"))
-    scenarios["placed"] = on_path(scenario, robot, *found_path(robot, 0, bayesian.model))
-    motion = scenario.motion
-    assert isinstance(motion, LineMotion)
-    runs: dict[str, TaskRun] = {}
-    for k, (path, own) in enumerate(scenarios.items()):
-
-        def told(share: float, what: str, k: int = k) -> None:
-            context.progress(0.45 + 0.4 * (k + share) / len(scenarios), what)
-
-        runs[path] = run_task(own, robot, path, told).between(*uniform_motion(motion))
-    context.progress(0.86, "readings")
-    readings = read_variants(models, runs, VARIANTS, speed)
-    metrics: dict[str, Any] = {key: own.metrics() for key, own in readings.items()}
-    metrics["known_friction"] = known_friction(models, runs["optimised"])
-    metrics["known_friction_fast"] = known_friction(models, runs["optimised"], FAST)
-    metrics["lag_alone"] = lag_alone(runs["optimised"])
-    metrics["lag_alone_fast"] = lag_alone(runs["optimised"], FAST)
-    metrics["ours_against_article"] = reductions(metrics[AFTER], metrics[OURS])
-    metrics["bayesian_against_article"] = reductions(metrics[AFTER], metrics["bayesian"])
-    metrics["correlation_gain"] = {
-        axis: metrics[AFTER][f"correlation_{axis}"] - metrics[BEFORE][f"correlation_{axis}"]
-        for axis in AXES
-    }
-    metrics["mean_jcn"] = {path: float(own.condition_number.mean()) for path, own in runs.items()}
-    metrics = {**reductions(metrics[BEFORE], metrics[AFTER]), **metrics}
-    context.progress(0.93, "figures")
-    return ExperimentResult(
-        metrics=metrics,
-        figures=_figures(context, readings, metrics) if context.draws else [],
-        recordings=[write_runs_page(robot, runs, 1, context.out, "Pushed by hand along the path")]
-        if context.draws
-        else [],
-        comparison=_comparison(),
-        notes=findings(metrics),
-        configuration={
-            "scenarios": scenarios,
-            "variants": VARIANTS,
-            "speed_rad_per_s": speed,
-        },
-    )
-
-
-def _three(metrics: dict[str, Any], key: str = "rmse_{}_n") -> str:
-    return " ".join(f"{metrics[key.format(axis)]:.2f}" for axis in AXES)
-
-
-def _changes(metrics: dict[str, Any]) -> str:
-    """By how much the RMSE falls, axis by axis."""
-    return ", ".join(change(metrics[f"reduction_rmse_{axis}_pct"]) for axis in AXES)
-
-
-def _axes(metrics: dict[str, Any], variant: str) -> str:
-    """Along which axes a variant errs less, and more, than the row (B) that it changes."""
-    before, after = metrics["bayesian"], metrics[variant]
-    words = {
-        axis: compared(
-            after[f"rmse_{axis}_n"], before[f"rmse_{axis}_n"], "less", "more", "as much", 0.02
-        )
-        for axis in AXES
-    }
-    said = listed(f"{axis.upper()} errs {word}" for axis, word in words.items())
-    return f"{said}, beside (B)"
-
-
-def findings(metrics: dict[str, Any]) -> list[str]:
-    """What the figures say, in sentences."""
-    before, after, ours = (metrics[key] for key in (BEFORE, AFTER, OURS))
-    shares = ", ".join(
-        f"{100 * metrics[v.key]['share_in_95_band']:.0f} % ({v.key})" for v in VARIANTS
-    )
-    return [
-        f"The article's two measures together take the RMSE in X, Y, Z from {_three(before)} to "
-        f"{_three(after)} N ({_changes(metrics)}), the correlation "
-        f"from {_three(before, 'correlation_{}')} to {_three(after, 'correlation_{}')}.",
-        f"Ours on top (K_0 = {FAST:g}, bayesian, path of least force sd) reads {_three(ours)} N: "
-        f"{_changes(metrics['ours_against_article'])} than the article's method. On the article's "
-        f"own path: {_three(metrics['bayesian'])} N.",
-        f"Without the two measures the errors are to one side by {_three(before, 'bias_{}_n')} N "
-        "in the mean. On the optimised path Coulomb-viscous friction alone reads "
-        f"{_three(metrics['optimised_coulomb_viscous'])} N; with the true friction known the "
-        f"article's reading there would err by {_three(metrics['known_friction'])} "
-        f"N, of which {_three(metrics['lag_alone'])} N are the lag of K_0 = 20 behind a hand of up "
-        f"to 3 Hz; with K_0 = {FAST:g} by {_three(metrics['known_friction_fast'])} N and "
-        f"{_three(metrics['lag_alone_fast'])} N.",
-        "No law here contains ripple over position and load dependence: they remain. With "
-        f"`presliding` {_axes(metrics, 'presliding')} "
-        f"({_three(metrics['presliding'])} N): it knows elastic creep before sliding, which dry "
-        "friction (`--truth plain`) does not have.",
-        f"With `force_only` {_axes(metrics, 'force_only')} ({_three(metrics['force_only'])} N): it "
-        "trusts the light wrist joints most, and these hardly move on the article's paths (joint 4 "
-        "rests on the optimised one), where a joint keeps back part of a push within its stiction.",
-        f"On the path of least mean condition number {_axes(metrics, 'least_jcn')} "
-        f"({_three(metrics['least_jcn'])} N): the condition number asks about the worst direction "
-        "of force and moment together, the force sd about force.",
-        f"Inside the stated 95 % band lie {shares}. The band follows each joint's state, learnt "
-        "from contact-free logs (`arm_models`), never from these runs.",
-        "The hand pushes for 6 s and pauses for 4 s, 15 N standard deviation per axis with nothing "
-        "above 3 Hz; readings count where the arm moves evenly, between ramps of 1 % of the time.",
-    ]
 
 
 def _comparison() -> list[ComparisonRow]:
@@ -257,55 +135,101 @@ def error_figure(readings: dict[str, ForceReading]) -> "Figure":
     return figure
 
 
-def _figures(
-    context: ExperimentContext, readings: dict[str, ForceReading], metrics: dict[str, Any]
-) -> list[FigureFile]:
+def _errors(key: str) -> str:
+    return f"<{key}.rmse_x_n:.2f> <{key}.rmse_y_n:.2f> <{key}.rmse_z_n:.2f> N"
+
+
+NOTES = (
+    f"RMSE in X, Y, Z: {_errors(BEFORE)} (article, initial path, Coulomb-viscous), "
+    f"{_errors(AFTER)} (article, both measures; reduced by <reduction_rmse_x_pct:.1f> "
+    "<reduction_rmse_y_pct:.1f> <reduction_rmse_z_pct:.1f> %).",
+    f"Ours (K_0 = {FAST:g}, bayesian, path of least force sd): {_errors(OURS)}, "
+    "<ours_against_article.reduction_rmse_x_pct:.1f> "
+    "<ours_against_article.reduction_rmse_y_pct:.1f> "
+    "<ours_against_article.reduction_rmse_z_pct:.1f> % below the article's. On the article's "
+    f"path: {_errors('bayesian')}; with `presliding` {_errors('presliding')}; with `force_only` "
+    f"{_errors('force_only')}; on the path of least mean condition number {_errors('least_jcn')}.",
+    f"With the true friction: {_errors('known_friction')} at K_0 = 20, of which the lag makes "
+    f"{_errors('lag_alone')}; {_errors('known_friction_fast')} and {_errors('lag_alone_fast')} at "
+    f"K_0 = {FAST:g}.",
+    "Inside the stated 95 % band: "
+    + ", ".join(f"<{one.key}.share_in_95_band:100 .0f> % ({one.key})" for one in VARIANTS)
+    + ".",
+)
+
+
+STUDY = PathStudy(
+    title="Pushed by hand along the path",
+    passes=1,
+    variants=VARIANTS,
+    variants_title="Pushed by hand along the path: one change per row",
+    comparison=_comparison(),
+    notes=NOTES,
+    variants_caption="Errors of every variant. A row with + changes the row above it, one with B "
+    f"the row marked (B). {BAND_CAPTION}",
+)
+
+
+def run(context: ExperimentContext) -> ExperimentResult:
+    """The experiment `combined` of `study`."""
+    models, scenario = pushed_arm(context, SCENARIO, 0.35)
+    robot = models.robot
+    scenarios = {path: on_path(scenario, robot, *task_path(robot, path)) for path in PATHS}
+    speed = highest_speed(list(scenarios.values()), robot)
+    context.progress(0.35, "placing the path")
+    bayesian = models.estimator(SP, speed, FAST, WrenchReconstructionConfig("bayesian"))
+    scenarios["placed"] = on_path(scenario, robot, *found_path(robot, 0, bayesian.model))
+    runs = pushed_runs(context, models, scenarios, 0.45)
+    readings = read_variants(models, runs, VARIANTS, speed)
+    metrics: dict[str, Any] = {key: own.metrics() for key, own in readings.items()}
+    before, after = metrics[BEFORE], metrics[AFTER]
+    metrics["known_friction"] = known_friction(models, runs["optimised"])
+    metrics["known_friction_fast"] = known_friction(models, runs["optimised"], FAST)
+    metrics["lag_alone"] = lag_alone(runs["optimised"])
+    metrics["lag_alone_fast"] = lag_alone(runs["optimised"], FAST)
+    metrics["ours_against_article"] = reductions(after, metrics[OURS])
+    metrics["bayesian_against_article"] = reductions(after, metrics["bayesian"])
+    metrics["correlation_gain"] = {
+        axis: after[f"correlation_{axis}"] - before[f"correlation_{axis}"] for axis in AXES
+    }
+    metrics["mean_jcn"] = {path: float(own.condition_number.mean()) for path, own in runs.items()}
+    return STUDY.result(
+        context,
+        runs,
+        {**reductions(before, after), **metrics},
+        lambda: _figures(readings),
+        {"scenarios": scenarios, "speed_rad_per_s": speed},
+    )
+
+
+def _figures(readings: dict[str, ForceReading]) -> "Iterator[tuple[str, Figure, str]]":
     limits = np.array([1.15 * float(np.abs(readings[BEFORE].force[:, k]).max()) for k in range(3)])
-    figures = (
+    for name, key, colour, title, caption in (
         (
             "without",
-            axes_figure(
-                readings[BEFORE],
-                "Without the article's method: initial path, Coulomb-viscous",
-                COLOUR["before"],
-                limits,
-            ),
+            BEFORE,
+            COLOUR["before"],
+            "Without the article's method: initial path, Coulomb-viscous",
             "Force read on the initial path with Coulomb-viscous friction (Fig. 20).",
         ),
         (
             "with",
-            axes_figure(
-                readings[AFTER],
-                "With it: optimised path, semi-parametric",
-                COLOUR["after"],
-                limits,
-            ),
-            "Force read on the optimised path with semi-parametric friction (Fig. 21), drawn to "
-            "the same scale.",
+            AFTER,
+            COLOUR["after"],
+            "With it: optimised path, semi-parametric",
+            "Force read on the optimised path with semi-parametric friction (Fig. 21), to the "
+            "same scale.",
         ),
         (
             "ours",
-            axes_figure(
-                readings[OURS],
-                f"Ours: path of least force sd, bayesian, K$_0$ = {FAST:g}",
-                COLOUR["estimate"],
-                limits,
-            ),
+            OURS,
+            COLOUR["estimate"],
+            f"Ours: path of least force sd, bayesian, K$_0$ = {FAST:g}",
             "Force read by this program, to the same scale.",
         ),
-        ("errors", error_figure(readings), "Errors of the three over time."),
-        (
-            "variants",
-            variants_figure(
-                metrics,
-                {variant.key: variant.label for variant in VARIANTS},
-                "Pushed by hand along the path: one change per row",
-            ),
-            "Errors of every variant. A row with + changes the row above it, one with B the row "
-            "marked (B). Grey: where the share inside a correct 95 % band lies.",
-        ),
-    )
-    return saved_figures(figures, context.out)
+    ):
+        yield name, axes_figure(readings[key], title, colour, limits), caption
+    yield "errors", error_figure(readings), "Errors of the three over time."
 
 
 EXPERIMENT = Experiment(

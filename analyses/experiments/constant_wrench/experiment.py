@@ -30,7 +30,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
-from wrenchsight.analyses.study.wording import change
+from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
 from wrenchsight.models.motion.inverse_kinematics import follow_path
@@ -220,7 +220,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics=metrics,
         figures=_figures(context, result),
         comparison=_comparison(),
-        notes=findings(metrics),
+        notes=filled(NOTES, metrics),
         configuration={
             "robot": robot.name,
             "seed": context.seed,
@@ -232,60 +232,6 @@ def run(context: ExperimentContext) -> ExperimentResult:
             "optimised_path": _path_configuration(OPTIMISED_PATH),
         },
     )
-
-
-def findings(metrics: dict[str, Any]) -> list[str]:
-    """What the figures say, in sentences."""
-    cases = {
-        "initial": metrics["initial"],
-        "optimised": metrics["optimised"],
-        "found": metrics["found"],
-        "other_elbow": metrics["optimised"]["other_elbow"],
-    }
-    before, after = (cases[case]["max_error_y_n"] for case in ("initial", "optimised"))
-    span = {
-        case: "between {:.2f} and {:.2f} N".format(*own["max_error_y_range_n"])
-        for case, own in cases.items()
-    }
-    elbows = {
-        name: abs(cases[name]["mean_jcn_along_path"] - 10.8713)
-        for name in ("optimised", "other_elbow")
-    }
-    nearer = min(elbows, key=lambda name: elbows[name]) == "optimised"
-    means = {
-        "the mean over 21 points": "mean_jcn",
-        "the mean along the path": "mean_jcn_along_path",
-        "the mean over time": "mean_jcn_over_time",
-    }
-
-    def nearest(case: str, article: float) -> str:
-        return min(means, key=lambda name: abs(cases[case][means[name]] - article))
-
-    return [
-        f"On the optimised path the largest error in Y is {after:.1f} N, on the initial one "
-        f"{before:.1f} N ({change(metrics['reduction_pct']['max_error_y'])}; the article: 24.86 "
-        "to 7.30 N, 70.63 % less).",
-        "Not known: the distribution of the torque error. The article says random, mean 0, an "
-        "amplitude of 15 % of the torque that the wrench needs. Taken here: each joint's error is "
-        "uniform, and its 15 % of that joint's own torque are from peak to peak, which gives "
-        f"{before / 24.86:.2f} and {after / 7.30:.2f} times the article's figures; 15 % to either "
-        "side would double them.",
-        f"The errors here are medians of {metrics['initial']['draws']} draws; the article reports "
-        f"one. The largest error in Y lay {span['initial']} on the initial path and "
-        f"{span['optimised']} on the optimised one.",
-        "Not known: on which side of the optimised path the elbow is. Reported is the branch "
-        + ("with the mean condition number nearer to the article's" if nearer else "named first")
-        + f". With the elbow on the other side the largest error in Y lay {span['other_elbow']}.",
-        "On the path that `linear-path` finds (mean "
-        f"{metrics['found']['mean_jcn']:.3f}), turned about the first axis so "
-        f"that it lies straight ahead, the largest error in Y lay {span['found']}.",
-        "`mean_jcn` is the mean over the k + 1 = 21 points of eq. 24 (eq. 27 divides by k), "
-        "`mean_jcn_along_path` the mean over the path, `mean_jcn_over_time` that over even "
-        "steps of time with a third of it each for acceleration and deceleration. The article's "
-        f"20.2378 of the initial path is nearest to {nearest('initial', 20.2378)}, its 10.8713 of "
-        f"the optimised path to {nearest('optimised', 10.8713)}. Like with like, over 21 points, "
-        f"the mean is {change(metrics['reduction_pct']['mean_jcn'])}; the article states 46.28 %.",
-    ]
 
 
 def _path_configuration(path: StraightPath) -> dict[str, Any]:
@@ -415,6 +361,24 @@ def _figures(context: ExperimentContext, result: ConstantWrench) -> list[FigureF
             "Error of the force in Y before and after the optimisation (Fig. 10).",
         ),
     ]
+
+
+NOTES = (
+    "Largest error in Y: <initial.max_error_y_n:.1f> N on the initial path, "
+    "<optimised.max_error_y_n:.1f> N on the optimised one "
+    "(reduced by <reduction_pct.max_error_y:.1f> %; article: 24.86, 7.30 N, 70.63 %), medians of "
+    "<initial.draws:.0f> draws. The article reports one draw.",
+    "Range of the draws: <initial.max_error_y_range_n:.2f> N (initial), "
+    "<optimised.max_error_y_range_n:.2f> N (optimised), "
+    "<optimised.other_elbow.max_error_y_range_n:.2f> N (optimised, other elbow), "
+    "<found.max_error_y_range_n:.2f> N (path of `linear-path`, mean JCN <found.mean_jcn:.3f>).",
+    "The article does not state the error's distribution. Taken here: uniform, 15 % of the joint's "
+    "torque from peak to peak.",
+    "Mean JCN over 21 points, along the path and over time: <initial.mean_jcn:.2f> "
+    "<initial.mean_jcn_along_path:.2f> <initial.mean_jcn_over_time:.2f> (initial; article "
+    "20.2378), <optimised.mean_jcn:.2f> <optimised.mean_jcn_along_path:.2f> "
+    "<optimised.mean_jcn_over_time:.2f> (optimised; article 10.8713).",
+)
 
 
 EXPERIMENT = Experiment(

@@ -56,6 +56,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from wrenchsight.analyses.study.wording import filled
 from wrenchsight.diagrams.closed_loop import make_closed_loop
 from wrenchsight.diagrams.scenario import Scenario
 from wrenchsight.models.arrays import Array
@@ -158,7 +159,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics=metrics,
         figures=[_figure(metrics, context.out)],
         comparison=_comparison(),
-        notes=_notes(metrics),
+        notes=filled(NOTES, metrics),
         configuration={
             "false_alarms_per_hour": RATE,
             "K_0_per_s": K_0,
@@ -418,41 +419,6 @@ def _counted(own: dict[str, Any], how: str) -> str:
     )
 
 
-def _notes(metrics: dict[str, Any]) -> list[str]:
-    twins = metrics["simulated_days"]
-    free, judged = metrics["contact_free"], metrics[JUDGED]
-    wrist, rest = metrics["collision_wrist"], metrics["push_pose_1"]
-    return [
-        f"At {RATE:g} false alarm an hour {free['false_alarms']} in {60 * free['hours']:.1f} "
-        f"contact-free minutes, which agrees with up to {free['false_alarms_per_hour_upper']:.0f} "
-        "an hour: minutes do not confirm a rate of one an hour, they could only contradict it.",
-        f"Pushes of 30 N for .5 s at E while moving: {judged['missed']} of {judged['contacts']} "
-        f"missed, delay {1e3 * judged['delay_median_s']:.0f} ms in the median, "
-        f"{1e3 * judged['delay_p95_s']:.0f} ms in 95 %, {1e3 * judged['delay_max_s']:.0f} ms at "
-        f"most; {judged['within_50ms_pct']:.0f} % within 50 ms.",
-        "False alarms counted at other stated rates: "
-        + "; ".join(
-            _counted(metrics[f"threshold_{rate:g}_per_hour"], f"{rate:g} an hour") for rate in RATES
-        )
-        + ".",
-        f"In {twins[f'at_{RATE:g}_per_hour']['hours']:.2f} simulated hours of the same motions: "
-        + "; ".join(_counted(twins[f"at_{rate:g}_per_hour"], f"{rate:g}") for rate in RATES[1:])
-        + ".",
-        "Pushes of 30 N for .5 s off E that are told not to be at E: "
-        + "; ".join(
-            f"link {link} {metrics[f'link_{link}_30n']['misfit_pct']:.0f} % "
-            f"({metrics[f'link_{link}_30n']['link_right']} named rightly, "
-            f"{metrics[f'link_{link}_30n']['link_wrong']} wrongly)"
-            for link in OFF_E
-        )
-        + ".",
-        f"Hand collisions: {wrist['contacts'] - wrist['missed']} of {wrist['contacts']} found, "
-        f"{wrist['false_alarms']} besides. Pushed at rest: "
-        f"{rest['contacts'] - rest['missed']} of {rest['contacts']} found, "
-        f"{rest['false_alarms']} besides.",
-    ]
-
-
 def _figure(metrics: dict[str, Any], out: Path) -> FigureFile:
     figure, axes = new_figure(1, 3, height=3.4)
     panel: Any = axes[0, 0]
@@ -491,6 +457,35 @@ def _figure(metrics: dict[str, Any], out: Path) -> FigureFile:
         "for pushes of half a second at E."
     )
     return FigureFile(path, caption)
+
+
+NOTES = (
+    f"At {RATE:g} false alarm an hour: <contact_free.false_alarms:.0f> in "
+    "<contact_free.hours:60 .1f> contact-free minutes, which agrees with up to "
+    "<contact_free.false_alarms_per_hour_upper:.0f> an hour.",
+    f"Pushes of 30 N for 0.5 s at E while moving: <{JUDGED}.missed:.0f> of <{JUDGED}.contacts:.0f> "
+    f"missed, delay <{JUDGED}.delay_median_s:1e3 .0f> ms in the median, "
+    f"<{JUDGED}.delay_p95_s:1e3 .0f> ms in 95 %, <{JUDGED}.delay_max_s:1e3 .0f> ms at most.",
+    "False alarms at other stated rates: "
+    + "; ".join(
+        f"<threshold_{rate:g}_per_hour.false_alarms:.0f> "
+        f"(<threshold_{rate:g}_per_hour.expected:.1f> expected) at {rate:g} an hour"
+        for rate in RATES
+    )
+    + "; simulated: "
+    + "; ".join(
+        f"<simulated_days.at_{rate:g}_per_hour.false_alarms:.0f> "
+        f"(<simulated_days.at_{rate:g}_per_hour.expected:.1f> expected) at {rate:g}"
+        for rate in RATES[1:]
+    )
+    + ".",
+    "Pushes of 30 N for 0.5 s off E recognised as off E: "
+    + "; ".join(f"link {link} <link_{link}_30n.misfit_pct:.0f> %" for link in OFF_E)
+    + ".",
+    "Missed: <collision_wrist.missed:.0f> of <collision_wrist.contacts:.0f> hand collisions, "
+    "<push_pose_1.missed:.0f> of <push_pose_1.contacts:.0f> pushes at rest; false alarms "
+    "<collision_wrist.false_alarms:.0f> and <push_pose_1.false_alarms:.0f>.",
+)
 
 
 EXPERIMENT = Experiment(

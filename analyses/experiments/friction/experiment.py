@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from wrenchsight.analyses.experiments.setups.path_runs.path_study import (
+    PathStudy,
+    pushed_arm,
+    pushed_runs,
+)
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     TaskRun,
     highest_speed,
-    run_task,
-    task_scenario,
-    uniform_motion,
-    write_runs_page,
 )
 from wrenchsight.analyses.experiments.setups.path_runs.task_variants import (
     FAST,
@@ -25,15 +26,12 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_variants import (
     lag_alone,
     read_variants,
 )
-from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import identify_arm
 from wrenchsight.analyses.methods.reading.force_errors import (
     ForceReading,
     draw_signal,
     envelope,
     reductions,
-    variants_figure,
 )
-from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
 from wrenchsight.analyses.output.axes import limit_y
 from wrenchsight.analyses.output.figures import COLOUR, SERIES, legend_below, new_figure
 from wrenchsight.analyses.study.experiment import (
@@ -41,17 +39,13 @@ from wrenchsight.analyses.study.experiment import (
     Experiment,
     ExperimentContext,
     ExperimentResult,
-    FigureFile,
 )
-from wrenchsight.analyses.study.figure_files import saved_figures
-from wrenchsight.analyses.study.wording import change
 from wrenchsight.diagrams.scenario import LineMotion
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SCENARIO = "FrictionAtReversal"
-ONE_WAY_QUICK = 8.0  # s
 NEAR = 0.02  # of the time, to either side of the middle: "near the reversal"
 BEFORE, AFTER = "coulomb-viscous", "semi-parametric"
 VARIANTS = (
@@ -64,151 +58,6 @@ VARIANTS = (
         "ours", f"semi-parametric, bayesian, K$_0$ = {FAST:g}", "initial", AFTER, "bayesian", FAST
     ),
 )
-
-
-def run(context: ExperimentContext) -> ExperimentResult:
-    """The experiment `friction` of `study`."""
-    robot = context.robot(ROBOT)
-    models = identify_arm(
-        robot,
-        context.seed,
-        context.quick,
-        lambda s, what: context.progress(0.6 * s, what),
-        contact_noise=context.draws,
-    )
-    scenario = task_scenario(SCENARIO, context.seed, ONE_WAY_QUICK if context.quick else None)
-    run = run_task(
-        scenario, robot, "initial", lambda s, what: context.progress(0.6 + 0.25 * s, what)
-    )
-    context.progress(0.86, "readings")
-    speed = highest_speed([scenario], robot)
-    motion = scenario.motion
-    assert isinstance(motion, LineMotion)
-    run = run.between(*uniform_motion(motion))
-    readings = read_variants(models, {"initial": run}, VARIANTS, speed)
-    metrics: dict[str, Any] = {key: own.metrics() for key, own in readings.items()}
-    middle = 0.5 * motion.one_way
-    for key, own in readings.items():
-        near = np.abs(own.t - middle) <= NEAR * motion.one_way
-        part = own.part(near).metrics()
-        metrics[key]["near_reversal"] = {
-            name: value for name, value in part.items() if name.startswith(("rmse", "max"))
-        }
-    metrics["near_reversal"] = reductions(
-        metrics["coulomb_viscous"]["near_reversal"], metrics["semi_parametric"]["near_reversal"]
-    )
-    metrics["known_friction"] = known_friction(models, run)
-    metrics["lag_alone"] = lag_alone(run)
-    # The article's two variants against the true force behind the same low-pass: friction alone.
-    lagged = {
-        key: against_lagged(readings[key], run) for key in ("coulomb_viscous", "semi_parametric")
-    }
-    metrics["without_lag"] = {
-        **lagged,
-        **reductions(lagged["coulomb_viscous"], lagged["semi_parametric"]),
-    }
-    metrics["ours_against_article"] = reductions(metrics["semi_parametric"], metrics["ours"])
-    metrics = {**reductions(metrics["coulomb_viscous"], metrics["semi_parametric"]), **metrics}
-    context.progress(0.93, "figures")
-    return ExperimentResult(
-        metrics=metrics,
-        figures=_figures(context, run, readings, metrics, middle) if context.draws else [],
-        recordings=[
-            write_runs_page(
-                robot, {"initial": run}, 1, context.out, "Joints turning round under a hand"
-            )
-        ]
-        if context.draws
-        else [],
-        comparison=_comparison(),
-        notes=findings(metrics),
-        configuration={"scenario": scenario, "variants": VARIANTS, "speed_rad_per_s": speed},
-    )
-
-
-def findings(metrics: dict[str, Any]) -> list[str]:
-    """What the figures say, in sentences."""
-    before, after, ours = (metrics[key] for key in ("coulomb_viscous", "semi_parametric", "ours"))
-    return [
-        f"In Z the semi-parametric law takes the RMSE from {before['rmse_z_n']:.2f} to "
-        f"{after['rmse_z_n']:.2f} N ({change(metrics['reduction_rmse_z_pct'])}) and the largest "
-        f"error from {before['max_error_z_n']:.1f} to {after['max_error_z_n']:.1f} N "
-        f"({change(metrics['reduction_max_z_pct'])}); within {100 * NEAR:g} % of the time to "
-        f"either side of the reversal {change(metrics['near_reversal']['reduction_rmse_z_pct'])} "
-        f"and {change(metrics['near_reversal']['reduction_max_z_pct'])}.",
-        _lag_note(metrics),
-        f"Read bayesian and with K_0 = {FAST:g}: "
-        f"{ours['rmse_x_n']:.2f} {ours['rmse_y_n']:.2f} {ours['rmse_z_n']:.2f} N, where the "
-        f"article's law and reading give {after['rmse_x_n']:.2f} {after['rmse_y_n']:.2f} "
-        f"{after['rmse_z_n']:.2f} N.",
-        "Inside the stated 95 % band lie "
-        + ", ".join(f"{100 * metrics[v.key]['share_in_95_band']:.0f} % ({v.key})" for v in VARIANTS)
-        + ". The band follows each joint's state, learnt from contact-free logs "
-        "(`arm_models`), never from this run. A law without Stribeck's rise "
-        "errs to one side wherever joints are slow, which a fast log hardly shows.",
-    ]
-
-
-def _lag_note(metrics: dict[str, Any]) -> str:
-    alone, lag = metrics["without_lag"], metrics["lag_alone"]
-    before, after = alone["coulomb_viscous"], alone["semi_parametric"]
-    return (
-        "Not all of the largest errors is friction's. A hand of up to 3 Hz is as fast as K_0 = 20: "
-        f"the true force behind that low-pass is {lag['rmse_z_n']:.2f} N RMS, at most "
-        f"{lag['max_error_z_n']:.1f} N, off the sensor in Z; a reading with the true friction "
-        f"known {metrics['known_friction']['rmse_z_n']:.2f} N. Held against the true force behind "
-        f"the same low-pass, the law takes the RMSE in Z from {before['rmse_z_n']:.2f} to "
-        f"{after['rmse_z_n']:.2f} N ({change(alone['reduction_rmse_z_pct'])}) and the largest "
-        f"error from {before['max_error_z_n']:.1f} to {after['max_error_z_n']:.1f} N "
-        f"({change(alone['reduction_max_z_pct'])})."
-    )
-
-
-def _comparison() -> list[ComparisonRow]:
-    return [
-        ComparisonRow("RMSE in Z, Coulomb-viscous", "coulomb_viscous.rmse_z_n", "N", 8.1579),
-        ComparisonRow(
-            "RMSE in Z, semi-parametric",
-            "semi_parametric.rmse_z_n",
-            "N",
-            5.4073,
-            ours="ours.rmse_z_n",
-        ),
-        ComparisonRow("Reduction of the RMSE in Z", "reduction_rmse_z_pct", "%", 33.72),
-        ComparisonRow(
-            "Largest error in Z, Coulomb-viscous", "coulomb_viscous.max_error_z_n", "N", 49.7432
-        ),
-        ComparisonRow(
-            "Largest error in Z, semi-parametric",
-            "semi_parametric.max_error_z_n",
-            "N",
-            20.4279,
-            ours="ours.max_error_z_n",
-        ),
-        ComparisonRow(
-            "Reduction of the largest error in Z",
-            "reduction_max_z_pct",
-            "%",
-            58.93,
-            "the observer's lag behind the hand has its part in it (see notes)",
-        ),
-        ComparisonRow(
-            "Reduction of the largest error in Z within 2 s of the reversal",
-            "near_reversal.reduction_max_z_pct",
-            "%",
-            58.93,
-            "the article's peak is at the reversal",
-        ),
-        ComparisonRow(
-            "Reduction of the largest error in Z, without lag",
-            "without_lag.reduction_max_z_pct",
-            "%",
-            58.93,
-            "against the true force behind the same low-pass",
-        ),
-        ComparisonRow("RMSE in Z, ours", "ours.rmse_z_n", "N", None),
-        ComparisonRow("Share in the 95 % band, ours", "ours.share_in_95_band", "", None),
-    ]
 
 
 def reversal_figure(run: TaskRun, readings: dict[str, ForceReading], middle: float) -> "Figure":
@@ -246,30 +95,116 @@ def reversal_figure(run: TaskRun, readings: dict[str, ForceReading], middle: flo
     return figure
 
 
-def _figures(
-    context: ExperimentContext,
-    run: TaskRun,
-    readings: dict[str, ForceReading],
-    metrics: dict[str, Any],
-    middle: float,
-) -> list[FigureFile]:
-    figures = (
-        (
-            "force-z",
-            reversal_figure(run, readings, middle),
-            "Force in Z with both of the article's laws, error, and joint velocity (Fig. 19).",
-        ),
-        (
-            "variants",
-            variants_figure(
-                metrics,
-                {variant.key: variant.label for variant in VARIANTS},
-                "Joints turning round under a hand: one change per row",
-            ),
-            "Errors of every variant. Grey: where the share inside a correct 95 % band lies.",
-        ),
+NOTES = (
+    "RMSE in Z: <coulomb_viscous.rmse_z_n:.2f> N with Coulomb-viscous friction, "
+    "<semi_parametric.rmse_z_n:.2f> N with the semi-parametric law "
+    "(reduced by <reduction_rmse_z_pct:.1f> %); largest error "
+    "<coulomb_viscous.max_error_z_n:.1f> and <semi_parametric.max_error_z_n:.1f> N (by "
+    "<reduction_max_z_pct:.1f> %).",
+    f"Within {100 * NEAR:g} % of the time of the reversal the RMSE is reduced by "
+    "<near_reversal.reduction_rmse_z_pct:.1f> %, the largest error by "
+    "<near_reversal.reduction_max_z_pct:.1f> %. Against the true force behind "
+    "the same low-pass: <without_lag.reduction_rmse_z_pct:.1f> and "
+    "<without_lag.reduction_max_z_pct:.1f> %.",
+    "The lag of K_0 = 20 behind the hand is <lag_alone.rmse_z_n:.2f> N RMS in Z, the error with "
+    "the true friction <known_friction.rmse_z_n:.2f> N.",
+    f"Bayesian with K_0 = {FAST:g}: <ours.rmse_x_n:.2f> <ours.rmse_y_n:.2f> <ours.rmse_z_n:.2f> N; "
+    "the article's law and reading: <semi_parametric.rmse_x_n:.2f> "
+    "<semi_parametric.rmse_y_n:.2f> <semi_parametric.rmse_z_n:.2f> N (X Y Z).",
+    "Inside the stated 95 % band: "
+    + ", ".join(f"<{one.key}.share_in_95_band:100 .0f> % ({one.key})" for one in VARIANTS)
+    + ".",
+)
+
+
+COMPARISON = (
+    ComparisonRow("RMSE in Z, Coulomb-viscous", "coulomb_viscous.rmse_z_n", "N", 8.1579),
+    ComparisonRow(
+        "RMSE in Z, semi-parametric",
+        "semi_parametric.rmse_z_n",
+        "N",
+        5.4073,
+        ours="ours.rmse_z_n",
+    ),
+    ComparisonRow("Reduction of the RMSE in Z", "reduction_rmse_z_pct", "%", 33.72),
+    ComparisonRow(
+        "Largest error in Z, Coulomb-viscous", "coulomb_viscous.max_error_z_n", "N", 49.7432
+    ),
+    ComparisonRow(
+        "Largest error in Z, semi-parametric",
+        "semi_parametric.max_error_z_n",
+        "N",
+        20.4279,
+        ours="ours.max_error_z_n",
+    ),
+    ComparisonRow(
+        "Reduction of the largest error in Z",
+        "reduction_max_z_pct",
+        "%",
+        58.93,
+        "the observer's lag behind the hand has its part in it (see notes)",
+    ),
+    ComparisonRow(
+        "Reduction of the largest error in Z within 2 s of the reversal",
+        "near_reversal.reduction_max_z_pct",
+        "%",
+        58.93,
+        "the article's peak is at the reversal",
+    ),
+    ComparisonRow(
+        "Reduction of the largest error in Z, without lag",
+        "without_lag.reduction_max_z_pct",
+        "%",
+        58.93,
+        "against the true force behind the same low-pass",
+    ),
+    ComparisonRow("RMSE in Z, ours", "ours.rmse_z_n", "N", None),
+    ComparisonRow("Share in the 95 % band, ours", "ours.share_in_95_band", "", None),
+)
+STUDY = PathStudy(
+    title="Joints turning round under a hand",
+    passes=1,
+    variants=VARIANTS,
+    variants_title="Joints turning round under a hand: one change per row",
+    comparison=COMPARISON,
+    notes=NOTES,
+)
+
+
+def run(context: ExperimentContext) -> ExperimentResult:
+    """The experiment `friction` of `study`."""
+    models, scenario = pushed_arm(context, SCENARIO, 0.6)
+    speed = highest_speed([scenario], models.robot)
+    runs = pushed_runs(context, models, {"initial": scenario}, 0.6)
+    run, motion = runs["initial"], scenario.motion
+    assert isinstance(motion, LineMotion)
+    readings = read_variants(models, runs, VARIANTS, speed)
+    metrics: dict[str, Any] = {key: own.metrics() for key, own in readings.items()}
+    middle = 0.5 * motion.one_way
+    for key, own in readings.items():
+        near = np.abs(own.t - middle) <= NEAR * motion.one_way
+        part = own.part(near).metrics()
+        metrics[key]["near_reversal"] = {
+            name: value for name, value in part.items() if name.startswith(("rmse", "max"))
+        }
+    before, after = (metrics[key] for key in ("coulomb_viscous", "semi_parametric"))
+    metrics["near_reversal"] = reductions(before["near_reversal"], after["near_reversal"])
+    metrics["known_friction"] = known_friction(models, run)
+    metrics["lag_alone"] = lag_alone(run)
+    # The article's two variants against the true force behind the same low-pass: friction alone.
+    lagged = {
+        key: against_lagged(readings[key], run) for key in ("coulomb_viscous", "semi_parametric")
+    }
+    metrics["without_lag"] = {**lagged, **reductions(*lagged.values())}
+    metrics["ours_against_article"] = reductions(after, metrics["ours"])
+    figure = "Force in Z with both of the article's laws, error, and joint velocity (Fig. 19)."
+    return STUDY.result(
+        context,
+        runs,
+        {**reductions(before, after), **metrics},
+        lambda: [("force-z", reversal_figure(run, readings, middle), figure)],
+        {"scenario": scenario, "speed_rad_per_s": speed},
     )
-    return saved_figures(figures, context.out)
 
 
 EXPERIMENT = Experiment(

@@ -62,7 +62,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
 )
 from wrenchsight.analyses.study.figure_files import saved_figures
-from wrenchsight.analyses.study.wording import change
+from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -303,7 +303,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics=metrics,
         figures=figures,
         comparison=_comparison(arms),
-        notes=findings(metrics),
+        notes=filled(NOTES, metrics),
         configuration={
             "laws": list(LAWS),
             "near_zero_rad_per_s": NEAR_ZERO,
@@ -312,37 +312,6 @@ def run(context: ExperimentContext) -> ExperimentResult:
             "single_joints": list(SINGLE_JOINTS),
         },
     )
-
-
-def findings(metrics: dict[str, Any]) -> list[str]:
-    """What the figures say, in sentences."""
-    simulated = metrics["simulated"]
-    article, memory = (
-        simulated[law]["near_zero_mean_reduction_pct"] for law in (ARTICLE, "presliding")
-    )
-    notes = [
-        f"Near zero velocity the article's semi-parametric law errs {change(article, 0)} than "
-        f"Coulomb-viscous friction on the simulated arm (mean over the joints), the law with "
-        f"memory {change(memory, 0)}."
-    ]
-    if "real" in metrics:
-        real = metrics["real"]
-        rests = {law: real[law]["validation"]["ptp_10_points"]["relative_pct"] for law in LAWS}
-        notes.append(
-            "On the UR10e these laws err "
-            + ", ".join(
-                f"{change(real[law]['near_zero_mean_reduction_pct'], 0)} (`{law}`)"
-                for law in (ARTICLE, "presliding", "presliding+network")
-            )
-            + " near zero. In a motion with long rests they leave of the torque of joints 5 and 6 "
-            "unexplained: "
-            + ", ".join(
-                f"{rests[law][4]:.1f} % and {rests[law][5]:.1f} % (`{law}`)"
-                for law in (PLAIN, ARTICLE, "presliding", "presliding+network")
-            )
-            + "."
-        )
-    return notes
 
 
 def _comparison(arms: Mapping[str, LawsOnOneArm]) -> list[ComparisonRow]:
@@ -421,6 +390,23 @@ def errors_figure(arm: LawsOnOneArm, title: str) -> "Figure":
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=4)
     return figure
+
+
+NOTES = (
+    "Error near zero velocity, reduced against Coulomb-viscous friction, mean over the joints. "
+    f"Simulated arm: <simulated.{ARTICLE}.near_zero_mean_reduction_pct:.0f> % (`{ARTICLE}`), "
+    "<simulated.presliding.near_zero_mean_reduction_pct:.0f> % (`presliding`).",
+    f"On the UR10e: <real.{ARTICLE}.near_zero_mean_reduction_pct:.0f> % (`{ARTICLE}`), "
+    "<real.presliding.near_zero_mean_reduction_pct:.0f> % (`presliding`), "
+    "<real.presliding+network.near_zero_mean_reduction_pct:.0f> % (`presliding+network`).",
+    "Torque of joints 5 and 6 left unexplained in a motion with long rests: "
+    + ", ".join(
+        f"<real.{law}.validation.ptp_10_points.relative_pct.4:.1f> and "
+        f"<real.{law}.validation.ptp_10_points.relative_pct.5:.1f> % (`{law}`)"
+        for law in (PLAIN, ARTICLE, "presliding", "presliding+network")
+    )
+    + ".",
+)
 
 
 EXPERIMENT = Experiment(

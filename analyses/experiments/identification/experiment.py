@@ -8,7 +8,6 @@ trajectory. Both trajectories were found by `excite` and lie beside the robot as
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -28,6 +27,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.arrays import Array
 
 ARTICLE_RMSE = [3.2926, 3.5804, 2.2578, 0.5272, 0.7846, 0.3602]  # N m, section 4.1
@@ -81,7 +81,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics=metrics,
         figures=figures,
         comparison=_comparison(),
-        notes=findings(metrics, periods),
+        notes=filled(NOTES, metrics),
         configuration={
             "robot": ROBOT,
             "excitations": ["excitation_1.yaml", "excitation_2.yaml"],
@@ -89,30 +89,6 @@ def run(context: ExperimentContext) -> ExperimentResult:
             "identification": result.config,
         },
     )
-
-
-def findings(metrics: dict[str, Any], periods: int) -> list[str]:
-    """What the figures say, in sentences."""
-    validation, known = metrics["cross_validation"], metrics["known_friction"]
-
-    def line(values: Any) -> str:
-        return " ".join(f"{value:.2f}" for value in values)
-
-    return [
-        f"A Coulomb-viscous model predicts the torque of a new trajectory within "
-        f"{line(validation['rmse_nm'])} N m RMS, joints 1 to 6, with a similarity of at least "
-        f"{min(validation['similarity_pct']):.1f} %.",
-        "The true friction of the simulated arm was tuned once towards the article's errors "
-        "(`models/robots/sts_sre4_600/robot.yaml` says how); here they are "
-        f"{line(validation['ratio_to_article'])} times the article's. Every other experiment on "
-        "the simulated arm inherits them.",
-        "With the true friction taken off the torques, the rigid-body part is recovered within "
-        f"{max(known['inertial_error_pct_of_torque']):.2f} % of the torque; with friction to be "
-        f"separated from it, within {max(metrics['inertial_error_pct_of_torque']):.2f} %.",
-        f"Excitation: optimised 5th-order Fourier series at 0.1 Hz, {periods} periods, 1 kHz; "
-        "zero-phase 5th-order Butterworth at 7.5 Hz. Similarity is the correlation coefficient; "
-        "the article does not define it.",
-    ]
 
 
 def _comparison() -> list[ComparisonRow]:
@@ -136,6 +112,17 @@ def _comparison() -> list[ComparisonRow]:
 
 def _rms(x: Array) -> Array:
     return np.asarray(np.sqrt(np.mean(x**2, axis=0)))
+
+
+NOTES = (
+    "Torque of a new trajectory, joints 1 to 6: RMSE <cross_validation.rmse_nm:.2f> N m, "
+    "<cross_validation.ratio_to_article:.2f> times the article's; correlation "
+    "<cross_validation.similarity_pct:.1f> %.",
+    "The simulated friction was tuned once towards the article's errors "
+    "(`models/robots/sts_sre4_600/robot.yaml`).",
+    "Rigid-body torque off, share of the torque: <inertial_error_pct_of_torque:.2f> %; with the "
+    "true friction subtracted <known_friction.inertial_error_pct_of_torque:.2f> %.",
+)
 
 
 EXPERIMENT = Experiment(

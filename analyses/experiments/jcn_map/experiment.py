@@ -4,7 +4,6 @@ As many random configurations as the article draws; and a slice, which says wher
 """
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.robot.robot import Robot
 
 NUM_SAMPLES_QUICK = 50_000
@@ -77,7 +77,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
             ),
             ComparisonRow("Median JCN", "median", "", None, "what the mean ought to tell"),
         ],
-        notes=findings(metrics, plane),
+        notes=filled(NOTES, metrics),
         configuration={
             "robot": robot.name,
             "num_samples": num_samples,
@@ -87,25 +87,15 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
 
 
-def findings(metrics: dict[str, Any], plane: SliceConfig) -> list[str]:
-    """What the figures say, in sentences."""
-    cut = metrics["slice"]
-    place = cut.get("best_place_m")
-    return [
-        f"Of {metrics['samples']} random configurations {metrics['above_11_pct']:.1f} % have a JCN "
-        f"above 11; the smallest is {metrics['min']:.2f}, the median {metrics['median']:.1f}.",
-        f"The mean, {metrics['mean']:.0f} here and 1052.9 in the article, is made by the few "
-        "samples that are nearly singular and differs from draw to draw: its expectation is "
-        "infinite, since near a singular surface the JCN grows as one over the distance.",
-        f"With the tool within {plane.cone_deg:g} deg of straight down, the plane z = "
-        f"{plane.value:g} m is best at ({place[0]:.2f}, {place[1]:.2f}) m, JCN "
-        f"{cut['min']:.2f}; {cut['below_11_m2']:.2f} m2 of it allow a JCN below 11. All branches "
-        "are tried for 37 directions of the tool a point, and the best direction is refined three "
-        "times."
-        if place is not None
-        else f"The tool reaches no point of the plane z = {plane.value:g} m within "
-        f"{plane.cone_deg:g} deg of straight down.",
-    ]
+NOTES = (
+    "Of <samples:.0f> random configurations <above_11_pct:.1f> % have a JCN above 11; the smallest "
+    "is <min:.2f>, the median <median:.1f>.",
+    "The mean, <mean:.0f> here and 1052.9 in the article, comes from few nearly singular samples "
+    "and differs from draw to draw.",
+    "The slice is best at <slice.best_place_m:.2f> m, JCN <slice.min:.2f>; <slice.below_11_m2:.2f> "
+    "m2 of it allow a JCN below 11.",
+    "The tool reaches <slice.reached_pct:.0f> % of the slice's points.",
+)
 
 
 EXPERIMENT = Experiment(

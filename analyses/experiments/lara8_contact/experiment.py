@@ -41,6 +41,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.recordings.recording_reader import read_recording
 
@@ -90,7 +91,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics=metrics,
         figures=_figures(readings, comparisons, context.out),
         comparison=_comparison(metrics),
-        notes=_notes(metrics, logs),
+        notes=filled(NOTES, metrics),
         configuration={
             "recordings": [log.name for log in logs],
             "K_0": K_0,
@@ -368,75 +369,18 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
     ]
 
 
-def _notes(metrics: dict[str, Any], logs: list[Lara8Log]) -> list[str]:
-    def row(values: list[float | None]) -> str:
-        return " ".join("-" if value is None else f"{value:.1f}" for value in values)
-
-    notes = []
-    if "source" in metrics:
-        source, summary = metrics["source"], metrics["summary"]
-        parts = metrics["parts"][SWEEP]
-        notes += [
-            f"Joint 3 over its sweep, rows in motion: {summary['joint3_urdf_rmse_nm']:.2f} N m "
-            f"with the URDF's masses, {summary['joint3_controller_model_rmse_nm']:.2f} with the "
-            "controller's, the sensor's own delay of 65 to 90 ms taken off. With it left in "
-            f"{parts['delay_of_the_sensor_left'][_JOINT]:.2f} (URDF), and against the sensor as "
-            f"recorded, its zero left in as well, {source['urdf']['moving_rmse_nm']:.2f} and "
-            f"{source['controller_model']['moving_rmse_nm']:.2f}, all rows "
-            f"{source['urdf']['all_rows_rmse_nm']:.2f} and "
-            f"{source['controller_model']['all_rows_rmse_nm']:.2f}; there the source has 6.483 by "
-            f"current (here {source['current']['all_rows_rmse_nm']:.3f}) and 2.671 by a network "
-            "trained on that robot.",
-            f"Nothing was fitted on this arm. The friction is what its controller states; what "
-            f"makes the difference is friction's share of the load, "
-            f"{LOAD_SHARE[_JOINT]:g} N m per N m, of a UR10e: without it "
-            f"{parts['friction_without_load'][_JOINT]:.1f} N m remain. No law of direction, load "
-            "and speed, not even one fitted to this very sensor, would leave less than "
-            f"{parts['friction_fitted_to_this_sensor'][_JOINT]:.1f} N m: the sensor sees a shaking "
-            "that the motor does not.",
-        ]
-    for log in logs:
-        own, parts = metrics[log.name], metrics["parts"][log.name]
-        worst = "; ".join(
-            f"{name.replace('_', ' ')} {row(values)}"
-            for name, values in sorted(parts.items(), key=lambda item: -_size(item[1]))
-        )
-        notes.append(
-            f"{log.name}, joints 1 to 6 [N m]: in motion {row(own['moving']['urdf']['rmse_nm'])} "
-            f"(URDF), {row(own['moving']['controller_model']['rmse_nm'])} (controller's), "
-            f"{row(own['moving']['target_less_motor']['rmse_nm'])} by target less motor torque. "
-            f"One thing changed at a time, what matters most first: {worst}."
-        )
-    shares = "; ".join(f"{name} {_two(values)}" for name, values in metrics["load_share"].items())
-    return [
-        *notes,
-        "At rest a joint keeps up to its sliding friction, and the band says so: "
-        + "; ".join(
-            f"{name} {row(own['rest_rmse_nm'])} N m of a level of {row(list(own['level_nm']))}"
-            for name, own in metrics["stiction"].items()
-        )
-        + ". With one joint in motion the wrench is known in one direction alone.",
-        "Friction beyond the controller's law per load, as the sensors tell it, joints 1 to 6 "
-        f"[N m per N m] (not used): {shares}. On `{SWEEP}` it counts from a law that holds some "
-        "load already.",
-        "The start of a recording reads low until the observer has settled, 0.3 s: most of what "
-        "`fourier_start_loaded`, 0.44 s long, errs by.",
-        "All recordings but `jog_joint2_loaded` were in sight when this was written; no constant "
-        "was chosen on them. The load's share, the observer's gain and the displacement before "
-        "slip are those of the UR10e, the rest is stated with the data.",
-        "The sensor is mounted beyond the flange: it does not carry what lies between the two, "
-        "which counts to the arm; the data set calls the whole mass doubtful. Nothing here depends "
-        "on it but the zero that is taken off.",
-    ]
-
-
-def _size(values: list[float | None]) -> float:
-    """Root of the sum of squares."""
-    return float(np.sqrt(sum(value**2 for value in values if value is not None)))
-
-
-def _two(values: list[float | None]) -> str:
-    return " ".join("-" if value is None else f"{value:.2f}" for value in values)
+NOTES = (
+    "Joint 3 over its sweep, in motion: <summary.joint3_urdf_rmse_nm:.2f> N m with the URDF's "
+    "masses, <summary.joint3_controller_model_rmse_nm:.2f> N m with the controller's. As the "
+    "source counts, all rows: <source.urdf.all_rows_rmse_nm:.2f> and "
+    "<source.controller_model.all_rows_rmse_nm:.2f> N m; the source states 6.483 N m by current "
+    "(here <source.current.all_rows_rmse_nm:.3f>) and 2.671 N m by a network.",
+    "The same joint without friction's share of the load: "
+    f"<parts.{SWEEP}.friction_without_load.{_JOINT}:.1f> N m; with friction fitted to this sensor "
+    f"<parts.{SWEEP}.friction_fitted_to_this_sensor.{_JOINT}:.1f> N m.",
+    f"Nothing was fitted on this arm. Friction's share of the load, {LOAD_SHARE[_JOINT]:g} N m per "
+    "N m, and the observer's gain are a UR10e's; the rest is stated with the data.",
+)
 
 
 EXPERIMENT = Experiment(

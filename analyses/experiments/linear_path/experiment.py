@@ -36,7 +36,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
-from wrenchsight.analyses.study.wording import compared
+from wrenchsight.analyses.study.wording import filled
 from wrenchsight.diagrams.distances.placement_cell import PlacementCell
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.motion.inverse_kinematics import follow_path
@@ -157,7 +157,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         figures=_figures(out, found),
         recordings=_pages(context, found),
         comparison=_comparison(metrics),
-        notes=findings(found, metrics),
+        notes=filled(NOTES, metrics),
         configuration={
             "robot": main.robot.name,
             "seed": context.seed,
@@ -190,59 +190,7 @@ def _timings(found: LinearPath) -> dict[str, Any]:
     }
 
 
-def findings(found: LinearPath, metrics: dict[str, Any]) -> list[str]:
-    """What the figures say, in sentences."""
-    optimised, article, table = metrics["optimised"], metrics["article"], metrics["with_table"]
-    seeds, swarm = metrics["from_seeds"], metrics["pso_ga"]
-    optima = " and ".join(f"{optimum['mean_jcn']:.4f}" for optimum in metrics["optima"])
-    x, y, z = table["optimised"]["midpoint_m"]
-    seconds = [result.seconds for result in found.from_seeds]
-    swarm_seconds = [result.seconds for result in found.swarms]
-    table_task = found.table.task
-    own = article["smallest_own_distance_m"]
-    distance = table_task.clearance.distance if table_task.clearance is not None else 0.0
-    return [
-        f"From the article's own guess the mean condition number goes from "
-        f"{metrics['initial']['mean_jcn']:.2f} to {optimised['mean_jcn']:.4f} (largest "
-        f"{metrics['initial']['max_jcn']:.2f} to {optimised['max_jcn']:.2f}); the article's "
-        f"optimum has {article['mean_jcn']:.4f} by the same mean.",
-        f"Without any guess, {len(seeds['mean_jcn'])} seeds of the random starts end between "
-        f"{min(seeds['mean_jcn']):.4f} and {seeds['worst_mean_jcn']:.4f}, in "
-        f"{min(seconds):.1f} to {max(seconds):.1f} s each; PSO-GA on the same cost ends between "
-        f"{min(swarm['mean_jcn']):.4f} and {max(swarm['mean_jcn']):.4f} (median "
-        f"{swarm['median_mean_jcn']:.4f}) in {min(swarm_seconds):.1f} to "
-        f"{max(swarm_seconds):.1f} s.",
-        f"The best local optima met from the guess: {optima}.",
-        f"The optimum's midpoint is {optimised['midpoint_radius_m']:.3f} m from the first axis, at "
-        f"{optimised['midpoint_m'][2]:.3f} m height. The condition number does not depend on the "
-        "first and the last joint: it may be turned about the first axis and the tool about its "
-        "own, as far as joint limits and the box allow. Stated is the placement in which both "
-        "joints stand in the middle of their ranges at the path's midpoint.",
-        f"Restricted by the box alone, as the article's, the optimum asks links of this arm, whose "
-        f"shapes are assumed, to come as near as "
-        f"{1e3 * optimised['smallest_own_distance_m']:.0f} mm to each other (below 0: to overlap); "
-        f"the article's path, as near as {1e3 * own['one_elbow']:.0f} mm with one elbow and "
-        f"{1e3 * own['other_elbow']:.0f} mm with the other. The case with clearance is what can be "
-        "built.",
-        f"With table, board, the tool within {table_task.tool_tilt_deg:g} degrees of straight down "
-        f"and {1e3 * distance:g} mm between all: mean {table['optimised']['mean_jcn']:.3f}, "
-        f"largest {table['optimised']['max_jcn']:.2f}, smallest distance "
-        f"{1e3 * table['optimised']['smallest_distance_m']:.1f} mm over 201 postures, midpoint "
-        f"({x:.3f}, {y:.3f}, {z:.3f}) m.",
-        "`mean_jcn` is the mean over the k + 1 = 21 points of eq. 24 (eq. 27 divides by k), "
-        "`max_jcn` the largest over 201 points. The article's means are of another kind: see "
-        "`constant-wrench`.",
-    ]
-
-
 def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
-    found = metrics["optimised"]
-
-    def judged(key: str, article: float) -> str:
-        return compared(
-            found[key], article, "a better optimum", "a worse optimum", "the same optimum", 1e-3
-        )
-
     mean = "even mean over 21 points; the article's mean is over time"
     along = "even mean over 21 points; the article's mean is along the path"
     return [
@@ -255,14 +203,13 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
             "optimised.mean_jcn_along_path",
             "",
             10.8713,
-            "like with like: " + judged("mean_jcn_along_path", 10.8713),
+            "like with like",
         ),
         ComparisonRow(
             "Largest JCN, optimised",
             "optimised.max_jcn",
             "",
             17.5814,
-            judged("max_jcn", 17.5814),
         ),
         ComparisonRow("Reduction of the mean JCN", "reduction_pct.mean_jcn", "%", 46.28, mean),
         ComparisonRow("Reduction of the largest JCN", "reduction_pct.max_jcn", "%", 70.48),
@@ -344,6 +291,24 @@ def _pages(context: ExperimentContext, found: LinearPath) -> list[FigureFile]:
             )
         )
     return files
+
+
+NOTES = (
+    "From the article's guess the mean JCN goes from <initial.mean_jcn:.2f> to "
+    "<optimised.mean_jcn:.4f>, the largest from <initial.max_jcn:.2f> to <optimised.max_jcn:.2f>; "
+    "the article's optimum has <article.mean_jcn:.4f> by the same mean.",
+    "Random starts without a guess, one a seed: <from_seeds.mean_jcn:.4f>. PSO-GA on the same "
+    "cost: <pso_ga.mean_jcn:.4f>. timings.json has the seconds.",
+    "The optimum's midpoint is <optimised.midpoint_radius_m:.3f> m from the first axis. The path "
+    "may be turned about that axis, and the tool about its own, without a change of the JCN.",
+    "Smallest distance between links: <optimised.smallest_own_distance_m:1e3 .0f> mm at the "
+    "optimum; <article.smallest_own_distance_m.one_elbow:1e3 .0f> and "
+    "<article.smallest_own_distance_m.other_elbow:1e3 .0f> mm on the article's path, by elbow.",
+    "With table, board and clearance: mean <with_table.optimised.mean_jcn:.3f>, largest "
+    "<with_table.optimised.max_jcn:.2f>, smallest distance "
+    "<with_table.optimised.smallest_distance_m:1e3 .1f> mm, midpoint "
+    "<with_table.optimised.midpoint_m:.3f> m.",
+)
 
 
 EXPERIMENT = Experiment(

@@ -29,15 +29,16 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.wrench import (
     WrenchReconstructionConfig,
     live_prior,
     reconstruct_wrench,
 )
-from wrenchsight.models.friction.true_friction import DryFriction
 from wrenchsight.models.rigid_body.conditioning import condition_number, singular_values
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.truth.true_joints import TrueJoints
 from wrenchsight.models.truth.true_robot import plain_truth
 
 NUM_POSTURES, NUM_POSTURES_QUICK = 2000, 400
@@ -139,16 +140,8 @@ class InertialErrors:
 def friction_error(robot: Robot, q: Array, v: Array, load: Array) -> Array:
     """(N, n) true friction less the best Coulomb-viscous law for these very samples, N m."""
     truth = robot.truth
-    law = DryFriction(
-        truth.stiction,
-        truth.coulomb,
-        truth.stribeck_velocity,
-        truth.viscous,
-        truth.load_dependence,
-        truth.ripple_amplitude,
-        truth.ripple_periods,
-    )
-    true = law.sliding_torque(v, load) + truth.ripple_amplitude * np.sin(truth.ripple_periods * q)
+    true = TrueJoints.of(robot, 1e-3).sliding_torque(v, load)
+    true += truth.ripple_amplitude * np.sin(truth.ripple_periods * q)
     error: Array = np.empty_like(true)
     for j in range(q.shape[1]):
         A = np.column_stack([np.sign(v[:, j]), v[:, j]])
@@ -359,7 +352,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
             for method in METHODS
             for name, label in PREDICTORS.items()
         ],
-        notes=findings(metrics, live_prior(robot.payload)),
+        notes=filled(NOTES, metrics),
         configuration={
             "robot": robot.name,
             "seed": context.seed,
@@ -370,62 +363,6 @@ def run(context: ExperimentContext) -> ExperimentResult:
             "max_speed_rad_per_s": MAX_SPEED,
         },
     )
-
-
-def findings(metrics: dict[str, Any], prior: tuple[float, float]) -> list[str]:
-    """What the figures say, in sentences.
-
-    Args:
-        prior: force sd N and moment sd N m.
-    """
-
-    def stated(method: str, name: str) -> str:
-        entry = metrics[method][name]
-        low, high = entry["interval_95"]
-        return f"{entry['rank_correlation']:.2f} ({low:.2f} to {high:.2f})"
-
-    force_sd, moment_sd = prior
-    weaker = {
-        name: metrics["bayesian"][name]["rank_correlation"]
-        < metrics["inverse"][name]["rank_correlation"]
-        for name in PREDICTORS
-    }
-    best = {
-        method: max(PREDICTORS, key=lambda name: metrics[method][name]["rank_correlation"])
-        for method in METHODS
-    }
-    return [
-        "The stated standard deviation ranks postures by their force error better than the "
-        f"condition number does: rank correlation {stated('inverse', 'stated_sd')} against "
-        f"{stated('inverse', 'jcn')} for `inverse`, {stated('bayesian', 'stated_sd')} against "
-        f"{stated('bayesian', 'jcn')} for `bayesian`."
-        if all(metrics[m]["stated_sd_minus_jcn_interval_95"][0] > 0.0 for m in METHODS)
-        else "The stated standard deviation does not rank postures by their force error better "
-        f"than the condition number for both methods: rank correlation "
-        f"{stated('inverse', 'stated_sd')} against {stated('inverse', 'jcn')} for `inverse`, "
-        f"{stated('bayesian', 'stated_sd')} against {stated('bayesian', 'jcn')} for `bayesian`.",
-        f"The best of the {len(PREDICTORS)} is {PREDICTORS[best['inverse']]} for `inverse` and "
-        f"{PREDICTORS[best['bayesian']]} for `bayesian`. Force gain is the stated sd of `inverse` "
-        "if all joints had one sd of torque: the difference to the stated sd is the knowledge of "
-        "each joint's own.",
-        "Intervals are 95 % percentiles of the bootstrap over postures. Each posture meets one of "
-        f"{metrics['models']} models with errors of their own, functions of posture, velocity and "
-        "wrench, not white noise; the RMSE per joint is "
-        + " ".join(f"{value:.2f}" for value in metrics["torque_rmse_nm"])
-        + " N m, of which friction makes "
-        + " ".join(f"{value:.2f}" for value in metrics["friction_rmse_nm"])
-        + " (the article's cross-validation: 3.29 3.58 2.26 0.53 0.78 0.36).",
-        f"Wrenches are Gaussian, {force_sd:.1f} N and {moment_sd:.2f} N m in each direction, which "
-        "is also the prior of `bayesian`; the torque covariance is that of each model's own "
-        "residuals in free motion, on other postures.",
-        "The median force error of `bayesian` is "
-        f"{metrics['bayesian']['force_error_n']['median']:.1f} N against "
-        f"{metrics['inverse']['force_error_n']['median']:.1f} N, its 95th percentile "
-        f"{metrics['bayesian']['force_error_n']['p95']:.0f} N against "
-        f"{metrics['inverse']['force_error_n']['p95']:.0f} N of `inverse`. Of the "
-        f"{len(PREDICTORS)} measures {sum(weaker.values())} tell less about the error of "
-        "`bayesian` than about that of `inverse`.",
-    ]
 
 
 def _draw_correlations(
@@ -487,6 +424,19 @@ def _draw_errors(context: ExperimentContext, draws: Draws) -> FigureFile:
         (context.out / "figures" / "errors.png").relative_to(context.out),
         "Force error of each posture over the condition number and over the stated sd.",
     )
+
+
+NOTES = (
+    "Rank correlation with the force error, and its 95 % interval: stated sd "
+    "<inverse.stated_sd.with_interval:.2f>, condition number <inverse.jcn.with_interval:.2f> "
+    "(`inverse`); <bayesian.stated_sd.with_interval:.2f>, <bayesian.jcn.with_interval:.2f> "
+    "(`bayesian`).",
+    "Force error of `inverse` and `bayesian`: median <inverse.force_error_n.median:.1f> and "
+    "<bayesian.force_error_n.median:.1f> N, 95th percentile <inverse.force_error_n.p95:.0f> and "
+    "<bayesian.force_error_n.p95:.0f> N.",
+    "<models:.0f> models; RMSE a joint <torque_rmse_nm:.2f> N m, of which friction makes "
+    "<friction_rmse_nm:.2f> N m.",
+)
 
 
 EXPERIMENT = Experiment(

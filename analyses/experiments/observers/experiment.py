@@ -56,7 +56,6 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
-from wrenchsight.analyses.study.wording import change_between, listed
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.point_of_action import find_point_of_action
@@ -163,7 +162,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics=metrics,
         figures=figures,
         comparison=[],
-        notes=findings(metrics),
+        notes=_notes(metrics),
         configuration={
             "free": FREE,
             "loaded_kg": LOADED,
@@ -357,69 +356,6 @@ def never_valid(metrics: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def findings(metrics: Mapping[str, Any]) -> list[str]:
-    """What the figures say, whatever they are; the first observer is the default."""
-    unread = never_valid(metrics)
-    read = [log for log in next(iter(metrics.values())) if log not in unread]
-    notes = _of_logs(metrics, read, "valid_", "where both are valid", "of the valid samples")
-    if unread:
-        notes.append(
-            f"No reading of {listed(f'`{log}`' for log in unread)} is valid by any observer: what "
-            "is said of them counts all samples, and so does the figure (hatched)."
-        )
-        notes += _of_logs(metrics, unread, "", "over all samples", "of all samples, none valid")
-    return notes
-
-
-def _of_logs(
-    metrics: Mapping[str, Any], logs: list[str], kind: str, where: str, what: str
-) -> list[str]:
-    """`findings` of some logs, by the figures that `kind` stands before."""
-    default, *others = metrics
-    rmse, inside = f"{kind}rmse_n", f"{kind}inside_95_pct"
-    notes = []
-    for name in others:
-        judged = [
-            log
-            for log in logs
-            if metrics[name][log][rmse] is not None and metrics[default][log][rmse] is not None
-        ]
-        if not judged:
-            continue
-        better = [
-            log
-            for log in judged
-            if total(metrics[name][log], rmse) < total(metrics[default][log], rmse)
-        ]
-        notes.append(
-            f"`{name}` errs less than `{default}` {where} on {len(better)} of {len(judged)} logs"
-            + (f": {listed(f'`{log}`' for log in better)}." if better else ".")
-        )
-        parts = []
-        for log in judged:
-            before, after = metrics[default][log], metrics[name][log]
-            if log.endswith("-pushes"):
-                parts.append(
-                    f"{change_between(total(before, rmse), total(after, rmse))} error on `{log}`, "
-                    f"delay {_milliseconds(after)} for {_milliseconds(before)} ms"
-                )
-        if parts:
-            notes.append(f"`{name}` against `{default}`: {'; '.join(parts)}.")
-    for name, own in metrics.items():
-        shares = [own[log][inside] for log in logs if own[log][inside] is not None]
-        if shares:
-            low, high = float(np.min(shares)), float(np.max(shares))
-            notes.append(
-                f"The 95 % band of `{name}` holds {low:.0f} to {high:.0f} % {what}, "
-                "log by log and axis by axis."
-            )
-    return notes
-
-
-def _milliseconds(own: Mapping[str, Any]) -> str:
-    return "–" if own["delay_s"] is None else f"{1e3 * own['delay_s']:.0f}"
-
-
 def _summary_figure(metrics: Mapping[str, Any], out: Path) -> FigureFile:
     logs, unread = list(next(iter(metrics.values()))), never_valid(metrics)
     logs = [log for log in logs if log not in unread] + unread
@@ -457,7 +393,7 @@ def _summary_figure(metrics: Mapping[str, Any], out: Path) -> FigureFile:
         "Every observer on every log (force_only): error, and share inside, of the valid samples."
     )
     if unread:
-        caption += f" Hatched (*): of all samples, as none is valid, on {listed(unread)}."
+        caption += f" Hatched (*): of all samples, as none is valid, on {', '.join(unread)}."
     return FigureFile(path, caption)
 
 
@@ -478,6 +414,29 @@ def _push_figure(scene: Scene, shown: Mapping[str, Read], out: Path) -> FigureFi
     path = Path("figures") / "pushes.png"
     save_figure(figure, out / path)
     return FigureFile(path, f"Pushes of {PUSH:g} N put into `{SHOWN[0].removesuffix('-pushes')}`.")
+
+
+def _notes(metrics: Mapping[str, Any]) -> list[str]:
+    default, *others = metrics
+    unread = never_valid(metrics)
+    notes = []
+    for name in others:
+        errors = [
+            (total(own, "valid_rmse_n"), total(metrics[default][log], "valid_rmse_n"))
+            for log, own in metrics[name].items()
+            if own["valid_rmse_n"] is not None and metrics[default][log]["valid_rmse_n"] is not None
+        ]
+        better = sum(own < before for own, before in errors)
+        notes.append(f"`{name}` errs less than `{default}` on {better} of {len(errors)} logs.")
+    for name, own in metrics.items():
+        logs = [one["valid_inside_95_pct"] for log, one in own.items() if log not in unread]
+        shares = [share for share in logs if share is not None]
+        if shares:
+            low, high = np.min(shares), np.max(shares)
+            notes.append(f"The 95 % band of `{name}` holds {low:.0f} to {high:.0f} % by log, axis.")
+    if unread:
+        notes.append(f"No reading is valid of {', '.join(f'`{log}`' for log in unread)}.")
+    return notes
 
 
 EXPERIMENT = Experiment(

@@ -39,7 +39,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
-from wrenchsight.analyses.study.wording import compared
+from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.evidence_prior import evidence_prior
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
@@ -173,7 +173,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
             _rank_figure(readings, context.out),
         ],
         comparison=_comparison(),
-        notes=findings(metrics, knowledge, unloaded),
+        notes=filled(NOTES, metrics),
         configuration={
             "loaded_above_n": LOADED_FORCE,
             "knowledge": "greatest evidence over all logs, one torque sd for all joints",
@@ -190,55 +190,6 @@ def _knowledge_metrics(knowledge: Knowledge) -> dict[str, Any]:
         "moment_sd_nm": knowledge.moment_sd,
         "torque_sd_nm": np.sqrt(np.diag(knowledge.torque_covariance)),
     }
-
-
-def findings(metrics: dict[str, Any], knowledge: Knowledge, unloaded: Knowledge) -> list[str]:
-    """What the figures say, in sentences."""
-    bayesian, inverse = metrics["bayesian"], metrics["inverse"]
-    torque_sd = np.sqrt(knowledge.torque_covariance[0, 0])
-    resting_sd = np.sqrt(unloaded.torque_covariance.diagonal()).max()
-    ratio = float(np.median(bayesian["error_over_stated_sd"]))
-    fixed = float(np.median(metrics["bayesian_fixed_prior"]["error_over_stated_sd"]))
-    by_sd = inverse["rank_correlation"]["poses"]["stated_sd"]
-    by_condition = inverse["rank_correlation"]["poses"]["condition_number"]
-    worst = {
-        name: np.mean(metrics[name]["error_in_worst_stated_direction_pct"])
-        for name in ("inverse", "bayesian")
-    }
-    return [
-        f"Against the sensor the Bayesian reading errs by {bayesian['mean_rmse_n']:.2f} N and "
-        f"eq. 22 by {inverse['mean_rmse_n']:.2f} N, mean of the RMSE over ten postures.",
-        f"Rows with a sensed force above {LOADED_FORCE:g} N; RMSE is of the error's length.",
-        "Prior and torque noise are those of greatest evidence in the joint torques of all "
-        f"ten logs together: force sd {knowledge.force_sd:.2f} N, moment sd "
-        f"{knowledge.moment_sd:.3f} N m, torque sd {torque_sd:.3f} N m in every joint. The sensor "
-        "has no part in it. `bayesian_fixed_prior` is the reading with 20 N, 0.2 N m and 0.1 N m.",
-        f"With the torque's noise before the contact (sd {resting_sd:.3f} N m at most, "
-        "`bayesian_unloaded_noise`) for its error under load, the mean RMSE is "
-        f"{metrics['bayesian_unloaded_noise']['mean_rmse_n']:.2f} N.",
-        f"Under load the error is {ratio:.1f} times the stated sd (median over poses): "
-        + compared(
-            ratio,
-            1.0,
-            "the sd is too large",
-            "the sd is too small",
-            "the sd is honest",
-            0.2,
-        )
-        + ". One sd serves the rows with and without load. With the fixed 0.1 N m that ratio is "
-        f"{fixed:.1f}.",
-        "The stated covariance shows directions, which no condition number does: "
-        f"{worst['inverse']:.0f} % of eq. 22's squared error lies along the direction stated as "
-        f"worst (33 % would be chance), {worst['bayesian']:.0f} % of the Bayesian reading's. As a "
-        "single number per pose its rank correlation with eq. 22's errors is "
-        f"{by_sd:.2f}, the condition number's {by_condition:.2f}; ten pairs leave a rank "
-        "correlation uncertain by a third, so that "
-        + (
-            "the two do not differ."
-            if abs(by_sd - by_condition) < 1.0 / 3.0
-            else f"the {'first' if by_sd > by_condition else 'second'} is the better one."
-        ),
-    ]
 
 
 def _force_figure(
@@ -367,6 +318,24 @@ def _comparison() -> list[ComparisonRow]:
             source=plain,
         ),
     ]
+
+
+NOTES = (
+    "RMSE against the sensor, mean over ten postures: <bayesian.mean_rmse_n:.2f> N (bayesian), "
+    "<inverse.mean_rmse_n:.2f> N (eq. 22), <bayesian_unloaded_noise.mean_rmse_n:.2f> N (noise from "
+    f"before the contact). Rows with a sensed force above {LOADED_FORCE:g} N count.",
+    "Error over stated sd, by posture: <bayesian.error_over_stated_sd:.1f>; with a fixed prior and "
+    "noise <bayesian_fixed_prior.error_over_stated_sd:.1f>.",
+    "Share of the squared error along the direction stated as worst, by posture: "
+    "<inverse.error_in_worst_stated_direction_pct:.0f> % (eq. 22), "
+    "<bayesian.error_in_worst_stated_direction_pct:.0f> % (bayesian); chance: 33 %.",
+    "Rank correlation with the error of eq. 22 over postures: "
+    "<inverse.rank_correlation.poses.stated_sd:.2f> (stated sd), "
+    "<inverse.rank_correlation.poses.condition_number:.2f> (condition number), uncertain by a "
+    "third.",
+    "Prior and torque noise maximise the evidence of the joint torques of all logs; the sensor has "
+    "no part in it.",
+)
 
 
 EXPERIMENT = Experiment(

@@ -43,6 +43,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.recordings.recording_reader import read_recording
 
@@ -100,7 +101,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics=metrics,
         figures=[_figure(found, apart, context.out)],
         comparison=_comparison(),
-        notes=_notes(found, apart, metrics["within_25_pct"]),
+        notes=filled(NOTES, metrics),
         configuration={
             "fitted": FIT,
             "settled_on": (*FIT, *SETTLED, *SETTLED_LOAD, f"{STILL}, at rest"),
@@ -118,42 +119,6 @@ def _share_close(ratios: Array) -> float:
 
 def _numbers(values: Array) -> list[float | None]:
     return [float(value) if np.isfinite(value) else None for value in values]
-
-
-def _notes(
-    found: dict[str, dict[str, Array]], apart: dict[str, ToldApart], within: dict[str, float]
-) -> list[str]:
-    medians = {name: float(np.nanmedian(own["ratio"])) for name, own in found.items()}
-    further = sorted(
-        (name for name, value in medians.items() if abs(value - 1.0) > AIM),
-        key=lambda name: -abs(np.log(medians[name])),
-    )
-    wrong = {name: np.flatnonzero(one.joints) for name, one in apart.items() if one.joints.any()}
-    notes = [
-        f"Of the single numbers, joint by joint, {within['share_pct']:.0f} % lie within 25 % of "
-        f"the real arm's; of the statistics, by the median joint, "
-        f"{within['statistics_by_median_pct']:.0f} %.",
-        "Two simulated arms with the same parameters, on other days and with other noise, are "
-        f"within 25 % of each other in {within['two_simulated_share_pct']:.0f} % of the numbers: "
-        "more could not be asked of any truth, on logs this short.",
-    ]
-    notes.append(
-        f"{within['told_apart_numbers']} of the {within['numbers']} numbers are off by more than "
-        "25 % and by more than chance takes two such simulated arms apart (Student's t, 5 %, with "
-        "their spread over a statistic's joints); the rest, logs of this length cannot tell from a "
-        "truth that is right."
-    )
-    if wrong:
-        listed = "; ".join(
-            f"`{name}` joint "
-            + ", ".join(f"{j + 1} ({found[name]['ratio'][j]:.2f})" for j in joints)
-            for name, joints in wrong.items()
-        )
-        notes[-1] += f" Told apart (simulated over real): {listed}."
-    if further:
-        listed = ", ".join(f"`{name}` {medians[name]:.2f}" for name in further)
-        notes.append(f"Further off by the median joint (simulated over real): {listed}.")
-    return notes
 
 
 def _comparison() -> list[ComparisonRow]:
@@ -220,6 +185,16 @@ def _figure(
         "the numbers. Full circles lie beyond both bar and 25 %."
     )
     return FigureFile(path, caption)
+
+
+NOTES = (
+    "Of the numbers, joint by joint, <within_25_pct.share_pct:.0f> % lie within 25 % of the real "
+    "arm's, of the statistics by the median joint "
+    "<within_25_pct.statistics_by_median_pct:.0f> %; two simulated arms with the same parameters "
+    "agree so in <within_25_pct.two_simulated_share_pct:.0f> %.",
+    "<within_25_pct.told_apart_numbers:.0f> of <within_25_pct.numbers:.0f> numbers are off by more "
+    "than 25 % and by more than chance (Student's t, 5 %).",
+)
 
 
 EXPERIMENT = Experiment(

@@ -4,9 +4,7 @@ The bundled path on a blade, as `redundancy` uses it: at a constant angle, by th
 the article uses, and the optimum (Figs. 11-13).
 """
 
-from typing import Any
-
-from wrenchsight.analyses.methods.planning.redundancy import ROUNDING, find_redundancy
+from wrenchsight.analyses.methods.planning.redundancy import find_redundancy
 from wrenchsight.analyses.methods.planning.redundancy_results import draw
 from wrenchsight.analyses.methods.planning.redundancy_task import RedundancyTask
 from wrenchsight.analyses.study.experiment import (
@@ -15,6 +13,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
     ExperimentResult,
 )
+from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.files.configuration import load_configuration
 from wrenchsight.models.files.task_files import task_file
 from wrenchsight.models.robot.robot import Robot
@@ -39,37 +38,22 @@ def run(context: ExperimentContext) -> ExperimentResult:
             ComparisonRow("Mean JCN on the surface, optimised", "optimised.mean_jcn", "", None),
             ComparisonRow("Mean JCN on the surface, local method", "local.mean_jcn", "", None),
         ],
-        notes=[*findings(metrics, config.num_angles), *result.notices],
+        notes=[*filled(NOTES, metrics), *result.notices],
         configuration={"robot": robot.name, "task": config},
     )
 
 
-def findings(metrics: dict[str, Any], num_angles: int) -> list[str]:
-    """What the figures say, in sentences."""
-    constant, found = metrics["constant_angle"], metrics["optimised"]
-    before, after = metrics["initial"]["mean_jcn"], found["mean_jcn"]
-    local = (
-        f"the local method that the article uses ends at {metrics['local']['mean_jcn']:.2f}"
-        if "local" in metrics
-        else "the local method that the article uses cannot follow the path"
-    )
-    return [
-        f"The free angle about the normal takes the mean JCN from {before:.2f} to {after:.2f} "
-        f"and lowers it at {metrics['samples_lower']} of {metrics['samples']} samples; {local}.",
-        "The initial trajectory keeps the angle 0, at which the tool leans along the path. No "
-        "figure of the article says how good its own was. Of the angles on the grid "
-        f"{constant['angles_kept']} can be kept from end to end: at the best of them, on its "
-        f"best branch, the mean is {constant['best_mean_jcn']:.2f}, at the middle one "
-        f"{constant['median_mean_jcn']:.2f}, at the worst {constant['worst_mean_jcn']:.2f}.",
-        "Joint 3 is kept between -120 and 90 deg, so that the elbow stays above the blade: "
-        "collisions are not checked otherwise.",
-        "The tool is held at 45 deg to the surface's normal, as an inclined spindle is. Held "
-        "along the normal, its axis would be that of joint 6, on which no JCN depends: then "
-        "only the branch can be chosen.",
-        f"Position and normal hold to {max(ROUNDING, found['position_error_m']):.0e} m and "
-        f"{max(ROUNDING, found['normal_error_rad']):.0e} rad. On the grid of {num_angles} angles "
-        f"the optimum's mean is {metrics['grid']['mean_jcn']:.3f}; refined, {after:.3f}.",
-    ]
+NOTES = (
+    "Mean JCN: <initial.mean_jcn:.2f> at a constant angle, <optimised.mean_jcn:.2f> optimised, "
+    "lower at <samples_lower:.0f> of <samples:.0f> samples.",
+    "The article's local method: <local.mean_jcn:.2f>.",
+    "<constant_angle.angles_kept:.0f> constant angles can be kept: best, middle and worst mean JCN "
+    "<constant_angle.best_mean_jcn:.2f> <constant_angle.median_mean_jcn:.2f> "
+    "<constant_angle.worst_mean_jcn:.2f>. On the grid of angles the optimum's mean is "
+    "<grid.mean_jcn:.3f>.",
+    "Position and normal hold to <optimised.position_error_m:.0e> m and "
+    "<optimised.normal_error_rad:.0e> rad.",
+)
 
 
 EXPERIMENT = Experiment(

@@ -33,6 +33,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.robot.robot import Robot
@@ -135,32 +136,9 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics=metrics,
         figures=[FigureFile(path, caption)],
         comparison=_comparison(),
-        notes=findings(metrics),
+        notes=filled(NOTES, metrics),
         configuration={"cutoff_hz": CUTOFF, "law": LAW, "edge_s": EDGE, "stretches": FIFTHS},
     )
-
-
-def findings(metrics: dict[str, Any]) -> list[str]:
-    """What the figures say, in sentences."""
-
-    def line(values: Any) -> str:
-        return " ".join(f"{value:.2f}" for value in values)
-
-    coupled, thirds = metrics["validation"]["rmse_nm"], metrics["validation_thirds"]["rmse_nm"]
-    plain = metrics["plain"]["validation"]["rmse_nm"]
-    single = metrics["uncoupled"]["plain"]["validation"]["rmse_nm"]
-    wrist = WRIST - 1
-    return [
-        f"Stretches of a fifth that no fit had seen are predicted within {line(coupled)} N m RMS, "
-        f"joints 1 to 6 (thirds: {line(thirds)}), of "
-        f"{line(metrics['validation']['torque_rms_nm'])} N m.",
-        f"Joint 5 moves against the friction of two motors: with plain friction it is predicted "
-        f"within {plain[wrist]:.2f} N m where the motors are known to be coupled, within "
-        f"{single[wrist]:.2f} N m where every joint is taken for its own motor's; with the law "
-        f"`{LAW}` and the coupling within {coupled[wrist]:.2f} N m.",
-        "There is one recording of nine seconds: what is held out is another stretch of the same "
-        "motion, not another day.",
-    ]
 
 
 def _comparison() -> list[ComparisonRow]:
@@ -190,6 +168,17 @@ def _comparison() -> list[ComparisonRow]:
             None,
         ),
     ]
+
+
+NOTES = (
+    "Held-out RMSE, joints 1 to 6: <validation.rmse_nm:.2f> N m (fifths), "
+    "<validation_thirds.rmse_nm:.2f> N m (thirds), of a torque of <validation.torque_rms_nm:.2f> "
+    "N m RMS.",
+    f"Joint {WRIST}: <validation.rmse_nm.{WRIST - 1}:.2f> N m with the coupling and `{LAW}`, "
+    f"<plain.validation.rmse_nm.{WRIST - 1}:.2f> N m with plain friction, "
+    f"<uncoupled.plain.validation.rmse_nm.{WRIST - 1}:.2f> N m without the coupling.",
+    "One recording of nine seconds: what is held out is another stretch of the same motion.",
+)
 
 
 EXPERIMENT = Experiment(

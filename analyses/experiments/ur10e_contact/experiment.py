@@ -10,10 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wrenchsight.analyses.experiments.ur10e_contact.contact_errors import (
-    AS_IT_IS,
-    KINDS,
     error_parts,
-    largest_first,
     torque_residuals,
 )
 from wrenchsight.analyses.experiments.ur10e_contact.contact_figures import (
@@ -44,6 +41,7 @@ from wrenchsight.analyses.study.experiment import (
     FigureFile,
 )
 from wrenchsight.analyses.study.figure_files import saved_figure
+from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.contact.contact_force import ContactForceConfig
 from wrenchsight.models.robot.robot import Robot
 
@@ -75,7 +73,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics=metrics,
         figures=_figures(study, metrics, context.out),
         comparison=_comparison(metrics),
-        notes=_notes(metrics, study),
+        notes=filled(NOTES, metrics),
         configuration={
             "runs": [read.prepared.run.name.stem for read in study.runs],
             "settled_on": sorted(SETTLED_ON),
@@ -174,130 +172,33 @@ def _value(metrics: dict[str, Any], path: str) -> Any:
     return value
 
 
-def _notes(metrics: dict[str, Any], study: ContactStudy) -> list[str]:
-    summary, parts, torque = metrics["summary"], metrics["parts"], metrics["torque"]
-
-    def rmse(method: str, kind: str) -> str:
-        value = summary[method][kind]["rmse_n"]
-        return "-" if value is None else f"{value:.1f}"
-
-    def slides(method: str) -> str:
-        kinds = ("straight_slide_v10", "straight_slide_v25", "straight_slide_v90")
-        ramps = ("ramp_slide_v10", "ramp_slide_v25")
-        straight = ", ".join(rmse(method, kind) for kind in kinds)
-        return f"{straight} N straight, {', '.join(rmse(method, kind) for kind in ramps)} N ramp"
-
-    def joints(values: Any) -> str:
-        return "-" if values is None else " ".join(f"{value:.1f}" for value in values)
-
-    def part(name: str) -> str:
-        own = [parts[name][f"{kind}_rmse_n"] for kind in KINDS]
-        return ", ".join("-" if value is None else f"{value:.1f}" for value in own)
-
-    ours, calibrated = summary["no_sensor"], summary["calibrated"]
-    notes = [
-        f"RMSE of the force along the tool over 0.1 s, steady slides at 0.10, 0.25 and 0.90 m/s, "
-        f"both controllers together: {slides('no_sensor')} without any sensor, "
-        f"{slides('calibrated')} calibrated once, {slides('two_joints')} by K (i - i_target) of "
-        f"joints 2 and 3, {slides('article')} by the article's method.",
-        f"At rest {rmse('no_sensor', 'rest')} N without a sensor, {rmse('calibrated', 'rest')} N "
-        f"calibrated, {rmse('article', 'rest')} N by the article's method: a joint that stands "
-        "keeps any friction, and the reading says so.",
-    ]
-    if ours["rest"]["runs"] and ours["slide"]["runs"]:
-        notes.append(
-            f"The 95 % band holds the true force in {ours['rest']['inside_95_pct']:.0f} % at rest "
-            f"and {ours['slide']['inside_95_pct']:.0f} % sliding (calibrated: "
-            f"{calibrated['rest']['inside_95_pct']:.0f} and "
-            f"{calibrated['slide']['inside_95_pct']:.0f} %; the article's covariance: "
-            f"{summary['article']['rest']['inside_95_pct']:.0f} and "
-            f"{summary['article']['slide']['inside_95_pct']:.0f} %); stated sd "
-            f"{ours['rest']['stated_sd_n']:.1f} and {ours['slide']['stated_sd_n']:.1f} N. Valid, "
-            "that is with a band that leaves out zero: "
-            f"{ours['rest']['share_valid_pct']:.0f} and {ours['slide']['share_valid_pct']:.0f} %."
-        )
-    for half, text in (
-        ("settled", "Runs on which constants were settled"),
-        ("checked", "The others"),
-    ):
-        own = metrics[half]
-        if own["rest"]["no_sensor"]["runs"] and own["slide"]["no_sensor"]["runs"]:
-            notes.append(
-                f"{text}: "
-                + ", ".join(
-                    f"{kind} {own[kind]['no_sensor']['rmse_n']:.1f} N and "
-                    f"{own[kind]['no_sensor']['inside_95_pct']:.0f} % inside"
-                    for kind in ("rest", "slide")
-                )
-                + "."
-            )
-    return [
-        *notes,
-        "The structure of the filter was chosen with all runs in sight; what the contact's moment, "
-        "the force's rate and the torque's offset may be, later and on the first half alone: "
-        "straight slides of the others at 0.10 and 0.25 m/s went from 2.85 and 2.33 N to 2.47 and "
-        "2.09 N.",
-        _by_force(metrics["by_force"]),
-        *(_ranking(parts, kind) for kind in KINDS),
-        f"Friction that stays at rest is {joints(torque['rest_nm'])} N m RMS, joints 1 to 6. What "
-        "the law misses of it in slides, mean over a run and sd around it: "
-        f"{joints(torque['slide_bias_nm'])} and {joints(torque['slide_sd_nm'])} N m, of a friction "
-        f"of {joints(torque['sliding_level_nm'])} N m besides its viscous part.",
-        "A part of what a joint seems to keep at rest is a force across the tool: in the first "
-        "hold of the straight runs up to 23 N, along the roller's axis, which joints 1, 4 and 5 "
-        "show. A reading of joints 2 and 3 alone takes it for friction.",
-        "What carries over from another UR10e: kinematics, masses, torque per ampere, rotor "
-        "inertia (identified there), and the shape and load dependence of friction. Its level does "
-        "not: joints 2 to 4 were found anew in the air, the others do not move there and keep that "
-        f"robot's. With all friction of that robot the RMSE is {part('friction_of_another_robot')} "
-        "N.",
-        "Positions are rebuilt from the script: in force mode (`ur`) the motion along the tool is "
-        "not known, and after the impact there is a gap; the ramp's corners are rounded as the "
-        "script's blends are. The reading is 60 ms late.",
-    ]
+def _of_slides(method: str) -> str:
+    kinds = [f"straight_slide_v{speed}" for speed in (10, 25, 90)]
+    return " ".join(f"<summary.{method}.{kind}.rmse_n:.1f>" for kind in kinds)
 
 
-def _by_force(forces: dict[str, Any]) -> str:
-    """How the error of slides goes with the force."""
-    listed = [
-        f"{force[1:]} N {own['slide']['no_sensor']['bias_n']:+.1f} ({read['bias_n']:+.1f})"
-        for force, own in forces.items()
-        if "slide" in own and (read := own["slide"]["calibrated"])["bias_n"] is not None
-    ]
-    return (
-        "Mean error of slides by the force that was set, in brackets calibrated [N]: "
-        + (", ".join(listed) or "-")
-        + ". It falls as the force grows, by the torques of joints 2 and 3: their motors see less "
-        "of the force than the sensor does, as torque constants 5 % larger would have it, or a "
-        "roller that touches 30 mm nearer to the base than its lowest point. The "
-        "sensor's own rows show a gain of 2 %; without a sensor it cannot be told from the masses."
-    )
-
-
-def _ranking(parts: dict[str, Any], kind: str) -> str:
-    """What the errors of a kind are made of, the largest first."""
-    own = parts[AS_IT_IS][f"{kind}_rmse_n"]
-    words = {
-        "rest": "at rest",
-        "straight_slide": "in straight slides",
-        "ramp_slide": "in ramp slides",
-    }
-    if own is None:
-        return f"No error {words[kind]}: there is none of it."
-
-    def listed(known: bool) -> str:
-        ranked = largest_first(parts, kind, known)
-        names = (name.removesuffix("_known").replace("_", " ") for name, _ in ranked)
-        return ", ".join(
-            f"{name} {change:+.1f}" for name, (_, change) in zip(names, ranked, strict=True)
-        )
-
-    return (
-        f"What the error {words[kind]} is made of, {own:.1f} N in every third run. What would "
-        f"come off it [N] were a joint's friction, gravity and torque constant known (below zero "
-        f"where joints' errors cancel): "
-        f"{listed(True)}. What it would grow by with less or wrong knowledge: {listed(False)}."
-    )
+NOTES = (
+    "RMSE of the force along the tool over 0.1 s, straight slides at 0.10, 0.25 and 0.90 m/s: "
+    f"{_of_slides('no_sensor')} N without any sensor, "
+    f"{_of_slides('calibrated')} N calibrated once, {_of_slides('two_joints')} N by two joints' "
+    f"currents, {_of_slides('article')} N by the article's method.",
+    "At rest: <summary.no_sensor.rest.rmse_n:.1f> N without a sensor, "
+    "<summary.calibrated.rest.rmse_n:.1f> N calibrated, <summary.article.rest.rmse_n:.1f> N by the "
+    "article's method.",
+    "Inside the 95 % band at rest and sliding: <summary.no_sensor.rest.inside_95_pct:.0f> and "
+    "<summary.no_sensor.slide.inside_95_pct:.0f> % without a sensor, "
+    "<summary.article.rest.inside_95_pct:.0f> and <summary.article.slide.inside_95_pct:.0f> % with "
+    "the article's covariance.",
+    "Runs on which constants were settled, at rest and sliding: "
+    "<settled.rest.no_sensor.rmse_n:.1f> and <settled.slide.no_sensor.rmse_n:.1f> N; the others: "
+    "<checked.rest.no_sensor.rmse_n:.1f> and <checked.slide.no_sensor.rmse_n:.1f> N.",
+    "Friction that stays at rest: <torque.rest_nm:.1f> N m RMS, joints 1 to 6. Friction that the "
+    "law misses in slides, mean and sd: <torque.slide_bias_nm:.1f> and <torque.slide_sd_nm:.1f> "
+    "N m.",
+    "With the friction of another UR10e: "
+    "<parts.friction_of_another_robot.straight_slide_rmse_n:.1f> N in straight slides. The level "
+    "of friction does not carry over; kinematics, masses, torque per ampere and its shape do.",
+)
 
 
 EXPERIMENT = Experiment(

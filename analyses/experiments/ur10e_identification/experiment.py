@@ -33,7 +33,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
-from wrenchsight.analyses.study.wording import change, change_between, listed
+from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.robot.robot import Robot
 
 
@@ -80,59 +80,9 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics=metrics,
         figures=figures,
         comparison=_comparison(),
-        notes=[*findings(metrics), *result.warnings],
+        notes=[*filled(NOTES, metrics), *result.warnings],
         configuration={"fitted": list(FITTED), "validated": VALIDATED, "fit": result.config},
     )
-
-
-def findings(metrics: dict[str, Any]) -> list[str]:
-    """What the figures say, in sentences."""
-
-    def line(values: Any) -> str:
-        return " ".join(f"{value:.2f}" for value in values)
-
-    harmonic, rests = (metrics["validation"][name] for name in VALIDATED)
-    best = metrics["best"]
-    lowest = metrics["lowest_error"]["validation"]["ptp_10_points"]
-    plain_links = "inconsistent_links_of_plain_fit"
-    richer, resting = (best["validation"][name] for name in VALIDATED)
-    held_out = metrics["cross_validation"]["rmse_nm"]
-
-    def changes(law: str, run: str, joints: tuple[int, int]) -> str:
-        before, after = (
-            metrics[own]["validation"][run]["relative_pct"]
-            for own in (IdentificationConfig().friction, law)
-        )
-        return listed(change_between(before[j], after[j]) for j in joints)
-
-    plain = metrics["unfiltered_regressor"]["cross_validation"]["rmse_nm"]
-    return [
-        f"With the friction law that cross-validation chose, `{best['law']}`, the model predicts "
-        "an excitation that it was not fitted on within "
-        f"{line(richer['rmse_nm'])} N m RMS, joints 1 to 6 (plain Coulomb-viscous friction: "
-        f"{line(harmonic['rmse_nm'])}), and leaves "
-        f"{resting['relative_pct'][4]:.1f} % and {resting['relative_pct'][5]:.1f} % of the torque "
-        "of joints 5 and 6 unexplained in a motion with long rests (plain: "
-        f"{rests['relative_pct'][4]:.0f} % and {rests['relative_pct'][5]:.0f} %).",
-        "Compared is the torque that the motor currents state with the torque that the model "
-        "predicts, both through the same zero-phase low-pass.",
-        "The columns of the regressor go through that low-pass too. This was chosen by leaving out "
-        "one of the three fitted runs at a time, never on the validation runs: held-out RMSE "
-        f"{line(held_out)} N m with it, {line(plain)} N m without.",
-        "A joint at rest carries any torque within its stiction band, which no function of "
-        "velocity can express: with the law that can, `presliding`, joints 5 and 6 leave "
-        f"{changes('presliding', 'ptp_10_points', (4, 5))} unexplained in `ptp_10_points` than "
-        "with plain friction. With friction that grows with the load of the gear, "
-        "`load-dependent`, joints 2 and 3 leave "
-        f"{changes('load-dependent', '14harm50sec', (1, 2))} in `14harm50sec`.",
-        "The slip displacements and Stribeck velocities are the smoothest within one standard "
-        "error of the lowest held-out error over the fitted runs; those of the lowest error "
-        f"itself would leave {lowest['relative_pct'][4]:.1f} % and "
-        f"{lowest['relative_pct'][5]:.1f} % of joints 5 and 6 over `ptp_10_points`.",
-        "With every link's inertia that of a real body the error on a held-out run is at worst "
-        f"{change(-metrics['consistent']['worst_ratio_pct'])} than plain least squares', whose "
-        f"parameters belong to no body in {len(metrics['consistent'][plain_links])} of 6 links.",
-    ]
 
 
 def _short_metrics(result: IdentificationResult, *more: str) -> dict[str, Any]:
@@ -272,6 +222,23 @@ def _comparison() -> list[ComparisonRow]:
             plain,
         ),
     ]
+
+
+_HARMONIC, _RESTS = VALIDATED
+NOTES = (
+    "Held-out RMSE of the law that cross-validation chose, `<best.law:>`: "
+    f"<best.validation.{_HARMONIC}.rmse_nm:.2f> N m, joints 1 to 6 (plain Coulomb-viscous "
+    f"friction: <validation.{_HARMONIC}.rmse_nm:.2f>).",
+    "Torque left unexplained in a motion with long rests, joints 1 to 6: "
+    f"<best.validation.{_RESTS}.relative_pct:.1f> % (plain: "
+    f"<validation.{_RESTS}.relative_pct:.1f> %; parameters of the lowest held-out error: "
+    f"<lowest_error.validation.{_RESTS}.relative_pct:.1f> %).",
+    "With the regressor's columns filtered, chosen by leaving out a fitted run at a time: "
+    "<cross_validation.rmse_nm:.2f> N m; without "
+    "<unfiltered_regressor.cross_validation.rmse_nm:.2f> N m.",
+    "With every link's inertia physical the held-out error is at worst "
+    "<consistent.worst_ratio_pct:.1f> % larger.",
+)
 
 
 EXPERIMENT = Experiment(

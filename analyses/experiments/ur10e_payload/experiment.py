@@ -70,7 +70,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
 )
 from wrenchsight.analyses.study.figure_files import saved_figure
-from wrenchsight.analyses.study.wording import change_between
+from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
 from wrenchsight.models.estimation.wrench import WrenchReconstruction, live_prior
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -182,8 +182,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=figures,
-        comparison=_comparison(metrics),
-        notes=findings(metrics),
+        comparison=_comparison(),
+        notes=filled(NOTES, metrics),
         configuration={
             "fitted": list(FITTED),
             "loaded": LOADED,
@@ -228,77 +228,7 @@ def _with_best_law(
     return at_load["mean_and_noise"], flange
 
 
-def findings(metrics: dict[str, Any]) -> list[str]:
-    """What the figures say, in sentences."""
-    bayesian, inverse, damped = (metrics[name] for name in ("bayesian", "inverse", "damped"))
-    force_only, live = metrics["force_only"], metrics["bayesian_live_prior"]
-    prior, unloaded = metrics["prior"], metrics["unloaded"]
-
-    def errors(part: dict[str, Any], digits: int = 1) -> str:
-        return " ".join(f"{part[f'rmse_f{axis}_n']:.{digits}f}" for axis in AXES)
-
-    seen = " ".join(f"{x:.2f}" for x in unloaded["observed_torque_rms_nm"])
-    stated = " ".join(f"{x:.2f}" for x in unloaded["stated_torque_sd_nm"])
-    inside = " ".join(f"{x:.0f}" for x in bayesian["inside_95_pct"])
-    kept = inverse["valid"]
-    kept_text = (
-        f"over these it errs by {errors(kept)} N and reads {kept['mass_kg']:.2f} kg"
-        if kept["mass_kg"] is not None
-        else "no sample is left"
-    )
-    best = metrics["best"]
-    at_load = best["at_load"]
-    return [
-        f"From motor currents alone, with the friction law `{best['law']}` that the unloaded runs "
-        f"chose, the Bayesian reading at the flange follows the payload's force within "
-        f"{errors(best['bayesian'])} N RMS (x y z); read where the load acts, found from the first "
-        f"10 s, within {errors(at_load['bayesian'])} N, and it weighs "
-        f"{at_load['bayesian']['mass_kg']:.3f} kg (`force_only`: {errors(at_load['force_only'])} N "
-        f"and {at_load['force_only']['mass_kg']:.3f} kg; true: {MASS} kg).",
-        f"A prior of mean zero reads {at_load['bayesian_zero_mean']['mass_kg']:.2f} kg there "
-        f"({change_between(MASS, at_load['bayesian_zero_mean']['mass_kg'], 1)} than the true "
-        "mass): it pulls every reading towards zero, and the pulls on a force that always points "
-        "down add up. The prior of `best.at_load.bayesian` has a mean, learnt from the same first "
-        "10 s.",
-        "The rule that finds the point of action was settled on this recording, not blindly. Mass "
-        "by `force_only` and `bayesian` with each rule: "
-        + "; ".join(
-            f"`{name}` {rule['force_only']['mass_kg']:.3f} and {rule['bayesian']['mass_kg']:.3f} kg"
-            for name, rule in best["point_rules"].items()
-        )
-        + ".",
-        f"With plain friction the Bayesian reading follows the payload's force within "
-        f"{errors(bayesian)} N RMS (x y z), eq. 22 within {errors(inverse, 0)} N: the arm passes "
-        "configurations with a condition number of up to "
-        f"{metrics['condition_number']['max']:.3g}.",
-        f"The flag of eq. 22 keeps {inverse['share_valid_pct']:.0f} % of its samples; {kept_text}.",
-        f"A smooth reading need not be a correct one: of {MASS} kg `damped` reads "
-        f"{damped['mass_kg']:.2f} kg "
-        f"and states a band that holds the truth in {damped['inside_95_pct'][2]:.0f} % of the "
-        f"samples in z, where it should in 95 %. `bayesian` reads {bayesian['mass_kg']:.2f} kg "
-        f"({bayesian['valid']['mass_kg'] or float('nan'):.2f} kg over its valid samples): it falls "
-        f"back on its prior where the arm sees little, and its band says so ({inside} % inside, "
-        "x y z).",
-        f"The prior of `bayesian`, {prior['force_sd_n']:.1f} N and "
-        f"{prior['moment_sd_nm']:.2f} N m, maximises the marginal likelihood of the observed joint "
-        "torques; the payload plays no part in it. It has mean zero, so that a force which always "
-        "points down counts as unusual: in z the 95 % band holds "
-        f"{bayesian['inside_95_pct'][2]:.0f} % of the samples. With the rule for live use (half "
-        "the rated payload's weight, "
-        f"{prior['live_force_sd_n']:.1f} N, and a lever of 5 cm) the error is "
-        f"{errors(live)} N and the mass {live['mass_kg']:.2f} kg.",
-        "Sigma_tau is the second moment of each unloaded run's torque residual under a model "
-        f"fitted on the other two: sd {stated} N m per joint. Over an unloaded run that was not "
-        f"fitted the causal observer reads {seen} N m RMS. Under load the likelihood of the run "
-        f"asks for {metrics['prior_with_free_noise']['noise_factor']:.2f} times these sds.",
-        "The payload's centre of mass lies some 18 cm off the flange, so there is a real moment at "
-        f"E. `force_only` assumes none and reads it as force ({errors(force_only)} N).",
-    ]
-
-
-def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
-    lost = f"damping reads {change_between(MASS, metrics['damped']['mass_kg'])} than there is"
-
+def _comparison() -> list[ComparisonRow]:
     def row(label: str, key: str, unit: str, value: float, remark: str = "") -> ComparisonRow:
         return ComparisonRow(label, key, unit, value, remark, "plain tools")
 
@@ -361,10 +291,34 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
     ]
     return [
         *rows,
-        row("mass, damped (true 2.805)", "damped.mass_kg", "kg", 1.88, lost),
+        row("mass, damped (true 2.805)", "damped.mass_kg", "kg", 1.88),
         ComparisonRow("mass, Bayesian (true 2.805)", "bayesian.mass_kg", "kg", None),
         ComparisonRow("mass, force only (true 2.805)", "force_only.mass_kg", "kg", None),
     ]
+
+
+def _errors(key: str) -> str:
+    return " ".join(f"<{key}.rmse_f{axis}_n:.1f>" for axis in AXES)
+
+
+NOTES = (
+    f"Force of the payload, RMSE x y z: {_errors('best.bayesian')} N at the flange, "
+    f"{_errors('best.at_load.bayesian')} N where the load acts, with the friction law "
+    "`<best.law:>` that the unloaded runs chose.",
+    "Mass read there: <best.at_load.bayesian.mass_kg:.3f> kg (bayesian), "
+    "<best.at_load.force_only.mass_kg:.3f> kg (`force_only`), "
+    f"<best.at_load.bayesian_zero_mean.mass_kg:.2f> kg (prior of mean zero); true: {MASS} kg.",
+    f"With plain friction: {_errors('bayesian')} N (bayesian), {_errors('inverse')} N (eq. 22, "
+    "<inverse.share_valid_pct:.0f> % of its samples valid); condition number up to "
+    "<condition_number.max:.3g>.",
+    "Inside the 95 % band, x y z: <bayesian.inside_95_pct:.0f> % (bayesian), "
+    "<damped.inside_95_pct:.0f> % (damped).",
+    "Prior by evidence: <prior.force_sd_n:.1f> N, <prior.moment_sd_nm:.2f> N m; with the prior for "
+    f"live use (<prior.live_force_sd_n:.1f> N) the error is {_errors('bayesian_live_prior')} N.",
+    "Stated sd of the torque: <unloaded.stated_torque_sd_nm:.2f> N m; observed over an unloaded "
+    "run: <unloaded.observed_torque_rms_nm:.2f> N m RMS.",
+    "The rule that finds the point of action was settled on this recording, not blindly.",
+)
 
 
 EXPERIMENT = Experiment(

@@ -229,46 +229,6 @@ def _counted(error: Array, sd: Array, valid: Flags) -> dict[str, Any]:
     }
 
 
-def _notes(metrics: dict[str, Any]) -> list[str]:
-    def line(values: Any) -> str:
-        return " ".join(f"{value:.0f}" for value in values)
-
-    moving = {name: own for name, own in metrics.items() if "sliding" in own}
-    still = [own["all"] for name, own in metrics.items() if name not in moving]
-    shares = "; ".join(
-        f"`{name}` {line(own['all']['inside_95_pct'])}" for name, own in moving.items()
-    )
-    renewed = "; ".join(
-        f"`{name}` {line(own['refreshed']['all']['inside_95_pct'])}"
-        for name, own in moving.items()
-        if "refreshed" in own
-    )
-    notes = [f"Share of the samples inside the 95 % band, x y z: {shares}."]
-    if renewed:
-        notes.append(
-            f"With friction found again from {REFRESH_SECONDS:g} s without contact: {renewed}."
-        )
-    told = "; ".join(
-        f"`{name}` {line(own['widened']['all']['inside_95_pct'])} "
-        f"({line(100.0 * np.asarray(own['widened']['drift']))} %)"
-        for name, own in moving.items()
-        if "widened" in own
-    )
-    if told:
-        notes.append(
-            "Where `estimate` says that friction is not the model's, with the drift of each joint "
-            f"that it finds in the log and allows for in the band: {told}."
-        )
-    if still:
-        held = min(float(np.min(own["inside_95_pct"])) for own in still)
-        phantom = max(float(np.max(own["largest_valid_n"])) for own in still)
-        notes.append(
-            f"In {len(still)} untouched postures the band holds zero in {held:.0f} % of the "
-            f"samples or more; the largest reading there that is called valid is {phantom:.1f} N."
-        )
-    return notes
-
-
 def _comparison() -> list[ComparisonRow]:
     inside = "Inside the stated 95 % band, x y z"
     return [
@@ -337,6 +297,24 @@ def _figure(metrics: dict[str, Any], out: Path) -> FigureFile:
         f"friction was found again from {REFRESH_SECONDS:g} s without contact."
     )
     return FigureFile(path, caption)
+
+
+def _notes(metrics: dict[str, Any]) -> list[str]:
+    cases = {
+        "as identified": "",
+        f"friction refreshed from {REFRESH_SECONDS:g} s": "refreshed",
+        "with the drift that the log shows": "widened",
+    }
+    notes = []
+    for words, case in cases.items():
+        logs = {name: own.get(case, {}) if case else own for name, own in metrics.items()}
+        shares = "; ".join(
+            f"`{name}` " + " ".join(f"{share:.0f}" for share in own["all"]["inside_95_pct"])
+            for name, own in logs.items()
+            if own
+        )
+        notes += [f"Inside the 95 % band, x y z, {words}: {shares} %."] if shares else []
+    return notes
 
 
 EXPERIMENT = Experiment(

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 class PayloadConfig:
     """How a load is found."""
 
-    gain_sd: float = 0.03  # of each joint's torque per ampere, relative; 0: exact
-    name: str = "load"  # of the tool that is written
+    gain_sd: float = 0.03  # relative sd of each joint's torque per ampere; 0: exact
+    name: str = "load"  # name of the tool that is written
 
 
 @dataclass
@@ -16,11 +16,14 @@ class PayloadSettings:
     """All that a run of `payload` depends on, as its config.yaml holds it."""
 
     command: str = "payload"  # which wrote it
-    robot: str = ""  # a bundled name, or a robot.yaml
-    model: str = ""  # model.yaml that identify wrote
-    log: str = ""  # of motion with the load
-    empty: str | None = None  # a log of the same day without the load
-    log_format: str | None = None  # description of the logs' columns
+    robot: str = ""  # a bundled robot's name, or the path of a robot.yaml
+    model: str = ""  # model.yaml that identify wrote, of the arm without the load
+    log: str = ""  # log of motion with the load
+    empty: str | None = None
+    # a log of the same day without the load; the model's error on it is subtracted
+    log_format: str | None = None  # columns of the logs: a bundled description's name or a YAML
     check: bool = True  # hold the log against the robot's limits and gravity
-    accept_signs: bool = False  # take the drives' signs as they are, also against the evidence
+    accept_signs: bool = False
+    # take the drives' signs as robot.yaml has them, also where gravity, inertia and friction
+    # contradict them; the result says so
     payload: PayloadConfig = field(default_factory=PayloadConfig)  # how

@@ -20,12 +20,14 @@ class IdentificationConfig:
     """How logs become a model."""
 
     time_step: float = 0.0  # s, of the grid that the logs are resampled on; 0: their median step
-    cutoff: float = 5.0  # Hz, of the low-pass; amplitude one half there, since it runs both ways
+    cutoff: float = 5.0  # Hz, cut-off of the zero-phase low-pass; amplitude one half there
     filter_order: int = 5  # of the Butterworth filter, each way
     num_passes: int = 4  # of weighted least squares; the first with equal weights
     filter_regressor: bool = True  # whether each column of it goes through the low-pass (step 2)
-    friction: str = "coulomb-viscous-offset"  # a law of LAWS, or "best": cross-validation chooses
-    consistent: bool = False  # whether every link's inertia must be physical
+    friction: str = "coulomb-viscous-offset"
+    # friction law: coulomb-viscous, coulomb-viscous-offset, stribeck, load-dependent,
+    # semi-parametric, presliding, presliding+network, or best: held-out logs choose
+    consistent: bool = False  # keep every link's inertia physical; adds robot.urdf
     selection: str = SELECTIONS[0]  # rule of the shape's choice
     loss: str = "huber"  # or "squares"; see wrenchsight.analyses.methods.learning.friction_fit
     cross_validate: bool = True  # whether each log is predicted from the others, too
@@ -36,7 +38,8 @@ class IdentificationConfig:
 class RefreshConfig:
     """How friction is re-estimated, for `identify --refresh`."""
 
-    part: list[float] = field(default_factory=list)  # begin and end, s of the log; none: all of it
+    part: list[float] = field(default_factory=list)
+    # s, begin and end of the part of the log to refresh from; none: all of it
     coulomb_drift: float = 0.05  # sd of the prior, share of the joint's dry friction
     viscous_drift: float = 0.3  # share of the viscous coefficient
     offset_drift: float = 0.02  # share of the dry friction
@@ -47,13 +50,18 @@ class IdentifySettings:
     """All that a run of `identify` depends on, as its config.yaml holds it."""
 
     command: str = "identify"  # which wrote it
-    robot: str = ""  # a bundled name, or a robot.yaml
-    accept_signs: bool = False  # take the drives' signs as they are, also against the evidence
-    logs: list[str] = field(default_factory=list)  # of free motion, to be fitted
-    validate: list[str] = field(default_factory=list)  # logs to predict, not fitted
-    load: list[str] = field(default_factory=list)  # LOG=MASS or LOG=MASS,X,Y,Z, kg and m
-    refresh: str | None = None  # model.yaml whose friction is re-estimated from the one log
-    log_format: str | None = None  # description of the logs' columns
+    robot: str = ""  # a bundled robot's name, or the path of a robot.yaml
+    accept_signs: bool = False
+    # take the drives' signs as robot.yaml has them, also where gravity, inertia and friction
+    # contradict them; the result says so
+    logs: list[str] = field(default_factory=list)  # logs of free motion, to be fitted
+    validate: list[str] = field(default_factory=list)  # logs to validate on: predicted, not fitted
+    load: list[str] = field(default_factory=list)
+    # a log with a weighed load (kg), its centre of mass in the flange's frame (m) if it is known;
+    # calibrates torque per ampere, adds robot.yaml
+    refresh: str | None = None
+    # a model.yaml: re-estimate only its drifted friction, from seconds of one log
+    log_format: str | None = None  # columns of the logs: a bundled description's name or a YAML
     identification: IdentificationConfig = field(default_factory=IdentificationConfig)  # how
     refreshing: RefreshConfig = field(default_factory=RefreshConfig)  # how, with `refresh`
 

@@ -12,9 +12,9 @@ class SliceConfig:
     Attributes:
         axis: "x", "y" or "z": the plane's normal in W.
         value: of that coordinate in the plane, m.
-        cone_axis: (3,) direction of the tool in W in the cone's middle; down.
-        cone_deg: from there to the cone's side.
-        num_points: of the grid along each side of the square.
+        cone_axis: direction of the tool in W in the middle of its cone, three numbers; down.
+        cone_deg: degrees, how far the tool may lean from there.
+        num_points: points of the slice's grid along each side of the square.
         extent: half the square's side, m; None for the arm's reach.
     """
 
@@ -31,8 +31,9 @@ class JcnMapSettings:
     """All that a run of `jcn-map` depends on, as its config.yaml holds it."""
 
     command: str = "jcn-map"  # which wrote it
-    robot: str = "sts_sre4_600"  # a bundled name, or a robot.yaml
-    num_samples: int = NUM_SAMPLES  # random configurations
-    seed: int = 0  # of the random configurations
-    within_limits: bool = False  # random configurations within the limits, not over full turns
-    slice: SliceConfig | None = None  # a plane to map as well
+    robot: str = "sts_sre4_600"  # a bundled robot's name, or the path of a robot.yaml
+    num_samples: int = NUM_SAMPLES  # number of random configurations
+    seed: int = 0  # seed of the random configurations
+    within_limits: bool = False  # draw them within the joint limits, not over full turns
+    slice: SliceConfig | None = None
+    # a plane to map as well, such as z=0.3 (m): the best condition number at each of its points

@@ -64,6 +64,6 @@ class RedundancySettings:
     """All that a run of `redundancy` depends on, as its config.yaml holds it."""
 
     command: str = "redundancy"  # which wrote it
-    task: str = ""  # a bundled task, or a YAML file
-    robot: str = "sts_sre4_600"  # a bundled name, or a robot.yaml
+    task: str = ""  # a bundled task such as blade_path, or a YAML file
+    robot: str = "sts_sre4_600"  # a bundled robot's name, or the path of a robot.yaml
     task_content: RedundancyTask | None = None  # overrides what `task` names

@@ -43,31 +43,34 @@ class EstimateConfig:
     """
 
     prior: str = "log"
-    """Where the estimator states none: "live", half the rated payload; "log", what explains the log
-    best, but no less than FLOOR_SHARE of the live one, so that a short contact in a quiet log is
-    not read as noise; or two numbers, N and N m: "30,2"."""
+    """prior sds of force and moment: live (half the rated payload), log (what explains the log
+    best, at least a third of the live one), or two numbers in N and N m: 30,2"""
     torque: str = "found"
-    """What is read: "currents" (or motor torque, through model and observer); "external", the
-    external torque that the arm itself reports; "found", that where the log has it and no
-    currents."""
+    """what is read: currents (through model and observer), external (the external torque that the
+    arm itself reports), or found (that, where the log has no currents)"""
     torque_sd: list[float] = field(default_factory=list)
-    """N m, of an external torque's error, one for all joints or one each; none: by the evidence."""
-    engine: str = "batch"  # "batch": the kernels; "diagram": the same chain as a Drake diagram
+    """N m, sd of an external torque's error, one for all joints or one each"""
+    engine: str = "batch"  # chain: batch (kernels) or diagram (Drake's), the same result
     estimator: WrenchEstimatorConfig = field(default_factory=_estimator_of_logs)
-    smooth: bool = False  # each sample estimated from those after it as well: no lag
+    smooth: bool = False
+    # estimate each sample from those before and after it (no lag, less error), or from those before
+    # it, as a controller would
     drift: float | None = None
-    """Share of the viscous torque by which friction may have drifted, for the stated band; null: as
-    the model's file says, or by joint what the log's contact-free stretches show, where they
-    contradict the model."""
-    max_gap: float = 0.0  # s, longest gap that is bridged; 0: 0.1 s or three steps
+    """share of the viscous torque by which friction may have drifted, for the stated band; left
+    out: the model's, or what the log's contact-free stretches show"""
+    max_gap: float = 0.0  # s, longest gap that is bridged; 0: the longer of 0.1 s and three steps
     check: bool = True  # hold the log against the robot's limits and gravity
-    accept_signs: bool = False  # take the drives' signs as they are, also against the evidence
+    accept_signs: bool = False
+    # take the drives' signs as robot.yaml has them, also where gravity, inertia and friction
+    # contradict them; the result says so
     mcap: bool = False  # write the wrenches as ROS 2 messages too (wrench.mcap)
     reference: ReferenceConfig = field(default_factory=ReferenceConfig)  # a force sensor in the log
     detection: ContactDetectionConfig = field(default_factory=ContactDetectionConfig)
-    covariance: bool = False  # whether the table has columns for it
-    table: str = "csv"  # "csv" or "parquet"
-    other_robot: bool = False  # read by a model whose robot.yaml said otherwise
+    covariance: bool = False  # add the 21 entries of the covariance to the table
+    table: str = "csv"  # format of the table: csv or parquet
+    other_robot: bool = False
+    # read even where robot.yaml says otherwise than when the model was identified; the result says
+    # so
 
 
 @dataclass
@@ -75,11 +78,15 @@ class EstimateSettings:
     """All that a run of `estimate` depends on, as its config.yaml holds it."""
 
     command: str = "estimate"  # which wrote it
-    log: str = ""  # of q, v and motor current; or of external torque
-    further_logs: list[str] = field(default_factory=list)  # of external torque, read together
-    robot: str = ""  # a bundled name, or a robot.yaml; none: the log holds the Jacobian
-    model: str | None = None  # a model.yaml; None: what the robot's own files state
-    log_format: str | None = None  # description of the log's columns
+    log: str = ""
+    # log of q, v and motor current, or of external torque and the Jacobian; a table or a ROS 2 bag
+    further_logs: list[str] = field(default_factory=list)
+    # more logs of external torque, read together
+    robot: str = ""
+    # a bundled robot's name, or the path of a robot.yaml; not needed where the log holds the
+    # Jacobian
+    model: str | None = None  # model.yaml that identify wrote; else the robot's own files
+    log_format: str | None = None  # columns of the log: a bundled description's name or a YAML
     estimate: EstimateConfig = field(default_factory=EstimateConfig)  # how
 
 

@@ -83,7 +83,7 @@ def record_air_pass(
         floor=False,
     )
     known = IdentifiedModel.nominal(robot)
-    if is_free(free, robot):
+    if is_free(free):
         t, signals = run_free(free, robot, known, motion)
         progress(1.0, "air pass")
         return _recorded(t, signals)

@@ -21,12 +21,11 @@ from wrenchsight.systems.force_torque_sensor import ForceTorqueSensorConfig
 from wrenchsight.systems.joint_tracking_controller import JointTrackingConfig
 
 
-def is_free(scenario: Scenario, robot: Robot) -> bool:
+def is_free(scenario: Scenario) -> bool:
     """Whether `run_free` knows all that the scenario has."""
     sensor = scenario.force_torque_sensor
     return (
-        robot.config.simulated_truth.mechanisms is not None
-        and isinstance(scenario.controller, JointTrackingConfig)
+        isinstance(scenario.controller, JointTrackingConfig)
         and scenario.workpiece is None
         and scenario.machining is None
         and not scenario.floor

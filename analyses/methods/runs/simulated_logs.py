@@ -9,12 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.systems.analysis import Simulator
 
-from wrenchsight.analyses.methods.advance import advance, even_stretches
 from wrenchsight.analyses.study.shared_results import shared
-from wrenchsight.diagrams.closed_loop import make_closed_loop
-from wrenchsight.diagrams.scenario import Scenario
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.excitation.fourier_trajectory import FourierTrajectory
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -32,7 +28,6 @@ ROBOT = "sts_sre4_600"
 # less, a wrist of little inertia sticks and slips through each reversal.
 TRACKING = JointTrackingConfig(kp=[4e4], kd=[400.0], ki=[2e6], integral_limit=[400.0])
 PERIODS = 2  # of each trajectory: 20 s
-_STRETCH = 0.25  # s between two reports of progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,37 +100,13 @@ def _simulate_motion(
     progress: ProgressCallback,
 ) -> SimulatedLog:
     known = IdentifiedModel.nominal(robot) if model is None else model
+    # The same as the cell's tick by tick, much faster (tests/models/truth/test_free_arm.py).
+    log = simulate_free_arm(robot, trajectory, drive_servo(robot, known), seed=seed, whole=False)
+    progress(1.0, f"simulating {name}")
+    exact = Recording(t=log.t, q=log.q, v=log.v, current=log.current, source=name)
     mechanisms = robot.config.simulated_truth.mechanisms
-    if mechanisms is not None:
-        # The same as the cell's tick by tick, much faster (tests/models/truth/test_free_arm.py).
-        servo = drive_servo(robot, known)
-        log = simulate_free_arm(robot, trajectory, servo, seed=seed, whole=False)
-        progress(1.0, f"simulating {name}")
-        exact = Recording(t=log.t, q=log.q, v=log.v, current=log.current, source=name)
-        return SimulatedLog(clocked(exact, mechanisms.clock, seed), log.tau_f_true)
-    scenario = Scenario(
-        robot=robot.name, duration=trajectory.duration, seed=seed, controller=TRACKING
-    )
-    loop = make_closed_loop(
-        scenario,
-        robot,
-        known,
-        also_log=("tau_f_true",),
-        trajectory=trajectory,
-        with_estimator=False,
-    )
-    simulator = Simulator(loop.diagram)
-    simulator.Initialize()
-    advance(
-        simulator,
-        even_stretches(scenario.duration, _STRETCH),
-        lambda share: progress(share, f"simulating {name}"),
-    )
-    t, signals = loop.logged(simulator.get_context())
-    recording = Recording(
-        t=t, q=signals["q"], v=signals["v"], current=signals["current"], source=name
-    )
-    return SimulatedLog(recording, signals["tau_f_true"])
+    clock = None if mechanisms is None else mechanisms.clock
+    return SimulatedLog(clocked(exact, clock, seed), log.tau_f_true)
 
 
 def drive_servo(

@@ -29,7 +29,6 @@ from wrenchsight.diagrams.graph import write_graph
 from wrenchsight.diagrams.kept_signals import KeptSignals
 from wrenchsight.diagrams.machining import longest_duration, make_machining_path, view_of
 from wrenchsight.diagrams.pages.run_page import make_meshcat, start_animation, write_page
-from wrenchsight.diagrams.robot_cell import true_friction
 from wrenchsight.diagrams.scenario import (
     FourierMotion,
     Scenario,
@@ -37,7 +36,6 @@ from wrenchsight.diagrams.scenario import (
     load_scenario,
     make_trajectory,
 )
-from wrenchsight.diagrams.truth.hard_joints import hard_joints
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.estimator import WrenchEstimator
 from wrenchsight.models.estimation.uncertain_force import UncertainForce
@@ -51,7 +49,8 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_writer import write_recording
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
 from wrenchsight.models.robot.robot import Robot
-from wrenchsight.models.truth.true_robot import with_truth_named
+from wrenchsight.models.truth.true_joints import TrueJoints
+from wrenchsight.models.truth.true_robot import with_friction, with_truth_named
 from wrenchsight.systems.impedance_controller import ImpedanceConfig
 
 if TYPE_CHECKING:
@@ -514,8 +513,7 @@ def known_model(
     Stiction, ripple and what bends the friction curve are left over.
     """
     model = IdentifiedModel.nominal(robot)
-    friction = true_friction(scenario, robot)
-    if friction is None:
+    if scenario.friction == "none":
         return model
     trajectory = trajectory or make_trajectory(scenario, robot)
     q, v, vdot = trajectory.sample(np.linspace(0.0, scenario.duration, _FIT_SAMPLES))
@@ -524,9 +522,8 @@ def known_model(
     spread = np.linspace(*_FIT_RANGE, _FIT_SAMPLES)
     v[:, at_rest] = spread[:, np.newaxis]
     moving[:, at_rest] = True
-    joints = hard_joints(scenario, robot)
-    load = robot.chain.inverse_dynamics(q, v, vdot)
-    torque = (friction if joints is None else joints).sliding_torque(v, load)
+    joints = TrueJoints.of(with_friction(robot, scenario.friction), scenario.time_step)
+    torque = joints.sliding_torque(v, robot.chain.inverse_dynamics(q, v, vdot))
     law = np.zeros((robot.num_joints, 2))
     for i in range(robot.num_joints):
         part = moving[:, i]

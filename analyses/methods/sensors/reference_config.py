@@ -20,13 +20,16 @@ _LONGEST_DELAY = 5.0  # s
 class ReferenceConfig:
     """A force sensor among a log's columns, and how it is mounted."""
 
-    columns: str = ""  # of the sensor, force first: 1, 3 or 6; N, N m; empty: no sensor
+    columns: str = ""
+    # a force sensor's columns in the log (N, N m), to compare with: fx,fy,fz, with moments, or one
+    # along an axis
     frame: str = "found"  # frame that the sensor is fixed in: world, tool, or found
     turn: list[float] = field(default_factory=list)  # rad, roll pitch yaw of its axes in the frame
-    sign: str = "found"  # of the force: robot (on the robot), environment (on it), or found
-    tare: str = "none"  # none; start: mean of the first half second; fit; or numbers with commas
-    delay: str = "found"  # s that the sensor is later than the motion; or found
-    contact_force: float = 5.0  # N, beyond which the sensor tells contact
+    sign: str = "found"  # force it reports: robot (on the robot), environment (on it), or found
+    tare: str = "none"
+    # its reading without load: none, start (mean of the first half second), fit, or numbers
+    delay: str = "found"  # s, delay of the sensor behind the motion, or found
+    contact_force: float = 5.0  # N, force of the sensor above which there is contact
     rest_speed: float = 0.01  # rad/s of the fastest joint, below which the arm rests
 
 

@@ -9,6 +9,7 @@ import yaml
 from typer.testing import CliRunner
 
 from wrenchsight.analyses.__main__ import app
+from wrenchsight.analyses.commands import estimate, options
 from wrenchsight.analyses.commands.discovery import find_commands, load_command
 from wrenchsight.analyses.methods.learning import identification
 from wrenchsight.analyses.methods.learning.identification_config import IdentifySettings
@@ -185,9 +186,44 @@ def test_a_slice_that_is_no_plane_is_one_line(call, words):
 def test_a_command_that_has_settings_takes_a_file_of_them():
     for name, entry in find_commands().items():
         options = {parameter.name for parameter in load_command(entry).params}
-        places = getattr(import_module(entry.module), "PLACES", None)
-        assert ("config" in options) == (places is not None), name
-        assert set(places or ()) <= options, name
+        own = getattr(import_module(entry.module), "OPTIONS", None)
+        assert ("config" in options) == (own is not None), name
+        assert {option.parameter for option in own or ()} <= options, name
+
+
+def test_help_shows_what_people_need_and_help_all_every_option():
+    shown, every = (
+        CliRunner().invoke(app, ["estimate", word], env={"COLUMNS": "200"}).stdout
+        for word in ("--help", "--help-all")
+    )
+    hidden = [option.spelling for option in estimate.OPTIONS if not option.shown]
+    assert len(hidden) > 20
+    for option in estimate.OPTIONS:
+        assert option.argument or f"{option.spelling} " in every, option
+    assert not [spelling for spelling in hidden if f"{spelling} " in shown]
+    # The field's words, its unit last, and its default.
+    gap = next(line for line in every.splitlines() if "--max-gap " in line)
+    assert "Longest gap that is bridged" in gap
+    assert f"[default: {EstimateConfig().max_gap}]" in every
+
+
+def test_a_hidden_option_counts_as_any_other(call):
+    seen = call("estimate", "log.csv", "--robot", "r", "--max-gap", "0.5", "--step", "0.004")
+    assert seen["values"][5].max_gap == 0.5
+    assert seen["values"][5].estimator.observer.time_step == 0.004
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("s, longest gap; 0: none", "Longest gap; 0: none (s)."),
+        ("rad (m), from the limits", "From the limits (rad (m))."),
+        ("model.yaml of `identify`", "model.yaml of `identify`."),
+        ("some share of it", "Some share of it."),
+    ],
+)
+def test_a_fields_words_become_a_sentence_with_the_unit_last(words, sentence):
+    assert options._sentence(words) == sentence
 
 
 @dataclasses.dataclass

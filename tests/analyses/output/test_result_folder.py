@@ -14,7 +14,12 @@ import pytest
 from wrenchsight.analyses.output import result_folder as module
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.result_folder import STAGING, recover, result_folder
-from wrenchsight.analyses.output.result_marker import MARKER, ResultMarker, strangers
+from wrenchsight.analyses.output.result_marker import (
+    MARKER,
+    ResultMarker,
+    file_checksum,
+    strangers,
+)
 from wrenchsight.models.files.files_read import about_to_read
 from wrenchsight.models.files.input_error import InputError
 
@@ -268,7 +273,7 @@ def _stopped_after(out, monkeypatch, renames):
         replace, count = Path.replace, iter(range(100))
 
         def die_in_time(self, target):
-            goes_to_its_place = f"{STAGING}/new" in str(self) and ".partial" not in self.name
+            goes_to_its_place = f"{STAGING}/ready" in str(self)
             if goes_to_its_place and next(count) == renames:
                 os.kill(os.getpid(), signal.SIGKILL)
             return replace(self, target)
@@ -283,7 +288,7 @@ def _stopped_after(out, monkeypatch, renames):
 @pytest.mark.parametrize("renames", range(4))
 def test_a_kill_while_files_change_places_is_completed(out, monkeypatch, renames):
     assert _stopped_after(out, monkeypatch, renames)
-    assert (out / STAGING / "journal.json").exists()
+    assert (out / STAGING / "ready").exists()
     recover(out)
     assert _visible(out) == {"a.txt": "2", "c.txt": "2", "figures/b.png": "2"}
     assert list(strangers(out, ResultMarker.read(out))) == []
@@ -387,12 +392,12 @@ def test_a_full_disk_leaves_the_older_results(out, monkeypatch):
     assert _files(out) == before
 
 
-def test_a_full_disk_at_the_journal_leaves_the_older_results(out, monkeypatch):
+def test_a_full_disk_at_the_marker_leaves_the_older_results(out, monkeypatch):
     before = _files(out)
     write_text = Path.write_text
 
     def full(self, *values, **options):
-        if "journal" in self.name:
+        if MARKER in self.name:
             raise OSError(28, "No space left on device")
         return write_text(self, *values, **options)
 
@@ -401,6 +406,81 @@ def test_a_full_disk_at_the_journal_leaves_the_older_results(out, monkeypatch):
         _write(out, "2")
     monkeypatch.undo()
     assert _files(out) == before
+
+
+# ---- a folder that someone has prepared ----
+
+
+def _prepare_ready(out, files, listed=None):
+    """Lays out what a killed run leaves: files that are ready, and their marker."""
+    ready = out / STAGING / "ready"
+    for name, content in files.items():
+        (ready / name).parent.mkdir(parents=True, exist_ok=True)
+        (ready / name).write_text(content)
+    sums = {name: file_checksum(ready / name) for name in files}
+    (ready / MARKER).write_text(ResultMarker("estimate", listed or sums).text())
+    return ready
+
+
+JOURNALS = (
+    *("", "{", "{}", "[]", "null", '{"files": 3}', '{"files": ["../mine"], "remove": []}'),
+    '{"files": [], "remove": ["../mine"], "before": {}, "after": {}}',
+)
+
+
+@pytest.mark.parametrize("journal", JOURNALS)
+@pytest.mark.parametrize("place", ["journal.json", f"ready/{MARKER}", "ready", "new", ""])
+def test_what_lies_where_a_run_writes_reaches_nothing_outside(out, tmp_path, journal, place):
+    (tmp_path / "mine").write_text("mine")
+    file = out / STAGING / place
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(journal)
+    if place:
+        _write(out, "2")
+        assert _visible(out) == {"a.txt": "2", "figures/b.png": "2"}
+    else:  # a file where the folder is needed
+        _refused(lambda: _write(out, "2"))
+    assert (tmp_path / "mine").read_text() == "mine"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["mine", "out"]
+
+
+@pytest.mark.parametrize("content", ["escaped", "mine"])
+def test_a_marker_that_is_ready_names_nothing_outside(out, tmp_path, content):
+    (tmp_path / "mine").write_text("mine")
+    _prepare_ready(out, {"c.txt": "2"}, {"../mine": file_checksum(tmp_path / "mine")})
+    (out / STAGING / "mine").write_text(content)
+    _write(out, "2")
+    assert _visible(out) == {"a.txt": "2", "figures/b.png": "2"}
+    assert (tmp_path / "mine").read_text() == "mine"
+
+
+@pytest.mark.parametrize("way", [STAGING, f"{STAGING}/ready", f"{STAGING}/ready/deep"])
+def test_a_link_where_a_run_writes_is_not_followed(out, tmp_path, way):
+    elsewhere = tmp_path / "elsewhere"
+    _prepare_ready(elsewhere, {"deep/c.txt": "2"})
+    (out / way).parent.mkdir(parents=True, exist_ok=True)
+    (out / way).symlink_to(elsewhere / way)
+    before = _files(elsewhere)
+    if way == STAGING:
+        _refused(lambda: _write(out, "2"))
+    else:
+        _write(out, "2")
+        assert _visible(out) == {"a.txt": "2", "figures/b.png": "2"}
+    assert _files(elsewhere) == before
+
+
+def test_a_linked_folder_in_the_way_of_what_is_ready_is_not_followed(out, tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    (out / "deep").symlink_to(tmp_path / "elsewhere")
+    _prepare_ready(out, {"deep/c.txt": "2"})
+    assert "deep: is a link" in _refused(lambda: _write(out, "2"))
+    assert list((tmp_path / "elsewhere").iterdir()) == []
+
+
+def test_a_pipe_among_what_is_ready_is_not_waited_for(out):
+    os.mkfifo(_prepare_ready(out, {"c.txt": "2"}) / "d.txt")
+    _write(out, "2")
+    assert _visible(out) == {"a.txt": "2", "figures/b.png": "2"}
 
 
 def test_a_marker_of_hand_made_names_is_no_licence(tmp_path):

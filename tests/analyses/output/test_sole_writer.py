@@ -1,5 +1,6 @@
 """One writer a folder at a time."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -61,3 +62,10 @@ def test_a_link_with_that_name_is_not_followed(tmp_path):
     with pytest.raises(InputError, match="cannot be written"), sole_writer(tmp_path):
         pass
     assert (tmp_path / "mine").read_text() == "mine"
+
+
+def test_a_pipe_with_that_name_stays(tmp_path):
+    os.mkfifo(tmp_path / LOCK)
+    with pytest.raises(InputError, match="is no plain file"), sole_writer(tmp_path):
+        pass
+    assert (tmp_path / LOCK).is_fifo()

@@ -1,25 +1,34 @@
-"""Words for figures."""
+"""Notes take their figures from the metrics."""
 
+import numpy as np
 import pytest
 
-from wrenchsight.analyses.study.wording import change, change_between, compared, listed
+from wrenchsight.analyses.study.wording import filled
+
+METRICS = {
+    "rmse_n": 1.234,
+    "band": {"14harm": np.array([0.5, 0.955])},
+    "delay_s": [0.03, float("nan")],
+    "law": "presliding+network",
+    "a.b": {"count": 3},
+}
 
 
-def test_a_reduction_is_less_or_more():
-    assert change(12.34) == "12.3 % less"
-    assert change(-12.34, 0) == "12 % more"
-    assert change(0.04) == "no less"
-    assert change_between(4.0, 3.0) == "25 % less"
-    assert change_between(4.0, 5.0) == "25 % more"
+@pytest.mark.parametrize(
+    ("note", "sentence"),
+    [
+        ("off by <rmse_n:.2f> N", "off by 1.23 N"),
+        ("<band.14harm:100 .1f> %", "50.0 95.5 %"),
+        ("<band.14harm.1:.2f>", "0.95"),
+        ("<delay_s:1e3 .0f> ms", "30 – ms"),
+        ("`<law:>`", "`presliding+network`"),
+        ("<a.b.count:.0f> of <a.b.count:d>", "3 of 3"),
+        ("x < 3 N, y > 2 N", "x < 3 N, y > 2 N"),
+    ],
+)
+def test_a_figure_is_the_metric_that_is_named(note, sentence):
+    assert filled([note], METRICS) == [sentence]
 
 
-@pytest.mark.parametrize(("value", "word"), [(0.9, "below"), (1.1, "above"), (1.04, "near")])
-def test_a_value_is_below_above_or_near(value, word):
-    assert compared(value, 1.0, "below", "above", "near", 0.05) == word
-
-
-def test_words_are_listed():
-    assert listed("ab") == "a and b"
-    assert listed("abc") == "a, b and c"
-    assert listed("a") == "a"
-    assert listed([]) == "none"
+def test_a_note_without_its_metric_is_left_out():
+    assert filled(["<rmse_n:.1f>", "<nothing:.1f> and <rmse_n:.1f>"], METRICS) == ["1.2"]

@@ -4,31 +4,41 @@ from scipy.spatial.transform import Rotation
 
 from wrenchsight.models.control.impedance import (
     impedance_action,
+    impedance_law,
     impedance_torque,
     impedance_wrench,
     pose_error,
 )
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 
 RANDOM = np.random.default_rng(4)
 COUPLED = RANDOM.normal(size=(6, 6))
 STIFFNESS = COUPLED @ COUPLED.T + np.diag([5.0, 9, 20, 100, 300, 800])  # full, anisotropic
 NO_DIRECTION = np.zeros(3)
+NOTHING = np.zeros((6, 6))
 
 
-def wrench(in_E, K, R_WE, p_WE, R_WD, p_WD, V_WE=None, V_WD=None, B=None, d=NO_DIRECTION):
-    zero = np.zeros(6)
+def law(n=6, friction=None, **options):
+    table = np.zeros((n, 7)) if friction is None else friction
+    return impedance_law(effort_limit=np.full(n, 1e6), friction=table, **options)
+
+
+def terms(n=6, **values):
+    result = RigidBodyTerms.zeros(n)
+    for name, value in values.items():
+        getattr(result, name)[:] = value
+    return result.record
+
+
+def wrench(in_E, K, R_WE, p_WE, R_WD, p_WD, V_WE=0.0, V_WD=None, B=NOTHING, d=NO_DIRECTION):
     out = np.empty(6)
     impedance_wrench(
-        in_E,
-        K,
-        np.zeros((6, 6)) if B is None else B,
-        np.ascontiguousarray(R_WE),
-        np.asarray(p_WE, float),
-        zero if V_WE is None else np.asarray(V_WE, float),
+        law(in_E=in_E, stiffness=K, damping=B),
+        terms(R_WE=R_WE, p_WE=p_WE, V_WE=V_WE),
         np.ascontiguousarray(R_WD),
         np.asarray(p_WD, float),
-        zero if V_WD is None else np.asarray(V_WD, float),
+        np.zeros(6) if V_WD is None else np.asarray(V_WD, float),
         d,
         out,
     )
@@ -94,10 +104,9 @@ def test_null_space_damping_does_not_reach_the_tool():
     half = RANDOM.normal(size=(n, n))
     M, J = half @ half.T + np.eye(n), RANDOM.normal(size=(6, n))
     v = RANDOM.normal(size=n)
-    friction = np.zeros((n, 7))
     tau = np.empty(n)
-    arguments = (friction, 0.01, M, np.zeros(n), np.zeros(n), J, v, np.zeros(3 * n), np.zeros(6))
-    impedance_torque(np.full(n, 1e3), 4.0, *arguments, tau)
+    damped = law(n, null_space_damping=4.0)
+    impedance_torque(damped, terms(n, M=M, J=J, v=v), np.zeros(3 * n), np.zeros(6), tau)
     # no acceleration of E, and it takes energy
     np.testing.assert_allclose(J @ np.linalg.solve(M, tau), 0, atol=1e-6)
     assert tau @ v < -1e-3
@@ -118,46 +127,29 @@ def test_an_action_is_torque_error_and_integral(presses, in_E, valid):
     p_WE, p_WD, direction = rng.normal(size=(3, 3))
     V_WE, V_WD = rng.normal(size=(2, 6))
     direction /= np.linalg.norm(direction)
-    gains, integral, setpoint = np.array([0.6, 60.0, 1e3]), 0.2, 40.0
-    law = CoulombViscous(np.ones(n), np.ones(n), np.zeros(n))
-    friction = SemiParametricFriction(law).table
+    integral, setpoint = 0.2, 40.0
+    coulomb_viscous = CoulombViscous(np.ones(n), np.ones(n), np.zeros(n))
+    controller = law(
+        friction=SemiParametricFriction(coulomb_viscous).table,
+        in_E=in_E,
+        stiffness=A,
+        damping=B,
+        force_gains=(0.6, 60.0, 1e3),
+        direction=direction,
+        direction_in_E=True,
+        time_step=T,
+        has_force=True,
+    )
+    arm = terms(M=M, Cv=Cv, G=G, J=J, R_WE=R_WE, p_WE=p_WE, V_WE=V_WE, v=v)
     pose = np.concatenate([R_WD.ravel(), p_WD, V_WD])
-    limit = np.full(n, 1e6)
     action = np.empty(n + 7)
     impedance_action(
-        in_E,
-        A.ravel(),
-        B.ravel(),
-        gains,
-        direction,
-        True,
-        T,
-        limit,
-        0.0,
-        friction,
-        0.005,
-        M,
-        Cv,
-        G,
-        J,
-        R_WE,
-        p_WE,
-        V_WE,
-        v,
-        pose,
-        reference,
-        True,
-        presses,
-        valid,
-        setpoint,
-        wrench,
-        integral,
-        action,
+        *(controller, arm, pose, reference, presses, valid, setpoint, wrench, integral, action)
     )
     d_W = R_WE @ direction
     free, blind = np.empty(6), np.empty(6)
     for out, along in ((free, np.zeros(3)), (blind, d_W)):
-        impedance_wrench(in_E, A, B, R_WE, p_WE, V_WE, R_WD, p_WD, V_WD, along, out)
+        impedance_wrench(controller, arm, R_WD, p_WD, V_WD, along, out)
     error = setpoint - d_W @ wrench[3:] if valid else 0.0
     if presses:
         blind[3:] -= (setpoint + 0.6 * error + 60.0 * integral) * d_W

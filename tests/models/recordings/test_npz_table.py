@@ -1,5 +1,6 @@
 """Logs in npz files, against numpy's own reader."""
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -99,3 +100,31 @@ def test_what_is_no_log(tmp_path: Path) -> None:
         read_recording(_saved(tmp_path, words=np.array(["a"])))
     with pytest.raises(InputError, match="has no rows"):
         read_recording(_saved(tmp_path, t=np.empty(0)))
+
+
+@pytest.mark.parametrize("order", [False, True])
+@pytest.mark.parametrize("name", ["q", "extra"])
+@pytest.mark.parametrize("shape", [(40, 10**9), (40, -3), (10**12,), (2**40, 2**40)])
+def test_what_a_header_states_is_not_made(
+    tmp_path: Path, name: str, shape: tuple[int, ...], order: bool
+) -> None:
+    arrays = {**_arrays(), "extra": np.zeros((40, 3))}
+    path = tmp_path / "log.npz"
+    with zipfile.ZipFile(path, "w") as archive:
+        for key, array in arrays.items():
+            with archive.open(key + ".npy", "w") as member:
+                if key != name:
+                    np.lib.format.write_array(member, array)
+                    continue
+                header = {"descr": "<f8", "fortran_order": order, "shape": shape}
+                np.lib.format.write_array_header_1_0(member, header)
+                member.write(array.tobytes())
+    with pytest.raises(InputError, match="damaged"):
+        read_recording(path, check=False)
+
+
+def test_arrays_of_pictures_are_left_out(tmp_path: Path) -> None:
+    arrays = _arrays()
+    path = _saved(tmp_path, **arrays, camera=np.zeros((len(arrays["t"]), 64, 65), np.uint8))
+    log = read_recording(path, check=False)
+    assert any("camera" in notice and "too large" in notice for notice in log.notices)

@@ -16,6 +16,7 @@ from wrenchsight.models.truth.joint_kernels import (
     FORCE,
     HARMONICS,
     RATE,
+    RIGID,
     RISE,
     SIGNALS,
     SLIPS,
@@ -90,6 +91,116 @@ class Bench:
     @property
     def stored(self):
         return float(self.joints.stored_energy(self.state, self.v)[0])
+
+
+PLAIN = ((1.0, RIGID / H, 0.0),)  # what TrueJoints makes of a truth without presliding
+DRY = {"stiction": 6.0, "coulomb": 4.0, "speed": 0.05, "viscous": 2.0}
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_plain_joint_holds_within_stiction_and_creeps_by_its_torque(sign):
+    bench = Bench(one_joint(PLAIN, **DRY), M=1.3)
+    for _ in range(1000):
+        bench.tick(sign * 5.9)
+    assert bench.q[0] == pytest.approx(sign * 5.9 * 1000 * H / RIGID, rel=0.01)
+    assert bench.signals[TAU_F, 0] == pytest.approx(sign * 5.9, rel=1e-4)
+
+
+def test_a_plain_joint_breaks_away_above_stiction_and_slides_by_its_law():
+    """Down to where coulomb + (stiction - coulomb) exp(-(v / v_s)^2) + viscous v is the torque."""
+    bench = Bench(one_joint(PLAIN, **DRY), M=1.3)
+    found = []
+    for _ in range(8000):
+        before = bench.v[0]
+        bench.tick(6.1)
+        bump = 2.0 * np.exp(-((before / 0.05) ** 2))
+        found.append(bench.signals[TAU_F, 0] - (4.0 + bump + 2.0 * bench.v[0]))
+    assert bench.v[0] == pytest.approx((6.1 - 4.0) / 2.0, rel=1e-3)
+    # In the tick of the breakaway the element is not at its limit yet.
+    assert np.abs(found[5:]).max() < 1e-9
+
+
+def test_a_plain_joint_slides_down_as_the_closed_form_says_and_stops_for_good():
+    """Stiction equal to Coulomb: M dv/dt = -coulomb - viscous v, whose solution is closed."""
+    bench = Bench(one_joint(PLAIN, **DRY | {"stiction": 4.0}), M=1.3, v=1.0)
+    v = [1.0]
+    for _ in range(600):
+        bench.tick()
+        v.append(bench.v[0])
+    t = np.arange(len(v)) * H
+    expected = 3.0 * np.exp(-2.0 / 1.3 * t) - 2.0
+    stop = np.argmax(expected < 0.0)
+    # Backward Euler on dv/dt of up to 5 rad/s^2 and a curvature of 7 rad/s^3 at 1 ms
+    np.testing.assert_allclose(v[:stop], expected[:stop], atol=2e-3)
+    assert np.all(np.abs(v[stop + 8 :]) < 1e-12)  # no chatter, no creep: nothing pulls
+    energy = np.square(v)
+    assert np.all(np.diff(energy) <= 1e-15)
+
+
+class Touching(Bench):
+    """The same on a wall: an implicit contact as a plant solves it, after friction is settled."""
+
+    def __init__(self, joints, K, D, unilateral=True, **more):
+        super().__init__(joints, **more)
+        self.K, self.D, self.wall, self.unilateral = K, D, 0.0, unilateral
+        self.contact = 0.0
+
+    def meet(self, command=0.0):
+        """A tick in which friction has the contact's torque of the tick before."""
+        M, v, q = self.M[0, 0], self.v[0], self.q[0]
+        self.tick(command, self.contact, q=q, v=v)
+        others = M * v / H + self.signals[TAU_J, 0] + self.signals[TORQUE, 0]
+        free = others / (M / H)
+        after = (others + self.K * (self.wall - q)) / (M / H + self.K * H + self.D)
+        force = self.K * (self.wall - q - H * after) - self.D * after
+        if self.unilateral and force > 0.0:  # the wall does not pull
+            after, force = free, 0.0
+        self.contact = force
+        self.v, self.q = np.array([after]), np.array([q + H * after])
+
+
+@pytest.mark.parametrize("D", [0.0, 50.0, 2000.0, 1e5])
+@pytest.mark.parametrize("K", [0.0, 1e3, 1e6])
+def test_contact_a_tick_late_is_a_compliance_of_the_step_squared_over_the_inertia(K, D):
+    """A wall that pushes a held joint by F moves it by h^2 F / (M + h^2 K), once, without ringing.
+
+    As hard as the plant's contact and its damper are.
+    """
+    bench = Touching(one_joint(PLAIN, **DRY), K, D, unilateral=False, M=0.5)
+    push = 3.0
+    if K > 0.0:
+        bench.wall = push / K
+    else:
+        bench.K, bench.wall = 1e-6, push / 1e-6  # a force that does not give way
+    ticks = 200 + int(40 * D * H / 0.5)
+    v = []
+    for _ in range(ticks):
+        bench.meet()
+        v.append(bench.v[0])
+    creep = push * ticks * H / RIGID
+    given = H**2 * push / (0.5 + H**2 * bench.K)
+    assert given * (1.0 - 1e-6) < bench.q[0] < given + 1.01 * creep
+    assert min(v) > -1e-12  # never back
+    assert bench.signals[TAU_F, 0] == pytest.approx(bench.contact, rel=1e-3)
+
+
+@pytest.mark.parametrize("D", [0.0, 500.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_joint_that_runs_against_a_wall_gains_no_energy(seed, D):
+    """Of motion and wall together, but for the tick that friction is late by: |dv| h coulomb."""
+    rng = np.random.default_rng(seed)
+    bench = Touching(one_joint(PLAIN, **DRY), 2e5, D, M=rng.uniform(0.1, 3.0), q=-0.01, v=0.5)
+    energy, gained, late = [], 0.0, 0.0
+    for _ in range(3000):
+        before = bench.v[0]
+        bench.meet()
+        late += 6.0 * H * abs(bench.v[0] - before)
+        press = max(bench.q[0] - bench.wall, 0.0)
+        energy.append(0.5 * bench.M[0, 0] * bench.v[0] ** 2 + 0.5 * bench.K * press**2)
+    gained = np.maximum(np.diff(energy), 0.0).sum()
+    assert gained <= late
+    assert gained < 0.02 * energy[0]
+    assert abs(bench.v[0]) < 1e-4  # it has come to rest, pressed or not
 
 
 def test_below_stiction_the_joint_moves_as_its_springs_give():

@@ -42,6 +42,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from wrenchsight.analyses.study.wording import filled
 from wrenchsight.diagrams.machining import make_machining_path
 from wrenchsight.diagrams.scenario import load_scenario
 from wrenchsight.models.arrays import Array
@@ -128,7 +129,7 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
         if context.draws
         else [],
         comparison=comparison_rows(task),
-        notes=[] if context.fastest_feed else findings(task, metrics),
+        notes=[*filled(machining_notes(task), metrics), *broken_off(metrics)],
         configuration={"scenarios": scenarios, "feeds_s": feeds, "K_0": K_0},
     )
 
@@ -290,88 +291,44 @@ def comparison_rows(task: MachiningTask) -> list[ComparisonRow]:
     ]
 
 
-def _row(metrics: Mapping[str, Any], path: str, digits: int = 2) -> str:
-    values = []
-    for feed in FEEDS:
-        value: Any = metrics[feed_key(feed)]
-        for part in path.split("."):
-            value = value[part]
-        values.append(f"{value:.{digits}f}")
-    return ", ".join(values)
+def broken_off(metrics: Mapping[str, Any]) -> list[str]:
+    """A note for each fault that ended a pass early."""
+    faults = {
+        fault
+        for feed in FEEDS
+        for fault in metrics.get(feed_key(feed), {}).get("fault", {}).values()
+    }
+    return [f"A pass was broken off: {fault}." for fault in sorted(faults - {"none"})]
 
 
-def _band(metrics: Mapping[str, Any], part: str) -> str:
-    """Percent inside the band, x y z, feed by feed."""
-    shares = [metrics[feed_key(feed)]["band"]["sensor"][part] for feed in FEEDS]
-    return ", ".join(" ".join(f"{100.0 * s:.0f}" for s in share.values()) for share in shares)
+def machining_notes(task: MachiningTask) -> list[str]:
+    """Notes for the report, to be filled by the metrics."""
 
+    def each(path: str, spec: str = ".2f") -> str:
+        return " ".join(f"<{feed_key(feed)}.{path}:{spec}>" for feed in FEEDS)
 
-def _share(metrics: Mapping[str, Any], feed: float) -> str:
-    """Percent of the work in which the feed is not steady."""
-    return f"{100.0 * (1.0 - metrics[feed_key(feed)]['steady_share']):.1f}"
-
-
-def findings(task: MachiningTask, metrics: Mapping[str, Any]) -> list[str]:
-    """What the figures say, in sentences."""
-    rmse = [metrics[feed_key(feed)]["rmse_n"] for feed in FEEDS]
-    slowest, fastest = (
-        metrics["sources"][feed_key(FEEDS[-1])],
-        metrics["sources"][feed_key(FEEDS[0])],
-    )
-
-    def worst(part: Mapping[str, Any]) -> str:
-        return " ".join(f"{value:.2f}" for value in part["steady_friction_error_nm"])
-
-    growth = np.subtract(slowest["steady_friction_error_nm"], fastest["steady_friction_error_nm"])
-    grown = int(np.argmax(growth)) + 1
-    faults = sorted(
-        {fault for feed in FEEDS for fault in metrics[feed_key(feed)]["fault"].values()} - {"none"}
+    feeds = ", ".join(f"{feed:g}" for feed in FEEDS)
+    inside = "; ".join(
+        f"{words} "
+        + ", ".join(
+            " ".join(f"<{feed_key(feed)}.band.sensor.{part}.{axis}:100 .0f>" for axis in "xyz")
+            for feed in FEEDS
+        )
+        for part, words in (("steady", "steady feed"), ("ends", "starts"), ("turns", "turns"))
     )
     return [
-        f"{task.component.capitalize()} force by the article's method (semi-parametric friction, "
-        f"K_0 = {K_0:g}, eq. 22), one way in {', '.join(f'{feed:g}' for feed in FEEDS)} s: RMSE "
-        f"{_row(metrics, 'rmse_n')} N; with Coulomb-viscous friction alone "
-        f"{_row(metrics, 'coulomb_viscous.rmse_n')} N; ours {_row(metrics, 'ours.rmse_n')} N; with "
-        f"the true friction known {_row(metrics, 'known_friction.rmse_n')} N. While the feed is "
-        f"steady, the article's {_row(metrics, 'article.steady.rmse_n')} N, ours "
-        f"{_row(metrics, 'ours.steady.rmse_n')} N.",
-        "Friction along the feed changes its sign when the feed turns round, and a correlation "
-        "over all ways counts that as agreement. Within a way, its mean taken off, the article's "
-        f"method correlates by {_row(metrics, 'article.within_ways.correlation')}, ours by "
-        f"{_row(metrics, 'ours.within_ways.correlation')}: how well each follows a varying force.",
-        "The force varies along a way by itself: waviness, patches of material, run-out, entry and "
-        "exit (`models.machining.process_variations`); `variations: {enabled: false}` is a steady "
-        "process, in which hardly anything but the feed's direction changes.",
-        "Ours reads bayesian, with friction that follows the joints through rest and reversal "
-        "(presliding) and with what a pass through the air has taught, just above the surface "
-        "along the same motion: what the observer reads there is the model's error and is taken "
-        "off (eq. 4, on the observer's output). What contact itself changes is left, and what does "
-        "not repeat. How much of a real UR10e's error does, `air-pass` measures.",
-        "Its band follows the state of each joint, learnt from a second air pass at twice the "
-        "height, never from the work. Inside 95 % are, x y z for each feed: "
-        f"{_band(metrics, 'steady')} % while the feed is steady, {_band(metrics, 'ends')} % where "
-        f"it starts and stops, {_band(metrics, 'turns')} % where it turns round.",
-        "Force control without a sensor holds the true normal force within "
-        f"{_row(metrics, 'regulation.estimate.rms_n')} N RMS "
-        f"({_row(metrics, 'regulation.sensor.rms_n')} N with the sensor; half of the time within "
-        f"{_row(metrics, 'regulation.estimate.median_n')} N without), "
-        f"{_row(metrics, 'regulation.estimate.steady_rms_n')} N while the feed is steady. The most "
-        f"above the set-point is {_row(metrics, 'regulation.estimate.overshoot_n', 1)} N "
-        f"({_row(metrics, 'regulation.sensor.overshoot_n', 1)} N with the sensor): joints come to "
-        "rest at the touch, where no current tells the force, so that the press is fed forward.",
-        f"In the article slower feeds are harder to read. Here the article's method errs by "
-        f"{rmse[-1] / rmse[0]:.2f} times as much in {FEEDS[-1]:g} s as in {FEEDS[0]:g} s. Two "
-        "things decide it. Starts, stops and turns, where joints rest and hide force "
-        f"within their stiction, take {_share(metrics, FEEDS[0])} % of the time in {FEEDS[0]:g} s "
-        f"and {_share(metrics, FEEDS[-1])} % in {FEEDS[-1]:g} s. Over the steady feed the error "
-        "goes from "
-        f"{metrics[feed_key(FEEDS[0])]['article']['steady']['rmse_n']:.2f} to "
-        f"{metrics[feed_key(FEEDS[-1])]['article']['steady']['rmse_n']:.2f} N: friction at joints "
-        f"1 to 6 errs by {worst(fastest)} N m at the fastest feed and {worst(slowest)} N m at the "
-        f"slowest. It {'grows most' if growth.max() > 0.0 else 'falls least'} at joint {grown}, of "
-        f"{1e3 * slowest['mean_joint_speed_rad_per_s'][grown - 1]:.1f} mrad/s in the mean at the "
-        "slowest.",
-        "The workpiece stands where the article's reading has the least predicted sd, known from "
-        "the identified model, the planned speeds and contact-free logs.",
-        *(f"A pass was broken off: {fault}." for fault in faults),
+        f"{task.component.capitalize()} force, one way in {feeds} s, RMSE: {each('rmse_n')} N "
+        f"(article), {each('coulomb_viscous.rmse_n')} N (Coulomb-viscous), {each('ours.rmse_n')} N "
+        f"(ours), {each('known_friction.rmse_n')} N (true friction known); while the feed is "
+        f"steady {each('article.steady.rmse_n')} N (article), {each('ours.steady.rmse_n')} N "
+        "(ours).",
+        "Correlation within a way, its mean subtracted: "
+        f"{each('article.within_ways.correlation')} (article), "
+        f"{each('ours.within_ways.correlation')} (ours).",
+        f"True normal force off the set-point, RMS: {each('regulation.estimate.rms_n')} N without "
+        f"a sensor, {each('regulation.sensor.rms_n')} N with it; median "
+        f"{each('regulation.estimate.median_n')} N; largest overshoot "
+        f"{each('regulation.estimate.overshoot_n', '.1f')} N.",
+        f"Inside the 95 % band, x y z by feed: {inside} %.",
+        f"Share of the work at steady feed: {each('steady_share', '100 .0f')} %.",
     ]

@@ -196,7 +196,7 @@ def run_task(
         progress: told the share done.
     """
     nominal = IdentifiedModel.nominal(robot)
-    if is_free(scenario, robot):
+    if is_free(scenario):
         motion = planned_motion(scenario, robot, everywhere=name in PATHS)
         t, signals = run_free(scenario, robot, nominal, motion)
         progress(1.0, f"simulating, {name} path")

@@ -10,7 +10,7 @@ import pytest
 from wrenchsight.analyses.experiments.tx40_identification.experiment import (
     EXPERIMENT,
     FORMAT,
-    findings,
+    NOTES,
     held_out,
     tx40,
 )
@@ -55,7 +55,7 @@ def test_the_experiment_reaches_what_is_asked(
     assert result.metrics["uncoupled"]["plain"]["validation"]["rmse_nm"][4] > 3.0
     assert (tmp_path / "model.yaml").is_file()
     assert all((tmp_path / figure.path).is_file() for figure in result.figures)
-    assert len(findings(result.metrics)) == 3
+    assert len(result.notes) == len(NOTES)
 
 
 def test_a_stretch_is_predicted_without_its_own_torque(

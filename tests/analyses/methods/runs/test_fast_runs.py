@@ -29,7 +29,7 @@ def test_it_is_the_closed_loop_tick_by_tick(robot):
     scenario = task_scenario("FrictionAtReversal", 3, 8.0)
     push = replace(scenario.wrench[0], start=0.5)
     scenario = replace(scenario, duration=1.2, wrench=[push])
-    assert is_free(scenario, robot)
+    assert is_free(scenario)
     model = IdentifiedModel.nominal(robot)
     loop = make_closed_loop(scenario, robot, model, also_log=("tau_f_true",), with_estimator=False)
     simulator = Simulator(loop.diagram)
@@ -58,7 +58,7 @@ def test_an_air_pass_is_the_closed_loops(robot, monkeypatch):
     q = robot.home + 0.01 * np.outer(t**2, np.ones(6))
     motion = JointTrajectory.from_positions(t, q)
     fast = record_air_pass(scenario, robot, motion, 3)
-    monkeypatch.setattr(air_pass, "is_free", lambda scenario, robot: False)
+    monkeypatch.setattr(air_pass, "is_free", lambda scenario: False)
     slow = record_air_pass(scenario, robot, motion, 3)
     np.testing.assert_allclose(fast.t, slow.t, atol=1e-12)
     assert np.ptp(slow.q, axis=0).min() > 2e-4  # even joint 6, which its friction holds back
@@ -75,9 +75,9 @@ def test_a_sensor_that_is_ideal_is_a_tick_late():
     assert 0.05 < (noisy - read)[1:, 3:].std() < 0.15  # 147 draws of sd 0.1
 
 
-def test_what_it_does_not_know_is_drake_s(robot, sts):
+def test_what_it_does_not_know_is_drake_s():
     plain = task_scenario("FrictionAtReversal", 0, 8.0)
-    assert not is_free(plain, sts.with_truth(replace(sts.config.simulated_truth, mechanisms=None)))
-    assert not is_free(replace(plain, floor=True), robot)
-    assert not is_free(replace(plain, friction="none"), robot)
-    assert not is_free(load_scenario("Polishing"), robot)
+    assert is_free(plain)
+    assert not is_free(replace(plain, floor=True))
+    assert not is_free(replace(plain, friction="none"))
+    assert not is_free(load_scenario("Polishing"))

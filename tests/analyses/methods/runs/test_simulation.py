@@ -8,7 +8,6 @@ from wrenchsight.analyses.methods.runs.simulation import known_model, simulate, 
 from wrenchsight.analyses.output.result_marker import visible_files
 from wrenchsight.diagrams.distances.clearance import ClosestPair
 from wrenchsight.diagrams.distances.machining_way import Overlap
-from wrenchsight.diagrams.robot_cell import true_friction
 from wrenchsight.diagrams.scenario import HoldMotion, JointSineMotion, Scenario, load_scenario
 from wrenchsight.models.control.wrench_script import WrenchStep
 from wrenchsight.models.estimation.estimator import WrenchEstimator
@@ -19,6 +18,7 @@ from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.machining.machining_phases import Fault, Phase
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.truth.true_joints import TrueJoints
 from wrenchsight.systems.joint_tracking_controller import JointTrackingConfig
 
 
@@ -182,7 +182,7 @@ def test_known_model_fits_the_true_curve_over_the_motion(sts):
     scenario = Scenario(friction="full", motion=motion, duration=10.0)
     law = known_model(sts, scenario).friction
     v = np.linspace(0.05, 0.5, 50)[:, None] * np.ones(6)
-    truth = true_friction(scenario, sts).sliding_torque(v, sts.chain.gravity_torque(sts.home))
+    truth = TrueJoints.of(sts, 1e-3).sliding_torque(v, sts.chain.gravity_torque(sts.home))
     error = np.abs(law.torque(v) - truth).mean(axis=0)
     without = np.abs(sts.truth.coulomb + sts.truth.viscous * v - truth).mean(axis=0)
     assert np.all(error < 0.6 * without)

@@ -1,12 +1,18 @@
 """ROS 2 bags, with rosbags' own writer and deserialiser as the oracle."""
 
+import sqlite3
+import struct
+import tracemalloc
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import lz4.frame
 import numpy as np
 import pytest
+from backports import zstd
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -211,3 +217,70 @@ def test_what_is_no_bag(tmp_path: Path) -> None:
         read_recording(other)
     with pytest.raises(InputError, match="is a directory"):
         read_recording(tmp_path)
+
+
+_ZEROS = zstd.compress(bytes(1 << 24))  # 16 MB in some hundred bytes
+
+
+def _mcap(path: Path, chunks: Sequence[tuple[int, str, bytes]]) -> Path:
+    """An MCAP file without an index: chunks of a stated size, compression and content."""
+
+    def record(kind: int, content: bytes) -> bytes:
+        return struct.pack("<BQ", kind, len(content)) + content
+
+    def text(word: str) -> bytes:
+        return struct.pack("<I", len(word)) + word.encode()
+
+    magic = b"\x89MCAP0\r\n"
+    content = magic + record(1, text("ros2") + text("by hand"))
+    for size, compression, data in chunks:
+        chunk = struct.pack("<QQQI", 0, 1, size, 0) + text(compression)
+        content += record(6, chunk + struct.pack("<Q", len(data)) + data)
+    path.write_bytes(content + record(2, bytes(20)) + magic)
+    return path
+
+
+@pytest.mark.parametrize(
+    "chunk",
+    [
+        *((100 << 24, "zstd", 100 * _ZEROS), (1 << 20, "zstd", _ZEROS), (1 << 60, "zstd", _ZEROS)),
+        (1 << 20, "zstd", 100 * _ZEROS),
+        *((1 << 30, "lz4", lz4.frame.compress(bytes(1 << 24))), (1 << 62, "", b"")),
+    ],
+)
+def test_a_chunk_that_unpacks_without_end(tmp_path: Path, chunk: tuple[int, str, bytes]) -> None:
+    tracemalloc.start()
+    with pytest.raises(InputError, match="damaged"):
+        read_recording(_mcap(tmp_path / "log.mcap", [chunk]))
+    assert tracemalloc.get_traced_memory()[1] < 1 << 28
+    tracemalloc.stop()
+
+
+def test_a_message_that_unpacks_without_end(tmp_path: Path) -> None:
+    path = _bag(
+        tmp_path / "bag", _states(_values()), StoragePlugin.SQLITE3, CompressionMode.MESSAGE
+    )
+    (file,) = path.glob("*.db3")
+    with closing(sqlite3.connect(file)) as base, base:
+        base.execute("UPDATE messages SET data = ?", (zstd.compress(bytes(5 << 24)),))
+    with pytest.raises(InputError, match="at most 67108864 are read"):
+        read_recording(path)
+
+
+def test_an_index_of_many_chunks_and_a_packed_file_are_bounded(tmp_path: Path) -> None:
+    path = _bag(tmp_path / "bag", _states(_values()), StoragePlugin.MCAP, CompressionMode.FILE)
+    (file,) = path.glob("*.zstd")
+    file.write_bytes(100 * _ZEROS)
+    with pytest.raises(InputError, match="bytes that unpack to"):
+        read_recording(path)
+    path = _bag(tmp_path / "big", _states(_values()), StoragePlugin.MCAP, CompressionMode.STORAGE)
+    (file,) = path.glob("*.mcap")
+    data = file.read_bytes()
+    with Reader(file) as reader:
+        (chunk,) = reader.storage.chunks
+    own = struct.pack("<QQ", chunk.compressed_size, chunk.uncompressed_size)
+    false = struct.pack("<QQ", chunk.compressed_size, 1 << 40)
+    assert data.count(own) == 1  # in the index
+    file.write_bytes(data.replace(own, false))
+    with pytest.raises(InputError, match="bytes that unpack to"):
+        read_recording(file)

@@ -30,14 +30,16 @@ from wrenchsight.analyses.experiments.setups.machining_runs.machining_figures im
     regulation_figure,
 )
 from wrenchsight.analyses.experiments.setups.machining_runs.machining_study import (
+    broken_off,
     comparison_rows,
     feed_metrics,
-    findings,
+    machining_notes,
     over_feeds,
     sources,
 )
 from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import ArmModels
 from wrenchsight.analyses.methods.runs.air_pass import learn_air_passes
+from wrenchsight.analyses.study.wording import filled
 from wrenchsight.diagrams.closed_loop import make_closed_loop, uses_sensor
 from wrenchsight.diagrams.machining import longest_duration, make_machining_path
 from wrenchsight.diagrams.scenario import load_scenario
@@ -312,8 +314,11 @@ def test_all_that_is_compared_and_said_is_measured(sts_reversed, models, runs):
         assert of_a_feed["fault"] == {"sensor": "none", "estimate": "none"}
         # (3 - .25 - .65) / 3
         assert of_a_feed["steady_share"] == pytest.approx(0.7, abs=0.01)
-        notes = " ".join(findings(task, metrics))
-        assert "nan" not in notes and "broken off" not in notes
+        notes = filled(machining_notes(task), metrics)
+        assert len(notes) == len(machining_notes(task)) and "–" not in " ".join(notes)
+        assert broken_off(metrics) == []
+        cut = {feed_key(FEEDS[0]): {"fault": {"sensor": "none", "estimate": "no contact"}}}
+        assert broken_off(cut) == ["A pass was broken off: no contact."]
     # Readings are not mixed up: the sensor and known friction read best.
     assert of_a_feed["sensor"]["normal"]["rmse_n"] < 1.5
     assert (

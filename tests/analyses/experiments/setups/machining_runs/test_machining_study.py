@@ -79,7 +79,11 @@ def studied(monkeypatch, tmp_path):
         monkeypatch.setattr(module, "feed_metrics", measured)
         monkeypatch.setattr(module, "sources", lambda models, own: list(own))
         monkeypatch.setattr(module, "machining_figures", drawn)
-        monkeypatch.setattr(module, "findings", lambda task, metrics: ["findings"])
+        monkeypatch.setattr(
+            module,
+            "machining_notes",
+            lambda task: [f"<{feed_key(FEEDS[-1])}.ours.rmse_n:>"],
+        )
         told = {"progress": lambda share, what: shares.append(share)}
         result = experiment.run(ExperimentContext(tmp_path, tmp_path, **told | given))
         assert len(lessons) == len(runs) / 2
@@ -113,7 +117,7 @@ def test_every_feed_is_run_with_a_sensor_and_without(studied, experiment):
     assert [one.machining.one_way for one, _ in runs] == [15.0, 15.0, 30.0, 30.0, 60.0, 60.0]
     assert result.configuration["feeds_s"] == FEEDS
     np.testing.assert_array_equal(result.metrics["ours"]["rmse_n"], FEEDS)
-    assert result.notes == ["findings"] and result.figures == ["figures"]
+    assert result.notes == [format(max(FEEDS))] and result.figures == ["figures"]
     assert shares == sorted(shares) and shares[-1] <= 1.0
     # The picture is of the fastest feed without a sensor.
     assert [page is not None for _, page in runs] == [False, True, False, False, False, False]

@@ -14,10 +14,10 @@ from wrenchsight.analyses.methods.learning.friction_training import (
     train_networks,
 )
 from wrenchsight.analyses.output.figures import save_figure
-from wrenchsight.models.friction.true_friction import DryFriction
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.truth.true_joints import TrueJoints
 
 
 @pytest.fixture(scope="module")
@@ -29,20 +29,15 @@ def separated(sts_reversed):
     )
 
 
-def true_law(robot):
-    names = DryFriction.__dataclass_fields__
-    return DryFriction(**{name: getattr(robot.truth, name) for name in names})
-
-
 @pytest.mark.slow
 def test_the_simulated_arms_friction_comes_back(sts_reversed, separated):
-    truth = true_law(sts_reversed)
+    truth = TrueJoints.of(sts_reversed, 1e-3)
     for j, samples in enumerate(separated.samples):
         assert len(samples.speed) > 100
         v = np.zeros((len(samples.speed), sts_reversed.num_joints))
         v[:, j] = samples.speed
         # The load term is left out of the oracle: at most 2 % of the torque carried, some 1 N m.
-        expected = truth.sliding_torque(v)[:, j]
+        expected = truth.sliding_torque(v, np.zeros_like(v))[:, j]
         error = np.sqrt(np.mean((samples.symmetric - expected) ** 2))
         assert error < 0.12 * truth.stiction[j]
     metrics = separated.metrics()

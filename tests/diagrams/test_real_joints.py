@@ -9,7 +9,6 @@ from pydrake.systems.analysis import Simulator
 from wrenchsight.diagrams.closed_loop import make_closed_loop
 from wrenchsight.diagrams.robot_cell import make_robot_cell
 from wrenchsight.diagrams.scenario import PlateConfig, Scenario
-from wrenchsight.diagrams.truth.hard_joints import hard_joints
 from wrenchsight.models.control.wrench_script import WrenchStep
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.robot.robot import Robot
@@ -26,12 +25,6 @@ def plain():
 @pytest.fixture(scope="module")
 def robot():
     return Robot.load("sts_sre4_600")
-
-
-def test_only_full_friction_has_mechanisms(plain, robot):
-    assert hard_joints(Scenario(), plain) is None
-    assert hard_joints(Scenario(), robot) is not None
-    assert hard_joints(Scenario(friction="coulomb_viscous"), robot) is None
 
 
 def test_the_cell_has_the_ports_of_the_plain_one(plain, robot):

@@ -1,0 +1,128 @@
+"""The skeleton of the experiments along the article's paths: what each states, and its result."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
+    TaskRun,
+    run_task,
+    task_scenario,
+    uniform_motion,
+    write_runs_page,
+)
+from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import (
+    ArmModels,
+    identify_arm,
+)
+from wrenchsight.analyses.methods.reading.force_errors import variants_figure
+from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
+from wrenchsight.analyses.study.experiment import (
+    ComparisonRow,
+    ExperimentContext,
+    ExperimentResult,
+)
+from wrenchsight.analyses.study.figure_files import saved_figures
+from wrenchsight.analyses.study.wording import filled
+from wrenchsight.diagrams.scenario import LineMotion, Scenario
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+ONE_WAY_QUICK = 8.0  # s, of a pushed pass
+BAND_CAPTION = "Grey: where the share inside a correct 95 % band lies."
+
+
+@dataclass(frozen=True)
+class PathStudy:
+    """What an experiment along the article's paths states, whatever it measures.
+
+    Attributes:
+        title: of the page on which the arm moves.
+        passes: along the path, in each run.
+        variants: rows of the table, each with a `key` of the metrics and a `label`.
+        variants_title: of the figure of all variants.
+        comparison: rows of the table "article / here".
+        notes: for the report, see `filled`.
+        variants_caption: of that figure.
+    """
+
+    title: str
+    passes: int
+    variants: Sequence[Any]
+    variants_title: str
+    comparison: Sequence[ComparisonRow]
+    notes: Sequence[str]
+    variants_caption: str = f"Errors of every variant. {BAND_CAPTION}"
+
+    def result(
+        self,
+        context: ExperimentContext,
+        runs: Mapping[str, TaskRun],
+        metrics: dict[str, Any],
+        figures: "Callable[[], Iterable[tuple[str, Figure, str]]]",
+        configuration: Mapping[str, Any],
+    ) -> ExperimentResult:
+        """The experiment's result; figures and the page only where somebody looks at them.
+
+        Args:
+            context: of the experiment.
+            runs: by path.
+            metrics: with those of each variant.
+            figures: makes names, figures and captions besides that of all variants.
+            configuration: besides the variants.
+        """
+        result = ExperimentResult(
+            metrics=metrics,
+            comparison=list(self.comparison),
+            notes=filled(self.notes, metrics),
+            configuration={**configuration, "variants": self.variants},
+        )
+        context.progress(0.93, "figures")
+        if context.draws:
+            labels = {variant.key: variant.label for variant in self.variants}
+            variants = variants_figure(metrics, labels, self.variants_title)
+            shown = [*figures(), ("variants", variants, self.variants_caption)]
+            result.figures = saved_figures(shown, context.out)
+            robot = context.robot(ROBOT)
+            page = write_runs_page(robot, runs, self.passes, context.out, self.title)
+            result.recordings = [page]
+        return result
+
+
+def pushed_arm(
+    context: ExperimentContext, scenario: str, share: float
+) -> tuple[ArmModels, Scenario]:
+    """The arm's models and the scenario of a pushed pass.
+
+    Args:
+        context: of the experiment.
+        scenario: name of a bundled one.
+        share: of the progress that is reached.
+    """
+    models = identify_arm(
+        context.robot(ROBOT),
+        context.seed,
+        context.quick,
+        lambda done, what: context.progress(share * done, what),
+        contact_noise=context.draws,
+    )
+    return models, task_scenario(scenario, context.seed, ONE_WAY_QUICK if context.quick else None)
+
+
+def pushed_runs(
+    context: ExperimentContext, models: ArmModels, scenarios: Mapping[str, Scenario], start: float
+) -> dict[str, TaskRun]:
+    """The runs of scenarios by path, where the arm moves evenly; progress from `start` to 0.85."""
+    runs: dict[str, TaskRun] = {}
+    for k, (path, scenario) in enumerate(scenarios.items()):
+
+        def report(share: float, what: str, k: int = k) -> None:
+            context.progress(start + (0.85 - start) * (k + share) / len(scenarios), what)
+
+        motion = scenario.motion
+        assert isinstance(motion, LineMotion)
+        run = run_task(scenario, models.robot, path, report)
+        runs[path] = run.between(*uniform_motion(motion))
+    context.progress(0.86, "readings")
+    return runs

@@ -1,1 +1,0 @@
-"""The true robot's joints in its cell: drives, friction and encoders between command and plant."""

@@ -1,0 +1,93 @@
+"""What the source says of a dataclass's fields: the words of the docs and of the command line.
+
+The words of a field are the comment on its line, below or above it, or a string below it.
+"""
+
+import ast
+import dataclasses
+import re
+import typing
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+
+def schemas_in(hint: Any) -> list[type]:
+    """The dataclasses in a type: itself, or those inside a union, a list or a dict."""
+    if dataclasses.is_dataclass(hint) and isinstance(hint, type):
+        return [hint]
+    return [found for part in typing.get_args(hint) for found in schemas_in(part)]
+
+
+@cache
+def field_words(cls: type) -> dict[str, str]:
+    """What the source says of each field.
+
+    Raises:
+        ValueError: a field without words, named: nothing stays undocumented.
+    """
+    words: dict[str, str] = {}
+    for base in reversed(cls.__mro__):
+        if dataclasses.is_dataclass(base):
+            words |= _words_of(base)
+    hints = typing.get_type_hints(cls)
+    for f in dataclasses.fields(cls):
+        inside = schemas_in(hints[f.name])
+        if not words.get(f.name) and inside:  # what the class inside says of itself
+            words[f.name] = (inside[0].__doc__ or "").strip().splitlines()[0]
+    missing = [f.name for f in dataclasses.fields(cls) if not words.get(f.name)]
+    if missing:
+        raise ValueError(f"{cls.__module__}.{cls.__name__}: no words for {', '.join(missing)}")
+    return words
+
+
+def _words_of(cls: type) -> dict[str, str]:
+    file = import_module(cls.__module__).__file__
+    assert file is not None
+    source = Path(file).read_text(encoding="utf-8")
+    lines = source.splitlines()
+    body = next(
+        node.body
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.ClassDef) and node.name == cls.__name__
+    )
+    attributes = _attributes_of(cls.__doc__ or "")
+    words: dict[str, str] = {}
+    for node, after in zip(body, [*body[1:], None], strict=True):
+        if not (isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)):
+            continue
+        last = node.end_lineno or node.lineno
+        said = [_comment(line) for line in lines[node.lineno - 1 : last]]
+        for line in lines[last:] if not any(said) else []:  # else they speak of the next field
+            if not line.strip().startswith("#"):
+                break
+            said.append(_comment(line))
+        if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
+            said.append(" ".join(str(after.value.value).split()))
+        text = " ".join(part for part in said if part) or _comment_above(lines, node.lineno - 1)
+        words[node.target.id] = text or attributes.get(node.target.id, "")
+    return words
+
+
+def _comment_above(lines: list[str], index: int) -> str:
+    """The lines of comment right above a line."""
+    said: list[str] = []
+    while index > 0 and lines[index - 1].strip().startswith("#"):
+        index -= 1
+        said.insert(0, _comment(lines[index]))
+    return " ".join(said)
+
+
+def _comment(line: str) -> str:
+    """The comment at the end of a line of code; a '#' inside quotes is none."""
+    found = re.match(r"""(?:[^"'#]|"[^"]*"|'[^']*')*#\s?(.*)""", line)
+    text = found.group(1).strip() if found else ""
+    return "" if text.startswith(("noqa", "type:")) else text
+
+
+def _attributes_of(docstring: str) -> dict[str, str]:
+    """Name -> words of the section "Attributes:" of a docstring."""
+    _, _, section = docstring.partition("Attributes:")
+    found = re.findall(r"^\s+(\w+): (.+(?:\n\s{12,}.+)*)", section, re.MULTILINE)
+    return {name: " ".join(text.split()) for name, text in found}

@@ -1,0 +1,291 @@
+"""The true arm: all that is true of it besides the plant's rigid bodies and contact."""
+
+from dataclasses import dataclass, field
+from typing import Any, cast
+
+import numpy as np
+from pydrake.common.value import AbstractValue, Value
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import ContactResults, ExternallyAppliedSpatialForce
+from pydrake.multibody.tree import BodyIndex
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+from wrenchsight.models.arrays import Array, Record
+from wrenchsight.models.control.wrench_script import WrenchScript
+from wrenchsight.models.machining.machining_process import MachiningProcess, add_unbalance_force
+from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
+from wrenchsight.models.rigid_body.rigid_body_terms import terms_type
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.truth.arm_tick import (
+    ArmLayout,
+    DriveConstants,
+    MemoryConstants,
+    MotionConstants,
+    arm_drives,
+    arm_memory,
+    arm_motion,
+    arm_truth,
+    motion_type,
+)
+from wrenchsight.models.truth.free_arm import VELOCITY_STREAM, WANDER_STREAM
+from wrenchsight.models.truth.joint_kernels import SIGNALS, tick_work
+from wrenchsight.models.truth.true_joints import TrueJoints
+from wrenchsight.systems.force_torque_sensor import ForceTorqueSensor
+from wrenchsight.systems.truth.tool_contacts import ToolContacts
+
+
+@dataclass(frozen=True, eq=False)
+class ArmParts:
+    """What a TrueArm is made of.
+
+    Attributes:
+        chain: of the true robot.
+        joints: the true joints.
+        tool_body: the body that E is fixed to.
+        p_BE: (3,) E in that body, m.
+        script: the wrench that is put on the tool over time.
+        contacts: None where nothing can be touched.
+        process: of machining; None without. It needs contacts.
+        current: (3, n) bandwidth, noise and resolution as `measure_current` has them; without rows
+            the true current is reported.
+        sensor: of force and torque, in no diagram; None without.
+        seed: of all noise.
+    """
+
+    chain: SerialChain
+    joints: TrueJoints
+    tool_body: BodyIndex
+    p_BE: Array
+    script: WrenchScript = field(default_factory=lambda: WrenchScript(()))
+    contacts: ToolContacts | None = None
+    process: MachiningProcess | None = None
+    current: Array | None = None
+    sensor: ForceTorqueSensor | None = None
+    seed: int = 0
+
+
+class TrueArm(LeafSystem):
+    """Joints, drives, sensors and environment of the true arm around its plant, tick by tick.
+
+    Friction, gears, motors and encoders are those of `models.truth.joint_kernels`; with no
+    mechanism switched on they are plain dry and viscous friction. The plant's joints have no
+    damping, and no brakes. The plant must not sample its outputs.
+
+                          +---------+ --> motion
+      state           --> |         | --> drives
+      current_command --> |         |
+      contact_results --> | TrueArm | --> truth
+      tau_contact     --> |         |
+      reaction_forces --> |         | --> spatial_forces
+      vdot            --> |         |
+                          +---------+ --> wrench_unbalance
+
+    Inputs:  state             (2n,) q and v of the links, rad, rad/s, of the plant
+             current_command   (n,) A, of the motors, within the drives' limits
+             contact_results, tau_contact  of the plant; where something can be touched
+             reaction_forces, vdot  of the plant; where there is a force/torque sensor
+    Outputs: motion            the entries of `motion_type`, one after another: rigid-body terms,
+                               what encoders and force/torque sensor read, the environment's wrench
+                               and torque without contact; no feedthrough of the command
+             drives            motor torque tau_J_true, the rest of the generalized force on the
+                               plant, tau_f_true, each (n,) N m; true and reported current (n,) A;
+                               then the joints' state at the tick's end
+             truth             (6 + n + 4,) F_E_W of the environment, tau_ext, normal force and
+                               normal, contact included; where something can be touched
+             spatial_forces    list of one ExternallyAppliedSpatialForce (abstract); where anything
+                               but contact acts on the tool
+             wrench_unbalance  (6,) F_E_W of the spindle, from the tool's own mass; at machining
+    State:   see ArmLayout, flat
+
+    Friction is found implicitly, for the velocity at the tick's end. Where the plant's solver knows
+    what acts (contact), friction takes the torque of the tick before: see docs/worlds.md for what
+    that costs.
+    """
+
+    def __init__(self, parts: ArmParts) -> None:
+        LeafSystem.__init__(self)
+        joints, process, sensor = parts.joints, parts.process, parts.sensor
+        n = joints.num_joints
+        if process is not None and parts.contacts is None:
+            raise ValueError("true arm: a machining process needs contact")
+        self._n, self._contacts = n, parts.contacts
+        self._motion_type = motion_type(n)
+        self._constants(parts)
+        memory = np.zeros(0) if process is None else process.initial_state
+        initial = joints.initial_state()
+        filtered = 0 if sensor is None else sensor.memory_size
+        layout = ArmLayout(initial.size, memory.size, joints.time_step)
+        self._layout, self._joint_size = tuple(layout), layout.joints
+        self._x = self.DeclareVectorInputPort("state", 2 * n)
+        self._command = self.DeclareVectorInputPort("current_command", n)
+        state = self.DeclareDiscreteState(
+            np.concatenate([initial.ravel(), np.full(n, np.nan), memory, np.zeros(12 + filtered)])
+        )
+        self.DeclarePeriodicDiscreteUpdateEvent(joints.time_step, 0.0, self._update)
+        known = {self._x.ticket(), self.time_ticket(), self.discrete_state_ticket(state)}
+        self._motion = self.DeclareVectorOutputPort(
+            "motion", sum(self.motion_sizes.values()), self._calc_motion, known
+        )
+        self._drives = self.DeclareVectorOutputPort(
+            "drives", sum(self.drive_sizes), self._calc_drives, known | {self._command.ticket()}
+        )
+        if parts.contacts is not None:
+            self._results = self.DeclareAbstractInputPort(
+                "contact_results", Value[ContactResults]()
+            )
+            self._tau_contact = self.DeclareVectorInputPort("tau_contact", n)
+            met = known | {self._results.ticket(), self._tau_contact.ticket()}
+            self._truth = self.DeclareVectorOutputPort(
+                "truth", sum(self.truth_sizes), self._calc_truth, met
+            )
+        self._weld: int | None = None
+        if sensor is not None:
+            self._weld = sensor.weld
+            self._reactions = self.DeclareAbstractInputPort(
+                "reaction_forces", Value[list[SpatialForce]]()
+            )
+            self._vdot = self.DeclareVectorInputPort("vdot", n)
+        self._pushed = bool(parts.script.segments) or process is not None
+        if self._pushed:
+            # A pattern for the output, which copies it.
+            self._at_E = ExternallyAppliedSpatialForce()
+            self._at_E.body_index = parts.tool_body
+            self._at_E.p_BoBq_B = np.array(parts.p_BE, dtype=np.float64)
+            self.DeclareAbstractOutputPort(
+                "spatial_forces",
+                Value[list[ExternallyAppliedSpatialForce]],
+                self._calc_spatial_forces,
+                known,
+            )
+        if process is not None:
+            self._process = process
+            self.DeclareVectorOutputPort("wrench_unbalance", 6, self._calc_unbalance, known)
+        # Memory that is settled once; nothing in it outlives a call.
+        self._scratch = np.empty((n, SCRATCH_COLUMNS))
+        self._work = tick_work(initial)
+        self._no_truth, self._no_reaction, self._no_vdot = np.empty(0), np.zeros(6), np.zeros(n)
+
+    def _constants(self, parts: ArmParts) -> None:
+        """Plain tuples: numba takes them in less time than named ones."""
+        n, joints, process, nothing = self._n, parts.joints, parts.process, np.empty(0)
+        current = np.empty((0, n)) if parts.current is None else parts.current
+        law = nothing if process is None else process.table
+        variations = None if process is None else process.variations
+        varied = (nothing, np.empty((0, 4)), np.empty((0, 4)), np.empty((0, 3)), np.empty((0, 3)))
+        if variations is not None:
+            varied = (
+                *(variations.table, variations.waviness, variations.patches),
+                *(variations.pose, variations.ends),
+            )
+        sensor = (np.empty((0, 3)), np.empty((0, 0)), nothing, nothing, np.zeros(6), -1)
+        if parts.sensor is not None:
+            sensor = parts.sensor.constants
+        self._of_motion: tuple[Any, ...] = tuple(
+            MotionConstants(
+                chain=np.ascontiguousarray(parts.chain.table),
+                joints=joints.table,
+                on_motor=joints.on_motor,
+                seed=parts.seed + VELOCITY_STREAM,
+                script=parts.script.table,
+                tones=parts.script.tones,
+                process=law,
+            )
+        )
+        self._of_drives: tuple[Any, ...] = tuple(
+            DriveConstants(
+                joints=joints.table,
+                motors=joints.motors,
+                current=current,
+                seed=parts.seed + WANDER_STREAM,
+                current_seed=parts.seed,
+                in_contact=parts.contacts is not None,
+            )
+        )
+        self._of_memory: tuple[Any, ...] = tuple(MemoryConstants(current, *sensor, law, *varied))
+
+    @property
+    def motion_sizes(self) -> dict[str, int]:
+        """Of the parts of `motion`: its terms together, and each of the other fields."""
+        kind, terms = self._motion_type, terms_type(self._n)
+        around = [name for name in kind.names or () if name not in (terms.names or ())]
+        return {"terms": terms.itemsize // 8} | {name: kind[name].shape[0] for name in around}
+
+    @property
+    def drive_sizes(self) -> list[int]:
+        """Of the four signals of the joints, the reported current and the rest in `drives`."""
+        return [self._n] * (SIGNALS + 1) + [self._joint_size]
+
+    @property
+    def truth_sizes(self) -> list[int]:
+        """Of wrench, torque, and normal force with its normal in `truth`."""
+        return [6, self._n, 4]
+
+    @property
+    def pushed(self) -> bool:
+        """Whether there is a port `spatial_forces`."""
+        return self._pushed
+
+    def _calc_motion(self, context: Context, output: BasicVector) -> None:
+        arm_motion(
+            self._of_motion,
+            self._layout,
+            context.get_time(),
+            self._x.Eval(context),
+            context.get_discrete_state_vector().value(),
+            self._scratch,
+            output.get_mutable_value().view(self._motion_type),
+        )
+
+    def _motion_at(self, context: Context) -> Record:
+        motion: Record = self._motion.Eval(context).view(self._motion_type)
+        return motion
+
+    def _calc_drives(self, context: Context, output: BasicVector) -> None:
+        arm_drives(
+            self._of_drives,
+            self._layout,
+            context.get_time(),
+            self._motion_at(context),
+            self._command.Eval(context),
+            context.get_discrete_state_vector().value(),
+            self._work,
+            output.get_mutable_value(),
+        )
+
+    def _calc_truth(self, context: Context, output: BasicVector) -> None:
+        assert self._contacts is not None
+        arm_truth(
+            self._contacts.tip_radius,
+            *self._contacts.touched(cast(ContactResults, self._results.Eval(context))),
+            self._tau_contact.Eval(context),
+            self._motion_at(context),
+            output.get_mutable_value(),
+        )
+
+    def _calc_spatial_forces(self, context: Context, output: AbstractValue) -> None:
+        self._at_E.F_Bq_W = SpatialForce(self._motion_at(context)["applied"][0])
+        output.set_value([self._at_E])
+
+    def _calc_unbalance(self, context: Context, output: BasicVector) -> None:
+        R_WE, wrench = self._motion_at(context)["R_WE"][0], np.zeros(6)
+        add_unbalance_force(self._process.table, context.get_time(), R_WE, wrench[3:])
+        output.SetFromVector(wrench)
+
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        truth, reaction, vdot = self._no_truth, self._no_reaction, self._no_vdot
+        if self._contacts is not None:
+            truth = self._truth.Eval(context)
+        if self._weld is not None:
+            vdot = self._vdot.Eval(context)
+            reaction = self._reactions.Eval(context)[self._weld].get_coeffs()
+        arm_memory(
+            self._of_memory,
+            self._layout,
+            context.get_time(),
+            self._motion_at(context),
+            self._drives.Eval(context),
+            truth,
+            vdot,
+            reaction,
+            discrete_state.get_mutable_value(),
+        )
