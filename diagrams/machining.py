@@ -24,8 +24,8 @@ from wrenchsight.models.machining.machining_path import (
 from wrenchsight.models.machining.machining_phases import RAMP, PhasesConfig
 from wrenchsight.models.motion.branches import all_branches
 from wrenchsight.models.motion.inverse_kinematics import follow_path
-from wrenchsight.models.motion.posture_measures import ForceSd
 from wrenchsight.models.motion.joint_ranges import narrowed_limits
+from wrenchsight.models.motion.posture_measures import ForceSd
 from wrenchsight.models.motion.redundancy import RedundancyProblem, best_on_grid, candidates, refine
 from wrenchsight.models.motion.surface_path import SurfacePath
 from wrenchsight.models.rigid_body.ties import better

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.files.configuration import nearest
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.robot.robot import Robot
 
@@ -32,7 +31,7 @@ def narrowed_limits(
     for joint, limits in ranges.items():
         place = f"joint_ranges_deg.{joint}"
         if joint not in robot.joint_names:
-            known = nearest(joint, robot.joint_names) or "joints: " + ", ".join(robot.joint_names)
+            known = "its joints: " + ", ".join(robot.joint_names)
             raise InputError(source, place, f"{robot.name} has no joint of this name", known)
         if len(limits) != 2 or not limits[0] < limits[1]:
             raise InputError(source, place, f"{list(limits)}, expected [lower, upper] in deg")

@@ -28,13 +28,13 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.plausible_numbers import check_numbers
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.motion.branches import is_closed_form
+from wrenchsight.models.motion.joint_ranges import narrowed_limits
 from wrenchsight.models.motion.posture_measures import (
     ConditionNumber,
     ForceSd,
     PostureMeasure,
     check_joints,
 )
-from wrenchsight.models.motion.joint_ranges import narrowed_limits
 from wrenchsight.models.motion.redundancy import (
     Candidates,
     RedundancyProblem,
