@@ -56,7 +56,7 @@ _HOME = {
     "ExcitationResult": "wrenchsight.analyses.methods.planning.excitation",
     "excite_robot": "wrenchsight.analyses.methods.planning.excitation",
     "place_task": "wrenchsight.analyses.methods.planning.placement",
-    "PlacementResult": "wrenchsight.analyses.methods.planning.placement",
+    "PlacementResult": "wrenchsight.analyses.methods.planning.placement_result",
     "SimulationResult": "wrenchsight.analyses.methods.runs.simulation",
     "simulate": "wrenchsight.analyses.methods.runs.simulation",
     "FourierMotion": "wrenchsight.diagrams.scenario",

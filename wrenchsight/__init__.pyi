@@ -20,8 +20,10 @@ from wrenchsight.analyses.methods.planning.excitation import excite_robot as exc
 from wrenchsight.analyses.methods.planning.excitation_config import (
     ExcitationConfig as ExcitationConfig,
 )
-from wrenchsight.analyses.methods.planning.placement import PlacementResult as PlacementResult
 from wrenchsight.analyses.methods.planning.placement import place_task as place_task
+from wrenchsight.analyses.methods.planning.placement_result import (
+    PlacementResult as PlacementResult,
+)
 from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig as EstimateConfig
 from wrenchsight.analyses.methods.reading.estimation import EstimateResult as EstimateResult
 from wrenchsight.analyses.methods.reading.estimation import estimate_log as estimate_log

@@ -38,6 +38,9 @@ OPTIONS = (
     Option(f"{READING}.method"),
     Option("estimate.smooth", flags="--smooth/--causal"),
     Option(f"{REFERENCE}.columns", "reference", metavar="COLUMNS"),
+    Option("estimate.contact.axis", "contact_axis"),
+    Option("estimate.contact.point", "contact_point", metavar="X,Y,Z", default="E"),
+    Option("estimate.tool"),
     Option("estimate.mcap"),
     Option("estimate.torque", shown=False),
     Option("estimate.torque_sd", shown=False, default="what the logs' torques say"),
@@ -70,6 +73,7 @@ OPTIONS = (
     Option(f"{REFERENCE}.delay", "reference_delay", shown=False),
     Option(f"{REFERENCE}.contact_force", "reference_contact", shown=False),
     Option("estimate.detection.false_alarms_per_hour", shown=False),
+    Option("estimate.contact.force_rate", "contact_force_rate", shown=False),
     Option("estimate.drift", shown=False),
     Option("estimate.covariance", shown=False),
     Option("estimate.table", shown=False),
@@ -106,7 +110,7 @@ def _reads_external_torque(settings: EstimateSettings) -> bool:
     if is_torque_log(log, settings.log_format, torque):
         if settings.model is None:
             return True
-        problem = "has no part where the arm's own external torque is read"
+        problem = "is not used with the external torque that the arm reports"
         raise InputError("estimate", "--model", problem, "leave it out, or --torque currents")
     if not settings.robot:
         problem = f"is missing, and {log.name} holds no external torque with its Jacobian"

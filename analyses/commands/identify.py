@@ -22,6 +22,7 @@ OPTIONS = (
     Option("load", metavar="LOG=KG[,X,Y,Z]"),
     Option("refresh", metavar="MODEL"),
     Option("refreshing.part", metavar="BEGIN,END"),
+    Option("refreshing.other_specimen"),
     Option("log_format"),
     Option("identification.cutoff", "cutoff_hz"),
     Option("identification.friction", metavar="LAW"),
@@ -34,6 +35,9 @@ OPTIONS = (
 def command(settings: IdentifySettings, out: Out = Path("out/identify")) -> None:
     """Find a robot's dynamic model and friction: logs in, model.yaml out."""
     logs = [Path(log) for log in settings.logs]
+    if settings.refreshing.other_specimen:
+        _refit(settings, out)
+        return
     if settings.refresh is not None:
         _refresh(settings, logs, out)
         return
@@ -57,6 +61,39 @@ def command(settings: IdentifySettings, out: Out = Path("out/identify")) -> None
         _print_calibration(calibrated, out)
 
 
+def _refit(settings: IdentifySettings, out: Path) -> None:
+    from wrenchsight.analyses.methods.calibration.specimen_refitting import refit_logs
+
+    if settings.refresh is None or settings.load or settings.validate:
+        problem = "needs --refresh MODEL, and takes neither --load nor --validate"
+        raise InputError("identify", "--other-specimen", problem, "give the other robot's model")
+    with showing_progress("identify") as progress:
+        refit = refit_logs(settings, out, progress)
+    metrics = refit.metrics()
+    table = new_table(
+        *("\njoint", "rows of\n50 ms", "Coulomb, was\n[N m]", "is\n[N m]"),
+        *("viscous, was\n[N m s/rad]", "is\n[N m s/rad]"),
+    )
+    coulomb, viscous = metrics["coulomb"], metrics["viscous"]
+    for j, name in enumerate(refit.model.joint_names):
+        table.add_row(
+            name,
+            f"{metrics['rows'][j]}",
+            f"{coulomb['before_nm'][j]:.2f}",
+            f"{coulomb['after_nm'][j]:.2f} ± {coulomb['sd_nm'][j]:.2f}",
+            f"{viscous['before_nms_per_rad'][j]:.2f}",
+            f"{viscous['after_nms_per_rad'][j]:.2f} ± {viscous['sd_nms_per_rad'][j]:.2f}",
+        )
+    console = new_console()
+    console.print(table)
+    still = [
+        n for n, rows in zip(refit.model.joint_names, metrics["rows"], strict=True) if not rows
+    ]
+    if still:
+        say(console, f"note: {', '.join(still)} did not move: friction is the other robot's")
+    say(console, f"model: {out / 'model.yaml'}")
+
+
 def _refresh(settings: IdentifySettings, logs: list[Path], out: Path) -> None:
     from wrenchsight.analyses.methods.calibration.friction_refreshing import refresh_log
 
@@ -74,7 +111,7 @@ def _refresh(settings: IdentifySettings, logs: list[Path], out: Path) -> None:
             progress,
             settings.accept_signs,
         )
-    found, (before, after) = result.refresh, result.rmse
+    outcome, (before, after) = result.refresh, result.rmse
     table = new_table(
         "\njoint",
         "Coulomb\n[N m]",
@@ -87,9 +124,9 @@ def _refresh(settings: IdentifySettings, logs: list[Path], out: Path) -> None:
     for j, name in enumerate(result.model.joint_names):
         changes = (
             f"{change:+.2f} ± {sd:.2f}"
-            for change, sd in zip(found.change[j], found.standard_deviation[j], strict=True)
+            for change, sd in zip(outcome.change[j], outcome.standard_deviation[j], strict=True)
         )
-        errors = " ".join(f"{value:+.1f}" for value in found.standard_errors[j])
+        errors = " ".join(f"{value:+.1f}" for value in outcome.standard_errors[j])
         table.add_row(name, *changes, errors, f"{before[j]:.2f}", f"{after[j]:.2f}")
     console = new_console()
     console.print(table)
@@ -99,30 +136,30 @@ def _refresh(settings: IdentifySettings, logs: list[Path], out: Path) -> None:
 
 
 def _print_calibration(result: "CalibrationResult", out: Path) -> None:
-    found = result.calibration
-    dependence, dependence_sd = found.load_dependence
+    outcome = result.calibration
+    dependence, dependence_sd = outcome.load_dependence
     table = new_table(
         "\njoint", "torque per ampere\n[N m/A]", "stated\n[N m/A]", "friction per torque\n[N m/N m]"
     )
-    sd = found.ratio_sd * result.stated
+    sd = outcome.ratio_sd * result.stated
     for j, name in enumerate(result.robot.joint_names):
-        told = "" if result.changed[j] else " (kept)"
+        note = "" if result.changed[j] else " (kept)"
         value, deviation = float(dependence[j]), float(dependence_sd[j])
         read = "–" if isnan(value) else f"{value:.3f} ± {deviation:.3f}"
         table.add_row(
             name,
-            f"{result.robot.torque_per_ampere[j]:.3f} ± {sd[j]:.3f}{told}",
+            f"{result.robot.torque_per_ampere[j]:.3f} ± {sd[j]:.3f}{note}",
             f"{result.stated[j]:.3f}",
             read,
         )
     console = new_console()
     console.print(table)
-    for (name, load), own, deviation in zip(
-        result.loads.items(), found.loads, found.load_sd, strict=True
+    for (name, load), entry, deviation in zip(
+        result.loads.items(), outcome.loads, outcome.load_sd, strict=True
     ):
         com = ", ".join(
             f"{1e3 * value / load.mass:.1f} ± {1e3 * s / load.mass:.1f}"
-            for value, s in zip(own[1:4], deviation[1:4], strict=True)
+            for value, s in zip(entry[1:4], deviation[1:4], strict=True)
         )
         say(console, f"{name}: {load.mass:g} kg at ({com}) mm from the flange")
     for warning in result.warnings:

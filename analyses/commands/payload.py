@@ -51,19 +51,19 @@ def _print(result: "PayloadResult", out: Path) -> None:
     table = new_table("", "found", "standard error", "", "")
     table.add_row("mass", f"{load.mass:.3f}", f"{sd[0]:.3f}", "kg", "")
     for k, axis in enumerate("xyz"):
-        told = "" if result.com_told[k] else "not told"
+        note = "" if result.com_observable[k] else "not observable"
         table.add_row(
             f"centre of mass {axis}",
             f"{1e3 * load.com[k]:.1f}",
             f"{1e3 * sd[1 + k]:.1f}",
             "mm",
-            told,
+            note,
         )
     places = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
     for k, (name, place) in enumerate(places.items()):
-        told = "" if result.inertia_told[k] else "not told"
+        note = "" if result.inertia_observable[k] else "not observable"
         table.add_row(
-            f"inertia {name}", f"{load.inertia[place]:.4f}", f"{sd[4 + k]:.4f}", "kg m^2", told
+            f"inertia {name}", f"{load.inertia[place]:.4f}", f"{sd[4 + k]:.4f}", "kg m^2", note
         )
     console = new_console()
     console.print(table)

@@ -11,7 +11,7 @@ from wrenchsight.analyses.methods.planning.place_settings import PlaceSettings
 from wrenchsight.analyses.output.console import new_console, new_table, say, showing_progress
 
 if TYPE_CHECKING:
-    from wrenchsight.analyses.methods.planning.placement import PlacementResult
+    from wrenchsight.analyses.methods.planning.placement_result import PlacementResult
 
 ORDER = 70
 OPTIONS = (

@@ -177,7 +177,7 @@ def _kept(folder: StudyFolder, name: str) -> str:
         return ""
     files = found[0] or "what lies in its place"
     more = f" and {len(found) - 1} more" if len(found) > 1 else ""
-    return f"{files}{more} is not of its earlier run: it goes to {SET_ASIDE}/{name}"
+    return f"{files}{more} was not written by a study: moved to {SET_ASIDE}/{name}"
 
 
 def _expected_seconds(name: str, timings: Mapping[str, Mapping[str, float]]) -> float:

@@ -84,20 +84,32 @@ class FittedRobot:
                 "the model file does not say which torque per ampere, current sign, gravity and "
                 "tool it was identified with: whether they are the robot's is not checked"
             ]
-        now = FittedRobot.of(robot)
-        if self.tool_mass is None or now.tool_mass is None:
+        if not self.differs_by_tool(robot):
             return []
-        then = [self.tool_mass, *(self.tool_mass * x for x in self.tool_com)]
-        found = [now.tool_mass, *(now.tool_mass * x for x in now.tool_com)]
-        if len(then) == len(found) and np.allclose(then, found, rtol=1e-6, atol=1e-9):
-            return []
-        weight = abs(now.tool_mass - self.tool_mass) * float(np.linalg.norm(robot.gravity))
         return [
-            f"the model was identified with a tool of {self.tool_mass:g} kg, {robot.source.name} "
-            f"has one of {now.tool_mass:g} kg: the model's counts, and what the arm carries "
-            f"besides acts as a force ({weight:.3g} N of weight); use the model.yaml that payload "
-            "writes, or identify again with this tool"
+            f"{self.tool_difference(robot)}: the model's counts, and what the arm carries besides "
+            "acts as a force; use the model.yaml that payload writes, or identify again with this "
+            "tool"
         ]
+
+    def differs_by_tool(self, robot: Robot) -> bool:
+        """Whether the robot carries another tool; False where the file does not say which."""
+        if not self.torque_per_ampere or self.tool_mass is None:
+            return False
+        now = FittedRobot.of(robot)
+        then = [self.tool_mass, *(self.tool_mass * x for x in self.tool_com)]
+        mass = now.tool_mass or 0.0
+        found = [mass, *(mass * x for x in now.tool_com)]
+        return len(then) != len(found) or not np.allclose(then, found, rtol=1e-6, atol=1e-9)
+
+    def tool_difference(self, robot: Robot) -> str:
+        """Both tools, and the weight that they differ by, for a message."""
+        mass, now = self.tool_mass or 0.0, FittedRobot.of(robot).tool_mass or 0.0
+        weight = abs(now - mass) * float(np.linalg.norm(robot.gravity))
+        return (
+            f"the model was identified with a tool of {mass:g} kg, {robot.source.name} has one of "
+            f"{now:g} kg ({weight:.3g} N of weight)"
+        )
 
 
 def _same(a: list[list[float]], b: list[list[float]]) -> bool:

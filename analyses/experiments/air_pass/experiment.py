@@ -69,11 +69,11 @@ def run(context: ExperimentContext) -> ExperimentResult:
     models: dict[str, IdentifiedModel] = {}
     for k, (key, law) in enumerate(LAWS.items()):
 
-        def told(share: float, what: str, k: int = k, key: str = key) -> None:
+        def report(share: float, what: str, k: int = k, key: str = key) -> None:
             context.progress(0.8 * (k + share) / len(LAWS), f"{key}: {what}")
 
         config = IdentificationConfig(friction=law, cross_validate=False)
-        models[key] = identify_ur10e(context.data, robot, config, told).model
+        models[key] = identify_ur10e(context.data, robot, config, report).model
     first = next(iter(models.values()))
     unknown = SemiParametricFriction(CoulombViscous.zero(robot.num_joints))
     models = {NONE: replace(first, friction=unknown), **models}
@@ -92,7 +92,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         key: loaded_pass(robot, models[key].residual_covariance, empty, loaded, p_EP, MASS)
         for key, (empty, loaded) in pairs.items()
     }
-    metrics: dict[str, Any] = {key: _metrics(own) for key, own in passes.items()}
+    metrics: dict[str, Any] = {key: _metrics(entry) for key, entry in passes.items()}
     metrics["point_m"] = p_EP
     metrics["alignment_s"] = passes[richest].alignment
     context.progress(0.95, "figures")
@@ -131,10 +131,10 @@ def _point_of_load(robot: Robot, model: IdentifiedModel, loaded: Pass) -> "NDArr
     """(3,) m from E, from the first seconds of the loaded pass."""
     rows = slice(round(MARGIN / TIME_STEP), round(LEARNING_TIME / TIME_STEP), LEARNING_STRIDE)
     R_WE, _ = robot.chain.pose(loaded.recording.q)
-    found = find_point_of_action(
+    result = find_point_of_action(
         loaded.J[rows], R_WE[rows], loaded.tau_ext[rows], model.residual_covariance, True, True
     )
-    return found.p_EP
+    return result.p_EP
 
 
 def _metrics(own: LoadedPass) -> dict[str, Any]:
@@ -202,19 +202,23 @@ def _share_figure(metrics: dict[str, Any]) -> "Figure":
 def _torque_figure(passes: dict[str, LoadedPass]) -> "Figure":
     figure, axes = new_figure(len(LAWS), 1, height=2.2 * len(LAWS) + 0.4, share_x=True)
     for panel, (key, law) in zip(list[Any](axes[:, 0]), LAWS.items(), strict=True):
-        own = passes[key]
+        entry = passes[key]
         panel.plot(
-            own.t,
-            own.plain.torque_error[:, 1],
+            entry.t,
+            entry.plain.torque_error[:, 1],
             color=COLOUR["before"],
             lw=1.0,
             label="with the load",
         )
         panel.plot(
-            own.t, own.lesson[:, 1], color=COLOUR["estimate"], lw=1.0, label="without the load"
+            entry.t,
+            entry.first_pass[:, 1],
+            color=COLOUR["estimate"],
+            lw=1.0,
+            label="without the load",
         )
         panel.set_ylabel("tau_ext error [N m]")
-        panel.set_title(f"{law}: {100 * own.repeated_share[1]:.0f} % of it did repeat")
+        panel.set_title(f"{law}: {100 * entry.repeated_share[1]:.0f} % of it did repeat")
     axes[-1, 0].set_xlabel("time [s]")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=2)

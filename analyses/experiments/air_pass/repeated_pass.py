@@ -57,13 +57,13 @@ class PassErrors:
 
     def judged(self) -> list[Judgement]:
         """Each component of the force against the payload's."""
-        found = []
+        result = []
         for k in range(3):
             reading = ForceReading(self.force[:, k], self.sd[:, k], self.valid)
             judged = Judgement.of(reading, self.truth[:, k])
             assert judged is not None
-            found.append(judged)
-        return found
+            result.append(judged)
+        return result
 
     @property
     def torque_rmse(self) -> Array:
@@ -79,7 +79,7 @@ class LoadedPass:
         t: (M,) s from the loaded log's start.
         plain: as it is read.
         taught: less what the pass without load has taught.
-        lesson: (M, n) N m, what that pass read.
+        first_pass: (M, n) N m, what that pass read.
         alignment: s that its log is ahead.
         load_growth: (M, n) N m, by how much more the drives carry than without the load.
         v: (M, n) rad/s.
@@ -88,7 +88,7 @@ class LoadedPass:
     t: Array
     plain: PassErrors
     taught: PassErrors
-    lesson: Array
+    first_pass: Array
     alignment: float
     load_growth: Array
     v: Array
@@ -127,7 +127,7 @@ class LoadedPass:
     @property
     def correlation(self) -> Array:
         """(n,) of the torque errors of both passes."""
-        pairs = zip(self.lesson.T, self.plain.torque_error.T, strict=True)
+        pairs = zip(self.first_pass.T, self.plain.torque_error.T, strict=True)
         return np.array([np.corrcoef(a, b)[0, 1] for a, b in pairs])
 
 
@@ -162,10 +162,10 @@ def alignment(first: Recording, second: Recording) -> float:
         return float(np.mean((second.q[inner] - _at(first, first.q, t + shift)) ** 2))
 
     bounds = (-_LARGEST_SHIFT, _LARGEST_SHIFT)
-    found = minimize_scalar(
+    result = minimize_scalar(
         difference, bounds=bounds, method="bounded", options={"xatol": _SHIFT_TOLERANCE}
     )
-    return float(found.x)
+    return float(result.x)
 
 
 def loaded_pass(
@@ -185,7 +185,7 @@ def loaded_pass(
     rows = slice(round(LEARNING_TIME / TIME_STEP), -round(MARGIN / TIME_STEP))
     t = recording.t - recording.t[0]
     ahead = alignment(empty.recording, recording)
-    lesson = _at(empty.recording, empty.tau_ext, t + ahead)
+    first_pass = _at(empty.recording, empty.tau_ext, t + ahead)
     carried = robot.joint_torque(recording.current)
     carried_before = _at(empty.recording, robot.joint_torque(empty.recording.current), t + ahead)
     R_WE, _ = robot.chain.pose(recording.q)
@@ -196,11 +196,11 @@ def loaded_pass(
     reading = WrenchReconstruction(WrenchReconstructionConfig("force_only"), Sigma_tau)
 
     def errors(tau_ext: Array) -> PassErrors:
-        found = reading.reconstruct(J[rows], tau_ext[rows])
+        result = reading.reconstruct(J[rows], tau_ext[rows])
         return PassErrors(
-            force=found.wrench[:, 3:],
-            sd=found.standard_deviation[:, 3:],
-            valid=found.valid,
+            force=result.wrench[:, 3:],
+            sd=result.standard_deviation[:, 3:],
+            valid=result.valid,
             truth=truth[rows],
             torque_error=(tau_ext - torque)[rows],
         )
@@ -208,8 +208,8 @@ def loaded_pass(
     return LoadedPass(
         t=t[rows],
         plain=errors(loaded.tau_ext),
-        taught=errors(loaded.tau_ext - lesson),
-        lesson=lesson[rows],
+        taught=errors(loaded.tau_ext - first_pass),
+        first_pass=first_pass[rows],
         alignment=ahead,
         load_growth=(np.abs(carried) - np.abs(carried_before))[rows],
         v=recording.v[rows],
@@ -218,5 +218,5 @@ def loaded_pass(
 
 def _at(recording: Recording, signal: Array, t: Array) -> Array:
     """The signal (N, n) at times since the log's start."""
-    own = recording.t - recording.t[0]
-    return np.stack([np.interp(t, own, column) for column in signal.T], axis=1)
+    entry = recording.t - recording.t[0]
+    return np.stack([np.interp(t, entry, column) for column in signal.T], axis=1)

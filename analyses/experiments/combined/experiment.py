@@ -181,7 +181,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     scenarios["placed"] = on_path(scenario, robot, *found_path(robot, 0, bayesian.model))
     runs = pushed_runs(context, models, scenarios, 0.45)
     readings = read_variants(models, runs, VARIANTS, speed)
-    metrics: dict[str, Any] = {key: own.metrics() for key, own in readings.items()}
+    metrics: dict[str, Any] = {key: entry.metrics() for key, entry in readings.items()}
     before, after = metrics[BEFORE], metrics[AFTER]
     metrics["known_friction"] = known_friction(models, runs["optimised"])
     metrics["known_friction_fast"] = known_friction(models, runs["optimised"], FAST)
@@ -192,7 +192,9 @@ def run(context: ExperimentContext) -> ExperimentResult:
     metrics["correlation_gain"] = {
         axis: after[f"correlation_{axis}"] - before[f"correlation_{axis}"] for axis in AXES
     }
-    metrics["mean_jcn"] = {path: float(own.condition_number.mean()) for path, own in runs.items()}
+    metrics["mean_jcn"] = {
+        path: float(entry.condition_number.mean()) for path, entry in runs.items()
+    }
     return STUDY.result(
         context,
         runs,

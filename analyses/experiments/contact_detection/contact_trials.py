@@ -134,34 +134,34 @@ class Tally:
         if detection.contact[max(begin - 1, 0)]:
             return  # the one before is not over
         self.contacts += 1
-        found = np.flatnonzero(detection.contact[begin : end + late])
-        if not len(found):
+        result = np.flatnonzero(detection.contact[begin : end + late])
+        if not len(result):
             return
         # The push may have begun up to a sample before the first that shows it.
-        self.delays.append((int(found[0]) + 1) * time_step)
-        inside = slice(begin + int(found[0]), end)
+        self.delays.append((int(result[0]) + 1) * time_step)
+        inside = slice(begin + int(result[0]), end)
         touched = detection.misfit[inside]
         if len(touched) and touched.mean() >= 0.5:
             self.misfits += 1
-            told = detection.link[inside][touched]
-            told = told[told > 0]
-            named = int(np.bincount(told).argmax()) if 2 * len(told) > touched.sum() else 0
+            report = detection.link[inside][touched]
+            report = report[report > 0]
+            named = int(np.bincount(report).argmax()) if 2 * len(report) > touched.sum() else 0
             verdict = "untold" if named == 0 else "right" if named == link else "wrong"
             self.links[verdict] = self.links.get(verdict, 0) + 1
 
     def metrics(self) -> dict[str, Any]:
         """Under the keys of the experiment; delays are null where nothing was found."""
         delays = np.array(self.delays)
-        found = len(delays)
+        result = len(delays)
         return {
             "contacts": self.contacts,
             "missed": self.missed,
             "missed_pct": 100.0 * self.missed / max(self.contacts, 1),
-            "delay_median_s": float(np.median(delays)) if found else None,
-            "delay_p95_s": float(np.quantile(delays, 0.95)) if found else None,
-            "delay_max_s": float(delays.max()) if found else None,
+            "delay_median_s": float(np.median(delays)) if result else None,
+            "delay_p95_s": float(np.quantile(delays, 0.95)) if result else None,
+            "delay_max_s": float(delays.max()) if result else None,
             "within_50ms_pct": 100.0 * float(np.sum(delays <= PROMPT)) / max(self.contacts, 1),
-            "misfit_pct": 100.0 * self.misfits / max(found, 1),
+            "misfit_pct": 100.0 * self.misfits / max(result, 1),
             **{f"link_{name}": self.links.get(name, 0) for name in ("right", "wrong", "untold")},
         }
 
@@ -197,14 +197,14 @@ def schedule(
     """
     size, rest = round(duration / time_step), round(pause / time_step)
     fast = np.abs(v).max(axis=1) >= slowest
-    found, begin = [], round(first / time_step)
+    result, begin = [], round(first / time_step)
     while begin + size + rest < len(v):
         if fast[begin : begin + size].all():
-            found.append((begin, begin + size))
+            result.append((begin, begin + size))
             begin += size + rest
         else:
             begin += max(1, rest // 10)
-    return found
+    return result
 
 
 def put_in(

@@ -133,9 +133,9 @@ def run(context: ExperimentContext) -> ExperimentResult:
     context.progress(0.35, "contact-free logs")
     metrics |= _free(every)
     sets = [(size, duration, place) for size in SIZES for duration in DURATIONS for place in PLACES]
-    for k, own in enumerate(sets):
-        context.progress(0.4 + 0.3 * k / len(sets), f"pushes of {own[0]:g} N")
-        metrics[own[2].key(*own[:2])] = _pushed(logs, *own, RATE, rounds).metrics()
+    for k, entry in enumerate(sets):
+        context.progress(0.4 + 0.3 * k / len(sets), f"pushes of {entry[0]:g} N")
+        metrics[entry[2].key(*entry[:2])] = _pushed(logs, *entry, RATE, rounds).metrics()
     for link in OFF_E:
         place = Place(f"link_{link}", (link,))
         metrics[f"link_{link}_30n"] = _pushed(logs, 30.0, 0.5, place, RATE, rounds).metrics()
@@ -151,7 +151,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         f"{PUSHES}/push_pose_1.csv", spans, context.data, robot, model
     )
     context.progress(0.72, "simulated days")
-    moving = {name: own for name, own in recordings.items() if name not in STILL}
+    moving = {name: entry for name, entry in recordings.items() if name not in STILL}
     metrics |= _twins(fitted, moving, robot, context)
     context.progress(0.75, "simulated pushes")
     metrics |= _simulated(context)
@@ -193,13 +193,13 @@ def _levels(logs: dict[str, TrialLog]) -> dict[str, float]:
 
 def _free(logs: dict[str, TrialLog]) -> dict[str, Any]:
     """By log and together; a contact-free log has no contacts to miss."""
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     none = {"contacts": 0, "missed": 0, "delay_median_s": None, "delay_max_s": None}
     alarms, hours = 0, 0.0
     for name, log in logs.items():
         detection = log.detect(log.detector(RATE))
         begins = onsets(detection.contact)
-        found[name] = {
+        result[name] = {
             **none,
             **false_alarm_metrics(len(begins), log.hours),
             "at_s": log.t[begins],
@@ -208,7 +208,7 @@ def _free(logs: dict[str, TrialLog]) -> dict[str, Any]:
         }
         alarms += len(begins)
         hours += log.hours
-    return {**found, "contact_free": {**none, **false_alarm_metrics(alarms, hours)}}
+    return {**result, "contact_free": {**none, **false_alarm_metrics(alarms, hours)}}
 
 
 def _held_out(
@@ -216,11 +216,11 @@ def _held_out(
 ) -> dict[str, TrialLog]:
     """The fitted runs, each with the model that the others give."""
     logs = {}
-    for k, own in enumerate(fitted):
+    for k, entry in enumerate(fitted):
         context.progress(0.2 + 0.05 * k, "identifying without one run")
         others = fitted[:k] + fitted[k + 1 :]
         model = identify(others, robot, [], IdentificationConfig(friction="presliding")).model
-        logs[Path(FITTED[k]).stem] = TrialLog(own, robot, model, TIME_STEP, K_0)
+        logs[Path(FITTED[k]).stem] = TrialLog(entry, robot, model, TIME_STEP, K_0)
     return logs
 
 
@@ -233,11 +233,11 @@ def _twins(
         *(1 if context.quick else TWIN_DAYS, TIME_STEP, K_0),
         lambda share, what: context.progress(0.72 + 0.03 * share, what),
     )
-    found: dict[str, Any] = {
+    result: dict[str, Any] = {
         f"at_{rate:g}_per_hour": {**false_alarm_metrics(count, hours), "expected": rate * hours}
         for rate, count in alarms.items()
     }
-    return {"simulated_days": {**found, f"by_log_at_{RATE:g}_per_hour": by_log}}
+    return {"simulated_days": {**result, f"by_log_at_{RATE:g}_per_hour": by_log}}
 
 
 def _pushed(
@@ -267,14 +267,14 @@ def _at_rate(
     every: dict[str, TrialLog], logs: dict[str, TrialLog], rate: float, rounds: int
 ) -> dict[str, Any]:
     """False alarms and pushes of 30 N and 10 N for half a second, at another threshold."""
-    found = {
+    result = {
         name: len(onsets(log.detect(log.detector(rate)).contact)) for name, log in every.items()
     }
     hours = sum(log.hours for log in every.values())
     alarms = {
-        **false_alarm_metrics(sum(found.values()), hours),
+        **false_alarm_metrics(sum(result.values()), hours),
         "expected": rate * hours,
-        "by_log": found,
+        "by_log": result,
     }
     for size in (10.0, 30.0):
         pushed = _pushed(logs, size, 0.5, PLACES[0], rate, rounds).metrics()
@@ -308,16 +308,16 @@ def _labelled(
     inside = [slice(begin, end) for begin, end in zip(begins, ends, strict=True)]
     counted = tally.metrics()
     batch = log.estimator.run(log.estimator.initial_state(), log.q, log.v, log.current)
-    phantom = np.abs(batch.wrench[apart & batch.valid, 3:])
+    false_force = np.abs(batch.wrench[apart & batch.valid, 3:])
     return {
         **{key: counted[key] for key in counted if not key.startswith(("link", "misfit"))},
-        "misfit_pct_each": [100.0 * float(detection.misfit[own].mean()) for own in inside],
-        "link_each": [int(np.bincount(detection.link[own]).argmax()) for own in inside],
+        "misfit_pct_each": [100.0 * float(detection.misfit[entry].mean()) for entry in inside],
+        "link_each": [int(np.bincount(detection.link[entry]).argmax()) for entry in inside],
         **false_alarm_metrics(len(alarms), float(apart.sum()) * TIME_STEP / 3600.0),
         "found_at_s": log.t[begins],
         "false_alarms_at_s": log.t[alarms],
         "valid_between_pct": 100.0 * float(batch.valid[apart].mean()),
-        "largest_valid_between_n": phantom.max(axis=0) if len(phantom) else np.zeros(3),
+        "largest_valid_between_n": false_force.max(axis=0) if len(false_force) else np.zeros(3),
         "largest_statistic": float(detection.statistic.max()),
     }
 
@@ -333,7 +333,7 @@ def _simulated(context: ExperimentContext) -> dict[str, Any]:
     model = result.model
     free = TrialLog(logs[1].recording, robot, model, SIMULATED_STEP, K_0)
     alarms = onsets(free.detect(free.detector(RATE)).contact)
-    found: dict[str, Any] = {
+    outcome: dict[str, Any] = {
         "simulated_free": {
             "contacts": 0,
             "missed": 0,
@@ -383,8 +383,8 @@ def _simulated(context: ExperimentContext) -> dict[str, Any]:
         for start in starts:
             begin = round(start / SIMULATED_STEP)
             tally.add(detection, begin, begin + size_of, SIMULATED_STEP, None)
-        found[f"simulated_{size:g}n_{1e3 * SIMULATED_DURATION:g}ms"] = tally.metrics()
-    return found
+        outcome[f"simulated_{size:g}n_{1e3 * SIMULATED_DURATION:g}ms"] = tally.metrics()
+    return outcome
 
 
 def _comparison() -> list[ComparisonRow]:
@@ -434,18 +434,20 @@ def _figure(metrics: dict[str, Any], out: Path) -> FigureFile:
     rates: Array = np.array(RATES)
     counted = [metrics[f"threshold_{rate:g}_per_hour"] for rate in RATES]
     panel.loglog(rates, rates, color=SERIES[6], lw=0.8, label="as stated")
-    found = np.array([own["false_alarms_per_hour"] for own in counted])
-    upper = np.array([own["false_alarms_per_hour_upper"] for own in counted])
-    panel.loglog(rates, np.where(found > 0.0, found, np.nan), "o", color=SERIES[0], label="counted")
+    result = np.array([entry["false_alarms_per_hour"] for entry in counted])
+    upper = np.array([entry["false_alarms_per_hour_upper"] for entry in counted])
+    panel.loglog(
+        rates, np.where(result > 0.0, result, np.nan), "o", color=SERIES[0], label="counted"
+    )
     panel.loglog(rates, upper, "v", color=SERIES[1], label="most that agrees (95 %)")
     panel.set_xlabel("stated false alarms per hour")
     panel.set_ylabel(f"in {60 * metrics['contact_free']['hours']:.1f} free minutes, per h")
     panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=1)
     panel = axes[0, 2]
     for k, (key, label) in enumerate((("delay_median_s", "median"), ("delay_p95_s", "95 %"))):
-        late = [1e3 * own[f"{key}_30n"] for own in counted]
+        late = [1e3 * entry[f"{key}_30n"] for entry in counted]
         panel.semilogx(rates, late, "o-", ms=3, color=SERIES[k], label=f"30 N, {label}")
-    missed = [own["missed_pct_10n"] for own in counted]
+    missed = [entry["missed_pct_10n"] for entry in counted]
     panel.semilogx(rates, missed, "o--", ms=3, color=SERIES[2], label="10 N, missed [%]")
     panel.set_xlabel("stated false alarms per hour")
     panel.set_ylabel("delay [ms]; missed [%]")

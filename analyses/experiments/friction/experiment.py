@@ -70,14 +70,14 @@ def reversal_figure(run: TaskRun, readings: dict[str, ForceReading], middle: flo
     )
     for panel in (force, zoom):
         for key, colour, label in shown:
-            own = readings[key]
-            near = np.abs(own.t - middle) <= (0.06 * 2 * middle if panel is zoom else np.inf)
-            draw_signal(panel, own.t[near], own.force[near, 2], colour, label)
-        draw_signal(panel, own.t[near], own.reference[near, 2], COLOUR["truth"], "sensor")
+            entry = readings[key]
+            near = np.abs(entry.t - middle) <= (0.06 * 2 * middle if panel is zoom else np.inf)
+            draw_signal(panel, entry.t[near], entry.force[near, 2], colour, label)
+        draw_signal(panel, entry.t[near], entry.reference[near, 2], COLOUR["truth"], "sensor")
         panel.set_ylabel("force fz [N]")
     for key, colour, label in shown:
-        own = readings[key]
-        draw_signal(error, own.t, own.error[:, 2], colour, label)
+        entry = readings[key]
+        draw_signal(error, entry.t, entry.error[:, 2], colour, label)
     error.set_ylabel("error of fz [N]")
     for joint in range(run.recording.num_joints):
         t, low, high = envelope(run.recording.t, run.recording.v[:, joint])
@@ -179,11 +179,11 @@ def run(context: ExperimentContext) -> ExperimentResult:
     run, motion = runs["initial"], scenario.motion
     assert isinstance(motion, LineMotion)
     readings = read_variants(models, runs, VARIANTS, speed)
-    metrics: dict[str, Any] = {key: own.metrics() for key, own in readings.items()}
+    metrics: dict[str, Any] = {key: entry.metrics() for key, entry in readings.items()}
     middle = 0.5 * motion.one_way
-    for key, own in readings.items():
-        near = np.abs(own.t - middle) <= NEAR * motion.one_way
-        part = own.part(near).metrics()
+    for key, entry in readings.items():
+        near = np.abs(entry.t - middle) <= NEAR * motion.one_way
+        part = entry.part(near).metrics()
         metrics[key]["near_reversal"] = {
             name: value for name, value in part.items() if name.startswith(("rmse", "max"))
         }

@@ -128,7 +128,7 @@ class LawsOnOneArm:
     def rmse(self, law: str) -> Array:
         """RMSE (n,) in N m of the law's friction near zero."""
         pairs = zip(self.near_zero, self.edge, strict=True)
-        return np.array([own.rmse(law, edge) for own, edge in pairs])
+        return np.array([entry.rmse(law, edge) for entry, edge in pairs])
 
     def metrics(self) -> dict[str, Any]:
         """Per law: near zero and over the held-out runs."""
@@ -156,13 +156,13 @@ def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
     """All laws on the simulated arm."""
     robot = context.robot(ROBOT)
 
-    def told(start: float, end: float) -> Callable[[float, str], None]:
+    def report(start: float, end: float) -> Callable[[float, str], None]:
         return lambda part, what: context.progress(share * (start + (end - start) * part), what)
 
     periods = 1 if context.quick else 2
     plain = replace(CONFIG, friction=WITH_OFFSET, seed=context.seed)
     first, (log, other) = identify_simulated_arm(
-        robot, context.seed, periods, plain, told(0.0, 0.4)
+        robot, context.seed, periods, plain, report(0.0, 0.4)
     )
     results = {WITH_OFFSET: first}
     for k, law in enumerate(COMPARED):
@@ -171,7 +171,7 @@ def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
             config = replace(plain, friction=law)
             results[law] = identify([log.recording], robot, [other.recording], config)
     postures = np.asarray(robot.home) + np.asarray(POSTURES[-2:] if context.quick else POSTURES)
-    recordings = reversal_recordings(robot, postures, seed=context.seed, progress=told(0.6, 1.0))
+    recordings = reversal_recordings(robot, postures, seed=context.seed, progress=report(0.6, 1.0))
     separated = separate_recordings(robot, recordings[:-1], first.model, CONFIG.cutoff)
     article, trained = semi_parametric_model(robot, first, separated)
     models = {law: result.model for law, result in results.items()} | {ARTICLE: article}
@@ -185,14 +185,14 @@ def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
     measured = separate_recordings(robot, recordings[-1:], first.model, CONFIG.cutoff)
     near_zero = tuple(
         NearZero(
-            np.concatenate([own.speed, -own.speed]),
-            np.concatenate([own.symmetric, -own.symmetric]),
+            np.concatenate([entry.speed, -entry.speed]),
+            np.concatenate([entry.symmetric, -entry.symmetric]),
             {
                 law: np.concatenate([one.samples[j].symmetric, -one.samples[j].symmetric])
                 for law, one in test.items()
             },
         )
-        for j, own in enumerate(measured.samples)
+        for j, entry in enumerate(measured.samples)
     )
     validation = {law: result.validation for law, result in results.items()}
     validation[ARTICLE] = predict_torque([other.recording], robot, article, first.config)
@@ -283,7 +283,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     figures = []
     titles = {"simulated": "simulated arm", "real": "UR10e"}
     for name, arm in arms.items():
-        own = (
+        entry = (
             (
                 f"laws_{name}",
                 near_zero_figure(arm, titles[name]),
@@ -297,7 +297,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
                 "velocity, and torque over held-out runs.",
             ),
         )
-        figures += saved_figures(own, context.out)
+        figures += saved_figures(entry, context.out)
     metrics = {name: arm.metrics() for name, arm in arms.items()}
     return ExperimentResult(
         metrics=metrics,
@@ -354,13 +354,15 @@ def near_zero_figure(arm: LawsOnOneArm, title: str) -> "Figure":
     figure, panels = panels_in_pairs(n, "velocity [rad/s]", "friction [N m]")
     shown = {PLAIN: COLOUR["before"], ARTICLE: COLOUR["article"], "presliding": COLOUR["estimate"]}
     for j, axis in enumerate(panels):
-        own, edge = arm.near_zero[j], 1.3 * float(arm.edge[j])
-        near = np.flatnonzero(np.abs(own.v) <= edge)
+        entry, edge = arm.near_zero[j], 1.3 * float(arm.edge[j])
+        near = np.flatnonzero(np.abs(entry.v) <= edge)
         near = near[np.linspace(0, len(near) - 1, min(len(near), 1500)).astype(int)]
         style = {"ls": "none", "marker": ".", "ms": 2.5, "alpha": 0.6}
-        axis.plot(own.v[near], own.measured[near], color=COLOUR["truth"], label="measured", **style)
+        axis.plot(
+            entry.v[near], entry.measured[near], color=COLOUR["truth"], label="measured", **style
+        )
         for law, colour in shown.items():
-            axis.plot(own.v[near], own.predicted[law][near], color=colour, label=law, **style)
+            axis.plot(entry.v[near], entry.predicted[law][near], color=colour, label=law, **style)
         axis.set_xlim(-edge, edge)
         axis.set_title(arm.joint_names[j])
     legend_below(figure, panels[0], 4, markerscale=4)

@@ -116,8 +116,8 @@ def _judged(reading: Lara8Reading, comparison: SensorComparison, state: str) -> 
     error = reading.batch.tau_ext - truth
     rows = _rows(log, state)
     inside = [
-        100.0 * float(np.mean(np.abs(error[own, j]) <= 1.96 * reading.batch.torque_sd[own, j]))
-        if (own := rows[:, j] & np.isfinite(error[:, j])).sum() >= MIN_ROWS
+        100.0 * float(np.mean(np.abs(error[entry, j]) <= 1.96 * reading.batch.torque_sd[entry, j]))
+        if (entry := rows[:, j] & np.isfinite(error[:, j])).sum() >= MIN_ROWS
         else None
         for j in range(NUM_JOINTS)
     ]
@@ -141,12 +141,12 @@ def _judged(reading: Lara8Reading, comparison: SensorComparison, state: str) -> 
 
 
 def _mean_by_joint(error: Array, rows: Flags) -> list[float | None]:
-    found: list[float | None] = []
+    result: list[float | None] = []
     for j in range(error.shape[1]):
-        own = error[rows[:, j], j]
-        own = own[np.isfinite(own)]
-        found.append(float(np.mean(own)) if len(own) >= MIN_ROWS else None)
-    return found
+        entry = error[rows[:, j], j]
+        entry = entry[np.isfinite(entry)]
+        result.append(float(np.mean(entry)) if len(entry) >= MIN_ROWS else None)
+    return result
 
 
 def _by_hand(log: Lara8Log, state: str) -> list[float | None]:
@@ -176,12 +176,12 @@ def _source(data: Path, readings: dict[tuple[str, str], Lara8Reading]) -> dict[s
         }
 
     by_current = raw.extra["tau_target"] - raw.current
-    found = {"current": errors(by_current[:, _JOINT])}
+    result = {"current": errors(by_current[:, _JOINT])}
     for variant in VARIANTS:
         reading = readings[SWEEP, variant]
         tau = np.interp(raw.t, reading.log.recording.t, reading.batch.tau_ext[:, _JOINT])
-        found[variant] = errors(tau)
-    return found
+        result[variant] = errors(tau)
+    return result
 
 
 # What the errors are made of ----------------------------------------------------------------------
@@ -214,19 +214,19 @@ def _parts(log: Lara8Log, reading: Lara8Reading) -> dict[str, list[float | None]
 
 def _floor(reading: Lara8Reading, truth: Array) -> list[float | None]:
     """What no friction law of speed, load and direction could take off; it is given the sensor."""
-    log, found = reading.log, list[float | None]()
+    log, result = reading.log, list[float | None]()
     error = reading.batch.tau_ext - truth
     load = np.abs(reading.transmitted)
     for j in range(NUM_JOINTS):
         rows = log.moving[:, j] & np.isfinite(error[:, j])
         if rows.sum() < MIN_ROWS:
-            found.append(None)
+            result.append(None)
             continue
         v, side = log.recording.v[rows, j], np.sign(log.recording.v[rows, j])
         A = np.stack([np.ones_like(v), side, side * load[rows, j], v], axis=1)
         left = error[rows, j] - A @ np.linalg.lstsq(A, error[rows, j], rcond=None)[0]
-        found.append(float(np.sqrt(np.mean(left**2))))
-    return found
+        result.append(float(np.sqrt(np.mean(left**2))))
+    return result
 
 
 def _load_shares(logs: list[Lara8Log]) -> dict[str, Any]:
@@ -234,7 +234,7 @@ def _load_shares(logs: list[Lara8Log]) -> dict[str, Any]:
 
     Evidence for `LOAD_SHARE`, which is another arm's; not used.
     """
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     for log in logs:
         law = controller_friction(log.name, load_share=np.zeros(NUM_JOINTS))
         reading = read_log(log, "urdf", law)
@@ -251,8 +251,8 @@ def _load_shares(logs: list[Lara8Log]) -> dict[str, Any]:
             pull = np.sign(log.recording.v[rows, j]) * np.abs(load[rows, j])
             # Too little friction taken off reads as a torque against the motion.
             shares.append(float(-np.sum(pull * error[rows, j]) / np.sum(pull**2)))
-        found[log.name] = shares
-    return found
+        result[log.name] = shares
+    return result
 
 
 def _stiction(reading: Lara8Reading) -> dict[str, Any]:

@@ -159,9 +159,9 @@ class Lara8Reading:
             recording.extra["sensor"],
         )
         collector.add(*(np.asarray(signal[first:], float) for signal in signals))
-        found = collector.log()
-        assert found is not None
-        return found
+        result = collector.log()
+        assert result is not None
+        return result
 
 
 MIN_ROWS: Final = 20
@@ -169,12 +169,12 @@ MIN_ROWS: Final = 20
 
 def rmse_by_joint(error: Array, where: Flags) -> list[float | None]:
     """RMS per joint over the rows where it is wanted and finite."""
-    found: list[float | None] = []
+    result: list[float | None] = []
     for j in range(error.shape[1]):
-        own = error[where[:, j], j]
-        own = own[np.isfinite(own)]
-        found.append(float(np.sqrt(np.mean(own**2))) if len(own) >= MIN_ROWS else None)
-    return found
+        entry = error[where[:, j], j]
+        entry = entry[np.isfinite(entry)]
+        result.append(float(np.sqrt(np.mean(entry**2))) if len(entry) >= MIN_ROWS else None)
+    return result
 
 
 def settled_from(recording: Recording) -> int:

@@ -17,15 +17,13 @@ from wrenchsight.analyses.experiments.setups.path_runs.article_paths import (
     OTHER_ELBOW_POSTURE,
 )
 from wrenchsight.analyses.methods.planning.particle_swarm import SwarmConfig
-from wrenchsight.analyses.methods.planning.placement import (
-    EFFORT,
-    EFFORT_WITH_CLEARANCE,
-    PlacementResult,
+from wrenchsight.analyses.methods.planning.placement import EFFORT, EFFORT_WITH_CLEARANCE, place
+from wrenchsight.analyses.methods.planning.placement_files import (
     draw_history,
     draw_profiles,
-    place,
     write_placement_page,
 )
+from wrenchsight.analyses.methods.planning.placement_result import PlacementResult
 from wrenchsight.analyses.output.axes import log_scale
 from wrenchsight.analyses.output.figures import COLOUR, new_figure
 from wrenchsight.analyses.output.outputs import OutputFolder
@@ -115,16 +113,16 @@ def _along(robot: Robot, path: StraightPath, posture: Array) -> Array:
 
 def run(context: ExperimentContext) -> ExperimentResult:
     """The experiment `linear-path` of `study`."""
-    found = linear_path(context)
-    article = min(found.article_jcn.values(), key=lambda values: float(np.mean(values)))
-    main, table = found.optimised, found.table
-    seeds = [result.best.metrics("jcn") for result in found.from_seeds]
-    swarms = [result.best.metrics("jcn") for result in found.swarms]
+    outcome = linear_path(context)
+    article = min(outcome.article_jcn.values(), key=lambda values: float(np.mean(values)))
+    main, table = outcome.optimised, outcome.table
+    seeds = [result.best.metrics("jcn") for result in outcome.from_seeds]
+    swarms = [result.best.metrics("jcn") for result in outcome.swarms]
     metrics: dict[str, Any] = {
         **main.figures(),
         "article": {
             "mean_jcn": float(np.mean(article)),
-            "mean_jcn_by_elbow": sorted(float(np.mean(v)) for v in found.article_jcn.values()),
+            "mean_jcn_by_elbow": sorted(float(np.mean(v)) for v in outcome.article_jcn.values()),
         },
         "from_seeds": {
             "mean_jcn": [case["mean_jcn"] for case in seeds],
@@ -135,27 +133,27 @@ def run(context: ExperimentContext) -> ExperimentResult:
             "mean_jcn": [case["mean_jcn"] for case in swarms],
             "best_mean_jcn": min(case["mean_jcn"] for case in swarms),
             "median_mean_jcn": float(np.median([case["mean_jcn"] for case in swarms])),
-            "evaluations": found.swarms[0].search.evaluations,
+            "evaluations": outcome.swarms[0].search.evaluations,
         },
         "with_table": table.figures(),
     }
     # Later optima are not met by every search; at a table only the best one is met by all.
     metrics["optima"] = metrics["optima"][:_OPTIMA]
     metrics["with_table"]["optima"] = metrics["with_table"]["optima"][:1]
-    metrics["optimised"]["smallest_own_distance_m"] = found.own_distance["optimised"]
+    metrics["optimised"]["smallest_own_distance_m"] = outcome.own_distance["optimised"]
     metrics["article"]["smallest_own_distance_m"] = {
-        name: found.own_distance[name] for name in ("one_elbow", "other_elbow")
+        name: outcome.own_distance[name] for name in ("one_elbow", "other_elbow")
     }
     metrics["reduction_pct"] = {
         key: 100.0 * (1.0 - metrics["optimised"][key] / metrics["initial"][key])
         for key in ("mean_jcn", "max_jcn")
     }
     out = OutputFolder(context.out)
-    out.write_json("timings.json", _timings(found))
+    out.write_json("timings.json", _timings(outcome))
     return ExperimentResult(
         metrics=metrics,
-        figures=_figures(out, found),
-        recordings=_pages(context, found),
+        figures=_figures(out, outcome),
+        recordings=_pages(context, outcome),
         comparison=_comparison(metrics),
         notes=filled(NOTES, metrics),
         configuration={
@@ -166,7 +164,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
             "effort": EFFORT,
             "effort_with_clearance": EFFORT_WITH_CLEARANCE,
             "swarm": SWARM_QUICK if context.quick else SWARM,
-            "seeds": [result.seed for result in found.from_seeds],
+            "seeds": [result.seed for result in outcome.from_seeds],
         },
     )
 

@@ -95,11 +95,11 @@ class Correlation:
 
 def draw_postures(robot: Robot, count: int, rng: np.random.Generator) -> Array:
     """(count, n) postures drawn evenly within the joint limits, E above FLOOR."""
-    kept = np.empty((0, robot.num_joints))
-    while len(kept) < count:
+    selected = np.empty((0, robot.num_joints))
+    while len(selected) < count:
         q = rng.uniform(robot.position_lower, robot.position_upper, (2 * count, robot.num_joints))
-        kept = np.concatenate([kept, q[robot.chain.pose(q)[1][:, 2] > FLOOR]])
-    return kept[:count]
+        selected = np.concatenate([selected, q[robot.chain.pose(q)[1][:, 2] > FLOOR]])
+    return selected[:count]
 
 
 class InertialErrors:
@@ -284,11 +284,11 @@ def bootstrap(
         ranks = _ranks(times, target_order)
         for name in columns:
             draws[name][rows] = _weighted_correlation(times, _ranks(times, order[name]), ranks)
-    found = {}
+    result = {}
     for name, column in columns.items():
         low, high = np.quantile(draws[name], [0.025, 0.975])
-        found[name] = Correlation(rank_correlation(column, target), float(low), float(high))
-    return found, draws
+        result[name] = Correlation(rank_correlation(column, target), float(low), float(high))
+    return result, draws
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
@@ -305,12 +305,12 @@ def run(context: ExperimentContext) -> ExperimentResult:
         "friction_rmse_nm": draws.friction_rmse,
         "characteristic_length_m": draws.length,
     }
-    found: dict[str, dict[str, Correlation]] = {}
+    result: dict[str, dict[str, Correlation]] = {}
     for index, method in enumerate(METHODS):
         context.progress(0.3 + 0.35 * index, f"bootstrap, {method}")
         rng = np.random.default_rng([context.seed, 1])
         target = draws.force_error[method]
-        found[method], resampled = bootstrap(draws.predictors[method], target, count, rng)
+        result[method], resampled = bootstrap(draws.predictors[method], target, count, rng)
         gap = resampled["stated_sd"] - resampled["jcn"]
         metrics[method] = {
             name: {
@@ -321,7 +321,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
                     draws.predictors[method][name], draws.relative_error[method]
                 ),
             }
-            for name, correlation in found[method].items()
+            for name, correlation in result[method].items()
         }
         metrics[method]["force_error_n"] = {
             "median": float(np.median(target)),
@@ -335,7 +335,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
             for name, column in draws.predictors[method].items()
         }
     figures = [
-        _draw_correlations(context, found),
+        _draw_correlations(context, result),
         _draw_errors(context, draws),
     ]
     return ExperimentResult(

@@ -34,6 +34,9 @@ from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import ide
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import payload_reference
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
+    FREE_LOGS,
+    LOADED_LOGS,
+    MORE,
     identify_ur10e,
 )
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
@@ -75,25 +78,7 @@ from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import PoseConfig
 from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass
 
-MORE = "ur10e_more"  # below the data folder
-FREE = {
-    FOLDER: ("ur-20_02_19_14harm50sec", "ur-20_01_17-ptp_10_points"),
-    MORE: (
-        "ur-20_02_19_15harm50sec",
-        "ur-20_02_10-20sec_7harm",
-        "ur-20_02_06-20sec_5harm",
-        "ur-20_02_06-20sec_10harm",
-        "ur-20_02_05-20sec_8harm",
-        "ur-20_01_31-unload",
-        "ur-19_12_23_free",
-        *(f"ur-20_01_17-p{k}" for k in range(1, 6)),
-    ),
-}
 PUSHED = ("ur-20_02_19_14harm50sec", "ur-20_02_19_15harm50sec", "ur-20_02_10-20sec_7harm")
-LOADED = {  # kg
-    FOLDER: {"ur-20_02_19_14harm50secLoad": 2.805},
-    MORE: {"ur-19_12_23_load": 1.069},
-}
 PUSH, PUSH_TIME, PAUSE = 30.0, 0.5, 1.5  # N, s, s
 TIME_STEP = 0.01  # s, of the UR10e's logs
 LAW = "presliding"
@@ -146,14 +131,14 @@ def run(context: ExperimentContext) -> ExperimentResult:
     for k, (log, scene) in enumerate(scenes.items()):
         context.progress(0.6 + 0.35 * k / len(scenes), log)
         for name, kind in kinds.items():
-            found: dict[str, Any] = {}
+            result: dict[str, Any] = {}
             for method in METHODS:
                 read = _read(scene, kind, method, name == SMOOTHED)
-                own = _measured(scene, read)
-                found |= own if method == METHODS[0] else {method: own}
+                entry = _measured(scene, read)
+                result |= entry if method == METHODS[0] else {method: entry}
                 if log == SHOWN[0] and method == METHODS[0]:
                     shown[name] = read
-            metrics[name][log] = found
+            metrics[name][log] = result
     context.progress(0.95, "figures")
     figures = [_summary_figure(metrics, context.out)]
     if shown:
@@ -164,8 +149,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
         comparison=[],
         notes=_notes(metrics),
         configuration={
-            "free": FREE,
-            "loaded_kg": LOADED,
+            "free": FREE_LOGS,
+            "loaded_kg": LOADED_LOGS,
             "pushed": PUSHED,
             "push_n": PUSH,
             "push_s": PUSH_TIME,
@@ -183,8 +168,8 @@ def _real_scenes(context: ExperimentContext) -> dict[str, Scene]:
         lambda share, what: context.progress(0.3 * share, what),
     ).model
     scenes = {}
-    for folder, own in FREE.items():
-        for name in own:
+    for folder, entry in FREE_LOGS.items():
+        for name in entry:
             log = context.data / folder / f"{name}.csv"
             if not log.is_file():
                 continue
@@ -200,7 +185,7 @@ def _real_scenes(context: ExperimentContext) -> dict[str, Scene]:
                 scenes[f"{name}-pushes"] = Scene(
                     pushed(uniform, robot, forces), forces, robot, model, step
                 )
-    for folder, loaded in LOADED.items():
+    for folder, loaded in LOADED_LOGS.items():
         for name, mass in loaded.items():
             log = context.data / folder / f"{name}.csv"
             if log.is_file():
@@ -304,22 +289,22 @@ def _read(scene: Scene, kind: type, method: str, smoothed: bool) -> Read:
 def _measured(scene: Scene, read: Read) -> dict[str, Any]:
     step, N = scene.recording.time_step, scene.recording.num_samples
     margin = round(MARGIN / step)
-    kept = ~scene.recording.dropout
-    kept[:margin] = kept[-margin:] = False
+    selected = ~scene.recording.dropout
+    selected[:margin] = selected[-margin:] = False
     error = read.force - scene.truth
     noise = read.force - ZeroPhaseLowPass(NOISE_CUTOFF, step, 2)(read.force)
     inside = np.abs(error) <= BAND * read.sd
-    valid = kept & read.valid
+    valid = selected & read.valid
     changes = bool(np.ptp(scene.truth, axis=0).any())
-    rows = np.flatnonzero(valid if valid.any() else kept)
+    rows = np.flatnonzero(valid if valid.any() else selected)
     delay = _delay(scene.truth, read.force, rows, step) if changes else None
     return {
-        "rmse_n": _rms(error[kept]),
-        "bias_n": error[kept].mean(axis=0),
+        "rmse_n": _rms(error[selected]),
+        "bias_n": error[selected].mean(axis=0),
         "delay_s": delay,
-        "noise_n": _rms(noise[kept]),
-        "inside_95_pct": 100.0 * inside[kept].mean(axis=0),
-        "share_valid_pct": 100.0 * float(valid.sum() / max(kept.sum(), 1)),
+        "noise_n": _rms(noise[selected]),
+        "inside_95_pct": 100.0 * inside[selected].mean(axis=0),
+        "share_valid_pct": 100.0 * float(valid.sum() / max(selected.sum(), 1)),
         "valid_rmse_n": _rms(error[valid]) if valid.any() else None,
         "valid_inside_95_pct": 100.0 * inside[valid].mean(axis=0) if valid.any() else None,
         "num_samples": N,
@@ -352,7 +337,7 @@ def never_valid(metrics: Mapping[str, Any]) -> list[str]:
     return [
         log
         for log in next(iter(metrics.values()))
-        if all(own[log]["valid_rmse_n"] is None for own in metrics.values())
+        if all(entry[log]["valid_rmse_n"] is None for entry in metrics.values())
     ]
 
 
@@ -362,14 +347,14 @@ def _summary_figure(metrics: Mapping[str, Any], out: Path) -> FigureFile:
     figure, axes = new_figure(1, 2, height=0.34 * len(logs) + 1.2)
     places = np.arange(len(logs))
     width = 0.8 / len(metrics)
-    for i, (name, own) in enumerate(metrics.items()):
+    for i, (name, entry) in enumerate(metrics.items()):
         shift = width * (i - 0.5 * (len(metrics) - 1))
         errors, shares = np.full(len(logs), np.nan), np.full(len(logs), np.nan)
         for k, log in enumerate(logs):
             kind = "" if log in unread else "valid_"
-            if own[log][f"{kind}rmse_n"] is not None:
-                errors[k] = total(own[log], f"{kind}rmse_n")
-                shares[k] = np.mean(own[log][f"{kind}inside_95_pct"])
+            if entry[log][f"{kind}rmse_n"] is not None:
+                errors[k] = total(entry[log], f"{kind}rmse_n")
+                shares[k] = np.mean(entry[log][f"{kind}inside_95_pct"])
         for panel, values in zip(axes[0], (errors, shares), strict=True):
             bars = panel.barh(places + shift, values, width, color=SERIES[i], label=name)
             for bar, log in zip(bars, logs, strict=True):
@@ -422,14 +407,15 @@ def _notes(metrics: Mapping[str, Any]) -> list[str]:
     notes = []
     for name in others:
         errors = [
-            (total(own, "valid_rmse_n"), total(metrics[default][log], "valid_rmse_n"))
-            for log, own in metrics[name].items()
-            if own["valid_rmse_n"] is not None and metrics[default][log]["valid_rmse_n"] is not None
+            (total(entry, "valid_rmse_n"), total(metrics[default][log], "valid_rmse_n"))
+            for log, entry in metrics[name].items()
+            if entry["valid_rmse_n"] is not None
+            and metrics[default][log]["valid_rmse_n"] is not None
         ]
-        better = sum(own < before for own, before in errors)
+        better = sum(entry < before for entry, before in errors)
         notes.append(f"`{name}` errs less than `{default}` on {better} of {len(errors)} logs.")
-    for name, own in metrics.items():
-        logs = [one["valid_inside_95_pct"] for log, one in own.items() if log not in unread]
+    for name, entry in metrics.items():
+        logs = [one["valid_inside_95_pct"] for log, one in entry.items() if log not in unread]
         shares = [share for share in logs if share is not None]
         if shares:
             low, high = np.min(shares), np.max(shares)

@@ -72,13 +72,13 @@ class TorqueError:
 def residual_by_speed(errors: list[TorqueError]) -> dict[str, Array]:
     """RMS (n,) N m of each bin of SPEEDS; NaN where a joint is in it too seldom."""
     v, error = np.vstack([e.v for e in errors]), np.vstack([e.error for e in errors])
-    found = {"all": np.sqrt(np.mean(error**2, axis=0))}
+    result = {"all": np.sqrt(np.mean(error**2, axis=0))}
     for low, high in pairwise(SPEEDS):
         inside = (np.abs(v) >= low) & (np.abs(v) < high)
         count = inside.sum(axis=0)
         mean = (error**2 * inside).sum(axis=0) / np.maximum(count, 1)
-        found[_bin(low, high)] = np.where(count >= FEWEST, np.sqrt(mean), np.nan)
-    return found
+        result[_bin(low, high)] = np.where(count >= FEWEST, np.sqrt(mean), np.nan)
+    return result
 
 
 def _bin(low: float, high: float) -> str:
@@ -145,11 +145,11 @@ def _shift(first: TorqueError, second: TorqueError) -> float:
     middle = (t > 0.2 * t[-1]) & (t < 0.8 * t[-1])
 
     def gap(shift: float) -> float:
-        own = [
+        entry = [
             np.interp(t[middle] + shift, times, second.v[:, j]) - first.v[middle, j]
             for j in range(first.v.shape[1])
         ]
-        return float(np.sum(np.square(own)))
+        return float(np.sum(np.square(entry)))
 
     return float(shifts[int(np.argmin([gap(shift) for shift in shifts]))])
 
@@ -183,12 +183,12 @@ def at_rest(error: TorqueError) -> Array:
     step = float(np.median(np.diff(error.t)))
     moves = np.abs(error.v) > REST_SPEED
     window = np.ones(max(1, round(REST_TIME / step)))
-    found = np.full(error.v.shape[1], np.nan)
-    for j in range(len(found)):
+    result = np.full(error.v.shape[1], np.nan)
+    for j in range(len(result)):
         rest = np.convolve(moves[:, j], window)[: len(moves)] == 0.0
         if rest.sum() >= FEWEST:
-            found[j] = np.sqrt(np.mean(error.error[rest, j] ** 2))
-    return found
+            result[j] = np.sqrt(np.mean(error.error[rest, j] ** 2))
+    return result
 
 
 def current_noise(recordings: list[Recording], moving: bool) -> dict[str, Array]:

@@ -77,22 +77,22 @@ class ArmLogs:
         }
         checked = [errors[name] for name in CHECKED]
         days = [TorqueError.of(log, self.robot, self.model) for log in self.more_days]
-        found = {f"residual_{k}_nm": x for k, x in residual_by_speed(checked).items()}
-        found["correlation_time_s"] = correlation_time(checked)
-        found |= {f"drift_{k}": x for k, x in drift([*checked, *days]).items()}
+        result = {f"residual_{k}_nm": x for k, x in residual_by_speed(checked).items()}
+        result["correlation_time_s"] = correlation_time(checked)
+        result |= {f"drift_{k}": x for k, x in drift([*checked, *days]).items()}
         load = load_statistics(errors[UNLOADED], errors[LOADED])
-        found |= {f"loaded_{k}": x for k, x in load.items()}
-        found["passes_differ_nm"] = np.array(
+        result |= {f"loaded_{k}": x for k, x in load.items()}
+        result["passes_differ_nm"] = np.array(
             [
                 pass_repeatability(self.recordings[name], self.robot, j)
                 for j, name in enumerate(PASSES)
             ]
         )
-        found["at_rest_nm"] = at_rest(errors[STILL])
+        result["at_rest_nm"] = at_rest(errors[STILL])
         logs = [self.recordings[name] for name in CHECKED]
-        found |= {f"noise_moving_{k}": x for k, x in current_noise(logs, True).items()}
+        result |= {f"noise_moving_{k}": x for k, x in current_noise(logs, True).items()}
         still = current_noise([self.recordings[STILL]], False)
-        return found | {f"noise_at_rest_{k}": x for k, x in still.items()}
+        return result | {f"noise_at_rest_{k}": x for k, x in still.items()}
 
 
 def twins(
@@ -107,20 +107,20 @@ def twins(
     Logs of one day have one day's friction.
     """
     days = {day: k for k, day in enumerate(sorted({name[_DAY] for name in recordings}))}
-    found: dict[str, Recording] = {}
+    result: dict[str, Recording] = {}
     more: list[Recording] = []
     total = len(recordings) + (day_draws - 1) * len(CHECKED)
     for k, (name, recording) in enumerate(recordings.items()):
         progress(k / total, f"twin of {name}")
         payload = PAYLOAD if name == LOADED else None
         day = days[name[_DAY]] + 1000 * seed
-        found[name] = twin_log(recording, robot, day, 100 * seed + k, payload)
+        result[name] = twin_log(recording, robot, day, 100 * seed + k, payload)
     for draw in range(1, day_draws):
         for k, name in enumerate(CHECKED):
             progress((len(recordings) + len(more)) / total, f"another day of {name}")
             day = days[name[_DAY]] + 1000 * seed + 100 * draw
             more.append(twin_log(recordings[name], robot, day, 100 * seed + 50 + k))
-    return found, more
+    return result, more
 
 
 def compared(
@@ -128,6 +128,6 @@ def compared(
 ) -> dict[str, dict[str, Array]]:
     """`<statistic>.{real, simulated, ratio}`, (n,) each."""
     return {
-        name: {"real": own, "simulated": simulated[name], "ratio": simulated[name] / own}
-        for name, own in real.items()
+        name: {"real": entry, "simulated": simulated[name], "ratio": simulated[name] / entry}
+        for name, entry in real.items()
     }

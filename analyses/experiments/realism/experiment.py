@@ -56,8 +56,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
     robot = context.robot("ur10e")
     recordings = {}
     for name in (*FIT, *CHECKED, LOADED, STILL, *PASSES):
-        own = context.data / FOLDER / f"{name}.csv"
-        path = own if own.is_file() else context.data / MORE / f"{name}.csv"
+        entry = context.data / FOLDER / f"{name}.csv"
+        path = entry if entry.is_file() else context.data / MORE / f"{name}.csv"
         recordings[name] = read_recording(path, robot=robot)
     context.progress(0.05, "identifying the real arm")
     real = ArmLogs.of(recordings, robot).statistics()
@@ -71,26 +71,29 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
     context.progress(0.6, "identifying the simulated arm")
     first = ArmLogs.of(simulated, robot, more).statistics()
-    found = compared(real, first)
+    result = compared(real, first)
     context.progress(0.75, "another arm of the same truth")
     simulated, more = twins(recordings, robot, context.seed + 1, days)
     again = compared(first, ArmLogs.of(simulated, robot, more).statistics())
-    ratios = np.array([own["ratio"] for own in found.values()])
+    ratios = np.array([entry["ratio"] for entry in result.values()])
     apart = {
-        name: told_apart(own["ratio"], again[name]["ratio"], AIM) for name, own in found.items()
+        name: told_apart(entry["ratio"], again[name]["ratio"], AIM)
+        for name, entry in result.items()
     }
     metrics: dict[str, Any] = {
-        name: {key: _numbers(value) for key, value in own.items()}
+        name: {key: _numbers(value) for key, value in entry.items()}
         | {
             "two_simulated_ratio": _numbers(again[name]["ratio"]),
             "chance_factor": _numbers(np.array([apart[name].factor]))[0],
             "told_apart_joints": [int(j) + 1 for j in np.flatnonzero(apart[name].joints)],
         }
-        for name, own in found.items()
+        for name, entry in result.items()
     }
     metrics["within_25_pct"] = {
         "share_pct": _share_close(ratios),
-        "two_simulated_share_pct": _share_close(np.array([own["ratio"] for own in again.values()])),
+        "two_simulated_share_pct": _share_close(
+            np.array([entry["ratio"] for entry in again.values()])
+        ),
         "numbers": int(np.isfinite(ratios).sum()),
         "told_apart_numbers": sum(int(one.joints.sum()) for one in apart.values()),
         "statistics_by_median_pct": 100.0
@@ -99,7 +102,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     context.progress(0.95, "figure")
     return ExperimentResult(
         metrics=metrics,
-        figures=[_figure(found, apart, context.out)],
+        figures=[_figure(result, apart, context.out)],
         comparison=_comparison(),
         notes=filled(NOTES, metrics),
         configuration={
@@ -158,7 +161,7 @@ def _figure(
     panel: Any = axes[0, 0]
     panel.axvspan(1.0 - AIM, 1.0 + AIM, color=COLOUR["truth"], alpha=0.12, lw=0, zorder=0)
     places = np.arange(len(found))
-    table = np.array([own["ratio"] for own in found.values()])
+    table = np.array([entry["ratio"] for entry in found.values()])
     wrong = np.array([apart[name].joints for name in found])
     factor = np.array([apart[name].factor for name in found])
     panel.hlines(places, 1.0 / factor, factor, color=COLOUR["truth"], alpha=0.35, lw=7, zorder=1)

@@ -10,20 +10,21 @@ from wrenchsight.analyses.experiments.ur10e_contact.contact_runs import JUDGED
 from wrenchsight.analyses.experiments.ur10e_contact.contact_study import ContactStudy, ReadRun
 from wrenchsight.analyses.output.axes import limit_y
 from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
-from wrenchsight.models.contact.contact_force import SIGMA_95
+from wrenchsight.models.contact.contact_filter import SIGMA_95
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LABELS: Final = {
     "no_sensor": "ours, never a sensor",
+    "command": "by the command alone",
     "calibrated": "ours, calibrated once",
     "article": "the article's",
     "by_hand": "K (i - i_target) by J^-T",
     "two_joints": "K (i - i_target), joints 2 and 3",
     "carried_over": "ours, friction of another robot",
 }
-_DRAWN = ("no_sensor", "calibrated", "article", "by_hand", "two_joints")
+_DRAWN = ("no_sensor", "command", "calibrated", "article", "by_hand", "two_joints")
 _FULL_SCALE = 160.0  # N; impacts leave the picture
 
 
@@ -102,23 +103,4 @@ def error_figure(metrics: dict[str, Any], groups: Sequence[str]) -> "Figure":
     panels[-1].set_xlabel("scene, controller, speed [m/s]; bars beyond 20 N are cut")
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=3)
-    return figure
-
-
-def parts_figure(parts: dict[str, Any]) -> "Figure":
-    """RMSE with one piece of knowledge left out at a time."""
-    figure, axes = new_figure(1, 1, height=0.4 * len(parts) + 0.8)
-    axis: Any = axes[0, 0]
-    names = list(parts)
-    places = np.arange(len(names))
-    kinds = ("rest", "straight_slide", "ramp_slide")
-    for k, kind in enumerate(kinds):
-        values = [parts[name][f"{kind}_rmse_n"] for name in names]
-        heights = [np.nan if value is None else value for value in values]
-        label = {"rest": "holds", "straight_slide": "straight slides", "ramp_slide": "ramp slides"}
-        axis.barh(places + 0.27 * (k - 1), heights, 0.25, color=SERIES[k], label=label[kind])
-    axis.set_yticks(places, [name.replace("_", " ") for name in names])
-    axis.invert_yaxis()
-    axis.set_xlabel("RMSE of the force along the tool [N]")
-    figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure

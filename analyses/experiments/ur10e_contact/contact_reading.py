@@ -1,6 +1,7 @@
 """The contact runs read by several methods, all on one grid of time.
 
-    ours        `wrenchsight.models.contact.contact_force`, with friction by `contact_friction`
+    ours        as `estimate --contact-axis tool_z` (`models.contact.contact_reading`)
+    command     the same, by the command itself: files in, table out
     article     momentum observer, Coulomb-viscous friction, eq. 22
     by_hand     K (i - i_target) through the inverse of J^T
     two_joints  K (i - i_target) of joints 2 and 3 alone, by least squares on the force
@@ -8,33 +9,38 @@
 Only the last two read the target currents.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Final
 
 import numpy as np
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from wrenchsight.analyses.experiments.ur10e_contact.contact_friction import (
     FrictionRows,
     friction_rows,
 )
-from wrenchsight.analyses.experiments.ur10e_contact.contact_runs import ContactRun
+from wrenchsight.analyses.experiments.ur10e_contact.contact_runs import FORMAT, ContactRun
+from wrenchsight.analyses.methods.calibration.specimen_refitting import joint_torques
+from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
+from wrenchsight.analyses.methods.reading.estimation import estimate_log
 from wrenchsight.analyses.methods.sensors.judged_force import ForceReading
 from wrenchsight.models.arrays import Array, Flags
-from wrenchsight.models.contact.contact_force import (
-    SIGMA_95,
-    ContactForce,
-    ContactForceConfig,
-    read_contact_force,
-)
-from wrenchsight.models.contact.torque_blocks import MotionTerms, motion_terms, torque_blocks
+from wrenchsight.models.contact.contact_filter import SIGMA_95, ContactConfig
+from wrenchsight.models.contact.contact_reading import ContactReader
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
-from wrenchsight.models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
-from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.robot.robot import Robot
 
 BLOCK: Final = 10  # samples of 2 ms
 WINDOW: Final = 5  # blocks: a force is judged over 0.1 s
-OBSERVER_GAIN: Final = 20.0  # 1/s, of the article's observer
+OBSERVER_GAIN: Final = 20.0  # 1/s
+RESOLUTION: Final = 1e-5  # rad, of the rebuilt angles
+AXIS: Final = "tool_z"
 _TWO_JOINTS = slice(1, 3)  # joints 2 and 3
 
 
@@ -44,15 +50,21 @@ class PreparedRun:
 
     Attributes:
         run: as read.
-        chain: with the run's tool.
-        terms: of the rigid body.
+        robot: with the run's tool.
+        model: of its rigid body; friction is put in.
+        normal: (T, 6) joint torque per newton along the tool; zero where q is not known.
+        R_WE: (T, 3, 3).
+        J: (T, 6, 6) at E in axes of W; NaN where q is not known.
         rows: what the run says of friction.
         truth: (N,) N, the sensor's force, mean over each block.
     """
 
     run: ContactRun
-    chain: SerialChain
-    terms: MotionTerms
+    robot: Robot
+    model: IdentifiedModel
+    normal: Array
+    R_WE: Array
+    J: Array
     rows: FrictionRows
     truth: Array
 
@@ -62,23 +74,33 @@ class PreparedRun:
             return np.zeros((0, WINDOW), np.int64)
         first, last = self.run.intervals[interval]
         t = block_mean(self.run.t)
-        half = 0.5 * BLOCK * self.terms.time_step
+        half = 0.5 * BLOCK * self.run.log.time_step
         inside = np.flatnonzero((t - half >= first) & (t + half <= last + half))
         count = len(inside) // WINDOW
         return inside[: count * WINDOW].reshape(count, WINDOW)
 
 
-def prepare(run: ContactRun, chain: SerialChain, torque_per_ampere: Array) -> PreparedRun:
-    """Evaluates the rigid body, and collects the rows for friction fits.
+def prepare(
+    run: ContactRun, robot: Robot, model: IdentifiedModel, known: PreslidingFriction
+) -> PreparedRun:
+    """Evaluates kinematics, and collects the rows for friction fits.
 
     Args:
         run: as read.
-        chain: with the run's tool.
-        torque_per_ampere: (6,) N m/A, signed.
+        robot: with the run's tool.
+        model: of its rigid body.
+        known: law of another specimen.
     """
-    terms = motion_terms(chain, run.t, run.q, run.v, run.current * torque_per_ampere)
-    rows = friction_rows(run, terms)
-    return PreparedRun(run, chain, terms, rows, block_mean(run.sensor_force))
+    there = np.isfinite(run.q)
+    q = np.where(there, run.q, 0.0)
+    R_WE, _ = robot.chain.pose(q)
+    whole = np.asarray(there.all(axis=1))
+    J = np.where(whole[:, None, None], robot.chain.jacobian(q), np.nan)
+    normal = np.nan_to_num(-np.einsum("kaj,ka->kj", J[:, 3:], R_WE[:, :, 2]))
+    terms = joint_torques(run.log, robot, model)
+    rows = friction_rows(run, terms, normal, known)
+    truth = block_mean(run.sensor_force)
+    return PreparedRun(run, robot, model, normal, R_WE, J, rows, truth)
 
 
 def block_mean(signal: Array) -> Array:
@@ -90,7 +112,8 @@ def block_mean(signal: Array) -> Array:
 def averaged(reading: ForceReading, windows: NDArray[np.int64]) -> ForceReading:
     """A reading of blocks, averaged over windows (M, WINDOW) of them.
 
-    The sd of an average is the mean of its blocks': their errors last longer than an average.
+    The sd of an average is the mean of its blocks': their errors last longer than an average. A
+    band that holds zero says nothing about the contact: such an average is not valid.
     """
     force = reading.force[windows].mean(axis=1)
     sd = None if reading.sd is None else reading.sd[windows].mean(axis=1)
@@ -102,32 +125,32 @@ def averaged(reading: ForceReading, windows: NDArray[np.int64]) -> ForceReading:
     return ForceReading(force, sd, valid)
 
 
-def contact_force(
-    prepared: PreparedRun,
-    law: PreslidingFriction,
-    found: Flags | None = None,
-    config: ContactForceConfig | None = None,
-) -> ContactForce:
-    """The filter's output after each block."""
-    return read_contact_force(torque_blocks(prepared.terms, law, BLOCK), config, found)
-
-
 def read_ours(
-    prepared: PreparedRun,
-    law: PreslidingFriction,
-    found: Flags | None = None,
-    config: ContactForceConfig | None = None,
+    prepared: PreparedRun, law: PreslidingFriction, gain: Array | None = None
 ) -> ForceReading:
     """The force along the tool after each block.
 
     Args:
         prepared: the run.
         law: of the joints' friction.
-        found: (6,) joints whose friction was found on this robot; None for all.
-        config: of the filter.
+        gain: (6,) share by which the torque constants are larger; None: by none.
     """
-    force = contact_force(prepared, law, found, config)
-    return ForceReading(force.normal, force.normal_sd, np.ones(len(force.t), bool))
+    robot, log = prepared.robot, prepared.run.log
+    if gain is not None:
+        robot = robot.with_torque_per_ampere(list(robot.torque_per_ampere * (1.0 + gain)))
+    estimator = _estimator(prepared, robot, replace(prepared.model, friction=law))
+    batch = estimator.run(estimator.initial_state(), log.q, log.v, log.current, conditions=False)
+    force_sd, _ = live_prior(robot.payload)
+    K_0 = np.full(robot.num_joints, OBSERVER_GAIN)
+    reader = ContactReader(robot.chain, K_0, log.time_step, force_sd, ContactConfig(axis=AXIS))
+    measured = np.ones(log.num_samples, np.bool_)
+    tau_J = robot.joint_torque(log.current)
+    parts = [reader.take(log.q, log.v, tau_J, measured, batch), reader.finish()]
+    wrench, covariance = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("wrench", "covariance")
+    )
+    valid = np.concatenate([part.valid for part in parts])
+    return _along_tool(prepared, wrench[:, 3:], covariance[:, 3:, 3:], valid)
 
 
 def read_article(prepared: PreparedRun, law: PreslidingFriction, torque_sd: Array) -> ForceReading:
@@ -138,43 +161,101 @@ def read_article(prepared: PreparedRun, law: PreslidingFriction, torque_sd: Arra
         law: Coulomb-viscous.
         torque_sd: (6,) N m, of the law's residual: the noise that eq. 22 passes on.
     """
-    terms, run = prepared.terms, prepared.run
-    known = terms.known[:, None]
-    q, v = np.where(known, run.q, 0.0), terms.v
-    momentum, CTv, G = prepared.chain.momentum_terms(q, v)
-    tau_f = law.torque_along(q, v, np.zeros_like(q))
-    momentum = np.where(known, momentum, np.nan)
-    config = MomentumObserverConfig([OBSERVER_GAIN], terms.time_step, "trapezoidal")
-    observer = MomentumObserver(config, q.shape[1])
-    tau_ext, fresh = observer.run(observer.initial_state(), momentum, CTv, G, terms.tau_J, tau_f)
-    inverse = _normal_rows(terms)
-    force = np.einsum("kj,kj->k", inverse, tau_ext)
+    model = replace(
+        prepared.model,
+        friction=law,
+        torque_error=None,
+        residual_covariance=np.diag(torque_sd**2),
+    )
+    log = prepared.run.log
+    estimator = _estimator(prepared, prepared.robot, model)
+    seen = estimator.observe(log.q, log.v, log.current)
+    inverse = _normal_rows(prepared)
+    force = np.einsum("kj,kj->k", inverse, seen.tau_ext)
     sd = np.sqrt(np.einsum("kj,j->k", inverse**2, torque_sd**2))
-    valid = block_mean((fresh & terms.known).astype(float)) == 1.0
+    valid = block_mean((seen.fresh & np.isfinite(force)).astype(float)) == 1.0
     return ForceReading(block_mean(force), block_mean(sd), valid)
 
 
-def read_by_hand(prepared: PreparedRun, torque_per_ampere: Array) -> ForceReading:
+def read_by_hand(prepared: PreparedRun) -> ForceReading:
     """K (i - i_target) through J^-T; it states no uncertainty."""
-    tau_ext = _excess_torque(prepared, torque_per_ampere)
-    return ForceReading(block_mean(np.einsum("kj,kj->k", _normal_rows(prepared.terms), tau_ext)))
+    tau_ext = _excess_torque(prepared)
+    return ForceReading(block_mean(np.einsum("kj,kj->k", _normal_rows(prepared), tau_ext)))
 
 
-def read_two_joints(prepared: PreparedRun, torque_per_ampere: Array) -> ForceReading:
+def read_two_joints(prepared: PreparedRun) -> ForceReading:
     """K (i - i_target) of joints 2 and 3 by least squares on the force along the tool."""
-    tau_ext = _excess_torque(prepared, torque_per_ampere)[:, _TWO_JOINTS]
-    h = np.where(prepared.terms.known[:, None], prepared.terms.H[:, _TWO_JOINTS, 0], np.nan)
+    tau_ext = _excess_torque(prepared)[:, _TWO_JOINTS]
+    known = np.isfinite(prepared.J[:, 0, :1])
+    h = np.where(known, prepared.normal[:, _TWO_JOINTS], np.nan)
     return ForceReading(block_mean(np.sum(h * tau_ext, axis=1) / np.sum(h**2, axis=1)))
 
 
-def _excess_torque(prepared: PreparedRun, torque_per_ampere: Array) -> Array:
+def read_command(
+    prepared: PreparedRun, log: Path, robot_file: Path, model_file: Path, out: Path
+) -> ForceReading:
+    """What `estimate --contact-axis tool_z --tool --torque-samples trapezoidal` writes of a log.
+
+    Checks of the log are off: its velocities are rebuilt, and do not belong to its positions where
+    a corner is rounded.
+
+    Args:
+        prepared: the run.
+        log: its file, with rounded velocities.
+        robot_file: robot.yaml with its tool.
+        model_file: model.yaml of `identify --refresh --other-specimen`.
+        out: folder for the results.
+    """
+    config = EstimateConfig(
+        contact=ContactConfig(axis=AXIS), tool=True, table="parquet", covariance=True, check=False
+    )
+    config.estimator.check_samples = False
+    config.estimator.observer = MomentumObserverConfig([OBSERVER_GAIN], 0.0, "trapezoidal")
+    result = estimate_log(log, robot_file, model_file, out, FORMAT, config)
+    table = pq.read_table(result.table)
+    column = {name: np.asarray(table[name], float) for name in table.column_names}
+    axes = ("fx", "fy", "fz")
+    force = np.stack([column[axis] for axis in axes], axis=1)
+    covariance = np.empty((len(force), 3, 3))
+    for i, a in enumerate(axes):
+        for j, b in enumerate(axes[i:], start=i):
+            covariance[:, i, j] = covariance[:, j, i] = column[f"cov_{a}_{b}"]
+    return _along_tool(prepared, force, covariance, column["valid"] == 1.0)
+
+
+def _estimator(prepared: PreparedRun, robot: Robot, model: IdentifiedModel) -> WrenchEstimator:
+    step = prepared.run.log.time_step
+    config = WrenchEstimatorConfig(
+        MomentumObserverConfig([OBSERVER_GAIN], step, "trapezoidal"),
+        WrenchReconstructionConfig("bayesian"),
+        position_resolution=[RESOLUTION] * robot.num_joints,
+        check_samples=False,  # velocities are rebuilt, and jump
+    )
+    return WrenchEstimator(robot, model, config)
+
+
+def _along_tool(
+    prepared: PreparedRun, force: Array, covariance: Array, valid: Flags
+) -> ForceReading:
+    """Means over blocks of a force (T, 3) N in axes of W along the tool, pressing positive."""
+    z = prepared.R_WE[:, :, 2]
+    sd = np.sqrt(np.einsum("ki,kij,kj->k", z, covariance, z))
+    return ForceReading(
+        block_mean(-np.einsum("ki,ki->k", z, force)),
+        block_mean(sd),
+        block_mean(valid.astype(float)) == 1.0,
+    )
+
+
+def _excess_torque(prepared: PreparedRun) -> Array:
     """What the drives spend beyond their targets, turned into torque from outside."""
     run = prepared.run
-    return np.asarray((run.current_desired - run.current) * torque_per_ampere)
+    return np.asarray(prepared.robot.joint_torque(run.current_desired - run.log.current))
 
 
-def _normal_rows(terms: MotionTerms) -> Array:
+def _normal_rows(prepared: PreparedRun) -> Array:
     """(T, 6) row of J^-T that gives the force along the tool; NaN where J is not known."""
-    H = np.where(terms.known[:, None, None], terms.H, np.eye(6))
-    rows = np.linalg.inv(H)[:, 0, :]
-    return np.where(terms.known[:, None], rows, np.nan)
+    known = np.asarray(np.isfinite(prepared.J).all(axis=(1, 2)))
+    rows = np.linalg.inv(np.where(known[:, None, None], prepared.J, np.eye(6)))
+    along = -np.einsum("kji,ki->kj", rows[:, :, 3:], prepared.R_WE[:, :, 2])
+    return np.where(known[:, None], along, np.nan)

@@ -8,8 +8,9 @@ rebuilt velocity jumps; the robot rounds it off over the last 10 or 15 mm before
 blend radii; the measured currents show the pulse to begin there), and so does `rounded_corners`.
 """
 
+import csv
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -20,7 +21,6 @@ from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
-from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import PoseConfig, ToolConfig
 
@@ -46,9 +46,6 @@ _SLOWEST = 0.02  # m/s, for a division
 _MOVING = 0.03  # m/s, above which a jump is a corner
 BLENDS: Final = (0.015, 0.010, 0.010, 0.015, 0.015)  # m before the ramp's corners, in their order
 
-# Joint side, kg m^2: of the UR10e of data set `ur10e` (experiment ur10e-identification, law
-# presliding). A drive's rotor is the same in every specimen.
-ROTOR_INERTIA: Final = (4.58, 5.80, 1.85, 0.51, 0.55, 0.49)
 _MASS = 6.86  # kg, active flange and tool
 _INERTIA = [0.05, 0.05, 0.02, 0.0, 0.0, 0.0]  # kg m^2; not published: a cylinder of its size
 _CENTRE = {"acf": [-0.005, -0.00866, 0.16225], "ur": [0.001, -0.002, 0.150]}  # m in the flange
@@ -95,9 +92,9 @@ class ContactRun:
 
     Attributes:
         name: of the run.
-        t: (T,) s; 0 is the first contact.
-        q, v: (T, 6) rad, rad/s, corners of the path rounded; NaN where they are not known.
-        current, current_desired: (T, 6) A.
+        log: as recorded, corners of the path rounded in its v; q and v are NaN where they are not
+            known; t is 0 at the first contact.
+        current_desired: (T, 6) A.
         sensor_force: (T,) N along the tool, positive where it presses.
         phase: (T,) of the log.
         corners: (T,) True from shortly before a corner of the path to shortly after.
@@ -105,10 +102,7 @@ class ContactRun:
     """
 
     name: RunName
-    t: Array
-    q: Array
-    v: Array
-    current: Array
+    log: Recording
     current_desired: Array
     sensor_force: Array
     phase: NDArray[np.int64]
@@ -116,13 +110,23 @@ class ContactRun:
     intervals: dict[str, tuple[float, float]]
 
     @property
-    def touches(self) -> Flags:
-        """(T,) False where nothing touches the tool: at the start, and once it has lifted."""
-        free = self.phase <= _APPROACH
+    def t(self) -> Array:
+        """(T,) s."""
+        return self.log.t
+
+    @property
+    def q(self) -> Array:
+        """(T, 6) rad."""
+        return self.log.q
+
+    @property
+    def is_free(self) -> Flags:
+        """(T,) where it moves and nothing touches the tool: on the way, and once it has lifted."""
+        free = self.phase == _APPROACH
         lift = np.flatnonzero(self.phase == _LIFT)
         if len(lift):
             free |= (self.phase == _LIFT) & (self.t > self.t[lift[0]] + _LIFTED)
-        return np.asarray(~free)
+        return np.asarray(free)
 
 
 def find_runs(data: Path) -> list[Path]:
@@ -161,10 +165,7 @@ def read_run(path: Path) -> ContactRun:
         v, corners = rounded_corners(log.v, speed, np.isin(phase, (_SLIDE, _BEYOND)), step)
     return ContactRun(
         name=name,
-        t=log.t,
-        q=log.q,
-        v=v,
-        current=log.current,
+        log=replace(log, v=v),
         current_desired=log.extra["current_desired"],
         sensor_force=log.extra["sensor_force"][:, 0],
         phase=phase,
@@ -245,13 +246,25 @@ def rounded_corners(
     return rounded, near
 
 
-def tool_chain(robot: Robot, controller: str) -> SerialChain:
-    """The arm with the run's tool, E at the contact, z out of the tool, and its rotors' inertia.
+def write_rounded(run: ContactRun, file: Path, out: Path) -> None:
+    """Writes a run's file again, with the rounded velocities in their columns."""
+    with file.open(newline="") as source, out.open("w", newline="") as target:
+        rows, writer = csv.reader(source), csv.writer(target)
+        header = next(rows)
+        writer.writerow(header)
+        columns = [header.index(f"v{j + 1}") for j in range(run.log.v.shape[1])]
+        for row, v in zip(rows, run.log.v, strict=True):
+            for column, value in zip(columns, v, strict=True):
+                row[column] = f"{value:.9g}" if np.isfinite(value) else ""
+            writer.writerow(row)
+
+
+def tooled(robot: Robot, controller: str) -> Robot:
+    """The arm with the run's tool, E at the contact, z out of the tool.
 
     Args:
         robot: the bundled ur10e.
         controller: "acf" or "ur"; the active flange is retracted where the robot regulates.
     """
     tool = ToolConfig(mass=_MASS, com=_CENTRE[controller], inertia=_INERTIA)
-    chain = robot.with_tool(tool, PoseConfig(_CONTACT[controller], _TURN)).chain
-    return chain.with_inertial_parameters(chain.inertial_parameters, ROTOR_INERTIA)
+    return robot.with_tool(tool, PoseConfig(_CONTACT[controller], _TURN))

@@ -4,15 +4,13 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import numpy as np
 
 from wrenchsight.analyses.experiments.ur10e_contact.contact_friction import (
-    AIR_JOINTS,
-    NUM_JOINTS,
     air_fit,
-    known_friction,
     plain_friction,
     sensor_fit,
 )
@@ -22,6 +20,7 @@ from wrenchsight.analyses.experiments.ur10e_contact.contact_reading import (
     prepare,
     read_article,
     read_by_hand,
+    read_command,
     read_ours,
     read_two_joints,
 )
@@ -30,27 +29,31 @@ from wrenchsight.analyses.experiments.ur10e_contact.contact_runs import (
     INTERVALS,
     JUDGED,
     SCENES,
-    find_runs,
     read_run,
-    tool_chain,
+    write_rounded,
+)
+from wrenchsight.analyses.methods.calibration.specimen_refitting import (
+    carried_over,
+    refit_specimen,
 )
 from wrenchsight.analyses.methods.sensors.judged_force import (
     ForceReading,
     Judgement,
     pooled_judgement,
 )
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.calibration.specimen_friction import SpecimenFit
+from wrenchsight.models.files.configuration import save_configuration
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.robot.robot import Robot
 
-METHODS: Final = ("no_sensor", "calibrated", "article", "by_hand", "two_joints", "carried_over")
+METHODS: Final = (
+    *("no_sensor", "command", "calibrated", "article", "by_hand", "two_joints", "carried_over"),
+)
 SPEEDS: Final = ("v10", "v25", "v90")
-FOUND: Final = np.isin(np.arange(NUM_JOINTS), AIR_JOINTS)
-_TORQUE_CONSTANT_UP = 0.05
 _UNKNOWN_SCATTER = 2.0  # N m, of a joint that does not move in the air, for the article's band
 
-# The runs on which every constant of `contact_force` and `contact_friction` was settled; all
-# others only check them.
+# The runs on which every constant of `ContactConfig` was settled; all others only check them.
 SETTLED_ON: Final = frozenset(
     {
         "direct_ACF_F100_r0.0z0_v0.10",
@@ -111,54 +114,103 @@ class ContactStudy:
     plain: SpecimenFit
 
 
-def prepare_runs(data: Path, robot: Robot, progress: Callable[[float], None]) -> list[PreparedRun]:
-    """Reads every run below `data`.
+def prepare_runs(
+    files: Sequence[Path],
+    robots: Mapping[str, Robot],
+    identified: IdentifiedModel,
+    progress: Callable[[float], None],
+) -> list[PreparedRun]:
+    """Reads the runs, with published masses and the rotors of another specimen.
+
+    Args:
+        robots: with the tool of each controller.
+        identified: model of another specimen.
 
     Raises:
-        InputError: there is none, or one is damaged.
+        InputError: one is damaged.
     """
-    chains = {controller: tool_chain(robot, controller) for controller in CONTROLLERS}
-    files, prepared = find_runs(data), []
+    known, prepared = carried_over(_law(identified)), []
+    models = {
+        key: replace(identified, inertial_parameters=robot.chain.inertial_parameters)
+        for key, robot in robots.items()
+    }
     for k, path in enumerate(files):
         progress(k / len(files))
         run = read_run(path)
-        prepared.append(prepare(run, chains[run.name.controller], torque_constants(robot)))
+        own = run.name.controller
+        prepared.append(prepare(run, robots[own], models[own], known))
     return prepared
 
 
-def torque_constants(robot: Robot) -> Array:
-    """(6,) N m/A with the drives' signs."""
-    return np.asarray(robot.torque_per_ampere * robot.current_sign)
-
-
-def with_gain(run: PreparedRun, gain: Array) -> PreparedRun:
-    """The run with torque constants that are larger by the share gain (6,)."""
-    return replace(run, terms=replace(run.terms, tau_J=run.terms.tau_J * (1.0 + gain)))
-
-
 def read_runs(
-    prepared: Sequence[PreparedRun], robot: Robot, progress: Callable[[float], None]
+    prepared: Sequence[PreparedRun],
+    files: Sequence[Path],
+    identified: IdentifiedModel,
+    progress: Callable[[float], None],
 ) -> ContactStudy:
-    """Fits the friction and reads every run by every method."""
-    known, K = known_friction(), torque_constants(robot)
+    """Fits the friction and reads every run by every method.
+
+    Args:
+        prepared: the runs.
+        files: they are of.
+        identified: model of another specimen.
+        progress: told the share of the work.
+    """
+    known = carried_over(_law(identified))
     rows = [run.rows for run in prepared]
     air, plain = air_fit(rows, known), air_fit(rows, plain_friction())
     torque_sd = np.where(np.isfinite(plain.scatter), plain.scatter, _UNKNOWN_SCATTER)
     runs = []
-    for k, run in enumerate(prepared):
-        progress(k / len(prepared))
-        others = [other for i, other in enumerate(rows) if i != k]
-        calibrated = sensor_fit(others, known) if others else air
-        readings = {
-            "no_sensor": read_ours(run, air.law, FOUND),
-            "calibrated": read_ours(with_gain(run, calibrated.gain), calibrated.law),
-            "article": read_article(run, plain.law, torque_sd),
-            "by_hand": read_by_hand(run, K),
-            "two_joints": read_two_joints(run, K),
-            "carried_over": read_ours(run, known, np.zeros(NUM_JOINTS, bool)),
-        }
-        runs.append(ReadRun(run, readings))
+    with TemporaryDirectory() as folder:
+        command = _Command(prepared, identified, Path(folder))
+        for k, (run, file) in enumerate(zip(prepared, files, strict=True)):
+            progress(k / len(prepared))
+            others = [other for i, other in enumerate(rows) if i != k]
+            calibrated = sensor_fit(others, known) if others else air
+            readings = {
+                "no_sensor": read_ours(run, air.law),
+                "command": command.read(run, file),
+                "calibrated": read_ours(run, calibrated.law, calibrated.gain),
+                "article": read_article(run, plain.law, torque_sd),
+                "by_hand": read_by_hand(run),
+                "two_joints": read_two_joints(run),
+                "carried_over": read_ours(run, known),
+            }
+            runs.append(ReadRun(run, readings))
     return ContactStudy(tuple(runs), air, plain)
+
+
+class _Command:
+    """The files that `estimate` is given: robot.yaml with each tool, and today's model.yaml."""
+
+    def __init__(
+        self, prepared: Sequence[PreparedRun], identified: IdentifiedModel, folder: Path
+    ) -> None:
+        self._folder = folder
+        for controller in CONTROLLERS:
+            own = [run for run in prepared if run.run.name.controller == controller]
+            if not own:
+                continue
+            robot = own[0].robot
+            urdf = (robot.source.parent / robot.config.urdf).resolve()
+            save_configuration(replace(robot.config, urdf=urdf), folder / f"{controller}.yaml")
+            free = [(run.run.log, run.run.is_free) for run in own]
+            refit = refit_specimen(free, robot, identified)
+            refit.model.save(folder / f"{controller}_model.yaml")
+
+    def read(self, run: PreparedRun, file: Path) -> ForceReading:
+        """What the command writes of a run."""
+        own = run.run.name.controller
+        robot, model = self._folder / f"{own}.yaml", self._folder / f"{own}_model.yaml"
+        log = self._folder / file.name
+        write_rounded(run.run, file, log)
+        return read_command(run, log, robot, model, self._folder / file.stem)
+
+
+def _law(identified: IdentifiedModel) -> PreslidingFriction:
+    law = identified.friction
+    assert isinstance(law, PreslidingFriction)
+    return law
 
 
 def contact_metrics(study: ContactStudy) -> dict[str, Any]:

@@ -69,7 +69,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.analyses.study.figure_files import saved_figure
+from wrenchsight.analyses.study.figure_files import saved_figures
 from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
 from wrenchsight.models.estimation.wrench import WrenchReconstruction, live_prior
@@ -149,39 +149,33 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
     metrics["best"] = {"law": best_model.law, **best_readings, "at_load": at_load.metrics()}
     context.progress(0.9, "figures")
-    figures = [
-        saved_figure(
-            force_figure(t, readings["bayesian"], reference),
-            context.out,
+    figures = (
+        (
             "payload_force",
+            force_figure(t, readings["bayesian"], reference),
             "Force on the flange over the loaded run: Bayesian reading with its 95 % band, and the "
             "payload's weight and inertia.",
         ),
-        saved_figure(
-            singular_figure(t, readings["bayesian"], readings["inverse"], reference),
-            context.out,
+        (
             "payload_singular_pass",
-            "The same around a singular pass, with the plain inverse "
-            "(eq. 22); samples that its flag calls invalid are shaded.",
+            singular_figure(t, readings["bayesian"], readings["inverse"], reference),
+            "The same around a singular pass, with the plain inverse (eq. 22); samples that its "
+            "flag calls invalid are shaded.",
         ),
-        saved_figure(
-            methods_figure(metrics),
-            context.out,
+        (
             "payload_methods",
+            methods_figure(metrics),
             "Force error per axis and the payload's mass as each method reads it.",
         ),
-        saved_figure(
-            force_figure(at_load.t, at_load.readings["bayesian"], at_load.reference),
-            context.out,
+        (
             "payload_force_at_load",
-            "Force at the point of action that was found from the first 10 s, with the best "
-            "friction law: Bayesian reading with its 95 % band, and the payload's weight and "
-            "inertia.",
+            force_figure(at_load.t, at_load.readings["bayesian"], at_load.reference),
+            "The force where the load acts, found from the first 10 s, with the best friction law.",
         ),
-    ]
+    )
     return ExperimentResult(
         metrics=metrics,
-        figures=figures,
+        figures=saved_figures(figures, context.out),
         comparison=_comparison(),
         notes=filled(NOTES, metrics),
         configuration={

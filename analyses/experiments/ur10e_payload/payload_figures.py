@@ -127,8 +127,8 @@ def methods_figure(metrics: dict[str, Any]) -> "Figure":
     for i, axis in enumerate(AXES):
         key, at = f"rmse_f{axis}_n", places + 0.25 * (i - 1)
         top.bar(at, [metrics[m][key] for m in METHODS], 0.23, color=SERIES[i], label=f"f{axis}")
-        kept = _or_nan(metrics[m]["valid"][key] for m in METHODS)
-        top.plot(at, kept, **valid, label="valid samples only" if i == 0 else None)
+        selected = _or_nan(metrics[m]["valid"][key] for m in METHODS)
+        top.plot(at, selected, **valid, label="valid samples only" if i == 0 else None)
     top.set_yscale("log")
     top.set_ylim(bottom=2.0)
     log_scale(top, "y")

@@ -30,6 +30,9 @@ import numpy as np
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import payload_reference
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
+    FREE_LOGS,
+    LOADED_LOGS,
+    MORE,
     identify_ur10e,
 )
 from wrenchsight.analyses.methods.calibration.friction_refreshing import refresh_model
@@ -59,24 +62,6 @@ from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
 
-MORE = "ur10e_more"  # below the data folder
-FREE = {
-    FOLDER: ("ur-20_02_19_14harm50sec", "ur-20_01_17-ptp_10_points"),
-    MORE: (
-        "ur-20_02_19_15harm50sec",
-        "ur-20_02_10-20sec_7harm",
-        "ur-20_02_06-20sec_5harm",
-        "ur-20_02_06-20sec_10harm",
-        "ur-20_02_05-20sec_8harm",
-        "ur-20_01_31-unload",
-        "ur-19_12_23_free",
-        *(f"ur-20_01_17-p{k}" for k in range(1, 6)),
-    ),
-}
-LOADED = {  # kg
-    FOLDER: {"ur-20_02_19_14harm50secLoad": 2.805},
-    MORE: {"ur-19_12_23_load": 1.069},
-}
 REFRESHED_BY = {  # the log without the load
     "ur-20_02_19_14harm50secLoad": "ur-20_02_19_14harm50sec",
     "ur-19_12_23_load": "ur-19_12_23_free",
@@ -100,10 +85,10 @@ def run(context: ExperimentContext) -> ExperimentResult:
         context.data, robot, IdentificationConfig(friction="presliding"), context.progress
     ).model
     metrics: dict[str, Any] = {}
-    logs = [(context.data / f / f"{n}.csv", 0.0) for f, names in FREE.items() for n in names]
+    logs = [(context.data / f / f"{n}.csv", 0.0) for f, names in FREE_LOGS.items() for n in names]
     logs += [
         (context.data / folder / f"{name}.csv", mass)
-        for folder, own in LOADED.items()
+        for folder, own in LOADED_LOGS.items()
         for name, mass in own.items()
     ]
     renewed: dict[str, IdentifiedModel] = {}
@@ -132,7 +117,11 @@ def run(context: ExperimentContext) -> ExperimentResult:
         figures=[_figure(metrics, context.out)],
         comparison=_comparison(),
         notes=_notes(metrics),
-        configuration={"free": FREE, "loaded_kg": LOADED, "rest_speed_rad_per_s": REST_SPEED},
+        configuration={
+            "free": FREE_LOGS,
+            "loaded_kg": LOADED_LOGS,
+            "rest_speed_rad_per_s": REST_SPEED,
+        },
     )
 
 

@@ -77,7 +77,7 @@ class RefreshResult:
 
     def metrics(self) -> dict[str, Any]:
         """All figures, as written to metrics.json; lists per joint."""
-        found = self.refresh
+        result = self.refresh
         before, after = self.rmse
         units = {"coulomb": "nm", "viscous": "nms_per_rad", "offset": "nm"}
         return {
@@ -85,13 +85,13 @@ class RefreshResult:
             "rmse_nm": {"before": before, "after": after, "stated_sd": self.before.sd},
             **{
                 term: {
-                    f"before_{units[term]}": getattr(found.before, term),
-                    f"after_{units[term]}": getattr(found.after, term),
-                    f"change_{units[term]}": found.change[:, k],
-                    f"change_sd_{units[term]}": found.standard_deviation[:, k],
-                    f"prior_sd_{units[term]}": found.prior_deviation[:, k],
-                    "standard_errors": found.standard_errors[:, k],
-                    "told_pct": 100.0 * found.told[:, k],
+                    f"before_{units[term]}": getattr(result.before, term),
+                    f"after_{units[term]}": getattr(result.after, term),
+                    f"change_{units[term]}": result.change[:, k],
+                    f"change_sd_{units[term]}": result.standard_deviation[:, k],
+                    f"prior_sd_{units[term]}": result.prior_deviation[:, k],
+                    "standard_errors": result.standard_errors[:, k],
+                    "told_pct": 100.0 * result.told[:, k],
                 }
                 for k, term in enumerate(TERMS)
             },
@@ -135,19 +135,19 @@ def refresh_model(
             "log some seconds of motion of the joints whose friction is wanted",
         )
     drift = FrictionDrift(config.coulomb_drift, config.viscous_drift, config.offset_drift)
-    found = refresh_friction(before, model.friction.coulomb_viscous, drift)
-    renewed = with_friction(model, with_sliding(model.friction, found.after))
+    outcome = refresh_friction(before, model.friction.coulomb_viscous, drift)
+    renewed = with_friction(model, with_sliding(model.friction, outcome.after))
     renewed = replace(
         renewed,
-        torque_error=_with_drift(model.torque_error, found),
+        torque_error=_with_drift(model.torque_error, outcome),
         provenance=replace(
             model.provenance,
-            refreshes=[*model.provenance.refreshes, _source(whole, found)],
+            refreshes=[*model.provenance.refreshes, _source(whole, outcome)],
         ),
     )
     after = ModelResidual(whole.log, robot, renewed).rows()
-    result = RefreshResult(renewed, found, before, after, (), config)
-    return replace(result, warnings=tuple(_doubts(result, robot)))
+    result = RefreshResult(renewed, outcome, before, after, (), config)
+    return replace(result, warnings=tuple(_warnings(result, robot)))
 
 
 def refresh_log(
@@ -222,8 +222,8 @@ def _part(recording: Recording, config: RefreshConfig) -> Recording:
 def _checked(config: RefreshConfig) -> RefreshConfig:
     part = config.part
     if part and not (len(part) == 2 and np.isfinite(part).all() and 0.0 <= part[0] < part[1]):
-        found = ",".join(f"{value:g}" for value in part)
-        raise InputError("--part", "", f"expected BEGIN,END in s, found {found}", "such as 0,4")
+        result = ",".join(f"{value:g}" for value in part)
+        raise InputError("--part", "", f"expected BEGIN,END in s, found {result}", "such as 0,4")
     for key in ("coulomb_drift", "viscous_drift", "offset_drift"):
         value = getattr(config, key)
         if not (np.isfinite(value) and value > 0.0):
@@ -248,14 +248,14 @@ def _source(whole: ModelResidual, found: FrictionRefresh) -> FrictionSource:
     return FrictionSource(log=whole.log.log, **lists, **deviations)
 
 
-def _doubts(result: RefreshResult, robot: Robot) -> list[str]:
-    found, names = result.refresh, robot.joint_names
-    doubts = []
-    kept = [names[j] for j in np.flatnonzero((found.told[:, :2] < LITTLE).all(axis=1))]
-    if kept:
-        doubts.append(
-            f"the log says little about the friction of {', '.join(kept)}: kept as it was, within "
-            "the standard errors stated"
+def _warnings(result: RefreshResult, robot: Robot) -> list[str]:
+    outcome, names = result.refresh, robot.joint_names
+    warnings = []
+    selected = [names[j] for j in np.flatnonzero((outcome.told[:, :2] < LITTLE).all(axis=1))]
+    if selected:
+        warnings.append(
+            f"the log says little about the friction of {', '.join(selected)}: "
+            "unchanged within the standard errors stated"
         )
     sd = result.before.sd
     after = result.rmse[1]
@@ -264,15 +264,15 @@ def _doubts(result: RefreshResult, robot: Robot) -> list[str]:
         for j in np.flatnonzero(after > MORE_THAN_FRICTION * sd)
     ]
     if strange:
-        doubts.append(
+        warnings.append(
             f"friction does not explain the residual of {', '.join(strange)} N m: a load, contact "
             "or other changes; identify again, or see `payload`"
         )
-    law = found.after
-    doubts += [
+    law = outcome.after
+    warnings += [
         f"{names[j]}: {term} friction comes out negative, {value[j]:.3g} {UNITS[term]}; log more "
         "motion of it"
         for term, value in (("coulomb", law.coulomb), ("viscous", law.viscous))
-        for j in np.flatnonzero((value < 0.0) & (getattr(found.before, term) >= 0.0))
+        for j in np.flatnonzero((value < 0.0) & (getattr(outcome.before, term) >= 0.0))
     ]
-    return doubts
+    return warnings

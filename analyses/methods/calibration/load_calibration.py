@@ -86,15 +86,15 @@ class CalibrationResult:
 
     def metrics(self) -> dict[str, Any]:
         """All figures, as written to metrics.json: the identification's and `calibration`."""
-        found = self.calibration
-        dependence, dependence_sd = found.load_dependence
-        worst, worst_sd = found.least_known
+        result = self.calibration
+        dependence, dependence_sd = result.load_dependence
+        worst, worst_sd = result.least_known
         return self.identification.metrics() | {
             "calibration": {
                 "torque_per_ampere_nm_per_a": self.robot.torque_per_ampere,
                 "stated_torque_per_ampere_nm_per_a": self.stated,
-                "ratio": found.ratio,
-                "ratio_sd": found.ratio_sd,
+                "ratio": result.ratio,
+                "ratio_sd": result.ratio_sd,
                 "changed": self.changed,
                 "least_known": {"combination": worst, "relative_sd": worst_sd},
                 "load_dependence_nm_per_nm": dependence,
@@ -102,11 +102,11 @@ class CalibrationResult:
                 "loads": {
                     name: {
                         "mass_kg": load.mass,
-                        "com_m": own[1:4] / load.mass,
+                        "com_m": entry[1:4] / load.mass,
                         "com_sd_m": sd[1:4] / load.mass,
                     }
-                    for (name, load), own, sd in zip(
-                        self.loads.items(), found.loads, found.load_sd, strict=True
+                    for (name, load), entry, sd in zip(
+                        self.loads.items(), result.loads, result.load_sd, strict=True
                     )
                 },
             }
@@ -138,7 +138,7 @@ def calibrate(
         robot: of all logs.
         validation: logs without a load to predict, not fitted.
         config: of the identification.
-        progress: told the share done and the current step.
+        progress: called with the share done and the current step.
 
     Raises:
         InputError: as `identify`; a loaded log without motor current.
@@ -200,7 +200,7 @@ def calibrate(
         dict(zip(names, (load for _, load in loaded), strict=True)),
         (),
     )
-    return replace(result, warnings=tuple(_doubts(result)))
+    return replace(result, warnings=tuple(_warnings(result)))
 
 
 def calibrate_logs(
@@ -224,7 +224,7 @@ def calibrate_logs(
         validate: logs without a load to predict.
         log_format: description of the logs' columns.
         config: of the identification.
-        progress: told the share done and the current step.
+        progress: called with the share done and the current step.
 
     Raises:
         InputError: as `Robot.load`, `read_recording`, `result_folder`, `known_load`, `calibrate`.
@@ -282,16 +282,16 @@ def gains_told(calibration: GainCalibration) -> NDArray[np.bool_]:
 
 def calibration_figure(result: CalibrationResult) -> "Figure":
     """Torque constants over the stated ones, and load dependence, with their 95 % bands."""
-    found = result.calibration
+    outcome = result.calibration
     names = [name.removesuffix("_joint") for name in result.robot.joint_names]
     figure, axes = new_figure(2, 1, height=5.2, share_x=True)
     top, bottom = list[Any](axes[:, 0])
     places = np.arange(len(names))
     style = {"fmt": "o", "color": COLOUR["estimate"], "capsize": 3}
-    top.errorbar(places, found.ratio, 1.96 * found.ratio_sd, **style)
+    top.errorbar(places, outcome.ratio, 1.96 * outcome.ratio_sd, **style)
     top.axhline(1.0, color=COLOUR["reference"], lw=0.8)
     top.set_ylabel("torque per ampere,\ntrue over stated")
-    value, sd = found.load_dependence
+    value, sd = outcome.load_dependence
     bottom.errorbar(places, value, 1.96 * sd, **style)
     bottom.axhline(0.0, color=COLOUR["reference"], lw=0.8)
     bottom.set_ylabel("friction per torque\n[N m per N m]")
@@ -321,12 +321,12 @@ def _with_load_terms(solution: Solution) -> tuple[FrictionStructure, Array]:
     structure = solution.structure
     if not structure.has("load"):
         return structure, solution.x
-    inertial, rotor, own = split_terms(solution.x, [len(terms) for terms in structure.terms])
+    inertial, rotor, entry = split_terms(solution.x, [len(terms) for terms in structure.terms])
     blocks, terms = [], []
     for j, before in enumerate(structure.terms):
         missing = () if "load" in before else ("load",)
         terms.append((*before, *missing))
-        blocks.append(np.r_[rotor[j], own[j], np.zeros(len(missing))])
+        blocks.append(np.r_[rotor[j], entry[j], np.zeros(len(missing))])
     return replace(structure, terms=tuple(terms)), np.concatenate([inertial.ravel(), *blocks])
 
 
@@ -359,36 +359,38 @@ def _with_load_dependence(
     return replace(model, friction=replace(law, load=load, coulomb=coulomb))
 
 
-def _doubts(result: CalibrationResult) -> list[str]:
-    found, names = result.calibration, result.robot.joint_names
-    doubts = []
-    kept = np.flatnonzero(~result.changed)
-    if kept.size:
-        read = ", ".join(f"{names[j]} ({100 * found.ratio_sd[j]:.0f} %)" for j in kept)
-        doubts.append(
+def _warnings(result: CalibrationResult) -> list[str]:
+    outcome, names = result.calibration, result.robot.joint_names
+    warnings = []
+    selected = np.flatnonzero(~result.changed)
+    if selected.size:
+        read = ", ".join(f"{names[j]} ({100 * outcome.ratio_sd[j]:.0f} %)" for j in selected)
+        warnings.append(
             f"the motion does not tell the torque per ampere of {read}: kept as stated; move these "
             "joints faster, or turn the load so that it pulls on them"
         )
-    for (name, load), own, sd in zip(result.loads.items(), found.loads, found.load_sd, strict=True):
+    for (name, load), entry, sd in zip(
+        result.loads.items(), outcome.loads, outcome.load_sd, strict=True
+    ):
         wide = [axis for axis, s in zip("xyz", sd[1:4] / load.mass, strict=True) if s > COM_TOLD]
         if wide:
-            doubts.append(
+            warnings.append(
                 f"{name}: the motion does not tell the centre of mass along {', '.join(wide)} of "
                 "the flange"
             )
-        reach = float(np.linalg.norm(own[1:4])) / load.mass
+        reach = float(np.linalg.norm(entry[1:4])) / load.mass
         if reach > 1.0:
-            doubts.append(
+            warnings.append(
                 f"{name}: the load would sit {reach:.2g} m off the flange; is it weighed?"
             )
-    value, sd = found.load_dependence
+    value, sd = outcome.load_dependence
     if np.isnan(value).all():
-        doubts.append(
+        warnings.append(
             "the friction law has no dependence on the load; give --friction load-dependent, "
             "presliding or best to find it"
         )
     else:
         vague = [names[j] for j in np.flatnonzero(np.abs(value) < SURE * sd)]
         if vague:
-            doubts.append(f"the load dependence of friction is unclear on {', '.join(vague)}")
-    return doubts
+            warnings.append(f"the load dependence of friction is unclear on {', '.join(vague)}")
+    return warnings

@@ -76,12 +76,12 @@ class PayloadResult:
     config: PayloadConfig
 
     @property
-    def com_told(self) -> NDArray[np.bool_]:
+    def com_observable(self) -> NDArray[np.bool_]:
         """(3,) whether the motion tells the centre of mass along each axis."""
         return np.asarray(self.load.is_there & (self.load.standard_deviation[1:4] < COM_TOLD))
 
     @property
-    def inertia_told(self) -> NDArray[np.bool_]:
+    def inertia_observable(self) -> NDArray[np.bool_]:
         """(6,) whether the motion tells Ixx, Iyy, Izz, Ixy, Ixz, Iyz."""
         return np.asarray(self.load.is_there & (self.load.inertia_told > INERTIA_TOLD))
 
@@ -98,10 +98,10 @@ class PayloadResult:
             "mass_sd_of_gains_kg": gain[0],
             "com_m": load.com,
             "com_sd_m": sd[1:4],
-            "com_told": self.com_told,
+            "com_observable": self.com_observable,
             "inertia_kgm2": [load.inertia[place] for place in _PLACES],
             "inertia_sd_kgm2": sd[4:],
-            "inertia_told": self.inertia_told,
+            "inertia_observable": self.inertia_observable,
             "realisable_inertia_kgm2": [load.realisable[place] for place in _PLACES],
             "load_torque_rms_nm": np.sqrt(np.mean(self.torque**2, axis=0)),
             "residual_rms_nm": np.sqrt(np.mean(unexplained**2, axis=0)),
@@ -118,8 +118,10 @@ class PayloadResult:
         """The block `tool` of a robot.yaml, with what is known of its numbers as comments."""
         load, tool = self.load, self.tool
         sd = load.standard_deviation
-        told = [name for name, known in zip(TENSOR, self.inertia_told, strict=True) if known]
-        known = ", ".join(told) if told else "nothing"
+        report = [
+            name for name, known in zip(TENSOR, self.inertia_observable, strict=True) if known
+        ]
+        known = ", ".join(report) if report else "nothing"
 
         def line(values: Any) -> str:
             return "[" + ", ".join(f"{value:.6g}" for value in values) + "]"
@@ -168,7 +170,7 @@ def identify_payload(
         model: of it, without the load.
         config: see `PayloadConfig`.
         empty: motion without the load, of the same day.
-        progress: told the share done and the current step.
+        progress: called with the share done and the current step.
 
     Raises:
         InputError: a setting that makes no sense; as `ModelResidual.of`.
@@ -212,7 +214,7 @@ def identify_payload(
         config=config,
     )
     progress(1.0, "done")
-    return replace(result, warnings=tuple(_doubts(result, robot)))
+    return replace(result, warnings=tuple(_warnings(result, robot)))
 
 
 def payload_log(
@@ -237,8 +239,8 @@ def payload_log(
         robot = Robot.load(robot_name)
         model = IdentifiedModel.load(Path(model_path), robot)
         recording, bare = (
-            None if path is None else read_recording(path, log_format, robot, own, accept_signs)
-            for path, own in ((log, check), (empty, True))
+            None if path is None else read_recording(path, log_format, robot, entry, accept_signs)
+            for path, entry in ((log, check), (empty, True))
         )
         assert recording is not None
         result = identify_payload(recording, robot, model, config, bare, progress)
@@ -274,17 +276,19 @@ def load_figure(result: PayloadResult) -> "Figure":
 
 def _tool(body: Array, robot: Robot, name: str) -> ToolConfig:
     """Load (10,) and the robot's tool as one body; the tool's pictures stay."""
-    own = robot.config.tool
-    if own is not None:
+    entry = robot.config.tool
+    if entry is not None:
         inertia = np.zeros((3, 3))
-        for place, value in zip(_PLACES, own.inertia, strict=True):
+        for place, value in zip(_PLACES, entry.inertia, strict=True):
             inertia[place] = inertia[place[::-1]] = value
-        body = body + body_parameters(own.mass, np.array(own.com), inertia)
+        body = body + body_parameters(entry.mass, np.array(entry.com), inertia)
     mass = max(float(body[0]), 1e-9)
     com = body[1:4] / mass
     about = inertia_matrix(body) - mass * (com @ com * np.eye(3) - np.outer(com, com))
     tensor = realisable_inertia(about, mass)
-    plain = ToolConfig(name=name) if own is None else replace(own, name=f"{own.name}_and_{name}")
+    plain = (
+        ToolConfig(name=name) if entry is None else replace(entry, name=f"{entry.name}_and_{name}")
+    )
     return replace(
         plain,
         mass=mass,
@@ -301,32 +305,34 @@ def _checked(config: PayloadConfig) -> PayloadConfig:
     return config
 
 
-def _doubts(result: PayloadResult, robot: Robot) -> list[str]:
+def _warnings(result: PayloadResult, robot: Robot) -> list[str]:
     load, sd = result.load, result.load.standard_deviation
     if not load.is_there:
         return [
             f"the log shows no load: {load.mass:.3f} +- {sd[0]:.3f} kg; nothing is written for "
             "robot.yaml"
         ]
-    doubts = []
-    axes = [axis for axis, told in zip(AXES, result.com_told, strict=True) if not told]
+    warnings = []
+    axes = [axis for axis, report in zip(AXES, result.com_observable, strict=True) if not report]
     if axes:
-        doubts.append(
+        warnings.append(
             f"the motion does not tell the centre of mass along {', '.join(axes)} of the flange: "
             "turn the last joints with the load in other directions"
         )
-    tensor = [name for name, told in zip(TENSOR, result.inertia_told, strict=True) if not told]
+    tensor = [
+        name for name, report in zip(TENSOR, result.inertia_observable, strict=True) if not report
+    ]
     if tensor:
-        doubts.append(
+        warnings.append(
             f"the motion does not tell the inertia's {', '.join(tensor)}: those of a body of this "
             "mass are written; swing the load faster to measure them"
         )
     strange = [robot.joint_names[j] for j in np.flatnonzero(load.scale > SCATTER)]
     if strange:
-        doubts.append(
+        warnings.append(
             f"{', '.join(strange)}: the torque scatters more than {SCATTER:g} times what the model "
             "states; was the arm touched, or is the model of another state?"
         )
     if not result.model.provenance.logs:
-        doubts.append("the model is not identified from logs: its friction is assumed")
-    return doubts
+        warnings.append("the model is not identified from logs: its friction is assumed")
+    return warnings

@@ -156,17 +156,17 @@ def _checked(config: EstimateConfig, robot: Robot | None) -> EstimateConfig:
     plain = EstimateConfig()
     idle = [
         option
-        for option, own, default in (
+        for option, entry, default in (
             ("--smooth", config.smooth, plain.smooth),
             ("--engine", config.engine, plain.engine),
             ("--max-gap", config.max_gap, plain.max_gap),
             ("--observer", config.estimator.observer, plain.estimator.observer),
             ("--false-alarms-per-hour", config.detection, plain.detection),
         )
-        if own != default
+        if entry != default
     ]
     if idle:
-        problem = "has no part where the arm's own external torque is read"
+        problem = "is not used with the external torque that the arm reports"
         raise InputError("estimate", ", ".join(idle), problem, "leave it out")
     return config
 
@@ -204,10 +204,10 @@ def _estimate(
         "torque_sd_nm": np.sqrt(np.diag(knowledge.torque_covariance)),
     }
     against = [run.rows.reading for run in runs if run.rows is not None]
-    told = [one for one in against if one is not None and one.loaded.any()]
+    report = [one for one in against if one is not None and one.loaded.any()]
     together = None
-    if told and len(told) == len(runs):
-        together = MethodReading(tuple(told))
+    if report and len(report) == len(runs):
+        together = MethodReading(tuple(report))
         for result, one in zip(results, together.logs, strict=True):
             result.metrics["reference"]["rows"] = {
                 "sensor_above_n": config.reference.contact_force,
@@ -226,7 +226,7 @@ def _estimate(
     out.write_settings("config.yaml", replace(settings, estimate=config))
     out.write_json("metrics.json", metrics)
     progress(1.0, "done")
-    if against and not told:
+    if against and not report:
         warnings.append(
             f"the sensor never reads more than {config.reference.contact_force:g} N, above which "
             "there is contact: lower it with --reference-contact"
@@ -255,14 +255,14 @@ def _names(logs: Sequence[TorqueLog]) -> list[str]:
 
 
 def _notices(logs: Sequence[TorqueLog], runs: Sequence["_Run"]) -> list[str]:
-    told = [sentence for run in runs for sentence in run.notices]
-    told.append(
+    report = [sentence for run in runs for sentence in run.notices]
+    report.append(
         "read from the arm's own external torque: no model, friction law or observer has a part "
         "in it; its error and its lag are the arm's"
     )
     if all(log.has_jacobian for log in logs):
-        told.append("the wrench is at the point and in the axes of the log's Jacobian")
-    return list(dict.fromkeys(told))
+        report.append("the wrench is at the point and in the axes of the log's Jacobian")
+    return list(dict.fromkeys(report))
 
 
 def _known(
@@ -270,45 +270,45 @@ def _known(
 ) -> tuple[EstimateConfig, Knowledge, str]:
     """The configuration with prior and torque sd, these as `Knowledge`, and the prior's rule."""
     n = logs[0].num_joints
-    own, rule = config.estimator.reconstruction, "given"
+    entry, rule = config.estimator.reconstruction, "given"
     sd = np.array(config.torque_sd)
     if sd.size not in (0, 1, n):
         problem = f"has {sd.size} numbers, expected 1 or {n}"
         raise InputError("estimate", "--torque-sd", problem, "give one for all joints or one each")
     stated = stated_prior(config, robot)
-    if stated is not None and None in (own.prior_force_sd, own.prior_moment_sd):
-        own = own.with_prior(*stated)
+    if stated is not None and None in (entry.prior_force_sd, entry.prior_moment_sd):
+        entry = entry.with_prior(*stated)
         rule = config.prior if config.prior in PRIORS else "given"
     if not sd.size and n <= _WRENCH_NUMBERS:
         warnings.append(
             f"a wrench explains any torque of {n} joints: the torque's error shows by the changes "
             "of posture alone; give --torque-sd"
         )
-    if not sd.size or None in (own.prior_force_sd, own.prior_moment_sd):
+    if not sd.size or None in (entry.prior_force_sd, entry.prior_moment_sd):
         J, tau_ext = EvenSample(_ROWS), EvenSample(_ROWS)
         for log in logs:
             for _, J_rows, torque in log.chunks(log.reader()):
                 J.add(J_rows)
                 tau_ext.add(torque)
         stated_sd = np.broadcast_to(sd, n) if sd.size else None
-        found = knowledge_by_evidence(J.values(), tau_ext.values(), stated_sd)
-        sd = np.sqrt(np.diag(found.torque_covariance))
-        if None in (own.prior_force_sd, own.prior_moment_sd):
+        result = knowledge_by_evidence(J.values(), tau_ext.values(), stated_sd)
+        sd = np.sqrt(np.diag(result.torque_covariance))
+        if None in (entry.prior_force_sd, entry.prior_moment_sd):
             rule = "evidence of the log" + ("s" if len(logs) > 1 else "")
             least = (0.0, 0.0) if robot is None else live_prior(robot.payload)
-            own = own.with_prior(
-                max(found.force_sd, FLOOR_SHARE * least[0]),
-                max(found.moment_sd, FLOOR_SHARE * least[1]),
+            entry = entry.with_prior(
+                max(result.force_sd, FLOOR_SHARE * least[0]),
+                max(result.moment_sd, FLOOR_SHARE * least[1]),
             )
     sd = np.broadcast_to(sd, n)
     config = replace(
         config,
         torque="external",
         torque_sd=[float(x) for x in sd],
-        estimator=replace(config.estimator, reconstruction=own),
+        estimator=replace(config.estimator, reconstruction=entry),
     )
-    assert own.prior_force_sd is not None and own.prior_moment_sd is not None
-    return config, Knowledge(own.prior_force_sd, own.prior_moment_sd, np.diag(sd**2)), rule
+    assert entry.prior_force_sd is not None and entry.prior_moment_sd is not None
+    return config, Knowledge(entry.prior_force_sd, entry.prior_moment_sd, np.diag(sd**2)), rule
 
 
 def _with_valid(
@@ -417,13 +417,13 @@ def _compared(
         metrics = _own_metrics(run)
         comparison = None
         if mounting is not None:
-            own = mounting
+            entry = mounting
             if reference.tare == "start":  # each log has its own
-                own = replace(mounting, tare=tare_of(sensor_logs[k], reference))
-            comparison = compare_with_sensor(sensor_logs[k], reference, own)
+                entry = replace(mounting, tare=tare_of(sensor_logs[k], reference))
+            comparison = compare_with_sensor(sensor_logs[k], reference, entry)
             metrics["reference"] = comparison.metrics()
             if run.rows is not None:
-                run.rows.hold_against(own, reference.contact_force)
+                run.rows.hold_against(entry, reference.contact_force)
             suffix = "" if len(runs) == 1 else f"_{run.name}"
             out.write_figure(f"reference{suffix}", comparison.figure("from external torque"))
         count, valid = run.summary.count, run.summary.num_valid

@@ -93,7 +93,7 @@ class Solution:
 
     def parts(self) -> tuple[Array, Array, list[Array]]:
         """Inertial parameters (n, 10), rotor inertia (n,), friction coefficients per joint."""
-        return split_terms(self.x, [len(own) for own in self.structure.terms])
+        return split_terms(self.x, [len(entry) for entry in self.structure.terms])
 
 
 class _LogColumns:
@@ -115,10 +115,12 @@ class _LogColumns:
             self._rows = {key: rows for key, rows in self._rows.items() if key[0] != "load"}
             self._load = load
         keys = [
-            [(term, j, structure.column_shape(term, j)) for term in own]
-            for j, own in enumerate(structure.terms)
+            [(term, j, structure.column_shape(term, j)) for term in entry]
+            for j, entry in enumerate(structure.terms)
         ]
-        missing = list(dict.fromkeys(key for own in keys for key in own if key not in self._rows))
+        missing = list(
+            dict.fromkeys(key for entry in keys for key in entry if key not in self._rows)
+        )
         if missing:
             q, v = self._motion.q, self._motion.v
             load = np.zeros_like(v) if load is None else load
@@ -126,7 +128,7 @@ class _LogColumns:
             columns = [structure.column(term, j, z, q, v, load) for term, j, _ in missing]
             (rows,) = self._regression.friction_rows([np.stack(columns, axis=1)])
             self._rows.update(zip(missing, rows.T, strict=True))
-        return [np.stack([self._rows[key] for key in own], axis=1) for own in keys]
+        return [np.stack([self._rows[key] for key in entry], axis=1) for entry in keys]
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,10 +174,10 @@ class FrictionFit:
                 for group in dict.fromkeys(groups)
             ]
         edges = [
-            np.linspace(0, len(own.rows), STRETCHES + 1).astype(int) for own in self.regressions
+            np.linspace(0, len(entry.rows), STRETCHES + 1).astype(int) for entry in self.regressions
         ]
         return [
-            [(k, slice(int(own[i]), int(own[i + 1]))) for k, own in enumerate(edges)]
+            [(k, slice(int(entry[i]), int(entry[i + 1]))) for k, entry in enumerate(edges)]
             for i in range(STRETCHES)
         ]
 
@@ -197,8 +199,9 @@ class FrictionFit:
             coefficients = solution.parts()[2]
             unfit = [
                 j
-                for j, own in enumerate(structure.terms)
-                if "load" in own and not 0.0 <= coefficients[j][own.index("load")] <= LARGEST_LOAD
+                for j, entry in enumerate(structure.terms)
+                if "load" in entry
+                and not 0.0 <= coefficients[j][entry.index("load")] <= LARGEST_LOAD
             ]
             if not unfit:
                 break
@@ -209,15 +212,15 @@ class FrictionFit:
     def _made_consistent(self, solution: Solution, chosen: Sequence[int] | None) -> Solution:
         structure = solution.structure
         factors = self.factors(solution)
-        kept = factors if chosen is None else [factors[k] for k in chosen]
+        selected = factors if chosen is None else [factors[k] for k in chosen]
         sd = np.maximum(solution.estimate.residual_sd, 1e-12) * np.sqrt(self.oversampling)
-        rows = np.vstack([own / sd[j] for factor in kept for j, own in enumerate(factor.R)])
-        prior, spread = parameter_prior(self.robot, [len(own) for own in structure.terms])
+        rows = np.vstack([entry / sd[j] for factor in selected for j, entry in enumerate(factor.R)])
+        prior, spread = parameter_prior(self.robot, [len(entry) for entry in structure.terms])
         rates = self.robot.chain.motor_rates
         v_max = np.max([np.abs(m.of_motors(rates).v).max(axis=0) for m in self.motions], axis=0)
-        found = fit_consistent(rows[:, :-1], rows[:, -1], prior, spread, structure, v_max)
-        values = solution.base.combination @ found.x
-        return replace(solution, x=found.x, estimate=replace(solution.estimate, values=values))
+        result = fit_consistent(rows[:, :-1], rows[:, -1], prior, spread, structure, v_max)
+        values = solution.base.combination @ result.x
+        return replace(solution, x=result.x, estimate=replace(solution.estimate, values=values))
 
     def factors(self, solution: Solution) -> list[TorqueFactors]:
         """The reduced rows of each fold, with the solution's friction columns."""
@@ -228,8 +231,8 @@ class FrictionFit:
         """The rigid-body torque of each log, (N, n) N m, as the motors feel it."""
         inertial, rotor, _ = solution.parts()
         chain: SerialChain = self.robot.chain.with_inertial_parameters(inertial, rotor)
-        found = [np.asarray(chain.inverse_dynamics(m.q, m.v, m.vdot)) for m in self.motions]
-        return [tau @ self.robot.coupling for tau in found] if self.robot.is_coupled else found
+        result = [np.asarray(chain.inverse_dynamics(m.q, m.v, m.vdot)) for m in self.motions]
+        return [tau @ self.robot.coupling for tau in result] if self.robot.is_coupled else result
 
     def columns(
         self, structure: FrictionStructure, loads: Sequence[Array] | None
@@ -249,11 +252,11 @@ class FrictionFit:
         factors = self._fold_factors(columns, None)
         independent = independent_columns(np.vstack([f.regressor for f in factors]))
         squares = np.empty((len(factors), self.robot.num_joints))
-        for k, own in enumerate(factors):
+        for k, entry in enumerate(factors):
             values = solve_values(factors[:k] + factors[k + 1 :], independent, self.num_passes)
-            for j, R in enumerate(own.R):
+            for j, R in enumerate(entry.R):
                 residual = R[:, -1] - R[:, independent] @ values
-                squares[k, j] = residual @ residual / own.num_rows
+                squares[k, j] = residual @ residual / entry.num_rows
         return squares
 
     def choose(self, structure: FrictionStructure) -> FrictionStructure:
@@ -310,9 +313,9 @@ class FrictionFit:
     ) -> Solution:
         factors = self._fold_factors(self.columns(structure, loads), self.weights)
         base = self._base(structure, factors)
-        kept = factors if chosen is None else [factors[k] for k in chosen]
-        estimate = solve(kept, base, self.num_passes, self.oversampling)
-        counts = [len(own) for own in structure.terms]
+        selected = factors if chosen is None else [factors[k] for k in chosen]
+        estimate = solve(selected, base, self.num_passes, self.oversampling)
+        counts = [len(entry) for entry in structure.terms]
         x = realisation(self.robot, base, estimate.values, counts)
         names = tuple(parameter_names(self.robot.joint_names, structure.terms))
         return Solution(structure, base, estimate, x, names)
@@ -350,19 +353,19 @@ class FrictionFit:
         """
         if self.loss == "squares":
             return self
-        found = self
+        result = self
         for _ in range(HUBER_PASSES):
-            solution = found.fit(structure)
-            columns = found.columns(solution.structure, found.loads(solution))
+            solution = result.fit(structure)
+            columns = result.columns(solution.structure, result.loads(solution))
             residuals = [
-                r.residual(own, solution.x)
-                for r, own in zip(self.regressions, columns, strict=True)
+                r.residual(entry, solution.x)
+                for r, entry in zip(self.regressions, columns, strict=True)
             ]
             scale = 1.4826 * np.median(np.abs(np.vstack(residuals)), axis=0)
             limit = HUBER * np.maximum(scale, 1e-9)
             weights = [np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-300)) for r in residuals]
-            found = replace(found, weights=weights)
-        return found
+            result = replace(result, weights=weights)
+        return result
 
 
 def _with_shape(structure: FrictionStructure, key: str, value: Array) -> FrictionStructure:

@@ -165,7 +165,7 @@ def train_networks(
         v_crit: (n,) rad/s; None: by the rule.
         config: see `TrainingConfig`.
         joint_names: for messages.
-        progress: told the share done.
+        progress: called with the share done.
 
     Raises:
         InputError: a joint has too few samples in its band.
@@ -333,8 +333,8 @@ def _descend(
             lowest = torch.where(better, away, lowest)
             when = torch.where(better, step, when)
             errors = torch.where(better, torch.stack([fitted, away]), errors)
-            for kept, now in zip(best, parameters, strict=True):
-                kept[better] = now[better]
+            for selected, now in zip(best, parameters, strict=True):
+                selected[better] = now[better]
             if int((step - when).min()) > config.patience:
                 break
         gradients = torch.autograd.grad(fitted.sum(), parameters)

@@ -31,8 +31,8 @@ import numpy as np
 from wrenchsight.analyses.methods.learning.friction_fit import FrictionFit, Motion, Solution
 from wrenchsight.analyses.methods.learning.identification_checks import (
     contradictions,
-    doubts,
     repeated_logs,
+    warnings_of,
 )
 from wrenchsight.analyses.methods.learning.identification_config import (
     WITH_NETWORK,
@@ -222,7 +222,7 @@ def identify(
         robot: the robot that they were recorded on.
         validation: logs to predict, not fitted.
         config: see `IdentificationConfig`.
-        progress: told the share done and the current step.
+        progress: called with the share done and the current step.
         contact_noise: whether the model is to say, of cross-validated logs, what a contact
             statistic reads without contact; nothing else depends on it.
 
@@ -256,7 +256,7 @@ def _identify(
         (tuple(recordings), robot, tuple(validation), *filtering),
         lambda: low_pass_logs(recordings, robot, validation, config, progress),
     )
-    fitted, kept = given.fitted, given.kept
+    fitted, selected = given.fitted, given.kept
     row_rate = 1.0 / (decimation(fitted[0].low_pass) * fitted[0].low_pass.time_step)
     problem = FrictionFit(
         robot,
@@ -283,17 +283,62 @@ def _identify(
         chosen = _best_of(candidates)
     choice = next(c for c in candidates if c.law == chosen)
     solution, chain, friction = choice.solution, choice.chain, choice.friction
-    base, estimate = solution.base, solution.estimate
+    base = solution.base
     fit, cross_validation = choice.fit, choice.cross_validation
-    covariance, how = _model_error(fit, cross_validation, estimate)
-    model = IdentifiedModel(
+    model = _model_of(choice, robot, fitted, config)
+    if config.cross_validate:
+        progress(0.95, "the observer's error")
+        readings = held_out_readings(
+            recordings, fitted, given.regressions, fits.held_out_models(chosen), robot, model
+        )
+        model = replace(model, torque_error=learn_torque_error(readings))
+        if contact_noise:
+            model = replace(model, contact_noise=fit_contact_noise(readings, model, chain))
+    of_torque = all(recording.tau_J is not None for recording in recordings)
+    result = IdentificationResult(
+        model=model,
+        base=base,
+        fit=fit,
+        cross_validation=cross_validation,
+        validation=tuple(run.predict(chain, friction) for run in selected),
+        warnings=(
+            *repeated_logs(recordings, validation),
+            *repeated_motion_notes([run.name for run in fitted], motion_groups(fitted)),
+            *contradictions(
+                replace(problem, weights=choice.weights, groups=None),
+                solution,
+                fitted,
+                robot,
+                of_torque,
+            ),
+            *warnings_of(fit, base, model, of_torque),
+        ),
+        config=config,
+        law=choice.law,
+        held_out={c.law: c.cross_validated_rmse for c in candidates},
+        extrapolated={c.law: c.extrapolated for c in candidates if c.extrapolated},
+        solution=solution,
+        robot=robot,
+        drive_signs=recordings_sign_evidence(recordings, robot),
+    )
+    progress(1.0, "done")
+    return result
+
+
+def _model_of(
+    choice: LawFit, robot: Robot, fitted: Sequence[LowPassedLog], config: IdentificationConfig
+) -> IdentifiedModel:
+    """The model of a friction law, without the observer's error."""
+    base, estimate = choice.solution.base, choice.solution.estimate
+    covariance, how = _model_error(choice.fit, choice.cross_validation, estimate)
+    return IdentifiedModel(
         robot=robot.name,
         joint_names=robot.joint_names,
         kinematics_digest=robot.kinematics_digest,
         fitted_robot=FittedRobot.of(robot),
-        inertial_parameters=chain.inertial_parameters,
-        reflected_inertia=chain.reflected_inertia,
-        friction=friction,
+        inertial_parameters=choice.chain.inertial_parameters,
+        reflected_inertia=choice.chain.reflected_inertia,
+        friction=choice.friction,
         residual_covariance=covariance,
         base_parameters=BaseParameterTable(
             names=list(base.names),
@@ -314,43 +359,6 @@ def _identify(
             residual=how,
         ),
     )
-    if config.cross_validate:
-        progress(0.95, "the observer's error")
-        readings = held_out_readings(
-            recordings, fitted, given.regressions, fits.held_out_models(chosen), robot, model
-        )
-        model = replace(model, torque_error=learn_torque_error(readings))
-        if contact_noise:
-            model = replace(model, contact_noise=fit_contact_noise(readings, model, chain))
-    of_torque = all(recording.tau_J is not None for recording in recordings)
-    result = IdentificationResult(
-        model=model,
-        base=base,
-        fit=fit,
-        cross_validation=cross_validation,
-        validation=tuple(run.predict(chain, friction) for run in kept),
-        warnings=(
-            *repeated_logs(recordings, validation),
-            *repeated_motion_notes([run.name for run in fitted], motion_groups(fitted)),
-            *contradictions(
-                replace(problem, weights=choice.weights, groups=None),
-                solution,
-                fitted,
-                robot,
-                of_torque,
-            ),
-            *doubts(fit, base, model, of_torque),
-        ),
-        config=config,
-        law=choice.law,
-        held_out={c.law: c.cross_validated_rmse for c in candidates},
-        extrapolated={c.law: c.extrapolated for c in candidates if c.extrapolated},
-        solution=solution,
-        robot=robot,
-        drive_signs=recordings_sign_evidence(recordings, robot),
-    )
-    progress(1.0, "done")
-    return result
 
 
 def identify_logs(

@@ -52,23 +52,23 @@ def gain_ratios(
     length = np.maximum(np.linalg.norm(rows[:, :-1], axis=0), 1e-12)
     ratios, deviations = np.full(n, np.nan), np.full(n, np.inf)
     for j in range(n):
-        own = slice(ends[j] - len(stacked[j]), ends[j])
+        of_joint = slice(ends[j] - len(stacked[j]), ends[j])
         ratio, parameters = 1.0, x
         for _ in range(GAUSS_NEWTON_STEPS):
             A = np.column_stack([rows[:, :-1], np.zeros(len(rows))])
-            A[own, -1] = rows[own, rigid] @ parameters[rigid]
-            A[own, rigid] *= ratio
+            A[of_joint, -1] = rows[of_joint, rigid] @ parameters[rigid]
+            A[of_joint, rigid] *= ratio
             reach = np.linalg.norm(A[:, -1])
             if not reach > 0.0:
                 break
             scale = np.append(length, reach)
             U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
-            kept = s > RANK_TOLERANCE * s[0]
-            weight = Vt[kept, -1]
-            deviation = float(np.linalg.norm(weight / s[kept])) / reach * np.sqrt(oversampling)
+            selected = s > RANK_TOLERANCE * s[0]
+            weight = Vt[selected, -1]
+            deviation = float(np.linalg.norm(weight / s[selected])) / reach * np.sqrt(oversampling)
             if np.linalg.norm(weight) < 0.999:  # partly in the null space: not determined
                 break
-            solution = Vt[kept].T @ ((U[:, kept].T @ rows[:, -1]) / s[kept]) / scale
+            solution = Vt[selected].T @ ((U[:, selected].T @ rows[:, -1]) / s[selected]) / scale
             ratio, parameters = ratio + float(solution[-1]), solution[:-1]
             ratios[j], deviations[j] = ratio, deviation
     return ratios, deviations
@@ -160,8 +160,8 @@ def contradictions(
     sd = solution.estimate.residual_sd
     if len(runs) > 1:
         masses, sds = payload_differences(factors, solution.x, sd, problem.oversampling)
-        spread, doubt = np.ptp(masses), np.sqrt(2.0) * sds.max()
-        if spread > max(PAYLOAD_DIFFERENCE, SURE * doubt):
+        spread, uncertainty = np.ptp(masses), np.sqrt(2.0) * sds.max()
+        if spread > max(PAYLOAD_DIFFERENCE, SURE * uncertainty):
             read = ", ".join(
                 f"{run.name} {mass:+.2f} kg" for run, mass in zip(runs, masses, strict=True)
             )
@@ -184,7 +184,7 @@ def contradictions(
     ]
 
 
-def doubts(
+def warnings_of(
     fit: Sequence[TorqueFit],
     base: BaseParameters,
     model: IdentifiedModel,
@@ -199,18 +199,18 @@ def doubts(
     names = model.joint_names
     torque = rms(np.vstack([f.measured for f in fit]))
     unexplained = pooled_rmse(fit) / torque
-    found = [
+    result = [
         f"{names[i]}: {100 * unexplained[i]:.0f} % of its torque stay unexplained; is it a log of "
         f"'{model.robot}', are {asked} right?"
         for i in np.flatnonzero(unexplained > POOR_FIT)
     ]
     if base.condition_number > HIGH_CONDITION_NUMBER:
-        found.append(
+        result.append(
             "the motion determines the parameters poorly: condition number "
             f"{base.condition_number:.3g}, good is below {HIGH_CONDITION_NUMBER:g}"
         )
     law = model.friction.coulomb_viscous
-    found += [
+    result += [
         f"{names[i]}: {kind} friction comes out negative, {value[i]:.3g}; do not trust it"
         for kind, value, speed in (
             ("Coulomb", law.coulomb, np.ones(len(names))),
@@ -218,4 +218,4 @@ def doubts(
         )
         for i in np.flatnonzero(value * speed < -NO_FRICTION * torque)
     ]
-    return found
+    return result

@@ -40,6 +40,9 @@ class RefreshConfig:
 
     part: list[float] = field(default_factory=list)
     # s, begin and end of the part of the log to refresh from; none: all of it
+    other_specimen: bool = False
+    # the logs are of another robot of the same make, whose friction has another level; stretches of
+    # free motion are enough: LOG=BEGIN,END[,BEGIN,END...] in s
     coulomb_drift: float = 0.05  # sd of the prior, share of the joint's dry friction
     viscous_drift: float = 0.3  # share of the viscous coefficient
     offset_drift: float = 0.02  # share of the dry friction
@@ -90,8 +93,8 @@ def checked_config(config: IdentificationConfig) -> IdentificationConfig:
     if config.friction == "best" and not config.cross_validate:
         raise InputError("--friction", "", "best is chosen by cross-validation, which is off")
     if config.selection not in SELECTIONS:
-        found = f"expected {' or '.join(SELECTIONS)}, found {config.selection!r}"
-        raise InputError("identify", "selection", found)
+        problem = f"expected {' or '.join(SELECTIONS)}, found {config.selection!r}"
+        raise InputError("identify", "selection", problem)
     if config.loss not in ("huber", "squares"):
         raise InputError("identify", "loss", f"expected huber or squares, found {config.loss!r}")
     return config

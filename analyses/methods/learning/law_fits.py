@@ -105,12 +105,12 @@ class LawFits:
         cross_validation: tuple[TorqueFit, ...] = ()
         extrapolated: tuple[Array, ...] = ()
         if self._problem.holds_out_logs and self._config.cross_validate:
-            found = {
-                k: runs[k].predict(own.chain, own.friction)
-                for own in self.held_out_models(law)
-                for k, _ in own.fold
+            result = {
+                k: runs[k].predict(entry.chain, entry.friction)
+                for entry in self.held_out_models(law)
+                for k, _ in entry.fold
             }
-            cross_validation = tuple(found[k] for k in range(len(runs)))
+            cross_validation = tuple(result[k] for k in range(len(runs)))
         if self._config.cross_validate and self._config.friction == "best":
             # A network must not be trained where it is judged: the law below it is used there.
             extrapolated = self._extrapolated(WITH_NETWORK.get(law, law), fit)
@@ -159,27 +159,27 @@ class LawFits:
         problem, runs = self._problem, self._runs
         rates = problem.robot.motor_rates
         speeds = [
-            np.abs(motion.v[own.rows] @ rates.T)
-            for motion, own in zip(problem.motions, problem.regressions, strict=True)
+            np.abs(motion.v[entry.rows] @ rates.T)
+            for motion, entry in zip(problem.motions, problem.regressions, strict=True)
         ]
         low, high = (np.quantile(np.vstack(speeds), x, axis=0) for x in (1.0 - EXTREME, EXTREME))
         weights = fit.weights or [np.ones_like(v) for v in speeds]
 
-        def without(kept: Sequence[NDArray[np.bool_]]) -> tuple[SerialChain, FrictionLaw]:
-            own = [w * inside for w, inside in zip(weights, kept, strict=True)]
+        def without(selected: Sequence[NDArray[np.bool_]]) -> tuple[SerialChain, FrictionLaw]:
+            entry = [w * inside for w, inside in zip(weights, selected, strict=True)]
             solution = shared(
                 "friction_fit_extrapolated",
-                (*self._source, fit.structure, own),
-                lambda: replace(problem, weights=own).fit(fit.structure),
+                (*self._source, fit.structure, entry),
+                lambda: replace(problem, weights=entry).fit(fit.structure),
             )
             return self._realised(law, solution, range(len(runs)))
 
         errors = []
-        for kept, limit in (
+        for selected, limit in (
             ([v <= high for v in speeds], high),
             ([v >= low for v in speeds], None),
         ):
-            chain, friction = without(kept)
+            chain, friction = without(selected)
             if limit is not None:
                 friction = bounded(friction, limit)
             squares, count = np.zeros(problem.robot.num_joints), np.zeros(problem.robot.num_joints)

@@ -166,7 +166,7 @@ def _check_motion(runs: Sequence[LowPassedLog], robot: Robot) -> None:
     still = np.flatnonzero((travel < LEAST_TRAVEL) | (speed < LEAST_SPEED))
     if still.size:
         units = ["m" if prismatic else "rad" for prismatic in robot.chain.prismatic]
-        found = ", ".join(
+        result = ", ".join(
             f"{robot.joint_names[i]} ({travel[i]:.2g} {units[i]}, at most {speed[i]:.2g} "
             f"{units[i]}/s)"
             for i in still
@@ -174,7 +174,7 @@ def _check_motion(runs: Sequence[LowPassedLog], robot: Robot) -> None:
         raise InputError(
             ", ".join(run.log.name for run in runs),
             "",
-            f"too little motion of {found}",
+            f"too little motion of {result}",
             f"log a motion in which each joint travels {LEAST_TRAVEL:g} rad (or m) and more",
         )
 
@@ -207,7 +207,7 @@ def low_pass_logs(
     for k, (name, recording) in enumerate(zip(log_names(logs), logs, strict=True)):
         progress(k / steps, f"filtering {name}")
         runs.append(low_pass_log(name, recording, robot, config))
-    fitted, kept = tuple(runs[: len(recordings)]), tuple(runs[len(recordings) :])
+    fitted, selected = tuple(runs[: len(recordings)]), tuple(runs[len(recordings) :])
     _check_motion(fitted, robot)
     every = decimation(fitted[0].low_pass)
     regressions = []
@@ -217,7 +217,7 @@ def low_pass_logs(
         regressions.append(
             RegressionRows.of(robot.chain, run.q, run.v, run.vdot, run.tau, run.match, rows)
         )
-    return LowPassedLogs(fitted, kept, tuple(regressions))
+    return LowPassedLogs(fitted, selected, tuple(regressions))
 
 
 def _checksum(path: Path) -> str:

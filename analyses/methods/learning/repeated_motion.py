@@ -51,7 +51,7 @@ def repeated_motion_notes(names: Sequence[str], groups: Sequence[int]) -> list[s
     """One sentence for each motion that several logs repeat."""
     notes = []
     for group in dict.fromkeys(groups):
-        same = [name for name, own in zip(names, groups, strict=True) if own == group]
+        same = [name for name, entry in zip(names, groups, strict=True) if entry == group]
         if len(same) > 1:
             held = (
                 "they are held out together"

@@ -46,14 +46,14 @@ def held_out_readings(
     """
     time_step = model.provenance.time_step
     readings = []
-    for own in held_out:
+    for entry in held_out:
         fold_model = replace(
             model,
-            inertial_parameters=own.chain.inertial_parameters,
-            reflected_inertia=own.chain.reflected_inertia,
-            friction=own.friction,
+            inertial_parameters=entry.chain.inertial_parameters,
+            reflected_inertia=entry.chain.reflected_inertia,
+            friction=entry.friction,
         )
-        for k, rows in own.fold:
+        for k, rows in entry.fold:
             step = position_resolution(recordings[k].q)
             log = resampled(recordings[k], time_step)
             current = log.current
@@ -66,8 +66,8 @@ def held_out_readings(
             seen = WrenchEstimator(robot, fold_model, config).observe(log.q, log.v, current)
             K_0 = np.full(robot.num_joints, config.observer.K_0[0])
             t = log.t - log.t[0]
-            kept = runs[k].t[regressions[k].rows[rows]]
-            inside = (log.t >= kept[0]) & (log.t <= kept[-1])
+            selected = runs[k].t[regressions[k].rows[rows]]
+            inside = (log.t >= selected[0]) & (log.t <= selected[-1])
             if rows == slice(None):  # the ends are the low-pass's business, not the observer's
                 inside[:] = True
             readings.append(
@@ -77,7 +77,7 @@ def held_out_readings(
                     v=log.v,
                     transmitted=seen.tau_J - seen.tau_f,
                     used=inside & seen.fresh & ~log.dropout & (t > SETTLING / K_0[0]),
-                    friction=own.friction,
+                    friction=entry.friction,
                     time_step=time_step,
                     K_0=K_0,
                     resolution=step,
@@ -88,7 +88,7 @@ def held_out_readings(
 
 def learn_torque_error(readings: Sequence[HeldOutReading]) -> TorqueErrorModel | None:
     """The torque error that held-out readings show; None where all logs are too short."""
-    largest = max(float(np.abs(own.transmitted).max()) for own in readings)
+    largest = max(float(np.abs(entry.transmitted).max()) for entry in readings)
     try:
         return fit_torque_error(readings, _LEAST_SHARE * max(largest, 1e-3))
     except ValueError:  # too few samples

@@ -118,6 +118,19 @@ class ExcitationResult:
         }
 
 
+def _certified(
+    clearance: Clearance, trajectory: FourierTrajectory
+) -> tuple[bool, ClosestPair | None]:
+    """Whether a trajectory keeps clear at every instant, and the shapes that come closest."""
+    if not clearance.has_shapes:
+        return True, None
+    return clearance.certify(
+        lambda t: trajectory.sample(t)[0],
+        np.abs(_period(trajectory)[1]).max(axis=0) * 1.01,
+        trajectory.period,
+    )
+
+
 def excite(
     robot: Robot,
     config: ExcitationConfig | None = None,
@@ -180,15 +193,7 @@ def excite(
 
     for end in ends():
         solution, trajectory = end
-        clear, closest = (
-            clearance.certify(
-                lambda t, motion=trajectory: motion.sample(t)[0],  # type: ignore[misc]
-                np.abs(_period(trajectory)[1]).max(axis=0) * 1.01,
-                trajectory.period,
-            )
-            if clearance.has_shapes
-            else (True, None)
-        )
+        clear, closest = _certified(clearance, trajectory)
         motion = _period(trajectory, config.time_step)
         torque = np.abs(robot.chain.inverse_dynamics(*motion)).max(axis=0)
         if clear and (torque <= bounds.torque).all():

@@ -54,12 +54,12 @@ class Surroundings:
 
     def worst(self, q: Array) -> ClosestPair | None:
         """The pair with the least slack over q (N, n); None where nothing is near."""
-        found: ClosestPair | None = None
+        result: ClosestPair | None = None
         for row in q:
             for slack, pair in self.clearance.slacks(row, self.clearance.margin + _AROUND):
-                if found is None or slack < found.slack:
-                    found = pair
-        return found
+                if result is None or slack < result.slack:
+                    result = pair
+        return result
 
     def free(self, q: Array) -> bool:
         """Whether nothing is nearer than it may be at q (n,)."""

@@ -275,15 +275,15 @@ def _map_into(
                 f"{np.count_nonzero(cut.postures.hits)} of {cut.postures.best.size} points of the "
                 "slice: no posture was found that hits neither arm nor floor; grey in the map"
             )
-        found = cut.postures
+        result = cut.postures
         with folder.atomic("slice.npz") as partial, partial.open("wb") as file:
             np.savez(
                 file,
-                p_WE=found.p_WE,
-                jcn=found.best,
-                direction_W=found.direction_W,
-                q=found.q,
-                in_collision=found.hits,
+                p_WE=result.p_WE,
+                jcn=result.best,
+                direction_W=result.direction_W,
+                q=result.q,
+                in_collision=result.hits,
             )
         draw_slice(cut, folder / "figures" / "slice.png")
     folder.write_json("metrics.json", {**metrics, "notices": notices})

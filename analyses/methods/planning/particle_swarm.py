@@ -194,8 +194,8 @@ class ParticleCost:
 
     def _collides(self, batch: PlacementBatch, index: int) -> bool:
         assert self._clearance is not None
-        found = _placement(batch, index)
-        return self._clearance.deficit(found.q, found.n_W, found.p_WM, found.quaternion) > 0.0
+        result = _placement(batch, index)
+        return self._clearance.deficit(result.q, result.n_W, result.p_WM, result.quaternion) > 0.0
 
 
 def _placement(batch: PlacementBatch, index: int) -> Placement:

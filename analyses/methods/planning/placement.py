@@ -8,18 +8,15 @@ task's own guess would have given.
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from wrenchsight.analyses.methods.planning.particle_swarm import SwarmConfig, place_by_swarm
 from wrenchsight.analyses.methods.planning.place_settings import PlaceSettings
-from wrenchsight.analyses.output.axes import log_scale
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure
-from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.methods.planning.placement_files import write_placement
+from wrenchsight.analyses.methods.planning.placement_result import PlacementResult, Profile
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.diagrams.distances.coming_and_going import (
     distance_of_ends,
@@ -27,9 +24,6 @@ from wrenchsight.diagrams.distances.coming_and_going import (
     with_floor,
 )
 from wrenchsight.diagrams.distances.placement_cell import PlacementCell
-from wrenchsight.diagrams.pages.cell_picture import cell_picture
-from wrenchsight.diagrams.pages.path_page import PathMotion, write_path_page
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior
 from wrenchsight.models.files.configuration import nearest
 from wrenchsight.models.files.input_error import InputError
@@ -62,13 +56,11 @@ from wrenchsight.models.placement.placement_task import (
     check_task,
     load_task,
 )
-from wrenchsight.models.rigid_body.ties import beyond_rounding, first_of_least
+from wrenchsight.models.rigid_body.ties import first_of_least
 from wrenchsight.models.robot.robot import Robot
 
 OBJECTIVES = ("jcn", "force-sd")
 PLACE_SOLVERS = (*SOLVERS, "pso-ga")
-_ROUNDING = 1e-9  # m and rad; constraints are kept to 1e-7
-_HALF_TURN = 1e-9  # of a quaternion's w: a rotation by half a turn
 _FREE_SEEDS = 3  # searches for a free placement that can also be come to and left
 FINE = 10  # points between two of the path's, where it is looked at closely
 
@@ -80,124 +72,6 @@ EFFORT_WITH_CLEARANCE = SearchEffort(num_starts=16, num_rounds=3, num_steps=25, 
 EFFORT_NUMERIC = SearchEffort(
     num_samples=6000, num_poses=8, num_starts=24, num_rounds=1, num_kinds=4, num_turns=4
 )
-
-
-@dataclass(frozen=True)
-class Profile:
-    """A placed path, looked at closely.
-
-    Attributes:
-        placement: it, with its k + 1 points.
-        fine: the same with FINE times as many points.
-        jcn, measure: (k + 1,) condition number and the objective at the points.
-        fine_jcn, fine_measure: at the points of `fine`.
-        smallest_distance: m, of the clearance's pairs over `fine`; None without clearance.
-    """
-
-    placement: Placement
-    fine: Placement
-    jcn: Array
-    measure: Array
-    fine_jcn: Array
-    fine_measure: Array
-    smallest_distance: float | None = None
-
-    def metrics(self, key: str) -> dict[str, Any]:
-        """Means over the k + 1 points, largest values over the fine ones, and the placement."""
-        w = min(1.0, abs(float(self.placement.quaternion[0])))
-        theta = 2.0 * math.acos(w)
-        axis = self.placement.quaternion[1:] * (1.0 if self.placement.quaternion[0] >= 0 else -1.0)
-        if w < _HALF_TURN:  # both ways round are one rotation
-            axis = axis * np.sign(axis[int(first_of_least(-np.abs(axis)))])
-        length = float(np.linalg.norm(axis))
-        metrics: dict[str, Any] = {
-            "mean_jcn": float(np.mean(self.jcn)),
-            "max_jcn": float(np.max(self.fine_jcn)),
-            "mean_jcn_along_path": float(
-                np.trapezoid(self.fine_jcn, np.linspace(0.0, 1.0, len(self.fine_jcn)))
-            ),
-            "direction": _digits(self.placement.n_W),
-            "midpoint_m": _digits(self.placement.p_WM),
-            "rotation": _digits(self.placement.R_WE),
-            "angle_deg": float(_digits(math.degrees(theta))),
-            "axis": _digits(axis / length if length > 1e-12 else np.array([0.0, 0.0, 1.0])),
-            "midpoint_radius_m": float(np.hypot(*self.placement.p_WM[:2])),
-            "joints_at_midpoint_rad": _digits(self.fine.q[len(self.fine.q) // 2]),
-            "max_joint_step_rad": float(np.max(np.abs(np.diff(self.placement.q, axis=0)))),
-        }
-        if key != "jcn":
-            metrics[f"mean_{key}"] = float(np.mean(self.measure))
-            metrics[f"max_{key}"] = float(np.max(self.fine_measure))
-        if self.smallest_distance is not None:
-            metrics["smallest_distance_m"] = self.smallest_distance
-        return metrics
-
-
-@dataclass(frozen=True, eq=False)
-class PlacementResult:
-    """What `place` found.
-
-    Attributes:
-        initial: the task's guess on its branch; None without a guess that can be followed.
-        best: the best placement.
-        search: optima, starts and how the cost fell over time.
-        seconds: of the search, without imports and compilation of kernels.
-        largest_violation: of any constraint at the points, rad and m.
-        notices: sentences for the user.
-        free: the best placement whose arm hits nothing, where the task asks for no clearance and
-            the best one overlaps itself; None elsewhere.
-    """
-
-    task: PlacementTask
-    robot: Robot
-    objective: str
-    solver: str
-    seed: int
-    measure: PostureMeasure
-    initial: Profile | None
-    best: Profile
-    search: SearchResult
-    seconds: float
-    largest_violation: float
-    notices: tuple[str, ...] = field(default_factory=tuple)
-    free: Profile | None = None
-
-    def metrics(self) -> dict[str, Any]:
-        """Nested figures and the search's counts; no times among them."""
-        metrics = self.figures()
-        counts = self.counts()
-        for optimum, starts in zip(metrics["optima"], counts.pop("starts_of_optima"), strict=True):
-            optimum["starts"] = starts
-        return metrics | counts
-
-    def counts(self) -> dict[str, Any]:
-        """What the search has tried: counts that another machine's last bits may change."""
-        return {
-            "starts_of_optima": [optimum.starts for optimum in self.search.optima],
-            "starts": self.search.num_starts,
-            "starts_elsewhere": self.search.num_unassigned,
-            "candidates": self.search.num_candidates,
-            "candidates_reached": self.search.num_reached,
-        }
-
-    def figures(self) -> dict[str, Any]:
-        """What was found, the same on every machine to the digits that anyone prints."""
-        key = self.measure.key
-        figures: dict[str, Any] = {
-            "optimised": self.best.metrics(key),
-            "optima": [{f"mean_{key}": optimum.cost} for optimum in self.search.optima],
-            "largest_violation": beyond_rounding(self.largest_violation, _ROUNDING),
-        }
-        if self.initial is not None:
-            figures["initial"] = self.initial.metrics(key)
-        if self.free is not None:
-            figures["free"] = self.free.metrics(key)
-        return figures
-
-
-def _digits(values: ArrayLike) -> Array:
-    """Numbers to six decimals, and no zero with a sign: finer digits are the solver's alone."""
-    return np.asarray(np.round(np.asarray(values, dtype=np.float64), 6) + 0.0)
 
 
 def place(
@@ -272,8 +146,8 @@ def place(
     if profile is None:
         problem = "the best path found changes its branch between two points"
         raise InputError(source, "", problem, "choose another --seed or --solver")
-    own = _initial_profile(task, robot, measure, cell)
-    if task.initial is not None and own is None:
+    entry = _initial_profile(task, robot, measure, cell)
+    if task.initial is not None and entry is None:
         notices.append("the task's guess cannot be followed within the joint limits on any branch")
     if result.interrupted:
         notices.append("interrupted: the best found so far")
@@ -284,7 +158,7 @@ def place(
         solver=solver,
         seed=seed,
         measure=measure,
-        initial=own,
+        initial=entry,
         best=profile,
         search=result,
         seconds=seconds,
@@ -376,7 +250,7 @@ def _with_free(
     free: Profile | None = None
     for seed in range(result.seed, result.seed + _FREE_SEEDS):
         try:
-            found = place(
+            outcome = place(
                 task,
                 source,
                 robot,
@@ -390,8 +264,8 @@ def _with_free(
         except InputError as error:
             notices.append(f"no placement is free: {error}")
             break
-        comes = distance_of_ends(robot, cell, found.fine)
-        free = found if free is None or comes >= 0.0 else free
+        comes = distance_of_ends(robot, cell, outcome.fine)
+        free = outcome if free is None or comes >= 0.0 else free
         if comes >= 0.0:
             break
     else:
@@ -399,104 +273,6 @@ def _with_free(
             f"the free placement is free along its path; coming or going {sentence_of_ends(comes)}"
         )
     return replace(result, free=free, notices=(*result.notices, *notices))
-
-
-def write_placement(folder: OutputFolder, result: PlacementResult, settings: PlaceSettings) -> None:
-    """Writes metrics, configuration, times, the postures, figures and the recording."""
-    folder.write_json("metrics.json", result.metrics())
-    folder.write_settings("config.yaml", settings)
-    folder.write_json(
-        "timings.json",
-        {
-            "search_seconds": round(result.seconds, 3),
-            "history": [[round(t, 4), cost] for t, cost in result.search.history],
-        },
-    )
-    folder.write_text("postures.csv", _postures_csv(result))
-    draw_profiles(folder, "path", result.initial, result.best, result.measure)
-    figure, axes = new_figure(1, 1, height=3.0)
-    draw_history(axes[0, 0], result.search.history, COLOUR["after"], result.solver)
-    axes[0, 0].set_xlabel("time [s]")
-    axes[0, 0].set_ylabel(f"best {result.measure.label}, mean over the path")
-    folder.write_figure("convergence", figure)
-    # A workpiece stands where the best path is; the initial one would run through it.
-    alone = result.task.clearance is not None
-    write_placement_page(result, folder / "recording.html", "Placement", with_initial=not alone)
-
-
-def write_placement_page(
-    result: PlacementResult, path: Path, title: str, *, with_initial: bool = True
-) -> None:
-    """Writes the web page in which the arm follows the initial and the best path."""
-    motions = []
-    if with_initial and result.initial is not None:
-        motions.append(PathMotion("initial", result.initial.fine.q, result.initial.fine_jcn))
-    motions.append(PathMotion("optimised", result.best.fine.q, result.best.fine_jcn))
-    write_path_page(
-        result.robot,
-        motions,
-        path,
-        title,
-        workpiece=cell_picture(result.task.clearance, result.best.placement),
-    )
-
-
-def draw_profiles(
-    folder: OutputFolder,
-    name: str,
-    initial: Profile | None,
-    best: Profile,
-    measure: PostureMeasure,
-) -> Path:
-    """Draws the condition number (and the objective) and the joints along both paths (Fig. 8)."""
-    rows = 2 if measure.key == "jcn" else 3
-    figure, axes = new_figure(rows, 1, height=2.5 * rows, share_x=True)
-    cases = [("initial", initial, COLOUR["before"])] if initial is not None else []
-    cases.append(("optimised", best, COLOUR["after"]))
-    fine = np.linspace(0.0, 1.0, len(best.fine.q))
-    for label, profile, colour in cases:
-        if profile is None:
-            continue
-        mean, largest = np.mean(profile.jcn), np.max(profile.fine_jcn)
-        axes[0, 0].plot(
-            fine,
-            profile.fine_jcn,
-            color=colour,
-            label=f"{label} (mean {mean:.2f}, largest {largest:.2f})",
-        )
-        if rows == 3:
-            axes[1, 0].plot(fine, profile.fine_measure, color=colour)
-    log_scale(axes[0, 0], "y")
-    axes[0, 0].set_ylabel("condition number of J")
-    if rows == 3:
-        axes[1, 0].set_ylabel(measure.label)
-    ax = axes[rows - 1, 0]
-    for joint in range(best.fine.q.shape[1]):
-        colour = SERIES[joint % len(SERIES)]
-        ax.plot(fine, best.fine.q[:, joint], color=colour, label=f"$q_{{{joint + 1}}}$")
-    ax.set_ylabel("optimised joints [rad]")
-    ax.set_xlabel("part of the path")
-    ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-    figure.legend(
-        *axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=len(cases)
-    )
-    return folder.write_figure(name, figure)
-
-
-def draw_history(ax: Any, history: list[tuple[float, float]], colour: str, label: str) -> None:
-    """Draws the best cost over time, as steps, on a logarithmic axis of time."""
-    if not history:
-        return
-    t = np.array([max(time_, 1e-3) for time_, _ in history])
-    cost = np.array([cost for _, cost in history])
-    ax.step(
-        np.append(t, 1.3 * t[-1]),
-        np.append(cost, cost[-1]),
-        where="post",
-        color=colour,
-        label=label,
-    )
-    ax.set_xscale("log")
 
 
 def _check_choice(option: str, value: str, known: tuple[str, ...]) -> None:
@@ -606,14 +382,3 @@ def _explain_nothing(
         "limits, angle range, steps and clearance",
         "loosen one of them",
     )
-
-
-def _postures_csv(result: PlacementResult) -> str:
-    fine, jcn = result.best.fine, result.best.fine_jcn
-    names = [f"{name}_rad" for name in result.robot.joint_names]
-    lines = [",".join(["s", "x_m", "y_m", "z_m", *names, "jcn"])]
-    _, p = result.robot.chain.pose(fine.q)
-    for i, row in enumerate(fine.q):
-        numbers = [i / (len(fine.q) - 1), *p[i], *row, jcn[i]]
-        lines.append(",".join(repr(float(number)) for number in numbers))
-    return "\n".join(lines) + "\n"

@@ -88,8 +88,8 @@ class RedundancyResult:
         problem, key = self.problem, self.problem.measure.key
         after = problem.measure.values(self.optimised.q)
         error, _ = task(problem, self.optimised.q)
-        kept = self.constant_angles[np.isfinite(self.constant_angles)]
-        best_kept = float(np.min(kept)) if kept.size else math.nan
+        selected = self.constant_angles[np.isfinite(self.constant_angles)]
+        best_kept = float(np.min(selected)) if selected.size else math.nan
         metrics: dict[str, Any] = {
             "samples": problem.path.num_samples,
             "path_length_m": float(problem.path.distance[-1]),
@@ -109,9 +109,9 @@ class RedundancyResult:
             },
             "constant_angle": {
                 f"best_mean_{key}": best_kept,
-                f"median_mean_{key}": float(np.median(kept)) if kept.size else math.nan,
-                f"worst_mean_{key}": float(np.max(kept)) if kept.size else math.nan,
-                "angles_kept": int(kept.size),
+                f"median_mean_{key}": float(np.median(selected)) if selected.size else math.nan,
+                f"worst_mean_{key}": float(np.max(selected)) if selected.size else math.nan,
+                "angles_kept": int(selected.size),
             },
         }
         if self.initial is not None:
@@ -238,11 +238,11 @@ def _looked_at(
         notices.append("the workpiece behind a CSV is not known as a body: it is not looked at")
     progress(0.95, "clearance")
     ways = {"initial": initial, "optimised": optimised}
-    found = {
+    result = {
         name: clear_of_all(cell, problem, way) for name, way in ways.items() if way is not None
     }
-    pairs = {name: pair for name, (_, pair) in found.items()}
-    free, pair = found["optimised"]
+    pairs = {name: pair for name, (_, pair) in result.items()}
+    free, pair = result["optimised"]
     if free:
         return pairs, None
     where = (
@@ -271,18 +271,18 @@ def _refined(
     def mean(trajectory: Trajectory) -> float:
         return float(np.mean(problem.measure.values(trajectory.q)))
 
-    found = [refine(problem, on_grid.q, progress=lambda f: progress(0.8 + 0.1 * f, "refinement"))]
+    result = [refine(problem, on_grid.q, progress=lambda f: progress(0.8 + 0.1 * f, "refinement"))]
     if local is not None and problem.violation(local.q) <= 1e-7:
-        found.append(
+        result.append(
             refine(problem, local.q, progress=lambda f: progress(0.9 + 0.1 * f, "refinement"))
         )
-    best = found[int(first_of_least([problem.cost(trajectory.q) for trajectory in found]))]
+    best = result[int(first_of_least([problem.cost(trajectory.q) for trajectory in result]))]
     if local is None or problem.violation(local.q) > 1e-7:
         return best
     if better(mean(local), mean(best)):
         # Smoother than the local one, and so a little worse: here the measure comes first.
-        found.append(local)
-        best = found[int(first_of_least([mean(trajectory) for trajectory in found]))]
+        result.append(local)
+        best = result[int(first_of_least([mean(trajectory) for trajectory in result]))]
     return best
 
 
@@ -294,10 +294,10 @@ def _constant_angles(problem: RedundancyProblem, grid: Candidates) -> Array:
         if not np.all(np.any(np.isfinite(one.q[..., 0]), axis=(1, 2))):
             continue
         try:
-            kept = best_on_grid(problem, one)
+            selected = best_on_grid(problem, one)
         except InputError:
             continue
-        means[k] = float(np.mean(problem.measure.values(kept.q)))
+        means[k] = float(np.mean(problem.measure.values(selected.q)))
     return means
 
 

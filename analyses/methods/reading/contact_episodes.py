@@ -1,7 +1,7 @@
 """The contacts of a log, one after another, as they stream by.
 
-A contact that begins less than GAP after another's end is that one going on: a hand that yields for
-a moment is one contact, and so does `wrenchsight.models.signals.exceedance_tail` count.
+Contact that begins less than GAP s after the last contact ended belongs to that contact. The tail
+of the exceedances is counted in the same way (`wrenchsight.models.signals.exceedance_tail`).
 """
 
 from dataclasses import dataclass

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 
 from wrenchsight.analyses.methods.sensors.reference_config import ReferenceConfig, checked_reference
+from wrenchsight.models.contact.contact_filter import ContactConfig, ContactFrame
 from wrenchsight.models.detection.contact_detector import (
     LARGEST_RATE,
     LEAST_RATE,
@@ -27,6 +28,7 @@ LEAST_TORQUE_SD = 1e-6  # N m
 LEAST_STEP, LONGEST = 1e-4, 10.0  # s; finer grids only repeat what a log says
 PRIORS = ("live", "log")
 FLOOR_SHARE = 1.0 / 3.0
+_POSITIVE = ("force_rate", "across_sd", "standing_across_sd", "moment_sd", "error_time", "block")
 
 
 def _estimator_of_logs() -> WrenchEstimatorConfig:
@@ -66,8 +68,14 @@ class EstimateConfig:
     mcap: bool = False  # write the wrenches as ROS 2 messages too (wrench.mcap)
     reference: ReferenceConfig = field(default_factory=ReferenceConfig)  # a force sensor in the log
     detection: ContactDetectionConfig = field(default_factory=ContactDetectionConfig)
+    contact: ContactConfig = field(default_factory=ContactConfig)
+    """A contact whose direction is known: with its axis, the wrench is read at it, by a filter that
+    knows how long errors of the torque last."""
     covariance: bool = False  # add the 21 entries of the covariance to the table
     table: str = "csv"  # format of the table: csv or parquet
+    tool: bool = False
+    # the tool in robot.yaml is on the arm and known: put it on a model that was identified with
+    # another one, or without
     other_robot: bool = False
     # read even where robot.yaml says otherwise than when the model was identified; the result says
     # so
@@ -171,6 +179,17 @@ def checked_config(config: EstimateConfig, robot: Robot | None) -> EstimateConfi
     if not all(LEAST_TORQUE_SD <= sd <= LARGEST_SD for sd in config.torque_sd):
         found = f"is {config.torque_sd}, expected positive numbers from {LEAST_TORQUE_SD:g}"
         raise refuse("torque_sd", found, "give N m, one for all joints or one each")
+    if config.contact.axis:
+        ContactFrame.of(config.contact)
+        for name in _POSITIVE:
+            number = getattr(config.contact, name)
+            if not (np.isfinite(number) and number > 0.0):
+                found = f"is {number:g}, expected a positive number"
+                raise refuse(f"contact.{name}", found, "leave it out for the default")
+        if config.smooth:
+            found = "has no place where the contact's direction is known: that reading is late by "
+            found += f"{1000 * config.contact.lag:.0f} ms already"
+            raise refuse("smooth", found, "leave --smooth or --contact-axis out")
     if robot is None:
         return config
     step = observer.time_step or 1e-3  # any: that of the log is not known yet

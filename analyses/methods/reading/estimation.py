@@ -21,7 +21,6 @@ from wrenchsight.analyses.methods.reading.contact_episodes import ContactEpisode
 from wrenchsight.analyses.methods.reading.drifted_band import with_band_of
 from wrenchsight.analyses.methods.reading.estimate_config import (
     FLOOR_SHARE,
-    PRIORS,
     EstimateConfig,
     EstimateSettings,
     checked_config,
@@ -29,6 +28,12 @@ from wrenchsight.analyses.methods.reading.estimate_config import (
 )
 from wrenchsight.analyses.methods.reading.estimate_summary import EstimateSummary
 from wrenchsight.analyses.methods.reading.friction_watch import FrictionWatch
+from wrenchsight.analyses.methods.reading.known_contact import (
+    Read,
+    read_contact,
+    read_later,
+    with_known_tool,
+)
 from wrenchsight.analyses.methods.reading.sample_screen import FAULT, SampleScreen
 from wrenchsight.analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
 from wrenchsight.analyses.methods.sensors.reference_config import (
@@ -65,7 +70,7 @@ from wrenchsight.models.observers.momentum_observer import MomentumObserverConfi
 from wrenchsight.models.observers.observer_kinds import kind_name, kind_of, make_observer
 from wrenchsight.models.observers.sample_check import BEYOND
 from wrenchsight.models.recordings.position_resolution import position_resolution
-from wrenchsight.models.recordings.recording import Recording, concatenated
+from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import RecordingReader
 from wrenchsight.models.recordings.resampling import plausible_step, resample_chunks
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
@@ -147,6 +152,7 @@ def estimate_log(
             model = IdentifiedModel.nominal(robot)
         else:
             model = IdentifiedModel.load(Path(model_path), robot, config.other_robot)
+            model = with_known_tool(model, robot, config, Path(model_path))
 
         def read() -> RecordingReader:
             reader = RecordingReader(
@@ -215,7 +221,7 @@ def estimate(
             raise InputError(
                 "estimate",
                 "drift",
-                "the model does not say what its torque errs by",
+                "model.yaml states no torque error",
                 "identify it again, or leave --drift out",
             )
         stated_error = model.torque_error.with_drift(settings.estimate.drift)
@@ -234,9 +240,12 @@ def estimate(
         )
     rule = "given"
     stated = stated_prior(settings.estimate, robot)
+    if stated is None and settings.estimate.contact.axis:
+        stated, rule = live_prior(robot.payload), "live"  # no pass over the log
     if stated is not None and not _has_prior(config):
         config = replace(config, reconstruction=config.reconstruction.with_prior(*stated))
-        rule = settings.estimate.prior if settings.estimate.prior in PRIORS else "given"
+        if settings.estimate.prior == "live":
+            rule = "live"
     # A joint's friction is that of several motors where joints are coupled, and an observer of the
     # wrench leaves no friction in tau_ext.
     watches = not robot.is_coupled and (kind is None or kind.kernels.wrench is None)
@@ -304,6 +313,7 @@ def estimate(
                 _collect(beside, chunk, batch, sd, valid, robot, settled)
     episodes.finish()
     metrics = {**summary.metrics(config, rule), "smoothed": settings.estimate.smooth}
+    metrics["contact_axis"] = settings.estimate.contact.axis or None
     metrics["other_robot"] = [f"{key}: {what}" for key, what in other]
     signs = reader.sign_evidence
     metrics["drive_signs"] = None if signs is None else signs.metrics()
@@ -461,51 +471,46 @@ def _estimates(
     wide: IdentifiedModel,
     config: WrenchEstimatorConfig,
     chunks: Iterable[Recording],
-) -> Iterator[tuple[Recording, EstimateBatch, Detection, Array]]:
+) -> Iterator[Read]:
     """The log's samples, what is read of them, contact and tau_ext as a controller would see it.
 
     Wrench and contact are those that `model` reads, the band is that of `wide`.
     """
     models = [model] if wide is model else [model, wide]
     kind = _ENGINES[settings.engine]
-    engine, *others = (kind(robot, own, config, settings.detection) for own in models)
-    if not settings.smooth:
+
+    def causal(models: list[IdentifiedModel]) -> Iterator[Read]:
+        engine, *others = (kind(robot, own, config, settings.detection) for own in models)
         for chunk in chunks:
             batch, found = engine.run(chunk.q, chunk.v, chunk.current)
             for other in others:
                 batch = with_band_of(batch, other.run(chunk.q, chunk.v, chunk.current)[0])
-            yield chunk, batch, found, batch.tau_ext
-        return
+            yield Read(chunk, batch, found, batch.tau_ext)
+
+    if settings.contact.axis:
+        return read_contact(causal(models), robot, settings, config, _measured)
+    if not settings.smooth:
+        return causal(models)
     smoother, *wider = (WrenchSmoother(WrenchEstimator(robot, own, config)) for own in models)
-    ahead: tuple[Recording, Detection, Array] | None = None
-    for chunk in chunks:
-        causal, found = engine.run(chunk.q, chunk.v, chunk.current)
-        whole, tau_ext = chunk, causal.tau_ext
-        if ahead is not None:
-            whole, found = concatenated([ahead[0], chunk]), _joined(ahead[1], found)
-            tau_ext = np.concatenate([ahead[2], tau_ext])
-        ready = smoother.take(chunk.q, chunk.v, chunk.current)
+
+    def take(part: Read) -> EstimateBatch:
+        q, v, current = part.chunk.q, part.chunk.v, part.chunk.current
+        ready = smoother.take(q, v, current)
         for own in wider:
-            ready = with_band_of(ready, own.take(chunk.q, chunk.v, chunk.current))
-        count = len(ready.valid)
-        if count:
-            yield whole[:count], ready, _part(found, slice(0, count)), tau_ext[:count]
-        ahead = whole[count:], _part(found, slice(count, None)), tau_ext[count:]
-    if ahead is not None:
+            ready = with_band_of(ready, own.take(q, v, current))
+        return ready
+
+    def finish() -> EstimateBatch:
         ready = smoother.finish()
         for own in wider:
             ready = with_band_of(ready, own.finish())
-        yield ahead[0], ready, *ahead[1:]
+        return ready
+
+    return read_later(causal(models[:1]), take, finish)
 
 
-def _joined(one: Detection, other: Detection) -> Detection:
-    pairs: Any = zip(one, other, strict=True)
-    return Detection(*(np.concatenate(pair) for pair in pairs))
-
-
-def _part(found: Detection, rows: slice) -> Detection:
-    columns: Any = (column[rows] for column in found)
-    return Detection(*columns)
+def _measured(chunk: Recording, batch: EstimateBatch) -> Flags:
+    return np.asarray(~chunk.dropout & (_fault(chunk, batch) == 0))
 
 
 def _there(chunk: Recording, fault: NDArray[np.int64], tau_ext: Array, settled: int) -> Flags:
@@ -612,8 +617,8 @@ def _with_evidence(
     live_force, live_moment = live_prior(robot.payload)
     if force_sd < FLOOR_SHARE * live_force and prior.prior_force_sd is None:
         warnings.append(
-            "the log as a whole shows little force beyond the model's error: the prior is "
-            f"{FLOOR_SHARE * live_force:.3g} N, so that a short contact still reads"
+            f"the prior that explains the log best is {force_sd:.3g} N; "
+            f"{FLOOR_SHARE * live_force:.3g} N are taken, so that a short contact still reads"
         )
     force_sd = max(force_sd, FLOOR_SHARE * live_force)
     moment_sd = max(moment_sd, FLOOR_SHARE * live_moment)

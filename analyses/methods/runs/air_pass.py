@@ -173,7 +173,7 @@ def teach(
 
 
 def learn_error(
-    lesson: AirPass,
+    reference: AirPass,
     held_out: AirPass,
     robot: Robot,
     model: IdentifiedModel,
@@ -181,22 +181,22 @@ def learn_error(
 ) -> TorqueErrorModel | None:
     """What is left of the observer's error where one air pass corrects another one.
 
-    The other pass is best as far above the lesson as that is above the surface: the work differs
-    from its lesson by as much. What contact changes besides no air pass shows: `read_load` states
-    an assumption. None for an observer whose lag is not that of a gain K_0.
+    The other pass is best as far above the reference as that is above the surface: the work
+    differs from the reference by as much. What contact changes besides, no air pass shows:
+    `read_load` states an assumption. None for an observer whose lag is not that of a gain K_0.
 
     Args:
-        lesson: the pass that teaches.
+        reference: the pass whose reading is subtracted.
         held_out: another one of the same plan.
         model, config: as `teach`.
     """
-    _, first = _read(lesson, robot, model, config)
+    _, first = _read(reference, robot, model, config)
     estimator, second = _read(held_out, robot, model, config)
     K_0 = getattr(estimator.observer, "K_0", None)
     if K_0 is None:
         return None
     log = held_out.log
-    N = min(len(log.t), len(lesson.log.t))
+    N = min(len(log.t), len(reference.log.t))
     reading = HeldOutReading(
         *(second.tau_ext[:N] - first.tau_ext[:N], log.q[:N], log.v[:N], second.transmitted[:N]),
         *(log.t[:N] - log.t[0] >= LEAD, estimator.friction, log.time_step),

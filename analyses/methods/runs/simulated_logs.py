@@ -68,7 +68,7 @@ def simulate_excitation(
         num_periods: how often.
         seed: of the currents' noise.
         name: of the recording.
-        progress: told the share done.
+        progress: called with the share done.
     """
     return simulate_motion(
         robot, trajectory.joint_trajectory(num_periods), seed, name, progress=progress

@@ -378,6 +378,17 @@ def _in_motion(scenario: Scenario, path: Path, duration: float | None) -> Scenar
     return replace(scenario, motion=motion, machining=None, workpiece=None, duration=period)
 
 
+def _known_notice(scenario: Scenario) -> str:
+    """What controller and estimator know where no model is given."""
+    known = "the arm's true inertias"
+    if scenario.friction != "none":
+        known += " and a Coulomb-viscous fit of its true friction"
+    return (
+        f"without --model, controller and estimator are given {known}: "
+        "identify a model for a realistic error"
+    )
+
+
 def simulate(
     scenario: Scenario,
     robot: Robot,
@@ -414,13 +425,7 @@ def simulate(
     trajectory = make_trajectory(scenario, robot) if plan is None else plan.trajectory
     if model is None:
         model = known_model(robot, scenario, trajectory)
-        known = "the arm's true inertias"
-        if scenario.friction != "none":
-            known += " and a Coulomb-viscous fit of its true friction"
-        notices.append(
-            f"without --model, controller and estimator are given {known}: "
-            "identify a model for a realistic error"
-        )
+        notices.append(_known_notice(scenario))
     taught, reads = None, model
     if plan is not None and scenario.machining is not None and scenario.machining.air_pass > 0.0:
         seed = scenario.seed + 1

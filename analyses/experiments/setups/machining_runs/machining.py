@@ -187,7 +187,7 @@ def run_machining(
         taught: by an air pass along the plan.
         reads: the model of the estimator; None: that of OURS.
         page: where to write the arm in motion (HTML).
-        progress: told the share done.
+        progress: called with the share done.
     """
     machining, robot = scenario.machining, models.robot
     assert machining is not None
@@ -290,13 +290,15 @@ def errors_within_ways(reading: Array, truth: Array, ways: NDArray[np.int64]) ->
     Returns:
         correlation and RMSE over all ways, and `ways` with those of each.
     """
-    parts = [(reading[own], truth[own]) for own in (ways == k for k in np.unique(ways[ways > 0]))]
-    centred = [(own - own.mean(), known - known.mean()) for own, known in parts]
+    parts = [
+        (reading[entry], truth[entry]) for entry in (ways == k for k in np.unique(ways[ways > 0]))
+    ]
+    centred = [(entry - entry.mean(), known - known.mean()) for entry, known in parts]
     together = [np.concatenate(signal) for signal in zip(*centred, strict=True)]
     wanted = ("correlation", "rmse_n")
     each = [errors(*pair) for pair in centred]
     return {key: errors(together[0], together[1])[key] for key in wanted} | {
-        "ways": {key: [own[key] for own in each] for key in wanted}
+        "ways": {key: [entry[key] for entry in each] for key in wanted}
     }
 
 

@@ -76,12 +76,12 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
     for feed in feeds:
         one_way = feed * (QUICK_SHARE if context.quick else 1.0)
         runs: dict[str, MachiningRun] = {}
-        plan, lesson = None, None
+        plan, air_passes = None, None
         for feedback, scenario in scenarios.items():
             assert scenario.machining is not None
             process = scenario.machining.process
             varies = replace(process.variations, seed=process.variations.seed + context.seed)
-            own = replace(
+            entry = replace(
                 scenario,
                 seed=scenario.seed + context.seed,
                 machining=replace(
@@ -91,18 +91,18 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
                 ),
             )
 
-            def told(share: float, what: str, start: float = done, feed: float = feed) -> None:
+            def report(share: float, what: str, start: float = done, feed: float = feed) -> None:
                 place = (start + share * feed) / total
                 context.progress(0.1 + 0.85 * place, f"{what}, {feed:g} s one way")
 
-            if plan is None or lesson is None:  # the same for both
-                plan = make_machining_path(own, robot)
-                lesson = learn_air_passes(
-                    own, robot, models.models[OURS], plan, _AIR_SEED + context.seed
+            if plan is None or air_passes is None:  # the same for both
+                plan = make_machining_path(entry, robot)
+                air_passes = learn_air_passes(
+                    entry, robot, models.models[OURS], plan, _AIR_SEED + context.seed
                 )
             with_picture = context.draws and feedback == "estimate" and feed == FEEDS[0]
             runs[feedback] = run_machining(
-                own, models, plan, *lesson, picture if with_picture else None, told
+                entry, models, plan, *air_passes, picture if with_picture else None, report
             )
             done += feed
             if not runs[feedback].steady.any():
@@ -159,10 +159,10 @@ def feed_metrics(
     for key in ("correlation", "rmse_n"):
         out[key] = out["article"][key]
     out["steady_share"] = float(steady.sum() / working.sum())
-    out["band"] = {feedback: band_shares(own) for feedback, own in runs.items()}
-    out["regulation"] = {feedback: regulation(own) for feedback, own in runs.items()}
+    out["band"] = {feedback: band_shares(entry) for feedback, entry in runs.items()}
+    out["regulation"] = {feedback: regulation(entry) for feedback, entry in runs.items()}
     out["fault"] = {
-        feedback: FAULT_SENTENCES.get(own.fault, "none") for feedback, own in runs.items()
+        feedback: FAULT_SENTENCES.get(entry.fault, "none") for feedback, entry in runs.items()
     }
     return out
 

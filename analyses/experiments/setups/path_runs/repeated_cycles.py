@@ -126,11 +126,11 @@ def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCyc
     torque_rms: dict[str, Array] = {}
     for k, path in enumerate(PATHS):
 
-        def told(share: float, what: str, k: int = k) -> None:
+        def report(share: float, what: str, k: int = k) -> None:
             context.progress(0.05 + 0.85 * (k + share) / len(PATHS), what)
 
         moved = on_path(scenario, robot, *task_path(robot, path))
-        run = run_task(moved, robot, path, told).between(motion.lead_in)
+        run = run_task(moved, robot, path, report).between(motion.lead_in)
         runs[path] = run
         torque = repetition_torque(run.recording, robot, period, K_0)
         torque_rms[path] = np.sqrt(np.mean(torque**2, axis=0))
@@ -155,7 +155,7 @@ def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCyc
 
 def cycle_metrics(cycles: RepeatedCycles) -> dict[str, Any]:
     """Figures by variant; the article's reductions on top; ours against the article's method."""
-    metrics: dict[str, Any] = {key: own.metrics() for key, own in cycles.readings.items()}
+    metrics: dict[str, Any] = {key: entry.metrics() for key, entry in cycles.readings.items()}
     before, after = metrics[BEFORE], metrics[AFTER]
     metrics["found_against_initial"] = reductions(before, metrics["found"])
     metrics["filtered"] = reductions(metrics["initial_filtered"], metrics["optimised_filtered"])

@@ -48,7 +48,7 @@ def repetition_errors(
         gains: K_0.
         seed: of the noise.
         quick: a shorter log for the identification, and one posture.
-        progress: told the share done.
+        progress: called with the share done.
     """
     postures = np.asarray(robot.home) + np.asarray(POSTURES[1:2] if quick else POSTURES[1:3])
     # The first of the two as in `wrenchsight.analyses.experiments.setups.simulated_arm.arm_models`.

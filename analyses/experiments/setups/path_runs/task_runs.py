@@ -193,7 +193,7 @@ def run_task(
         scenario: what happens.
         robot: with its simulated truth.
         name: of the run.
-        progress: told the share done.
+        progress: called with the share done.
     """
     nominal = IdentifiedModel.nominal(robot)
     if is_free(scenario):
@@ -330,28 +330,28 @@ def read_repetition(
     errors = {reader.error.K_0: reader.error for reader in readers}
     tau_ext = {K_0: repetition_torque(log, robot, period, K_0) for K_0 in errors}
     torque_sd = {
-        K_0: own.sd(log.q, log.v, tau_ext[K_0], period, step) for K_0, own in errors.items()
+        K_0: entry.sd(log.q, log.v, tau_ext[K_0], period, step) for K_0, entry in errors.items()
     }
-    lags = [LagPower.of(own.error.K_0, step, HAND_HZ) for own in readers]
+    lags = [LagPower.of(entry.error.K_0, step, HAND_HZ) for entry in readers]
     late = [lag.initial_state() for lag in lags]
     q, t = log.q[period:], log.t[period:]
     force, sd = np.empty((2, len(readers), len(q), 3))
     for start in range(0, len(q), _BLOCK):
         rows = slice(start, start + _BLOCK)
         J = np.asarray(robot.chain.jacobian(q[rows]))
-        for k, (own, lag) in enumerate(zip(readers, lags, strict=True)):
-            K_0 = own.error.K_0
+        for k, (entry, lag) in enumerate(zip(readers, lags, strict=True)):
+            K_0 = entry.error.K_0
             tau = tau_ext[K_0][rows]
-            part = _reconstructed(own, J, tau, torque_sd[K_0][rows])
+            part = _reconstructed(entry, J, tau, torque_sd[K_0][rows])
             if K_0 is not None:
-                still = _reconstructed(own, J, tau, np.broadcast_to(own.error.noise, tau.shape))
+                still = _reconstructed(entry, J, tau, np.broadcast_to(entry.error.noise, tau.shape))
                 noise = np.diagonal(still.covariance, axis1=1, axis2=2)
                 lag.add(late[k], part.wrench, noise, part.covariance)
             force[k, rows] = part.wrench[:, 3:]
             sd[k, rows] = np.sqrt(np.diagonal(part.covariance, axis1=1, axis2=2)[:, 3:])
     return [
-        ForceReading(own.name, t - t[0], force[k], sd[k], run.reference[period:])
-        for k, own in enumerate(readers)
+        ForceReading(entry.name, t - t[0], force[k], sd[k], run.reference[period:])
+        for k, entry in enumerate(readers)
     ]
 
 

@@ -202,7 +202,7 @@ def identify_arm(
         robot: with its simulated truth.
         seed: of the noise and of the training.
         quick: shorter logs, fewer postures.
-        progress: told the share done.
+        progress: called with the share done.
         contact_noise: of `identify`; only contact detection reads it.
     """
     arguments = robot, seed, quick, contact_noise

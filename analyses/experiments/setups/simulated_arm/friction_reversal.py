@@ -110,7 +110,7 @@ def separate_recordings(
     if joints is not None and len(joints) != len(recordings):
         raise ValueError("one joint per recording expected")
     chain = model.chain(robot)
-    found: list[list[ReversalSamples]] = [[] for _ in robot.joint_names]
+    result: list[list[ReversalSamples]] = [[] for _ in robot.joint_names]
     for k, recording in enumerate(recordings):
         step = float(f"{recording.time_step:.3g}")
         uniform = resampled(recording, step)
@@ -121,8 +121,8 @@ def separate_recordings(
         q, v, tau = low_pass(uniform.q), low_pass(uniform.v), low_pass(tau)
         signals = uniform.t, q, v, derivative(v, step), tau
         for j in range(robot.num_joints) if joints is None else (joints[k],):
-            found[j].append(separate(chain, *signals, j, REST, 1.0 / cutoff))
-    return SeparatedFriction(robot.joint_names, tuple(_joined(j, s) for j, s in enumerate(found)))
+            result[j].append(separate(chain, *signals, j, REST, 1.0 / cutoff))
+    return SeparatedFriction(robot.joint_names, tuple(_joined(j, s) for j, s in enumerate(result)))
 
 
 def reversal_recordings(
@@ -141,7 +141,7 @@ def reversal_recordings(
         postures: (K, n) rad, in which the passes meet.
         speeds: rad/s of the passes.
         seed: of the noise.
-        progress: told the share done.
+        progress: called with the share done.
         period: s, of the passes; slow ones need a long one, or the drives' own compliance takes up
             the whole travel.
         ways: (K, n) or (n,) share of the motion that each joint makes, with its sign; None: signs

@@ -45,7 +45,7 @@ def identify_simulated_arm(
         seed: of the noise.
         num_periods: of each excitation.
         config: of the identification.
-        progress: told the share done.
+        progress: called with the share done.
         contact_noise: of `identify`; a world of a campaign, whose model nobody keeps, has none.
     """
     arguments = robot, seed, num_periods, config, contact_noise
@@ -90,8 +90,8 @@ def inertial_error(robot: Robot, model: IdentifiedModel, number: int = 2) -> tup
     trajectory = stored_excitation(robot, number)
     motion = trajectory.sample(np.arange(1000) * trajectory.period / 1000)
     true = robot.chain.inverse_dynamics(*motion)
-    found = model.chain(robot).inverse_dynamics(*motion)
-    return _rms(found - true), _rms(true)
+    result = model.chain(robot).inverse_dynamics(*motion)
+    return _rms(result - true), _rms(true)
 
 
 def with_known_friction(

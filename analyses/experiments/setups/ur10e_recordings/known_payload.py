@@ -207,27 +207,27 @@ def read_at_load(
     learnt, test = slice(margin, until), slice(until, -margin)
     R_WE, _ = robot.chain.pose(loaded.q)
     every = slice(learnt.start, learnt.stop, LEARNING_STRIDE)
-    found = find_point_of_action(
+    result = find_point_of_action(
         batch.J[every], R_WE[every], batch.tau_ext[every], Sigma_tau, with_mean, free_noise
     )
-    J = jacobian_at(batch.J, R_WE, found.p_EP)
-    Sigma = found.noise_scale**2 * Sigma_tau
-    own = found.force_sd, found.moment_sd
+    J = jacobian_at(batch.J, R_WE, result.p_EP)
+    Sigma = result.noise_scale**2 * Sigma_tau
+    entry = result.force_sd, result.moment_sd
     zero_mean = evidence_prior(J[learnt], batch.tau_ext[learnt], Sigma)
-    expected = J[:, 3:].transpose(0, 2, 1) @ found.mean_force_W
+    expected = J[:, 3:].transpose(0, 2, 1) @ result.mean_force_W
     plain = batch.tau_ext
     readings = {}
     for name, config, tau, mean in (
-        ("bayesian", METHODS["bayesian"].with_prior(*own), plain - expected, found.mean_force_W),
+        ("bayesian", METHODS["bayesian"].with_prior(*entry), plain - expected, result.mean_force_W),
         ("bayesian_zero_mean", METHODS["bayesian"].with_prior(*zero_mean), plain, np.zeros(3)),
         ("force_only", METHODS["force_only"].with_prior(*zero_mean), plain, np.zeros(3)),
     ):
         estimate = WrenchReconstruction(config, Sigma).reconstruct(J[test], tau[test])
         estimate.wrench[:, 3:] += mean
         readings[name] = Reading.of(estimate, slice(None))
-    direction = payload_reference(robot, loaded, REFERENCE_CUTOFF, found.p_EP).direction[test]
+    direction = payload_reference(robot, loaded, REFERENCE_CUTOFF, result.p_EP).direction[test]
     t = loaded.t[test] - loaded.t[0]
-    return AtLoad(t, found, zero_mean, readings, Reference(direction))
+    return AtLoad(t, result, zero_mean, readings, Reference(direction))
 
 
 def estimate_run(

@@ -39,7 +39,7 @@ def test_a_plain_law_learns_much_a_rich_one_little(result: ExperimentResult) -> 
 
 
 def test_eq_4_needs_no_friction_law(result: ExperimentResult) -> None:
-    """Torque less torque leaves what the lesson leaves of the poorest law, to the few percent by
+    """Torque less torque leaves what the first pass leaves of the poorest law, to a few percent by
     which slip at other instants counts."""
     none, plain = result.metrics[NONE], result.metrics["coulomb_viscous"]
     assert none["plain"]["torque_rmse_nm"][1] > 2.0 * plain["plain"]["torque_rmse_nm"][1]

@@ -13,7 +13,7 @@ from wrenchsight.analyses.experiments.ur10e_contact.contact_runs import (
     find_runs,
     read_run,
     rounded_corners,
-    tool_chain,
+    tooled,
 )
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.robot.robot import Robot
@@ -87,13 +87,13 @@ def test_the_ramp_has_its_five_corners(data: Callable[[str], Path]) -> None:
     edges = np.diff(run.corners.astype(int))
     # Corners 3 to 5 lie within 0.27 s of each other, so that their surroundings touch.
     assert 2 <= np.count_nonzero(edges == 1) <= len(BLENDS)
-    assert np.abs(np.diff(run.v, axis=0)).max() < 0.2  # rad/s a sample; before: 2.5
+    assert np.abs(np.diff(run.log.v, axis=0)).max() < 0.2  # rad/s a sample; before: 2.5
 
 
 def test_the_tool_presses_along_its_z_axis(ur10e: Robot) -> None:
     """At the first hold of the straight runs the tool points down."""
     q = np.array([-0.643, -1.446, 2.025, -2.150, -1.571, -1.690])
-    R_WE, p_WE = tool_chain(ur10e, "acf").pose(q)
+    R_WE, p_WE = tooled(ur10e, "acf").chain.pose(q)
     np.testing.assert_allclose(R_WE[:, 2], [0.0, 0.0, -1.0], atol=2e-3)
     _, flange = ur10e.chain.pose(q)
     assert flange[2] - p_WE[2] == pytest.approx(0.2774, abs=1e-3)

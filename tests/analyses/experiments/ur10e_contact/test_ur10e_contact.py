@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import FITTED, VALIDATED
 from wrenchsight.analyses.experiments.ur10e_contact.contact_runs import (
     CONTROLLERS,
     INTERVALS,
@@ -30,9 +31,11 @@ def result(
 ) -> ExperimentResult:
     """The experiment on four of the runs, which a folder of links shows it."""
     names = [f"ur10e_contact/{stem}.csv" for stem in _RUNS]
+    names += [f"ur10e/{name}" for name in (*FITTED, *VALIDATED.values())]
     root = data_holding(*names)
     own = tmp_path_factory.mktemp("data")
     (own / "ur10e_contact").mkdir()
+    (own / "ur10e").mkdir()
     for name in names:
         (own / name).symlink_to(root / name)
     out = tmp_path_factory.mktemp("out")
@@ -61,6 +64,13 @@ def test_slides_are_read_within_newtons(result: ExperimentResult) -> None:
     assert result.metrics["ramp_acf"]["v10"]["slide"]["no_sensor"]["rmse_n"] < 5.0
 
 
+def test_the_command_reads_what_the_experiment_does(result: ExperimentResult) -> None:
+    """The same reading; masses are those identified on another specimen instead of published."""
+    for kind, bound in (("slide", 5.0), ("rest", 8.0)):
+        assert result.metrics["summary"]["command"][kind]["rmse_n"] < bound
+        assert result.metrics["summary"]["command"][kind]["inside_95_pct"] > 80.0
+
+
 def test_only_methods_with_a_band_are_held_to_it(result: ExperimentResult) -> None:
     for interval in JUDGED:
         kind = result.metrics["straight_ur"]["v25"][interval]
@@ -78,10 +88,10 @@ def test_the_target_currents_mislead_at_the_first_hold_of_force_control(
 
 
 def test_figures_and_rows(result: ExperimentResult) -> None:
-    assert len(result.figures) == 3
+    assert len(result.figures) == 2
     keys = [row.key for row in result.comparison]
     assert "summary.no_sensor.straight_slide_v25.rmse_n" in keys
     assert "ramp_acf.v10.slide.calibrated.rmse_n" in keys
     assert not any("ramp_ur" in key for key in keys)  # of which there is no run here
     assert result.notes
-    assert EXPERIMENT.needs == ("ur10e_contact",)
+    assert EXPERIMENT.needs == ("ur10e_contact", "ur10e")

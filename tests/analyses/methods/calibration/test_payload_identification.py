@@ -63,7 +63,7 @@ def test_a_load_is_found(ur10e, model):
     # The log's noise is far below what the model states: well inside its errors.
     assert load.mass == pytest.approx(2.0, abs=load.standard_deviation[0])
     np.testing.assert_allclose(load.com, COM, atol=float(load.standard_deviation[1:4].max()))
-    assert found.com_told.all()
+    assert found.com_observable.all()
 
 
 def test_the_model_with_the_load_explains_the_log(ur10e, model):

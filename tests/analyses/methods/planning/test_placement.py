@@ -10,12 +10,8 @@ import yaml
 from typer.testing import CliRunner
 
 from wrenchsight.analyses.__main__ import app
-from wrenchsight.analyses.methods.planning.placement import (
-    EFFORT_NUMERIC,
-    PlacementResult,
-    place,
-    place_task,
-)
+from wrenchsight.analyses.methods.planning.placement import EFFORT_NUMERIC, place, place_task
+from wrenchsight.analyses.methods.planning.placement_result import PlacementResult
 from wrenchsight.analyses.output.result_marker import MARKER
 from wrenchsight.diagrams.distances.clearance import Clearance
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior

@@ -1,0 +1,204 @@
+"""The wrench at a contact of known direction, from what the estimator's observer reads.
+
+The observer's reading is the external torque through K_0 / (s + K_0), exactly in discrete time
+(`models.observers.momentum_observer`). Undone, it is the mean of the external torque over each
+period; means of these over blocks go to the filter of `models.contact.contact_filter`, with the sd
+that the model states of each joint's torque.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.contact.contact_filter import (
+    Block,
+    ContactConfig,
+    ContactFilter,
+    ContactFrame,
+)
+from wrenchsight.models.estimation.estimator import EstimateBatch
+from wrenchsight.models.estimation.wrench import TRUSTED_SHARE
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.signals.undone_low_pass import undone_low_pass
+
+
+class _Samples:
+    """N samples that wait for the filter, or for what comes after them.
+
+    Attributes:
+        batch: what the estimator read.
+        wrench_map: (N, 6, 6) as `ContactFrame.wrench_map`.
+        tau_ext: (N, n) N m, mean over the period before each sample.
+        J: (N, 6, n).
+        speed: (N,) m/s, of E.
+        known: (N,) whether the sample and the one before were measured.
+    """
+
+    def __init__(
+        self,
+        batch: EstimateBatch,
+        wrench_map: Array,
+        tau_ext: Array,
+        J: Array,
+        speed: Array,
+        known: Flags,
+    ) -> None:
+        self.batch, self.wrench_map, self.tau_ext = batch, wrench_map, tau_ext
+        self.J, self.speed, self.known = J, speed, known
+
+    def block(self, rows: slice) -> Block:
+        """These samples as one block."""
+        tau_ext = self.tau_ext[rows]
+        H = np.einsum("kai,kaj->kij", self.J[rows], self.wrench_map[rows])
+        return Block(
+            tau_ext=tau_ext.mean(axis=0),
+            H=H.mean(axis=0),
+            sd=np.sqrt(np.mean(self.batch.torque_sd[rows] ** 2, axis=0)),
+            tool_speed=float(self.speed[rows].mean()),
+            spread=tau_ext.std(axis=0),
+            known=bool(self.known[rows].all()),
+        )
+
+    def rows(self, rows: slice) -> "_Samples":
+        """Some of them."""
+        columns: Any = (column[rows] for column in self.batch)
+        own: Any = (self.wrench_map, self.tau_ext, self.J, self.speed, self.known)
+        return _Samples(EstimateBatch(*columns), *(signal[rows] for signal in own))
+
+    def joined(self, after: "_Samples") -> "_Samples":
+        """These and the ones after."""
+        pairs: Any = zip(self.batch, after.batch, strict=True)
+        own: Any = (self.wrench_map, self.tau_ext, self.J, self.speed, self.known)
+        other: Any = (after.wrench_map, after.tau_ext, after.J, after.speed, after.known)
+        return _Samples(
+            EstimateBatch(*(np.concatenate(pair) for pair in pairs)),
+            *(np.concatenate(pair) for pair in zip(own, other, strict=True)),
+        )
+
+
+class ContactReader:
+    """Reads a log that comes in parts; each sample some blocks later.
+
+        reader = ContactReader(chain, K_0, time_step, force_sd, config)
+        for part in log:
+            ready = reader.take(q, v, known, batch)   # of samples before; may be none
+        rest = reader.finish()
+
+    together are the log's samples, one by one. Of what a batch holds, wrench, covariance and valid
+    are those at the contact; a reading counts as valid where the motion is known and the sd along
+    the axis is at most `largest_sd`.
+
+    Args:
+        chain: with E.
+        K_0: (n,) 1/s, of the observer that read tau_ext; None for one without such a lag.
+        time_step: s between samples.
+        force_sd: N, of a force of which nothing is known.
+        config: what is known of the contact.
+        largest_sd: N; None: a third of force_sd.
+
+    Raises:
+        InputError: an axis or a point that is none, an observer without a K_0.
+    """
+
+    def __init__(
+        self,
+        chain: SerialChain,
+        K_0: Array | None,
+        time_step: float,
+        force_sd: float,
+        config: ContactConfig,
+        largest_sd: float | None = None,
+    ) -> None:
+        if K_0 is None:
+            problem = "needs the momentum observer's reading of the torque"
+            raise InputError("estimate", "--contact-axis", problem, "give --observer momentum")
+        self._chain, self._frame = chain, ContactFrame.of(config)
+        self._pole = np.exp(-np.asarray(K_0, float) * time_step)
+        self._rest_speed, self._kept = config.rest_speed, config.rest_share
+        self._size = max(round(config.block / time_step), 1)
+        period = self._size * time_step
+        self._filter = ContactFilter(config, force_sd, len(self._pole), period)
+        self._largest_sd = TRUSTED_SHARE * force_sd if largest_sd is None else largest_sd
+        self._last: tuple[Array, bool] = (np.zeros(len(self._pole)), False)
+        self._waiting: _Samples | None = None  # samples that are not read yet
+        self._filtered = 0  # of them, how many the filter has
+
+    def take(
+        self, q: Array, v: Array, tau_J: Array, known: Flags, batch: EstimateBatch
+    ) -> EstimateBatch:
+        """Takes N samples.
+
+        Args:
+            q, v: (N, n) rad, rad/s.
+            tau_J: (N, n) N m, motor torque on the joint side.
+            known: (N,) False where the sample was not measured.
+            batch: what the estimator read of them.
+        """
+        self._add(q, v, tau_J, known, batch)
+        return self._read(last=False)
+
+    def finish(self) -> EstimateBatch:
+        """Returns the samples that are left."""
+        assert self._waiting is not None, "no sample was taken"
+        return self._read(last=True)
+
+    def _add(self, q: Array, v: Array, tau_J: Array, known: Flags, batch: EstimateBatch) -> None:
+        finite = np.asarray(np.isfinite(q + v).all(axis=1))
+        seen = np.asarray(np.isfinite(batch.tau_ext).all(axis=1))
+        known = known & finite & seen
+        tau_ext = np.where(known[:, None], batch.tau_ext, 0.0)
+        there: Flags = np.concatenate([[self._last[1]], known])
+        raw, both = undone_low_pass(
+            np.concatenate([self._last[0][None], tau_ext]), self._pole, there
+        )
+        raw, pair = raw[1:], both[1:]
+        self._last = (tau_ext[-1], bool(known[-1])) if len(known) else self._last
+        # Whatever the law remembers, a joint at rest may carry any friction: none is expected.
+        resting = pair[:, None] & (np.abs(v) < self._rest_speed)
+        raw = raw - np.where(resting, (1.0 - self._kept) * (tau_J - batch.transmitted), 0.0)
+        R_WE, _ = self._chain.pose(np.where(finite[:, None], q, 0.0))
+        J = np.where(pair[:, None, None], batch.J, 0.0)
+        speed = np.einsum("kaj,kj->ka", J[:, 3:], np.where(finite[:, None], v, 0.0))
+        new = _Samples(
+            batch, self._frame.wrench_map(R_WE), raw, J, np.linalg.norm(speed, axis=1), pair
+        )
+        self._waiting = new if self._waiting is None else self._waiting.joined(new)
+
+    def _read(self, last: bool) -> EstimateBatch:
+        """Filters all whole blocks, at the end a shorter one too, and returns what is read."""
+        samples, size, lag = self._waiting, self._size, self._filter.lag
+        assert samples is not None
+        N = len(samples.known)
+        stop = N if last else N - (N - self._filtered) % size
+        starts = np.arange(self._filtered, stop, size)
+        read: list[tuple[Array, Array]] = []
+        for start in starts:
+            self._filter.take(samples.block(slice(start, min(start + size, stop))))
+            if start // size >= lag:
+                read.append(self._filter.read(lag))
+        if last:
+            total = -(-N // size)
+            read += [self._filter.read(past) for past in range(min(lag, total) - 1, -1, -1)]
+        self._filtered = int(stop)
+        count = min(len(read) * size, N)
+        blocks = np.minimum(np.arange(count) // size, max(len(read) - 1, 0))
+        ready, left = samples.rows(slice(0, count)), samples.rows(slice(count, None))
+        self._waiting, self._filtered = left, self._filtered - count
+        return self._wrenches(ready, read, blocks)
+
+    def _wrenches(
+        self, samples: "_Samples", read: list[tuple[Array, Array]], blocks: NDArray[np.intp]
+    ) -> EstimateBatch:
+        F = np.array([x for x, _ in read]).reshape(-1, 6)[blocks]
+        P = np.array([P for _, P in read]).reshape(-1, 6, 6)[blocks]
+        A = samples.wrench_map
+        covariance = A @ P @ A.transpose(0, 2, 1)
+        sure = np.sqrt(P[:, 0, 0]) <= self._largest_sd
+        return samples.batch._replace(
+            wrench=np.einsum("kij,kj->ki", A, F),
+            covariance=covariance,
+            valid=samples.known & sure,
+        )
