@@ -54,7 +54,7 @@ lint: .venv/.ready-lint
 # Spoilt inputs of seeds that nobody has seen, and doubles of any bits in every estimator: COUNT, SEED.
 fuzz: .venv/.ready-test
 	PYTHONPATH=tests/fuzz $(BIN)/python -m fuzzing --count $(COUNT) --seed $(SEED) --keep out/fuzz
-	PYTHONPATH=tests/fuzz $(BIN)/python -m fuzzing.random_samples --seed $(SEED)
+	PYTHONPATH=tests/fuzz:tests/sample_models $(BIN)/python -m fuzzing.random_samples --seed $(SEED)
 
 # Commands that are ended at random moments.
 kills: .venv/.ready-test

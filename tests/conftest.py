@@ -34,10 +34,32 @@ _WHEEL: dict[str, tuple[str, str, str, dict[str, float]]] = {
 }
 
 
+# An estimator's and a posture's in turn.
+_COMPILING = (
+    "models/estimation/test_estimator.py",
+    "models/motion/test_posture_measures.py",
+    "diagrams/test_fused_estimator.py",
+    "models/motion/test_path_postures.py",
+    "systems/test_trusted_wrench_reading.py",
+    "models/motion/test_redundancy.py",
+    "diagrams/test_observers_everywhere.py",
+    "models/truth/test_free_arm.py",
+    "models/estimation/test_wrench.py",
+    "models/placement/test_placement_program.py",
+)
+
+
+@pytest.hookimpl(trylast=True)  # of the tests that were not deselected
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files with slow tests first: no worker begins one when the others are about to end."""
+    """Sets the order of the files, which workers take from the front.
+
+    First those that compile the most kernels: one worker begins with the estimator's, the other
+    with those of postures, so that neither compiles what the other does. Then those with slow
+    tests, so that no worker begins one when the others are about to end.
+    """
     slow = {item.path for item in items if item.get_closest_marker("slow") is not None}
-    items.sort(key=lambda item: item.path not in slow)
+    first = {ROOT / "tests" / file: place for place, file in enumerate(_COMPILING)}
+    items.sort(key=lambda item: (first.get(item.path, len(first)), item.path not in slow))
 
 
 # Shared work --------------------------------------------------------------------------------------

@@ -12,13 +12,10 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import LogVectorOutput
+from played_logs import played
 
 from wrenchsight.analyses.methods.learning.identification import identify
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
-from wrenchsight.diagrams.estimator import add_estimator
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.estimator import (
     EstimateBatch,
@@ -49,10 +46,8 @@ from wrenchsight.models.recordings.recording_format import RecordingFormat
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.recording_writer import write_recording
 from wrenchsight.models.robot.robot import Robot
-from wrenchsight.systems.recording_player import RecordingPlayer, Samples
 
 T = 1e-3
-OUTPUTS = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
 
 
 # An observer --------------------------------------------------------------------------------------
@@ -224,25 +219,6 @@ def ticks(
     return np.array([estimator.step(state, *sample).wrench for sample in zip(*log, strict=True)])
 
 
-def in_diagram(
-    robot: Robot,
-    model: IdentifiedModel,
-    config: WrenchEstimatorConfig,
-    log: tuple[Array, ...],
-    fused: bool,
-) -> dict[str, Array]:
-    builder = DiagramBuilder()
-    player = builder.AddSystem(RecordingPlayer(robot.num_joints, T))
-    ports = {name: player.GetOutputPort(name) for name in ("q", "v", "current")}
-    estimator = add_estimator(builder, robot, model, config, **ports, fused=fused)
-    sinks = {name: LogVectorOutput(estimator.GetOutputPort(name), builder, T) for name in OUTPUTS}
-    simulator = Simulator(builder.Build())
-    context = simulator.get_mutable_context()
-    player.load(player.GetMyMutableContextFromRoot(context), Samples(*log))
-    simulator.AdvanceTo((len(log[0]) - 0.5) * T)
-    return {name: sink.FindLog(context).data().T for name, sink in sinks.items()}
-
-
 def assert_alike_everywhere(
     robot: Robot, model: IdentifiedModel, config: WrenchEstimatorConfig
 ) -> EstimateBatch:
@@ -254,7 +230,7 @@ def assert_alike_everywhere(
     close = {"rtol": 0.0, "atol": 1e-9}  # what is asked of two engines
     np.testing.assert_allclose(ticks(robot, model, config, log), found.wrench, **close)
     for fused in (False, True):
-        seen = in_diagram(robot, model, config, log, fused)
+        seen = played(robot, model, config, log, fused=fused)
         np.testing.assert_allclose(seen["tau_ext"], found.tau_ext, **close)
         np.testing.assert_allclose(seen["wrench"], found.wrench, **close)
         np.testing.assert_array_equal(seen["valid"][:, 0] == 1.0, found.valid)

@@ -57,7 +57,7 @@ _HOME = {
     "excite_robot": "wrenchsight.analyses.methods.planning.excitation",
     "place_task": "wrenchsight.analyses.methods.planning.placement",
     "PlacementResult": "wrenchsight.analyses.methods.planning.placement_result",
-    "SimulationResult": "wrenchsight.analyses.methods.runs.simulation",
+    "SimulationResult": "wrenchsight.analyses.methods.runs.simulation_result",
     "simulate": "wrenchsight.analyses.methods.runs.simulation",
     "FourierMotion": "wrenchsight.diagrams.scenario",
     "excite": "wrenchsight.analyses.methods.planning.excitation",

@@ -27,8 +27,8 @@ from wrenchsight.analyses.methods.planning.placement_result import (
 from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig as EstimateConfig
 from wrenchsight.analyses.methods.reading.estimation import EstimateResult as EstimateResult
 from wrenchsight.analyses.methods.reading.estimation import estimate_log as estimate_log
-from wrenchsight.analyses.methods.runs.simulation import SimulationResult as SimulationResult
 from wrenchsight.analyses.methods.runs.simulation import simulate as simulate
+from wrenchsight.analyses.methods.runs.simulation_result import SimulationResult as SimulationResult
 from wrenchsight.diagrams.closed_loop import ClosedLoop as ClosedLoop
 from wrenchsight.diagrams.closed_loop import make_closed_loop as make_closed_loop
 from wrenchsight.diagrams.estimator import add_estimator as add_estimator
@@ -77,5 +77,3 @@ from wrenchsight.models.robot.robot import Robot as Robot
 from wrenchsight.models.robot.robot import bundled_robots as bundled_robots
 
 __version__: str
-
-def refuse_shadows() -> None: ...

@@ -5,8 +5,11 @@ to another. A world that takes every worker down that it is given to is a failur
 """
 
 import ctypes
+import logging
 import os
+import re
 import signal
+import socket
 import sys
 from collections import deque
 from collections.abc import Generator, Iterator, Sequence
@@ -20,7 +23,11 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.truth.worlds import draw_world
 
 KILLED: Final = "its process was killed, or crashed, each time"
-_CONNECT: Final = 20  # s in which a scheduler answers
+_CONNECT: Final = 10  # s in which a scheduler answers
+_ADDRESS: Final = re.compile(
+    r"((tcp|tls)://)?(?P<host>\[[0-9a-fA-F:.]+\]|[\w.-]+):(?P<port>\d{1,5})"
+)
+_START_ONE: Final = "start one with `dask scheduler`, workers with `dask worker ADDRESS`"
 _KEPT: Final = {"MALLOC_MMAP_THRESHOLD_": str(2**30), "MALLOC_TRIM_THRESHOLD_": str(2**34)}
 """Environment in which glibc keeps what is freed: pages that come anew from the system each time
 take a twelfth of a world's processor time."""
@@ -81,11 +88,15 @@ def on_cluster(tasks: Sequence[WorldTask], address: str) -> Generator[WorldOutco
     except ImportError:
         problem, remedy = "needs the package distributed", "pip install 'wrenchsight[cluster]'"
         raise InputError("--cluster", "", problem, remedy) from None
+    _refuse_silent(address)
+    for library in ("distributed", "tornado", "asyncio"):
+        logging.getLogger(library).setLevel(logging.CRITICAL + 1)  # what fails is said in one line
     try:
         client = Client(address, timeout=_CONNECT, set_as_default=False)
-    except (OSError, ValueError, TimeoutError):
-        remedy = "start one with `dask scheduler`, workers with `dask worker ADDRESS`"
-        raise InputError("--cluster", "", f"no scheduler answers at {address}", remedy) from None
+    except Exception as error:  # of the transport's kind: no certificates, another protocol
+        reason = f"{type(error).__name__}: {error}"
+        problem = f"no scheduler answers at {address} ({reason[:200]})"
+        raise InputError("--cluster", "", problem, _START_ONE) from None
     with client:
         if not client.scheduler_info()["workers"]:
             remedy = f"start them with `dask worker {address}`"
@@ -108,6 +119,28 @@ def on_cluster(tasks: Sequence[WorldTask], address: str) -> Generator[WorldOutco
         finally:
             with suppress(Exception):  # the scheduler may be what has gone
                 client.cancel(list(futures), force=True)
+
+
+def _refuse_silent(address: str) -> None:
+    """Refuses an address where nothing listens, at once: the library would go on trying.
+
+    Raises:
+        InputError: it is no address, or nobody answers there.
+    """
+    match = _ADDRESS.fullmatch(address)
+    if match is None or not 0 < int(match["port"]) < 1 << 16:
+        problem = f"{address!r} is no address of a scheduler, expected tcp://HOST:PORT"
+        raise InputError("--cluster", "", problem, _START_ONE)
+    place = match["host"].strip("[]"), int(match["port"])
+    try:
+        with socket.create_connection(place, _CONNECT) as connection:
+            if not address.startswith("tls:") and not connection.recv(
+                1
+            ):  # a scheduler speaks first
+                raise OSError
+    except (OSError, UnicodeError):
+        problem = f"no scheduler answers at {address}"
+        raise InputError("--cluster", "", problem, _START_ONE) from None
 
 
 def killed(task: WorldTask) -> WorldOutcome:

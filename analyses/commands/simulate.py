@@ -11,7 +11,7 @@ from wrenchsight.analyses.methods.runs.simulate_settings import SimulateSettings
 from wrenchsight.analyses.output.console import new_console, new_table, say, showing_progress
 
 if TYPE_CHECKING:
-    from wrenchsight.analyses.methods.runs.simulation import SimulationResult
+    from wrenchsight.analyses.methods.runs.simulation_result import SimulationResult
 
 ORDER = 40
 OPTIONS = (

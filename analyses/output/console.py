@@ -2,13 +2,15 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from wrenchsight.analyses.output.compilation import on_first_compilation
 from wrenchsight.analyses.output.progress import Progress, ProgressDisplay
+from wrenchsight.models.files.input_error import printable
 
 
 def new_console(stderr: bool = False) -> Console:
@@ -21,21 +23,31 @@ def new_console(stderr: bool = False) -> Console:
 
 def new_table(first: str, *others: str) -> Table:
     """Returns a table whose first column is text and whose others are figures."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
+    table = _PrintableTable(box=None, pad_edge=False, header_style="bold")
     table.add_column(first, overflow="fold")
     for heading in others:
         table.add_column(heading, justify="right", overflow="fold")
     return table
 
 
+class _PrintableTable(Table):
+    """A table whose cells hold nothing that a terminal obeys: names come out of files."""
+
+    def add_row(self, *cells: RenderableType | None, **options: Any) -> None:
+        """As rich's."""
+        shown = (printable(cell) if isinstance(cell, str) else cell for cell in cells)
+        super().add_row(*shown, **options)
+
+
 def say(console: Console, text: str) -> None:
-    """Prints a line as it is: unwrapped, without markup."""
-    console.print(text, markup=False, highlight=False, soft_wrap=True)
+    """Prints lines as they are: unwrapped, without markup, and nothing that a terminal obeys."""
+    lines = "\n".join(printable(line) for line in text.split("\n"))
+    console.print(lines, markup=False, highlight=False, soft_wrap=True)
 
 
 def plain_text(text: str, style: str = "") -> Text:
     """Returns text that is printed as it is, without the marks of `code`."""
-    return Text(text.replace("`", ""), style)
+    return Text(printable(text.replace("`", "")), style)
 
 
 @contextmanager

@@ -6,6 +6,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Literal, Self
 
 from wrenchsight.analyses.output.compilation import ANNOUNCEMENT
+from wrenchsight.models.files.input_error import printable
 
 if TYPE_CHECKING:
     import rich.progress
@@ -89,7 +90,8 @@ class ProgressDisplay:
         end = _ENDS.get(progress.state, "")
         if progress.seconds is not None:
             end = f"{end} in {progress.seconds:.1f} s"
-        what = f"{end}: {progress.what}" if end and progress.what else end or progress.what
+        words = printable(progress.what)
+        what = f"{end}: {words}" if end and words else end or words
         if self._bars is not None:
             from rich.markup import escape
 

@@ -55,6 +55,7 @@ def read_recording(
     robot: Robot | None = None,
     check: bool = True,
     accept_signs: bool = False,
+    joint_signals: bool = False,
 ) -> Recording:
     """Reads a whole log into memory; `RecordingReader` streams a long one.
 
@@ -64,16 +65,18 @@ def read_recording(
             signals), *.parquet or *.npz with such columns, a layout of `header_layouts`, a ROS 2
             bag (*.mcap, *.db3 or a folder), or the *.yaml of a description that names its file.
         description: of other columns: a bundled name or the path of a *.yaml.
-        robot: that the log must fit: positions and currents (or torques) of its joints, and where
-            `check` is set also limits, velocity against position, current against gravity.
+        robot: that the log must fit: number of joints, and where `check` is set also limits,
+            velocity against position, current against gravity.
         accept_signs: whether drives whose current has the wrong sign are taken as they are; a
             notice says so.
+        joint_signals: whether the log must hold what an identification needs, see
+            `RecordingReader.require_joint_signals`.
 
     Raises:
         InputError: the log is missing, damaged or implausible.
     """
     reader = RecordingReader(path, description, robot, check, accept_signs=accept_signs)
-    if robot is not None:
+    if joint_signals:
         reader.require_joint_signals()
     return replace(concatenated(list(reader.chunks())), notices=reader.notices)
 

@@ -43,8 +43,13 @@ def read_document(
             f"<{root.tag}> is the root element, expected <robot> of a URDF, or <sdf>",
         )
     if any(element.tag.startswith("xacro:") for element in root.iter()):
-        expanded, _ = _parsed(urdf_of_xacro(path, arguments), path)
-        return expanded, {}
+        root, lines = _parsed(urdf_of_xacro(path, arguments), path)[0], {}
+    for element in root.iter():
+        name = element.get("name", "")
+        if not name.isprintable():
+            place = f"line {lines[element]}" if lines else f"<{element.tag}>"
+            problem = f"the name {name!r} holds characters that cannot be printed"
+            raise InputError(path, place, problem, "rename it")
     return root, lines
 
 

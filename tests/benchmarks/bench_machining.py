@@ -2,10 +2,10 @@
 
 Run as a script. All parts are in: arm with contact, real joints, noise, process, force/torque
 sensor, reference, controller, estimator, truth, log of all signals; 1 ms ticks. Times are the
-processor's, not the clock's, so that other programs on the machine count less. The loop of many
-blocks and the one of two (`fused`) take turns over the same stretches of the same pass, so that
-their ratio holds even where the times do not; the spread says how much those can be trusted. What
-the plant takes by itself, the same contact solved by Drake alone, is the floor.
+processor's, not the clock's, so that other programs on the machine count less. The loop of stages
+and the one with the controller in one block (`fused`) take turns over the same stretches of the
+same pass, so that their ratio holds even where the times do not; the spread says how much those can
+be trusted. What the plant takes by itself, the same contact solved by Drake alone, is the floor.
 """
 
 import gc
@@ -28,7 +28,7 @@ from wrenchsight.models.robot.robot import Robot
 
 STRETCH = 0.25  # s of simulated time
 STRETCHES = 12
-LOOPS = {"many blocks": False, "two blocks": True}
+LOOPS = {"stages": False, "one block": True}
 
 
 def main() -> None:
@@ -60,9 +60,9 @@ def main() -> None:
                     seconds[kind].append(time.process_time() - before)
             for kind, spent in seconds.items():
                 show(f"{name}, {part}, {kind}", np.array(spent) / STRETCH)
-            ratio = np.array(seconds["many blocks"]) / np.array(seconds["two blocks"])
-            print(f"{'':34} many blocks take {np.median(ratio):.2f} times as long as two")
-        loop, context = loops["two blocks"], simulators["two blocks"].get_context()
+            ratio = np.array(seconds["stages"]) / np.array(seconds["one block"])
+            print(f"{'':34} stages take {np.median(ratio):.2f} times as long as one block")
+        loop, context = loops["one block"], simulators["one block"].get_context()
         show(f"{name}, work, Drake's plant alone", plant_alone(loop.cell, context, scenario))
         gc.enable()
         _, signals = loop.logged(context)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from played_logs import OUTPUTS, moving_log, played
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, TrajectorySource
@@ -21,7 +22,6 @@ from wrenchsight.models.observers.momentum_observer import MomentumObserver, Mom
 from wrenchsight.systems.recording_player import RecordingPlayer, Samples
 
 T = 1e-3
-OUTPUTS = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
 
 
 @pytest.fixture(scope="module")
@@ -90,53 +90,29 @@ def test_a_resting_push_is_read(sts, model):
     np.testing.assert_allclose(rows, (1.0 - np.exp(-20.0 * t)) * wrench, rtol=0.0, atol=1e-9)
 
 
-def synthetic_log(robot, num_rows):
-    rng = np.random.default_rng(11)
-    t = np.arange(num_rows)[:, None] * T
-    phase, rate = rng.uniform(0.0, 6.0, 6), rng.uniform(1.0, 9.0, 6)
-    q = robot.home + 0.4 * np.sin(rate * t + phase)
-    v = 0.4 * rate * np.cos(rate * t + phase)
-    current = 0.5 * np.sin(3.0 * rate * t) + 0.05 * rng.normal(size=(num_rows, 6))
-    return q, v, current
-
-
-def play(robot, model, configuration, log, fused=False):
-    """The diagram's outputs at every tick."""
-    builder = DiagramBuilder()
-    player = builder.AddSystem(RecordingPlayer(6, T))
-    ports = {name: player.GetOutputPort(name) for name in ("q", "v", "current")}
-    estimator = add_estimator(builder, robot, model, configuration, **ports, fused=fused)
-    sinks = {name: LogVectorOutput(estimator.GetOutputPort(name), builder, T) for name in OUTPUTS}
-    simulator = Simulator(builder.Build())
-    context = simulator.get_mutable_context()
-    player.load(player.GetMyMutableContextFromRoot(context), Samples(*log))
-    simulator.AdvanceTo((len(log[0]) - 0.5) * T)
-    return {name: sink.FindLog(context).data().T for name, sink in sinks.items()}
-
-
 @pytest.mark.parametrize("kind", ["held", "trapezoidal"])
 @pytest.mark.parametrize("method", ["bayesian", "inverse"])
 def test_row_k_is_that_of_the_batch_estimator(sts, model, kind, method):
     """Also where the log has holes."""
-    log = synthetic_log(sts, 400)
+    log = moving_log(sts, T, 400)
     for signal, row, joint in ((0, 50, 2), (1, 120, 4), (2, 200, 0), (2, 201, 0)):
         log[signal][row, joint] = np.nan
     configuration = config(kind, (5.0, 10.0, 20.0, 30.0, 50.0, 80.0), method)
-    played = play(sts, model, configuration, log)
+    found = played(sts, model, configuration, log)
     estimator = WrenchEstimator(sts, model, configuration)
     batch = estimator.run(estimator.initial_state(), *log)
     scale = np.abs(batch.wrench).max()
-    np.testing.assert_allclose(played["tau_ext"], batch.tau_ext, rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(played["wrench"], batch.wrench, rtol=0.0, atol=1e-9 * scale)
+    np.testing.assert_allclose(found["tau_ext"], batch.tau_ext, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(found["wrench"], batch.wrench, rtol=0.0, atol=1e-9 * scale)
     np.testing.assert_allclose(
-        played["covariance"].reshape(-1, 6, 6), batch.covariance, rtol=1e-9, atol=1e-9
+        found["covariance"].reshape(-1, 6, 6), batch.covariance, rtol=1e-9, atol=1e-9
     )
-    np.testing.assert_allclose(played["condition_number"][:, 0], batch.condition_number, rtol=1e-9)
-    np.testing.assert_array_equal(played["valid"][:, 0], batch.valid)
-    assert np.isfinite(played["wrench"]).all()
+    np.testing.assert_allclose(found["condition_number"][:, 0], batch.condition_number, rtol=1e-9)
+    np.testing.assert_array_equal(found["valid"][:, 0], batch.valid)
+    assert np.isfinite(found["wrench"]).all()
     # In "held" a current counts from the tick after it.
     broken = [50, 51, 120, 121] + ([201, 202] if kind == "held" else [200, 201, 202])
-    assert not played["valid"][broken].any()
+    assert not found["valid"][broken].any()
 
 
 def test_parameters_change_through_the_context(sts, model):
@@ -214,14 +190,14 @@ def test_friction_that_remembers_is_that_of_the_batch_estimator(sts, model, kind
         displacement=np.full((n, 1), 0.01),
     )
     remembering = replace(model, friction=friction)
-    log = synthetic_log(sts, 200)
+    log = moving_log(sts, T, 200)
     for signal, row, joint in ((0, 50, 2), (1, 120, 4), (2, 150, 0)):
         log[signal][row, joint] = np.nan
-    played = play(sts, remembering, config(kind), log)
+    found = played(sts, remembering, config(kind), log)
     estimator = WrenchEstimator(sts, remembering, config(kind))
     batch = estimator.run(estimator.initial_state(), *log)
-    np.testing.assert_allclose(played["tau_ext"], batch.tau_ext, rtol=0.0, atol=1e-9)
-    np.testing.assert_array_equal(played["valid"][:, 0], batch.valid)
+    np.testing.assert_allclose(found["tau_ext"], batch.tau_ext, rtol=0.0, atol=1e-9)
+    np.testing.assert_array_equal(found["valid"][:, 0], batch.valid)
     diagram = make_estimator(sts, remembering, config(kind))
     current = diagram.GetInputPort("current").get_index()
     wrench = diagram.GetOutputPort("wrench").get_index()
@@ -241,7 +217,7 @@ def test_with_friction_at_planned_speeds_and_corrected(sts, model, kind):
     """Against an observer that is fed by hand: tau_f at v_planned, its output plus a correction."""
     law = CoulombViscous(np.arange(1.0, 7.0), np.full(6, 3.0), np.zeros(6))
     rubbing = replace(model, friction=SemiParametricFriction(law))
-    q, v, current = synthetic_log(sts, 700)
+    q, v, current = moving_log(sts, T, 700)
     rng = np.random.default_rng(12)
     # Not the measured speeds, and of the other sign now and then.
     v_planned, correction = rng.normal(size=(2, *v.shape))
@@ -267,7 +243,7 @@ def test_with_friction_at_planned_speeds_and_corrected(sts, model, kind):
     log = Samples(q, v_planned, correction)
     other.load(other.GetMyMutableContextFromRoot(context), log)
     simulator.AdvanceTo((len(q) - 0.5) * T)
-    played = {name: sink.FindLog(context).data().T for name, sink in sinks.items()}
+    found = {name: sink.FindLog(context).data().T for name, sink in sinks.items()}
 
     chain = rubbing.chain(sts)
     observer = MomentumObserver(configuration.observer, 6)
@@ -281,20 +257,20 @@ def test_with_friction_at_planned_speeds_and_corrected(sts, model, kind):
             np.arange(1.0, 7.0) * np.sign(v_planned[k]) + 3.0 * v_planned[k],
         )
         total = tau_ext + correction[k]
-        np.testing.assert_allclose(played["tau_ext"][k], total, rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(found["tau_ext"][k], total, rtol=0.0, atol=1e-9)
         wrench = np.linalg.solve(chain.jacobian(q[k]).T, total)
-        np.testing.assert_allclose(played["wrench"][k], wrench, rtol=1e-9, atol=1e-7)
+        np.testing.assert_allclose(found["wrench"][k], wrench, rtol=1e-9, atol=1e-7)
     # Valid where the observer says so and the correction counts.
     alone = WrenchEstimator(sts, rubbing, configuration)
     valid = alone.run(alone.initial_state(), q, v, current).valid
     assert valid[: len(q) // 2].any()
     early = np.arange(len(q)) < len(q) // 2
-    np.testing.assert_array_equal(played["valid"][:, 0] == 1.0, valid & early)
+    np.testing.assert_array_equal(found["valid"][:, 0] == 1.0, valid & early)
 
 
 def test_without_a_correction_and_as_planned_it_is_the_batch_estimator(sts, model):
     """A taught estimator that has nothing to add where the arm moves as planned."""
-    log = synthetic_log(sts, 100)
+    log = moving_log(sts, T, 100)
     rubbing = replace(
         model, friction=SemiParametricFriction(CoulombViscous(*np.full((2, 6), 2.0), np.zeros(6)))
     )
@@ -325,9 +301,9 @@ def test_coupled_joints_are_those_of_the_batch_estimator(coupled_wrist, fused):
         IdentifiedModel.nominal(coupled_wrist),
         friction=CoupledFriction(law, coupled_wrist.motor_rates),
     )
-    log = synthetic_log(coupled_wrist, 100)
-    played = play(coupled_wrist, model, config("trapezoidal"), log, fused=fused)
+    log = moving_log(coupled_wrist, T, 100)
+    found = played(coupled_wrist, model, config("trapezoidal"), log, fused=fused)
     estimator = WrenchEstimator(coupled_wrist, model, config("trapezoidal"))
     batch = estimator.run(estimator.initial_state(), *log)
-    np.testing.assert_allclose(played["tau_ext"], batch.tau_ext, rtol=0.0, atol=1e-9)
-    np.testing.assert_array_equal(played["valid"][:, 0], batch.valid)
+    np.testing.assert_allclose(found["tau_ext"], batch.tau_ext, rtol=0.0, atol=1e-9)
+    np.testing.assert_array_equal(found["valid"][:, 0], batch.valid)

@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from played_logs import OUTPUTS, moving_log, played
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
-from wrenchsight.diagrams.estimator import add_estimator, make_estimator
+from wrenchsight.diagrams.estimator import make_estimator
 from wrenchsight.models.estimation.estimator import Taught, WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.estimation.wrench_kernels import METHODS
@@ -17,12 +16,10 @@ from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
-from wrenchsight.systems.recording_player import RecordingPlayer, Samples
 
 T = 1e-3
 N = 6
 ROWS = 400
-OUTPUTS = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
 
 
 def friction(name):
@@ -60,12 +57,7 @@ def model(sts_reversed):
 @pytest.fixture(scope="module")
 def log(sts_reversed):
     """A motion with two holes."""
-    rng = np.random.default_rng(11)
-    t = np.arange(ROWS)[:, None] * T
-    phase, rate = rng.uniform(0.0, 6.0, N), rng.uniform(1.0, 9.0, N)
-    q = sts_reversed.home + 0.4 * np.sin(rate * t + phase)
-    v = 0.4 * rate * np.cos(rate * t + phase)
-    current = 0.5 * np.sin(3.0 * rate * t) + 0.05 * rng.normal(size=(ROWS, N))
+    q, v, current = moving_log(sts_reversed, T, ROWS)
     q[250:252, 2] = np.nan
     current[300, 1] = np.inf
     return q, v, current
@@ -76,28 +68,6 @@ def config(method="bayesian", torque_samples="held"):
         MomentumObserverConfig([20.0, 30.0, 20.0, 40.0, 20.0, 25.0], T, torque_samples),
         WrenchReconstructionConfig(method),
     )
-
-
-def play(robot, model, configuration, log, fused, taught=None, change=None):
-    """The outputs at every tick; `taught` are constant inputs, `change` acts on the context."""
-    builder = DiagramBuilder()
-    player = builder.AddSystem(RecordingPlayer(N, T))
-    ports = {name: player.GetOutputPort(name) for name in ("q", "v", "current")}
-    estimator = add_estimator(
-        builder, robot, model, configuration, **ports, taught=taught is not None, fused=fused
-    )
-    for name, value in (taught or {}).items():
-        source = builder.AddSystem(ConstantVectorSource(value))
-        builder.Connect(source.get_output_port(), estimator.GetInputPort(name))
-    sinks = {name: LogVectorOutput(estimator.GetOutputPort(name), builder, T) for name in OUTPUTS}
-    simulator = Simulator(builder.Build())
-    context = simulator.get_mutable_context()
-    player.load(player.GetMyMutableContextFromRoot(context), Samples(*log))
-    if change is not None:
-        simulator.AdvanceTo(0.1)
-        change(estimator, context)
-    simulator.AdvanceTo((ROWS - 0.5) * T)
-    return {name: sink.FindLog(context).data().T for name, sink in sinks.items()}
 
 
 def assert_same(stages, fused):
@@ -142,8 +112,8 @@ def test_it_feeds_through_where_the_stages_do(sts_reversed, model, kind):
 @pytest.mark.parametrize("law", LAWS)
 def test_the_numbers_of_the_stages_and_of_the_batch(sts_reversed, model, log, law, method):
     model = replace(model, friction=friction(law))
-    fused = play(sts_reversed, model, config(method), log, fused=True)
-    assert_same(play(sts_reversed, model, config(method), log, fused=False), fused)
+    fused = played(sts_reversed, model, config(method), log, fused=True)
+    assert_same(played(sts_reversed, model, config(method), log, fused=False), fused)
     estimator = WrenchEstimator(sts_reversed, model, config(method))
     batch = estimator.run(estimator.initial_state(), *log)
     np.testing.assert_allclose(fused["wrench"], batch.wrench, rtol=0.0, atol=1e-9)
@@ -154,7 +124,7 @@ def test_the_numbers_of_the_stages_and_of_the_batch(sts_reversed, model, log, la
 def test_torque_of_the_present_tick(sts_reversed, model, log, law):
     model = replace(model, friction=friction(law))
     configuration = config(torque_samples="trapezoidal")
-    assert_same(*(play(sts_reversed, model, configuration, log, fused=f) for f in (False, True)))
+    assert_same(*(played(sts_reversed, model, configuration, log, fused=f) for f in (False, True)))
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -162,10 +132,12 @@ def test_what_an_air_pass_taught(sts_reversed, model, log, law):
     model = replace(model, friction=friction(law))
     rng = np.random.default_rng(4)
     taught = {"tau_correction": rng.normal(size=N), "v_planned": rng.normal(size=N), "counts": [1]}
-    stages, fused = (play(sts_reversed, model, config(), log, f, taught) for f in (False, True))
+    stages, fused = (
+        played(sts_reversed, model, config(), log, fused=f, taught=taught) for f in (False, True)
+    )
     assert_same(stages, fused)
     assert fused["valid"].any()
-    fused = play(sts_reversed, model, config(), log, True, {**taught, "counts": [0]})
+    fused = played(sts_reversed, model, config(), log, fused=True, taught={**taught, "counts": [0]})
     assert not fused["valid"].any()
     estimator = WrenchEstimator(sts_reversed, model, config())
     rows = np.ones((ROWS, 1))
@@ -216,10 +188,10 @@ def test_a_parameter_changed_through_the_context(sts_reversed, model, log, param
     def change(value):
         value.SetFromVector(PARAMETERS[parameter](value.CopyToVector()))
 
-    stages = play(sts_reversed, model, configuration, log, False, change=of_stages)
-    fused = play(sts_reversed, model, configuration, log, True, change=of_block)
+    stages = played(sts_reversed, model, configuration, log, fused=False, change=of_stages)
+    fused = played(sts_reversed, model, configuration, log, fused=True, change=of_block)
     assert_same(stages, fused)
-    unchanged = play(sts_reversed, model, configuration, log, True)
+    unchanged = played(sts_reversed, model, configuration, log, fused=True)
     differs = [np.abs(fused[name] - unchanged[name]).max() for name in ("wrench", "covariance")]
     assert max(differs) > 1e-6
 

@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import LogVectorOutput
+from played_logs import OUTPUTS, played
+from sample_models import torque_error
 
-from wrenchsight.diagrams.estimator import add_estimator, make_estimator
+from wrenchsight.diagrams.estimator import make_estimator
 from wrenchsight.models.estimation.estimator import (
     EstimateBatch,
     Taught,
@@ -17,16 +16,13 @@ from wrenchsight.models.estimation.estimator import (
 )
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
 from wrenchsight.models.observers.kalman_observer import KalmanObserver, KalmanObserverConfig
 from wrenchsight.models.observers.observer_kinds import OBSERVERS
 from wrenchsight.models.observers.super_twisting_observer import SuperTwistingObserverConfig
 from wrenchsight.models.robot.robot import Robot
-from wrenchsight.systems.recording_player import RecordingPlayer, Samples
 
 T = 1e-3
 ROWS = 240
-OUTPUTS = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
 
 
 def model_of(robot: Robot, with_error: bool) -> IdentifiedModel:
@@ -34,12 +30,18 @@ def model_of(robot: Robot, with_error: bool) -> IdentifiedModel:
     model = IdentifiedModel.nominal(robot)
     if not with_error:
         return model
-    error = TorqueErrorModel(
-        *(share * rng.uniform(0.3, 1.0, n) for share in (1.0, 0.03, 0.03, 0.03, 0.03)),
-        np.eye(n),
-        np.full(n, 0.2),
-        np.full(n, 0.05),
-        *(np.full(n, 1.0), np.full(n, 300.0), np.full(n, 20.0), np.full(n, 1e-6)),
+    error = torque_error(
+        n,
+        constant=rng.uniform(0.3, 1.0, n),
+        speed=0.03 * rng.uniform(0.3, 1.0, n),
+        load=0.03 * rng.uniform(0.3, 1.0, n),
+        acceleration=0.03 * rng.uniform(0.3, 1.0, n),
+        reversal=0.03 * rng.uniform(0.3, 1.0, n),
+        correlation_time=0.2,
+        lasting=0.05,
+        fitted_speed=1.0,
+        fitted_load=300.0,
+        resolution=1e-6,
     )
     return replace(model, torque_error=error)
 
@@ -58,25 +60,6 @@ def samples(robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     current[190:, 0] += 0.9 * robot.current_limit[0]  # of which no wrench at E is the reason
     current[90, 1] = v[120, 0] = q[121, 2] = np.nan
     return q, v, current
-
-
-def in_diagram(
-    robot: Robot,
-    model: IdentifiedModel,
-    config: WrenchEstimatorConfig,
-    log: tuple[np.ndarray, ...],
-    fused: bool,
-) -> dict[str, np.ndarray]:
-    builder = DiagramBuilder()
-    player = builder.AddSystem(RecordingPlayer(robot.num_joints, T))
-    ports = {name: player.GetOutputPort(name) for name in ("q", "v", "current")}
-    estimator = add_estimator(builder, robot, model, config, **ports, fused=fused)
-    sinks = {name: LogVectorOutput(estimator.GetOutputPort(name), builder, T) for name in OUTPUTS}
-    simulator = Simulator(builder.Build())
-    context = simulator.get_mutable_context()
-    player.load(player.GetMyMutableContextFromRoot(context), Samples(*log))
-    simulator.AdvanceTo((ROWS - 0.5) * T)
-    return {name: sink.FindLog(context).data().T for name, sink in sinks.items()}
 
 
 def columns(batch: EstimateBatch) -> dict[str, np.ndarray]:
@@ -117,7 +100,7 @@ def test_every_engine_reads_the_same(
         stepped = np.array([getattr(tick, name) for tick in ticks]).reshape(ROWS, -1)
         np.testing.assert_allclose(stepped, found[name], **close, err_msg=name)
     for fused in (False, True):
-        seen = in_diagram(sts, model, config, log, fused)
+        seen = played(sts, model, config, log, fused=fused)
         for name in OUTPUTS[:3]:
             np.testing.assert_allclose(seen[name], found[name], **close, err_msg=name)
         np.testing.assert_array_equal(seen["valid"], found["valid"])

@@ -397,6 +397,19 @@ def test_inertias_beyond_all_robots_are_refused_where_they_count(run, robot, old
     run("simulate", "--robot", file, "--duration", "0.1", "--no-recording", "--out", "out")
 
 
+@pytest.mark.parametrize("name", ["joint&#x9b;2", "joint_2\u202e", "a&#10;b"])
+def test_a_name_that_cannot_be_printed(run, robot, name):
+    urdf = URDF.replace('name="joint_2"', f'name="{name}"', 1)
+    assert "cannot be printed" in run("robot", "show", robot(urdf=urdf))
+
+
+def test_a_xacro_that_runs_code(run, robot):
+    code = "(lambda: [c for c in ().__class__.__base__.__subclasses__()])()"
+    head = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro">'
+    text = f'{head}<xacro:property name="a" value="1"/><link name="${{{code}}}"/></robot>'
+    assert "no arithmetic of xacro" in run("robot", "show", robot(urdf=text))
+
+
 SOLID = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 MESHES = (
     ("words.obj", "v x y\nf 1 2 9\n\0"),
@@ -552,6 +565,20 @@ def test_an_absurd_tick_does_not_stay_in_the_watch_over_friction(estimate, file,
 def test_a_damaged_array(estimate, file, clean, old, new):
     data = (clean.folder / "log.npz").read_bytes()
     assert "npz" in estimate(log=file("log.npz", data.replace(old, new)))
+
+
+@pytest.mark.parametrize("command", ["identify", "refresh", "payload", "estimate"])
+def test_a_description_without_currents(run, clean, file, command):
+    text = "".join(line for line in LOG_FORMAT.splitlines(True) if "current" not in line)
+    described = ("--robot", clean.robot, "--log-format", file("format.yaml", text), "--out", "out")
+    model = clean.folder / "model.yaml"
+    line = {
+        "identify": lambda: run("identify", clean.log, *described),
+        "refresh": lambda: run("identify", clean.log, "--refresh", model, *described),
+        "payload": lambda: run("payload", clean.log, "--model", model, *described),
+        "estimate": lambda: run("estimate", clean.log, "--prior", "30,2", *described),
+    }[command]()
+    assert "holds no motor currents" in line
 
 
 def test_branches_that_collide_side_by_side(run, file, clean):

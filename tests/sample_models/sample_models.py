@@ -4,34 +4,60 @@ Their numbers are of the size that those of real arms have; nothing else is mean
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from wrenchsight.models.arrays import Array
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
 from wrenchsight.models.robot.robot import Robot
 
+_PLAIN_ERROR = {
+    "constant": 0.5,
+    "speed": 0.0,
+    "load": 0.0,
+    "acceleration": 0.0,
+    "reversal": 0.0,
+    "correlation_time": 0.1,
+    "lasting": 0.0,
+    "fitted_speed": 9.0,
+    "fitted_load": 9e3,
+    "K_0": 20.0,
+    "resolution": 0.0,
+}
+
+
+def torque_error(num_joints: int = 6, **changes: Any) -> TorqueErrorModel:
+    """A constant error of .5 N m, independent from joint to joint, of a fit at any speed and load.
+
+    Args:
+        num_joints: n.
+        changes: of the model's entries; a number stands for all joints.
+    """
+    entries: dict[str, Any] = {"correlation": np.eye(num_joints), **_PLAIN_ERROR, **changes}
+    by_joint = {name: np.full(num_joints, entries[name]) for name in _PLAIN_ERROR}
+    return TorqueErrorModel(**{**entries, **by_joint})
+
 
 def sample_torque_error(num_joints: int = 6) -> TorqueErrorModel:
     """An error that follows speed, load, acceleration and reversal."""
-    n = num_joints
-    ones = np.ones(n)
-    return TorqueErrorModel(
-        constant=0.3 * ones,
-        speed=0.2 * ones,
-        load=0.02 * ones,
-        acceleration=0.01 * ones,
-        reversal=0.3 * ones,
-        correlation=0.1 + 0.9 * np.eye(n),
-        correlation_time=0.3 * ones,
-        lasting=0.1 * ones,
-        fitted_speed=1.5 * ones,
-        fitted_load=30.0 * ones,
-        K_0=20.0 * ones,
-        resolution=1e-4 * ones,
+    return torque_error(
+        num_joints,
+        constant=0.3,
+        speed=0.2,
+        load=0.02,
+        acceleration=0.01,
+        reversal=0.3,
+        correlation=0.1 + 0.9 * np.eye(num_joints),
+        correlation_time=0.3,
+        lasting=0.1,
+        fitted_speed=1.5,
+        fitted_load=30.0,
+        resolution=1e-4,
     )
 
 
@@ -58,3 +84,29 @@ def knowing_model(robot: Robot, coulomb: ArrayLike, viscous: ArrayLike) -> Ident
         friction=friction,
         torque_error=sample_torque_error(len(ones)),
     )
+
+
+def harmonic_motion(
+    rng: np.random.Generator,
+    t: Array,
+    rates: ArrayLike,
+    size: float,
+    least: float = 0.6,
+    moving: ArrayLike = (0, 1, 2, 3, 4, 5),
+) -> tuple[Array, Array, Array]:
+    """Deflections of six joints from home, velocities and accelerations, (T, 6) each.
+
+    Args:
+        t: (T,) s.
+        rates: rad/s of the harmonics; the k-th one's amplitude is at most size / k.
+        least: share of that which each is at least.
+        moving: the joints that move.
+    """
+    q, v, vdot = np.zeros((3, len(t), 6))
+    for k, w in enumerate(np.asarray(rates), 1):
+        angle = w * t[:, None] + rng.uniform(0.0, 2.0 * np.pi, 6)
+        amplitude = size * rng.uniform(least, 1.0, 6) / k * np.isin(np.arange(6), moving)
+        q += amplitude * np.sin(angle)
+        v += w * amplitude * np.cos(angle)
+        vdot -= w**2 * amplitude * np.sin(angle)
+    return q, v, vdot

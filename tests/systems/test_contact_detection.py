@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
+from sample_models import torque_error
 
 from wrenchsight.diagrams.estimator import make_estimator
 from wrenchsight.diagrams.replay import make_replay
@@ -14,7 +15,6 @@ from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.contact_noise import ContactNoise
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.signals.exceedance_tail import ExceedanceTail
 from wrenchsight.systems.contact_detection import DETECTION, ContactDetection
@@ -24,21 +24,17 @@ T, N, ROWS = 2e-3, 6, 700
 
 @pytest.fixture(scope="module")
 def model(sts):
-    one, zero = np.ones(N), np.zeros(N)
+    one = np.ones(N)
     friction = SemiParametricFriction(CoulombViscous(2.0 * one, 4.0 * one, 0.1 * one))
-    error = TorqueErrorModel(
-        constant=0.5 * one,
-        speed=0.2 * one,
-        load=0.02 * one,
-        acceleration=zero,
-        reversal=0.3 * one,
+    error = torque_error(
+        speed=0.2,
+        load=0.02,
+        reversal=0.3,
         correlation=0.1 + 0.9 * np.eye(N),
-        correlation_time=0.3 * one,
-        lasting=zero,
-        fitted_speed=0.5 * one,
-        fitted_load=60.0 * one,
-        K_0=20.0 * one,
-        resolution=1e-4 * one,
+        correlation_time=0.3,
+        fitted_speed=0.5,
+        fitted_load=60.0,
+        resolution=1e-4,
     )
     tail = ExceedanceTail(level=4.0, rate_per_hour=900.0, scale=0.6, shape=0.02)
     noise = ContactNoise([1.0] * N, [0.6] * N, 0.01, 0.1, tail, tail, tail)

@@ -5,21 +5,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import LogVectorOutput
+from played_logs import played
 from sample_models import knowing_model
 
-from wrenchsight.diagrams.estimator import add_estimator, make_estimator
+from wrenchsight.diagrams.estimator import make_estimator
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.estimation.wrench_kernels import METHODS
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
-from wrenchsight.systems.recording_player import RecordingPlayer, Samples
 from wrenchsight.systems.trusted_wrench_reading import TrustedWrenchReading
 
 T, N, ROWS = 1e-3, 6, 300
-OUTPUTS = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
 
 
 @pytest.fixture(scope="module")
@@ -41,19 +37,6 @@ def log(sts):
     return q, v, current
 
 
-def play(robot, model, configuration, log, fused):
-    builder = DiagramBuilder()
-    player = builder.AddSystem(RecordingPlayer(N, T))
-    ports = {name: player.GetOutputPort(name) for name in ("q", "v", "current")}
-    estimator = add_estimator(builder, robot, model, configuration, **ports, fused=fused)
-    sinks = {name: LogVectorOutput(estimator.GetOutputPort(name), builder, T) for name in OUTPUTS}
-    simulator = Simulator(builder.Build())
-    context = simulator.get_mutable_context()
-    player.load(player.GetMyMutableContextFromRoot(context), Samples(*log))
-    simulator.AdvanceTo((ROWS - 0.5) * T)
-    return {name: sink.FindLog(context).data().T for name, sink in sinks.items()}
-
-
 def test_ports(sts, model):
     estimator = WrenchEstimator(sts, model, WrenchEstimatorConfig())
     system = TrustedWrenchReading(estimator.trusted, T)
@@ -73,7 +56,7 @@ def test_diagram_and_log_read_the_same(sts, model, log, method, fused):
     )
     estimator = WrenchEstimator(sts, model, configuration)
     batch = estimator.run(estimator.initial_state(), *log)
-    played = play(sts, model, configuration, log, fused)
+    found = played(sts, model, configuration, log, fused=fused)
     expected = {
         "tau_ext": batch.tau_ext,
         "wrench": batch.wrench,
@@ -84,7 +67,7 @@ def test_diagram_and_log_read_the_same(sts, model, log, method, fused):
     for name, values in expected.items():
         # The same kernels; a covariance of 1e8 leaves 1e-12 of itself to rounding.
         scale = max(1.0, float(np.abs(values[np.isfinite(values)]).max()))
-        np.testing.assert_allclose(played[name], values, rtol=0.0, atol=1e-12 * scale, err_msg=name)
+        np.testing.assert_allclose(found[name], values, rtol=0.0, atol=1e-12 * scale, err_msg=name)
     assert np.ptp(batch.torque_sd[:, 0]) > 0.1  # the error does follow the motion
 
 
@@ -95,10 +78,10 @@ def test_the_load_that_is_read_widens_the_band_alike(sts, model, log, fused):
     loaded = replace(model, torque_error=error)
     estimator, plain = (WrenchEstimator(sts, own, configuration) for own in (loaded, model))
     batch = estimator.run(estimator.initial_state(), *log)
-    played = play(sts, loaded, configuration, log, fused)
+    found = played(sts, loaded, configuration, log, fused=fused)
     scale = float(np.abs(batch.covariance).max())
     np.testing.assert_allclose(
-        played["covariance"], batch.covariance.reshape(ROWS, 36), rtol=0.0, atol=1e-12 * scale
+        found["covariance"], batch.covariance.reshape(ROWS, 36), rtol=0.0, atol=1e-12 * scale
     )
     assert not np.allclose(batch.torque_sd, plain.run(plain.initial_state(), *log).torque_sd)
 

@@ -170,7 +170,9 @@ def refresh_log(
         robot = Robot.load(robot_name)
         model = IdentifiedModel.load(Path(model_path), robot)
         progress(0.1, f"reading {log.name}")
-        recording = read_recording(log, log_format, robot, accept_signs=accept_signs)
+        recording = read_recording(
+            log, log_format, robot, accept_signs=accept_signs, joint_signals=True
+        )
         progress(0.4, "finding friction")
         result = refresh_model(recording, robot, model, config)
         result = replace(result, warnings=(*recording.notices, *result.warnings))

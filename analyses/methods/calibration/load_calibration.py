@@ -233,11 +233,21 @@ def calibrate_logs(
         robot = Robot.load(robot_name)
         parsed = [known_load(text) for text in loads]
         recordings, validation = (
-            [read_recording(log, log_format, robot, accept_signs=accept_signs) for log in paths]
+            [
+                read_recording(
+                    log, log_format, robot, accept_signs=accept_signs, joint_signals=True
+                )
+                for log in paths
+            ]
             for paths in (logs, validate)
         )
         loaded = [
-            (read_recording(path, log_format, robot, accept_signs=accept_signs), load)
+            (
+                read_recording(
+                    path, log_format, robot, accept_signs=accept_signs, joint_signals=True
+                ),
+                load,
+            )
             for path, load in parsed
         ]
         result = calibrate(recordings, loaded, robot, validation, config, progress)

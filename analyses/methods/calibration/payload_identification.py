@@ -239,7 +239,9 @@ def payload_log(
         robot = Robot.load(robot_name)
         model = IdentifiedModel.load(Path(model_path), robot)
         recording, bare = (
-            None if path is None else read_recording(path, log_format, robot, entry, accept_signs)
+            None
+            if path is None
+            else read_recording(path, log_format, robot, entry, accept_signs, joint_signals=True)
             for path, entry in ((log, check), (empty, True))
         )
         assert recording is not None

@@ -198,7 +198,11 @@ def refit_logs(
             path, stretches = _stretches(text)
             progress(k / len(settings.logs), f"reading {path.name}")
             log = read_recording(
-                path, settings.log_format, robot, accept_signs=settings.accept_signs
+                path,
+                settings.log_format,
+                robot,
+                accept_signs=settings.accept_signs,
+                joint_signals=True,
             )
             logs.append((log, _inside(log, stretches)))
         refit = refit_specimen(logs, robot, model)

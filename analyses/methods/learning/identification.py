@@ -379,7 +379,12 @@ def identify_logs(
     with result_folder(out, "identify") as folder:
         robot = Robot.load(robot_name)
         recordings, validation = (
-            [read_recording(log, log_format, robot, accept_signs=accept_signs) for log in paths]
+            [
+                read_recording(
+                    log, log_format, robot, accept_signs=accept_signs, joint_signals=True
+                )
+                for log in paths
+            ]
             for paths in (logs, validate)
         )
         result = identify(recordings, robot, validation, config, progress)

@@ -201,6 +201,7 @@ def estimate(
     if not model.provenance.logs:
         warnings.append(
             "the model is not identified from logs: its friction and its noise are assumed"
+            + ("" if settings.model else ", so that no reading is valid; run identify first")
         )
     else:
         warnings += model.fitted_robot.doubts(robot)
@@ -287,6 +288,8 @@ def estimate(
         if settings.estimate.mcap:
             bag = stack.enter_context(WrenchBagWriter(out / "wrench.mcap", robot.config.base_link))
         for chunk, batch, found, tau_ext in estimates:
+            if settings.model is None:  # nothing holds the stated band to the arm
+                batch = batch._replace(valid=np.zeros_like(batch.valid))
             fault = _fault(chunk, batch)
             found = found.without(chunk.dropout | (fault != 0))
             sd, valid = batch.standard_deviation, summary.judge(chunk, batch, config)
@@ -325,9 +328,12 @@ def estimate(
         notices += comparison.notices
         out.write_figure("reference", comparison.figure())
     warnings += summary.warnings()
-    if summary.mostly_unsure and settings.estimate.smooth:
+    unexplained = summary.mostly_unsure and settings.model is not None
+    if settings.estimate.contact.axis:
+        unexplained = False  # `valid` then rests on the contact's own sd
+    if unexplained and settings.estimate.smooth:
         warnings.append("most readings are not valid: without --smooth it is told why")
-    elif summary.mostly_unsure:
+    elif unexplained:
         by = WrenchEstimator(robot, wide, config)
         uncertain = UncertainForce.of(by, seen_J.values(), torque_sd.values())
         warnings.append(uncertain.sentence(summary.num_valid / summary.count))

@@ -17,12 +17,12 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+from sample_models import torque_error
 
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.estimation.wrench_kernels import METHODS
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
 from wrenchsight.models.observers.observer_kinds import OBSERVERS, kind_name
 from wrenchsight.models.robot.robot import Robot
 
@@ -51,15 +51,20 @@ def sound_log() -> tuple[Array, Array, Array]:
 
 def model_of(with_error: bool) -> IdentifiedModel:
     """The arm's nominal model, with a torque error that follows the state or without."""
-    n, model = arm().num_joints, IdentifiedModel.nominal(arm())
+    model = IdentifiedModel.nominal(arm())
     if not with_error:
         return model
-    sizes = (np.full(n, 0.3), *(np.full(n, 0.02) for _ in range(4)))
-    error = TorqueErrorModel(
-        *sizes,
-        np.eye(n),
-        *(np.full(n, 0.2), np.full(n, 0.05), np.full(n, 1.0), np.full(n, 30.0)),
-        *(np.full(n, 20.0), np.full(n, 1e-6)),
+    error = torque_error(
+        constant=0.3,
+        speed=0.02,
+        load=0.02,
+        acceleration=0.02,
+        reversal=0.02,
+        correlation_time=0.2,
+        lasting=0.05,
+        fitted_speed=1.0,
+        fitted_load=30.0,
+        resolution=1e-6,
     )
     return replace(model, torque_error=error)
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sample_models import harmonic_motion
 
 from wrenchsight.models.calibration.gain_calibration import (
     GAIN_SD,
@@ -52,14 +53,7 @@ def log(robot, structure, seed, load=None, body=None, noise=1.0, duration=25.0):
     """A log of currents times the stated torque constants."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, duration, 0.1)
-    q, v, vdot = np.zeros((3, len(t), 6))
-    for k in (1, 2, 3, 4, 5):
-        w = 0.8 * k
-        angle = w * t[:, None] + rng.uniform(0.0, 2.0 * np.pi, 6)
-        size = 0.6 * rng.uniform(0.5, 1.0, 6) / k
-        q += size * np.sin(angle)
-        v += w * size * np.cos(angle)
-        vdot -= w**2 * size * np.sin(angle)
+    q, v, vdot = harmonic_motion(rng, t, 0.8 * np.arange(1, 6), 0.6, least=0.5)
     q += robot.home
     carried = robot.chain.inverse_dynamics(q, v, vdot)
     if load is not None:

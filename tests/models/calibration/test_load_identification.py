@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sample_models import harmonic_motion
 
 from wrenchsight.models.calibration.load_identification import (
     LoadPrior,
@@ -25,20 +26,12 @@ SEEDS = 60
 EXACT = LoadPrior(mass=12.5, gain=0.0)
 
 
-def quiet(robot, seed=0, duration=20.0, amplitude=0.5, only=None):
+def quiet(robot, seed=0, duration=20.0, amplitude=0.5, only=range(6)):
     """An arm's rows without residual; `only` lets these joints move alone."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, duration, 0.1)
-    q, v, vdot = np.zeros((3, len(t), 6))
-    for k in (1, 2, 3, 4):
-        w = 0.9 * k
-        angle = w * t[:, None] + rng.uniform(0.0, 2.0 * np.pi, 6)
-        size = amplitude * rng.uniform(0.5, 1.0, 6) / k
-        if only is not None:
-            size = np.where(np.isin(np.arange(6), only), size, 0.0)
-        q += size * np.sin(angle)
-        v += w * size * np.cos(angle)
-        vdot -= w**2 * size * np.sin(angle)
+    rates = 0.9 * np.arange(1, 5)
+    q, v, vdot = harmonic_motion(rng, t, rates, amplitude, least=0.5, moving=only)
     q += robot.home
     sliding = np.stack([np.sign(v), v, np.ones_like(v)], axis=2)
     level = np.broadcast_to(LAW.coulomb, v.shape)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sample_models import torque_error
 from scipy.signal import lfilter
 
 from wrenchsight.models.detection.contact_detector import (
@@ -31,7 +32,6 @@ from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiPa
 from wrenchsight.models.identification.contact_noise import ContactNoise
 from wrenchsight.models.identification.identified_model import IdentifiedModel, Validity
 from wrenchsight.models.identification.torque_error_fit import HeldOutReading
-from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.signals.exceedance_tail import ExceedanceTail, peaks_above
 
@@ -43,20 +43,12 @@ CORRELATION_TIME = 0.2
 @pytest.fixture(scope="module")
 def model(sts):
     """Without friction, so that nothing is stiction: what is read errs by SD."""
-    one, zero = np.ones(N), np.zeros(N)
-    error = TorqueErrorModel(
+    error = torque_error(
         constant=SD,
-        speed=zero,
-        load=zero,
-        acceleration=zero,
-        reversal=zero,
         correlation=0.1 + 0.9 * np.eye(N),
-        correlation_time=CORRELATION_TIME * one,
-        lasting=zero,
-        fitted_speed=one,
-        fitted_load=50.0 * one,
-        K_0=20.0 * one,
-        resolution=zero,
+        correlation_time=CORRELATION_TIME,
+        fitted_speed=1.0,
+        fitted_load=50.0,
         scale=0.0,
     )
     return replace(IdentifiedModel.nominal(sts), torque_error=error)

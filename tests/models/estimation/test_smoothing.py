@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from sample_models import torque_error
 
 from wrenchsight.models.estimation import smoothing
 from wrenchsight.models.estimation.estimator import (
@@ -16,7 +17,7 @@ from wrenchsight.models.estimation.smoothing import DRIFT_TIME, WrenchSmoother, 
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.identification.torque_error_model import TORQUE_ERROR_ROWS, TorqueErrorModel
+from wrenchsight.models.identification.torque_error_model import TORQUE_ERROR_ROWS
 from wrenchsight.models.observers.fixed_interval import BLOW_GAIN, LIKELIER
 from wrenchsight.models.observers.force_changes import IntervalSmoother
 from wrenchsight.models.observers.kalman_observer import (
@@ -45,12 +46,14 @@ FORCE = np.array([12.0, -7.0, 20.0])
 @pytest.fixture(scope="module")
 def model(ur10e: Robot) -> IdentifiedModel:
     n, rng = ur10e.num_joints, np.random.default_rng(3)
-    error = TorqueErrorModel(
-        *(rng.uniform(0.1, 0.5, n) for _ in range(5)),
-        np.eye(n),
-        rng.uniform(0.1, 0.4, n),
-        np.full(n, 0.05),
-        *(np.full(n, 10.0), np.full(n, 500.0), np.full(n, 20.0), np.full(n, 1e-6)),
+    sizes = ("constant", "speed", "load", "acceleration", "reversal")
+    error = torque_error(
+        **{name: rng.uniform(0.1, 0.5, n) for name in sizes},
+        correlation_time=rng.uniform(0.1, 0.4, n),
+        lasting=0.05,
+        fitted_speed=10.0,
+        fitted_load=500.0,
+        resolution=1e-6,
     )
     friction = SemiParametricFriction(
         CoulombViscous(np.full(n, 2.0), np.linspace(8.0, 2.0, n), np.zeros(n))

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sample_models import torque_error
 from scipy.linalg import solve_discrete_are
 from scipy.stats import chi2
 
@@ -43,15 +44,16 @@ def error_model(n: int = N) -> TorqueErrorModel:
     correlation = np.eye(n)
     if n > 2:
         correlation[1, 2] = correlation[2, 1] = 0.2
-    return TorqueErrorModel(
-        *(rng.uniform(0.1, 0.5, n) for _ in range(5)),
-        correlation,
-        rng.uniform(0.1, 0.4, n),
-        np.full(n, 0.05),
-        np.zeros(n),
-        np.zeros(n),
-        np.full(n, 20.0),
-        np.full(n, 1e-6),
+    sizes = ("constant", "speed", "load", "acceleration", "reversal")
+    return torque_error(
+        n,
+        **{name: rng.uniform(0.1, 0.5, n) for name in sizes},
+        correlation=correlation,
+        correlation_time=rng.uniform(0.1, 0.4, n),
+        lasting=0.05,
+        fitted_speed=0.0,
+        fitted_load=0.0,
+        resolution=1e-6,
     )
 
 

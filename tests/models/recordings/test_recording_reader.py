@@ -12,11 +12,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from typer.testing import CliRunner
 
-from wrenchsight.analyses.__main__ import app
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings import text_table
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import RecordingReader, read_recording
@@ -629,37 +626,3 @@ def test_the_panda_log_is_known_by_its_columns(data: Callable[[str], Path]) -> N
     assert recording.num_joints == 0
     with pytest.raises(InputError, match="holds no joint positions"):
         RecordingReader(path).require_joint_signals()
-
-
-@pytest.mark.parametrize("command", ["identify", "refresh", "payload"])
-def test_a_log_without_current_or_torque_is_refused_by_all(tmp_path: Path, command: str) -> None:
-    """As by `estimate`: no fit, no refreshed friction and no load come of nothing."""
-    columns = [f"{kind}{j}" for kind in "qv" for j in range(1, 7)]
-    t = np.arange(0.0, 20.0, 0.01)
-    rows = np.column_stack([t, *[0.3 * np.sin(t + k) for k in range(12)]])
-    header = ",".join(["t", *columns])
-    log, description = tmp_path / "log.csv", tmp_path / "columns.yaml"
-    np.savetxt(log, rows, delimiter=",", header=header, comments="")
-    description.write_text(
-        "header: true\ntime: {columns: t, unit: s}\nposition: {columns: 'q{1..6}', unit: rad}\n"
-        "velocity: {columns: 'v{1..6}', unit: rad/s}\n"
-    )
-    own = [
-        "--robot",
-        "sts_sre4_600",
-        "--log-format",
-        str(description),
-        "--out",
-        str(tmp_path / "out"),
-    ]
-    model = tmp_path / "model.yaml"
-    IdentifiedModel.nominal(Robot.load("sts_sre4_600")).save(model)
-    words = {
-        "identify": ["identify", str(log)],
-        "refresh": ["identify", str(log), "--refresh", str(model)],
-        "payload": ["payload", str(log), "--model", str(model)],
-    }[command]
-    result = CliRunner().invoke(app, [*words, *own])
-    assert result.exit_code == 2, result.output
-    assert "holds no motor currents" in result.stderr
-    assert result.stderr.count("\n") == 1

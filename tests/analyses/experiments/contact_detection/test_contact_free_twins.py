@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sample_models import torque_error
 
 from wrenchsight.analyses.experiments.contact_detection import contact_free_twins
 from wrenchsight.analyses.experiments.contact_detection.contact_free_twins import (
@@ -11,7 +12,6 @@ from wrenchsight.analyses.experiments.contact_detection.contact_free_twins impor
     model_of_twins,
 )
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 
@@ -34,21 +34,7 @@ def log(robot):
 
 def model_with_sd(robot, sd):
     """Of the nominal arm, without friction, so that it reads the twin's friction as contact."""
-    zero = np.zeros(N)
-    error = TorqueErrorModel(
-        constant=np.full(N, sd),
-        speed=zero,
-        load=zero,
-        acceleration=zero,
-        reversal=zero,
-        correlation=np.eye(N),
-        correlation_time=np.full(N, 0.1),
-        lasting=zero,
-        fitted_speed=zero,
-        fitted_load=zero,
-        K_0=np.full(N, 20.0),
-        resolution=zero,
-    )
+    error = torque_error(N, constant=sd, fitted_speed=0.0, fitted_load=0.0)
     return replace(IdentifiedModel.nominal(robot), torque_error=error)
 
 

@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sample_models import harmonic_motion
 
 from wrenchsight.analyses.methods.calibration.friction_refreshing import refresh_log, refresh_model
-from wrenchsight.analyses.methods.learning.identification import identify, predict_torque
+from wrenchsight.analyses.methods.learning.identification import predict_torque
 from wrenchsight.analyses.methods.learning.identification_config import (
     IdentificationConfig,
     RefreshConfig,
@@ -36,15 +37,8 @@ def recording(robot, seed, coulomb=COULOMB, viscous=VISCOUS, duration=6.0, still
     """A log of the arm with this friction and noise on its currents."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, duration, 0.01)
-    q, v, vdot = np.zeros((3, len(t), 6))
-    for k in (1, 2, 3):
-        w = 1.1 * k
-        angle = w * t[:, None] + rng.uniform(0.0, 2.0 * np.pi, 6)
-        size = 0.5 * rng.uniform(0.6, 1.0, 6) / k
-        size[list(still)] = 0.0
-        q += size * np.sin(angle)
-        v += w * size * np.cos(angle)
-        vdot -= w**2 * size * np.sin(angle)
+    moving = sorted({*range(6)} - {*still})
+    q, v, vdot = harmonic_motion(rng, t, 1.1 * np.arange(1, 4), 0.5, moving=moving)
     q += robot.home
     tau = robot.chain.inverse_dynamics(q, v, vdot) + coulomb * np.sign(v) + viscous * v
     current = tau / (robot.torque_per_ampere * robot.current_sign)
@@ -134,27 +128,17 @@ def test_an_arm_that_stands_is_refused(ur10e, model):
         refresh_model(log, ur10e, model)
 
 
-def test_seven_weeks_of_drift_of_a_real_arm(ur10e, data):
+def test_seven_weeks_of_drift_of_a_real_arm(ur10e, real_model, data):
     """4 s of the UR10e seven weeks before its model: the rest of that log."""
-    fitted = [
-        read_recording(data(f"ur10e/{name}"), robot=ur10e)
-        for name in (
-            "ur-20_02_10-30sec_12harm.csv",
-            "ur-20_02_12-40sec_12harm.csv",
-            "ur-20_02_12-50sec_12harm.csv",
-        )
-    ]
-    law = IdentificationConfig(friction="load-dependent", cross_validate=False)
-    model = identify(fitted, ur10e, config=law).model
     whole = read_recording(
         data("ur10e_more/ur-19_12_23_free.csv"), "ur10e-dynamic-calibration", ur10e
     )[5:2019]
-    found = refresh_model(whole[:372], ur10e, model)
+    found = refresh_model(whole[:372], ur10e, real_model)
     # Joints 1 and 2, viscous: more than chance alone moves one number in a hundred.
     assert found.refresh.standard_errors[:2, 1].min() > 2.6
     before, after = (
         predict_torque([whole[372:]], ur10e, one, IdentificationConfig())[0].rmse
-        for one in (model, found.model)
+        for one in (real_model, found.model)
     )
     assert after[1] < 0.65 * before[1]
     assert (after < 1.1 * before).all()

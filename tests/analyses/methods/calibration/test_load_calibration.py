@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sample_models import harmonic_motion
 
 from wrenchsight.analyses.methods.calibration.load_calibration import (
     calibrate,
@@ -32,14 +33,7 @@ def recording(robot, seed, load=None, duration=20.0):
     """A log of an arm whose drives give RATIO times the torque that its file states."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, duration, 0.01)
-    q, v, vdot = np.zeros((3, len(t), 6))
-    for k in (1, 2, 3, 4):
-        w = 0.9 * k
-        angle = w * t[:, None] + rng.uniform(0.0, 2.0 * np.pi, 6)
-        size = 0.6 * rng.uniform(0.6, 1.0, 6) / k
-        q += size * np.sin(angle)
-        v += w * size * np.cos(angle)
-        vdot -= w**2 * size * np.sin(angle)
+    q, v, vdot = harmonic_motion(rng, t, 0.9 * np.arange(1, 5), 0.6)
     q += robot.home
     tau = robot.chain.inverse_dynamics(q, v, vdot) + COULOMB * np.sign(v) + VISCOUS * v
     if load is not None:

@@ -6,14 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from sample_models import harmonic_motion
 
 from wrenchsight.analyses.methods.calibration.payload_config import PayloadConfig
 from wrenchsight.analyses.methods.calibration.payload_identification import (
     identify_payload,
     payload_log,
 )
-from wrenchsight.analyses.methods.learning.identification import identify
-from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
 from wrenchsight.models.calibration.load_parameters import body_parameters, flange_map, load_columns
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
@@ -40,14 +39,7 @@ def model(ur10e):
 def recording(robot, seed, load=BODY, duration=12.0):
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, duration, 0.01)
-    q, v, vdot = np.zeros((3, len(t), 6))
-    for k in (1, 2, 3):
-        w = 1.1 * k
-        angle = w * t[:, None] + rng.uniform(0.0, 2.0 * np.pi, 6)
-        size = 0.5 * rng.uniform(0.6, 1.0, 6) / k
-        q += size * np.sin(angle)
-        v += w * size * np.cos(angle)
-        vdot -= w**2 * size * np.sin(angle)
+    q, v, vdot = harmonic_motion(rng, t, 1.1 * np.arange(1, 4), 0.5)
     q += robot.home
     tau = robot.chain.inverse_dynamics(q, v, vdot) + COULOMB * np.sign(v) + VISCOUS * v
     tau = tau + load_columns(robot, q, v, vdot) @ load
@@ -129,19 +121,9 @@ def test_another_robots_model_is_refused(ur10e, sts):
         ("ur10e_more/ur-19_12_23_load.csv", slice(2, 2040), 1.069, 0.05),
     ],
 )
-def test_weighed_loads_of_a_real_arm(ur10e, data, name, rows, mass, within):
-    fitted = [
-        read_recording(data(f"ur10e/{name}"), robot=ur10e)
-        for name in (
-            "ur-20_02_10-30sec_12harm.csv",
-            "ur-20_02_12-40sec_12harm.csv",
-            "ur-20_02_12-50sec_12harm.csv",
-        )
-    ]
-    law = IdentificationConfig(friction="load-dependent", cross_validate=False)
-    model = identify(fitted, ur10e, config=law).model
+def test_weighed_loads_of_a_real_arm(ur10e, real_model, data, name, rows, mass, within):
     log = read_recording(data(name), "ur10e-dynamic-calibration", ur10e)
     log = log[rows] if log.num_samples > rows.stop - rows.start else log
-    load = identify_payload(log, ur10e, model).load
+    load = identify_payload(log, ur10e, real_model).load
     assert load.mass == pytest.approx(mass, abs=within)
     assert abs(load.mass - mass) < 2.0 * load.standard_deviation[0]

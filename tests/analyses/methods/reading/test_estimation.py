@@ -17,6 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import yaml
+from sample_models import torque_error
 
 from wrenchsight.analyses.methods.reading import estimation
 from wrenchsight.analyses.methods.reading.estimate_config import (
@@ -34,7 +35,6 @@ from wrenchsight.models.files.configuration import load_configuration
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel, Validity
-from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
 from wrenchsight.models.recordings import resampling, text_table
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_writer import write_recording
@@ -390,9 +390,12 @@ def test_leaving_the_models_ranges_is_said(
     assert "(mostly speed of joint_2)" in text
 
 
-def test_a_log_without_a_model_warns(log: Path, tmp_path: Path) -> None:
+def test_without_a_model_no_reading_is_valid(log: Path, tmp_path: Path) -> None:
+    """Nothing holds a band that rests on the drives' effort limits to the arm."""
     result = _estimate(log, None, tmp_path / "out")
-    assert "not identified" in result.warnings[0]
+    assert "not identified" in result.warnings[0] and "no reading is valid" in result.warnings[0]
+    assert result.valid_share == 0.0 and not _table(result)[:, 14].any()
+    assert not any("of the readings" in warning for warning in result.warnings[1:])
 
 
 def test_a_log_without_force_warns(
@@ -403,7 +406,7 @@ def test_a_log_without_force_warns(
     free = recording.current + tau / (sts.torque_per_ampere * sts.current_sign)
     write_recording(replace(recording, current=free), tmp_path / "log.csv")
     result = _estimate(tmp_path / "log.csv", model_file, tmp_path / "out", EstimateConfig())
-    assert any("little force beyond the model's error" in line for line in result.warnings)
+    assert any("the prior that explains the log best" in line for line in result.warnings)
     # A third of the live prior, so that a short contact in a quiet log is not read as noise.
     found, live = result.metrics()["prior"], live_prior(sts.payload)
     np.testing.assert_allclose([found["force_sd_n"], found["moment_sd_nm"]], np.array(live) / 3.0)
@@ -433,10 +436,7 @@ def test_friction_that_may_have_drifted_widens_the_band(
 ) -> None:
     model = IdentifiedModel.load(model_file, sts)
     one, zero = np.ones(sts.num_joints), np.zeros(sts.num_joints)
-    error = TorqueErrorModel(
-        *(0.05 * one, zero, zero, zero, zero, np.eye(sts.num_joints)),
-        *(0.1 * one, zero, 9.0 * one, 9e3 * one, 20.0 * one, zero),
-    )
+    error = torque_error(constant=0.05)
     viscous = SemiParametricFriction(CoulombViscous(zero, 10.0 * one, zero))
     path = tmp_path / "model.yaml"
     replace(model, friction=viscous, torque_error=error).save(path)
@@ -447,7 +447,7 @@ def test_friction_that_may_have_drifted_widens_the_band(
     # 5 N m s/rad in place of .5; the lag's share is that of the reading, whatever the drift.
     assert (wide > usual).mean() > 0.9
     assert wide.mean() > 1.5 * usual.mean()
-    with pytest.raises(InputError, match=r"drift.*does not"):
+    with pytest.raises(InputError, match=r"drift.*no torque error"):
         _estimate(log, model_file, tmp_path / "none", replace(_GIVEN, drift=0.5))
     for drift in (-0.1, 11.0, float("nan")):
         with pytest.raises(InputError, match="drift"):

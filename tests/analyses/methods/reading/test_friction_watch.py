@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sample_models import torque_error
 from scipy.signal import lfilter
 
 from wrenchsight.analyses.methods.reading.estimate_config import LARGEST_DRIFT
@@ -14,7 +15,6 @@ from wrenchsight.models.identification.identified_model import (
     LogSource,
     Provenance,
 )
-from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
 
 T, ROWS, K_0 = 0.01, 4000, 20.0
 KEEP = np.exp(-K_0 * T)
@@ -112,10 +112,7 @@ def test_more_viscous_friction_is_named_with_the_command_to_run(sts, model, cuts
 
 def test_the_drift_for_the_band_is_what_the_stretches_show(sts, model):
     t, q, v, noise = signals(sts)
-    one, zero = np.ones(6), np.zeros(6)
-    error = TorqueErrorModel(
-        *(0.5 * one, zero, zero, zero, zero, np.eye(6), one, zero, one, one, K_0 * one, zero)
-    )
+    error = torque_error(correlation_time=1.0, fitted_speed=1.0, fitted_load=1.0, K_0=K_0)
     known = replace(model, torque_error=error)
     free = np.ones(ROWS, bool)
     watch = watched(known, sts, t, q, v, drifted(v, noise, 2, 6.0), free)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pinocchio
 import pytest
+from sample_models import torque_error
 from scipy.signal import lfilter
 
 from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
@@ -21,7 +22,6 @@ from wrenchsight.models.identification.identified_model import (
     LogSource,
     Provenance,
 )
-from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_writer import write_recording
 from wrenchsight.models.robot.robot import Robot
@@ -57,16 +57,12 @@ def free_motion(robot: Robot, more: Array) -> Recording:
 @pytest.fixture(scope="module")
 def model_file(sts: Robot, tmp_path_factory: pytest.TempPathFactory) -> Path:
     one, zero = np.ones(6), np.zeros(6)
-    error = TorqueErrorModel(
-        *(NOISE * one, zero, zero, zero, zero, np.eye(6)),
-        *(0.1 * one, zero, 9.0 * one, 9e3 * one, 20.0 * one, zero),
-    )
     path = tmp_path_factory.mktemp("model") / "model.yaml"
     replace(
         IdentifiedModel.nominal(sts),
         friction=SemiParametricFriction(CoulombViscous(zero, VISCOUS * one, zero)),
         residual_covariance=NOISE**2 * np.eye(6),
-        torque_error=error,
+        torque_error=torque_error(constant=NOISE),
         provenance=Provenance(logs=[LogSource(name="a.csv")]),
     ).save(path)
     return path

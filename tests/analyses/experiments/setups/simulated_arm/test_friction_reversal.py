@@ -39,7 +39,7 @@ def test_the_simulated_arms_friction_comes_back(sts_reversed, separated):
         # The load term is left out of the oracle: at most 2 % of the torque carried, some 1 N m.
         expected = truth.sliding_torque(v, np.zeros_like(v))[:, j]
         error = np.sqrt(np.mean((samples.symmetric - expected) ** 2))
-        assert error < 0.12 * truth.stiction[j]
+        assert error < 0.12 * sts_reversed.truth.stiction[j]
     metrics = separated.metrics()
     # What eq. 15 assumes away is there, from the ripple, and no larger than it.
     asymmetric = np.array(metrics["asymmetric_rms_nm"])

@@ -1,0 +1,34 @@
+"""What commands print: nothing that a file says reaches a terminal as a command to it."""
+
+import io
+
+from rich.console import Console
+
+from wrenchsight.analyses.output.console import new_table, plain_text, say
+from wrenchsight.analyses.output.progress import Progress, ProgressDisplay
+
+_ODD = "a\x1b[31mb\x9b2J\rc"
+_SHOWN = r"a\x1b[31mb\x9b2J\rc"
+
+
+def _printed(what) -> str:
+    console = Console(file=io.StringIO(), width=120)
+    what(console)
+    return console.file.getvalue()
+
+
+def test_escape_sequences_are_shown():
+    assert _printed(lambda console: say(console, f"one\n{_ODD}")) == f"one\n{_SHOWN}\n"
+    table = new_table("joint", "torque")
+    table.add_row(_ODD, "1")
+    assert _SHOWN.replace("[31m", "") in _printed(lambda c: c.print(table)).replace("[31m", "")
+    assert plain_text(f"`{_ODD}`").plain == _SHOWN
+
+
+def test_so_are_those_in_progress():
+    def follow(console):
+        with ProgressDisplay(console, ("work",)) as watch:
+            watch(Progress("work", "failed", what=_ODD))
+
+    assert _SHOWN in _printed(follow)
+    assert "\x1b[31m" not in _printed(follow)

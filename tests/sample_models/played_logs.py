@@ -1,0 +1,66 @@
+"""Logs that tests give to an estimator, and the estimator's diagram that plays one."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
+
+from wrenchsight.diagrams.estimator import add_estimator
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.systems.recording_player import RecordingPlayer, Samples
+
+OUTPUTS = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
+
+
+def moving_log(robot: Robot, time_step: float, rows: int) -> tuple[Array, Array, Array]:
+    """q, v and current (rows, n) of joints fast enough for every term of the dynamics to count."""
+    n, rng = robot.num_joints, np.random.default_rng(11)
+    t = np.arange(rows)[:, None] * time_step
+    phase, rate = rng.uniform(0.0, 6.0, n), rng.uniform(1.0, 9.0, n)
+    q = robot.home + 0.4 * np.sin(rate * t + phase)
+    v = 0.4 * rate * np.cos(rate * t + phase)
+    return q, v, 0.5 * np.sin(3.0 * rate * t) + 0.05 * rng.normal(size=(rows, n))
+
+
+def played(
+    robot: Robot,
+    model: IdentifiedModel,
+    config: WrenchEstimatorConfig,
+    log: tuple[Array, ...],
+    *,
+    fused: bool = False,
+    taught: Mapping[str, Any] | None = None,
+    change: Callable[[Any, Any], None] | None = None,
+) -> dict[str, Array]:
+    """`OUTPUTS` of the estimator's diagram at every tick, (rows, size) each.
+
+    Args:
+        log: q, v and current, one row a tick of the observer.
+        taught: constant inputs besides, by their ports' names.
+        change: of estimator and root context, after .1 s.
+    """
+    T = config.observer.time_step
+    builder = DiagramBuilder()
+    player = builder.AddSystem(RecordingPlayer(robot.num_joints, T))
+    ports = {name: player.GetOutputPort(name) for name in ("q", "v", "current")}
+    estimator = add_estimator(
+        builder, robot, model, config, **ports, taught=taught is not None, fused=fused
+    )
+    for name, value in (taught or {}).items():
+        source = builder.AddSystem(ConstantVectorSource(value))
+        builder.Connect(source.get_output_port(), estimator.GetInputPort(name))
+    sinks = {name: LogVectorOutput(estimator.GetOutputPort(name), builder, T) for name in OUTPUTS}
+    simulator = Simulator(builder.Build())
+    context = simulator.get_mutable_context()
+    player.load(player.GetMyMutableContextFromRoot(context), Samples(*log))
+    if change is not None:
+        simulator.AdvanceTo(0.1)
+        change(estimator, context)
+    simulator.AdvanceTo((len(log[0]) - 0.5) * T)
+    return {name: sink.FindLog(context).data().T for name, sink in sinks.items()}
