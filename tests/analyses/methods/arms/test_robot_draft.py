@@ -171,3 +171,16 @@ def test_a_drafted_arm_has_friction_noise_and_steps_and_says_so(tmp_path: Path) 
     for drive in robot.config.drives:
         assert drive.current_noise_sd > drive.current_resolution > 0.0
     assert truth.coulomb.min() >= 0.099 * truth.coulomb.max()
+
+
+def test_a_collision_mesh_that_is_missing_is_named_with_the_place_it_was_looked_for(
+    tmp_path: Path,
+) -> None:
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    mesh = "<collision><geometry><mesh filename='package://arm/upper.stl'/></geometry></collision>"
+    text = urdf.read_text().replace("<link name='upper'>", "<link name='upper'>" + mesh)
+    urdf.write_text(text)
+    robot, _ = draft_robot(urdf, tmp_path / "robot.yaml")
+    [lost] = robot.unusable_collisions
+    place = tmp_path / "arm" / "upper.stl"
+    assert lost == f"upper (package://arm/upper.stl not found, looked for at {place} and above)"
