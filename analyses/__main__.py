@@ -94,13 +94,26 @@ def _told(line: str, code: int) -> int:
     return code
 
 
+_QUESTIONS = """Estimates the wrench at an industrial arm's tool from its motor currents.
+
+How do I begin with my arm?  wrenchsight robot ARM.urdf, then wrenchsight excite --robot robot.yaml
+
+What is its dynamic model?  wrenchsight identify LOG --robot robot.yaml
+
+What force acts at the tool?  wrenchsight estimate LOG --robot robot.yaml --model model.yaml
+
+Where should I put the task?  wrenchsight place --task linear_path --robot robot.yaml
+
+Does the method work?  wrenchsight simulate, wrenchsight study
+"""
+
 app = typer.Typer(
     name="wrenchsight",
     cls=_Commands,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,  # a traceback here is a defect: whole and plain
-    help="Estimates the wrench at an industrial arm's tool from its motor currents.",
+    help=_QUESTIONS,
 )
 
 

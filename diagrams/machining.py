@@ -24,6 +24,7 @@ from wrenchsight.models.machining.machining_path import (
 from wrenchsight.models.machining.machining_phases import RAMP, PhasesConfig
 from wrenchsight.models.motion.branches import all_branches
 from wrenchsight.models.motion.inverse_kinematics import follow_path
+from wrenchsight.models.motion.joint_ranges import narrowed_limits
 from wrenchsight.models.motion.posture_measures import ForceSd
 from wrenchsight.models.motion.redundancy import RedundancyProblem, best_on_grid, candidates, refine
 from wrenchsight.models.motion.surface_path import SurfacePath
@@ -87,17 +88,7 @@ def posture_problem(
         InputError: narrower limits of a joint that the robot does not have, or that are no range.
     """
     lower, upper = robot.position_lower + _MARGIN, robot.position_upper - _MARGIN
-    for joint, limits in machining.joint_ranges_deg.items():
-        if joint not in robot.joint_names or len(limits) != 2 or not limits[0] < limits[1]:
-            raise InputError(
-                source,
-                f"joint_ranges_deg.{joint}",
-                "expected [lower, upper]",
-                f"joints are {', '.join(robot.joint_names)}",
-            )
-        j = robot.joint_names.index(joint)
-        lower[j] = max(lower[j], math.radians(limits[0]))
-        upper[j] = min(upper[j], math.radians(limits[1]))
+    lower, upper = narrowed_limits(robot, machining.joint_ranges_deg, lower, upper, source)
     return RedundancyProblem(
         robot=robot,
         path=path,

@@ -217,10 +217,12 @@ def _print_comparison(comparison: "SensorComparison", out: Path, W: str = "world
     mounting = comparison.mounting
     frame = W if mounting.frame == "world" else mounting.frame
     axes = "; ".join(" ".join(f"{x:.3g}" for x in row) for row in mounting.R.round(6) + 0.0)
+    side = "late" if mounting.delay >= 0.0 else "early"
     says = "force on the robot" if mounting.sign > 0 else "force on the environment"
     say(
         console,
         f"sensor: axes of the {frame} turned by [{axes}], {says}, "
-        f"{1000 * mounting.delay:.0f} ms late, tare {' '.join(f'{x:.3g}' for x in mounting.tare)}; "
+        f"{1000 * abs(mounting.delay):.0f} ms {side}, "
+        f"tare {' '.join(f'{x:.3g}' for x in mounting.tare)}; "
         f"figure: {out / 'figures' / 'reference.png'}",
     )

@@ -19,6 +19,8 @@ OPTIONS = (
     Option("excitation.base_frequency"),
     Option("excitation.num_harmonics", "harmonics"),
     Option("excitation.num_periods", "periods"),
+    Option("excitation.num_starts", "starts", least=1),
+    Option("excitation.iterations", least=1),
     Option(f"{LIMITS}.position_margin"),
     Option(f"{LIMITS}.velocity_share"),
     Option(f"{LIMITS}.acceleration"),
@@ -74,3 +76,9 @@ def _print(results: "tuple[ExcitationResult, ...]", out: Path) -> None:
     for warning in dict.fromkeys(w for result in results for w in result.warnings):
         say(console, f"note: {warning}")
     say(console, f"trajectory: {out / 'trajectory.csv'}, coefficients: {out / 'trajectory.yaml'}")
+    if len(results) > 1:
+        say(
+            console,
+            "record both motions, then: wrenchsight identify LOG --validate LOG_OF_VALIDATION "
+            f"--robot ROBOT; the second is {out / 'validation.csv'}",
+        )

@@ -27,6 +27,10 @@ def command(
     flange: Annotated[
         str | None, typer.Option(help="Link that carries the tool; else the end of the only arm.")
     ] = None,
+    xacro_arg: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME:=VALUE", help="An argument of a xacro file; may be repeated."),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(help="The robot.yaml (robot.yaml), or with `show` the page (arm.html)."),
@@ -43,7 +47,7 @@ def command(
     from wrenchsight.analyses.methods.arms.robot_draft import FILL_IN, draft_robot
 
     path = out or Path("robot.yaml")
-    drafted, places = draft_robot(Path(source), path, base, flange)
+    drafted, places = draft_robot(Path(source), path, base, flange, _arguments(xacro_arg or []))
     _print(drafted)
     console = new_console()
     held = ", ".join(f"{name} at {at:g}" for name, at in drafted.config.locked_joints.items())
@@ -53,7 +57,23 @@ def command(
             f"note: joints held still, rad or m: {held}. Where one of them is the arm's, name the "
             "link that it moves: --flange LINK",
         )
+    say(
+        console,
+        "note: friction, noise and resolution of the simulated arm are assumed: simulated_truth "
+        "and drives in the file"
+        if drafted.config.simulated_truth.friction.coulomb.size
+        else "note: the simulated arm has no friction: the URDF has no inertias to size it by",
+    )
     say(console, f"robot: {path}; look for {FILL_IN}: {', '.join(places)}")
+
+
+def _arguments(words: list[str]) -> dict[str, str]:
+    """Arguments of a xacro file by name."""
+    pairs = [word.partition(":=") for word in words]
+    for word, (name, sign, _) in zip(words, pairs, strict=True):
+        if not (name and sign):
+            raise InputError("--xacro-arg", "", f"is {word!r}", "write NAME:=VALUE")
+    return {name: value for name, _, value in pairs}
 
 
 def _show(name: str, out: Path) -> None:

@@ -55,7 +55,7 @@ class _Reader:
         self.inertia_faults: list[InputError] = []
         self.rounded: list[str] = []  # joints whose angles were written with few digits
         self.meshes = CollisionMeshes()
-        self.root, self.lines = read_document(path, config_source)
+        self.root, self.lines = read_document(path, config_source, config.xacro_args)
         self.links: dict[str, ET.Element] = {}
         self.joints: dict[str, ET.Element] = {}
         self.parent_joint: dict[str, ET.Element] = {}  # by child link

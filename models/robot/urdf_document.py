@@ -2,6 +2,7 @@
 
 import xml.etree.ElementTree as ET
 import xml.parsers.expat
+from collections.abc import Mapping
 from pathlib import Path
 
 from wrenchsight.models.files.input_error import InputError
@@ -13,13 +14,14 @@ LARGEST_DOCUMENT = 1 << 26  # bytes
 
 
 def read_document(
-    path: Path, named_by: Path | None = None
+    path: Path, named_by: Path | None = None, arguments: Mapping[str, str] | None = None
 ) -> tuple[ET.Element, dict[ET.Element, int]]:
     """Reads a robot's description.
 
     Args:
         path: .urdf, .xacro or .sdf; what it is the root element says.
         named_by: the file that names it, told where it is missing.
+        arguments: of a xacro file, by name.
 
     Returns:
         The <robot> element of a URDF, and the lines of its elements in the file; none for what was
@@ -41,7 +43,7 @@ def read_document(
             f"<{root.tag}> is the root element, expected <robot> of a URDF, or <sdf>",
         )
     if any(element.tag.startswith("xacro:") for element in root.iter()):
-        root, lines = _parsed(urdf_of_xacro(path), path)[0], {}
+        root, lines = _parsed(urdf_of_xacro(path, arguments), path)[0], {}
     for element in root.iter():
         name = element.get("name", "")
         if not name.isprintable():

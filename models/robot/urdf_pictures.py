@@ -36,7 +36,7 @@ def drop_pictures(
                 link.remove(element)
                 if kind == "collision":
                     mesh = _mesh_for_hull(element, urdf)
-                    collisions.add(link, element, mesh, reason)
+                    collisions.add(link, element, mesh, _missing(element, urdf) or reason)
                     if mesh is not None:
                         continue
                 dropped[kind, reason] = dropped.get((kind, reason), 0) + 1
@@ -90,8 +90,21 @@ def _mesh_for_hull(element: ET.Element, urdf: Path) -> Path | None:
     return resolved_mesh(name, urdf)
 
 
+def _missing(element: ET.Element, urdf: Path) -> str:
+    """That a mesh's file is not there, with the first place it was looked for; '' if it is."""
+    shape = element.find("geometry/mesh")
+    name = "" if shape is None else shape.get("filename", "")
+    if not name or resolved_mesh(name, urdf) is not None:
+        return ""
+    return f"{name} not found, looked for at {_mesh_places(name, urdf)[0]} and above"
+
+
 def resolved_mesh(name: str, urdf: Path) -> Path | None:
     """The file that a mesh's URI means; package:// is looked for upwards from the URDF."""
+    return next((path for path in _mesh_places(name, urdf) if path.is_file()), None)
+
+
+def _mesh_places(name: str, urdf: Path) -> list[Path]:
     folder = urdf.resolve().parent
     if name.startswith("package://"):
         relative = name.removeprefix("package://")
@@ -102,6 +115,5 @@ def resolved_mesh(name: str, urdf: Path) -> Path | None:
             for parent in (folder, *folder.parents)
             if (parent / "package.xml").is_file()
         ]
-    else:
-        candidates = [folder / name.removeprefix("file://")]
-    return next((path for path in candidates if path.is_file()), None)
+        return candidates
+    return [folder / name.removeprefix("file://")]

@@ -8,7 +8,7 @@ of the robot's folders alone, and stops when the document has had its share of w
 import importlib.util
 import re
 import xml.dom.minidom
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -41,8 +41,8 @@ _MACRO_ARGUMENT: Final = re.compile(
 )
 
 
-def urdf_of_xacro(path: Path) -> bytes:
-    """The URDF that a xacro file means, with its arguments' defaults.
+def urdf_of_xacro(path: Path, arguments: Mapping[str, str] | None = None) -> bytes:
+    """The URDF that a xacro file means, with these arguments and the defaults of all others.
 
     `$(find package)` is looked for upwards from the file: a package.xml of that name, or a folder
     of that name that holds the file. What the file includes lies below its folder or in a package.
@@ -51,7 +51,10 @@ def urdf_of_xacro(path: Path) -> bytes:
         InputError: the package `xacro` is not installed; a package is not found; an argument
             without a default; whatever else xacro or `evaluate` refuses.
     """
-    by_hand = f"write it out: xacro {path.name} [ARGUMENT:=VALUE ...] > robot.urdf"
+    by_hand = (
+        "give what it asks for (--xacro-arg NAME:=VALUE), or write it out: "
+        f"xacro {path.name} [ARGUMENT:=VALUE ...] > robot.urdf"
+    )
     specification = importlib.util.find_spec("xacro")
     if specification is None or specification.loader is None:
         remedy = f"pip install xacro (it needs no ROS), or {by_hand}"
@@ -60,7 +63,8 @@ def urdf_of_xacro(path: Path) -> bytes:
     specification.loader.exec_module(xacro)
     try:
         _Document(xacro, path)
-        document = xacro.process_file(str(path))
+        given = {str(name): str(value) for name, value in (arguments or {}).items()}
+        document = xacro.process_file(str(path), mappings=given)
         return bytes(document.toxml(encoding="utf-8"))
     # What xacro raises has no common class, and SystemExit is among it.
     except (Exception, SystemExit) as error:

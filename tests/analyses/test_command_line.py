@@ -116,6 +116,18 @@ def test_without_a_command_help_is_shown(invoke):
     assert "study" in invoke().output
 
 
+def test_alone_it_shows_the_five_questions_with_a_command_each(invoke):
+    shown = " ".join(invoke().output.split())
+    for question in (
+        "How do I begin with my arm? wrenchsight robot ARM.urdf",
+        "What is its dynamic model? wrenchsight identify LOG",
+        "What force acts at the tool? wrenchsight estimate LOG",
+        "Where should I put the task? wrenchsight place",
+        "Does the method work? wrenchsight simulate",
+    ):
+        assert question in shown
+
+
 def test_version_and_list(invoke):
     assert invoke("--version").stdout.startswith("wrenchsight ")
     assert invoke("study", "--list").stdout.split() == list(REGISTRY.entries())

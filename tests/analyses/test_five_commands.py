@@ -71,15 +71,15 @@ def test_from_a_urdf_to_a_wrench(arm: str, wheel_robots: Path, tmp_path: Path) -
     for j in range(robot.num_joints):
         planned = np.interp(ran["t"], found[:, 0], found[:, 1 + j])
         assert np.abs(ran[f"q{j + 1}"] - planned).max() < 0.05  # a servo's error, rad or m
-    # Nothing touched it. The log is noise-free but for encoders, the error that of a short fit:
-    # far below a newton, while the arm weighs tens.
+    # Nothing touched it. The log has friction, noise and steps, the model is that of a short fit.
     metrics = json.loads((tmp_path / "estimate" / "metrics.json").read_text())
     table = np.genfromtxt(tmp_path / "estimate" / "wrench.csv", delimiter=",", names=True)
     valid = table["valid"] == 1
-    assert valid.mean() > 0.5
+    assert valid.mean() > 0.2  # five seconds of a motion hardly begun with
     force = np.stack([table[name][valid] for name in ("fx", "fy", "fz")])
-    assert np.sqrt(np.mean(force**2)) < 0.5
-    assert metrics["valid_pct"] > 50.0
+    # A valid reading's sd is at most a sixth of the payload's weight.
+    assert np.sqrt(np.mean(force**2)) < 9.81 * robot.payload / 6.0
+    assert metrics["valid_pct"] == pytest.approx(100.0 * valid.mean())
 
 
 def _nothing_is_hit(robot: Robot, folder: Path) -> None:

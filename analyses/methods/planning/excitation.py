@@ -430,9 +430,9 @@ def _warnings(robot: Robot, undetermined: tuple[str, ...], clearance: Clearance)
             + ", ".join(robot.unusable_collisions)
         )
     warnings += [
-        f"{pair} are near each other in the home posture: they keep {1e3 * selected:.0f} mm, not "
-        f"{1e3 * clearance.margin:.0f}"
-        for pair, selected in clearance.near_at_home
+        f"{pair} are near each other in the home posture: they keep {1e3 * kept:.3g} mm, "
+        f"{1e3 * (clearance.margin - kept):.2g} mm less than the clearance"
+        for pair, kept in clearance.near_at_home
     ]
     warnings += [
         f"{pair} overlap in the home posture: contact between them is not checked"

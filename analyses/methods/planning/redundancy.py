@@ -28,6 +28,7 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.plausible_numbers import check_numbers
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.motion.branches import is_closed_form
+from wrenchsight.models.motion.joint_ranges import narrowed_limits
 from wrenchsight.models.motion.posture_measures import (
     ConditionNumber,
     ForceSd,
@@ -187,6 +188,15 @@ def find_redundancy(
     if np.ptp(problem.measure.values(grid.q[0][np.isfinite(grid.q[0, :, :, 0])])) < 1e-6:
         notices.append("no angle and no branch makes a difference: " + problem.measure.label)
     clearance, free = _looked_at(problem, config, grid, initial, optimised, notices, progress)
+    hit = clearance.get("optimised")
+    if free is None and hit is not None and hit.distance < 0.0:
+        raise InputError(
+            source or "task",
+            "",
+            f"no way is free: on the best one {hit.first} and {hit.second} overlap by "
+            f"{-1e3 * hit.distance:.0f} mm, coming and going included",
+            "move the workpiece to where this arm reaches it from outside",
+        )
     progress(1.0, "done")
     return RedundancyResult(
         problem,
@@ -323,15 +333,7 @@ def make_problem(
     step = math.radians(config.max_joint_step_deg)
     margins = np.where(robot.chain.prismatic, 0.0, margin)
     lower, upper = robot.position_lower + margins, robot.position_upper - margins
-    for joint, limits in config.joint_ranges_deg.items():
-        if joint not in robot.joint_names or len(limits) != 2 or not limits[0] < limits[1]:
-            known = ", ".join(robot.joint_names)
-            raise InputError(
-                name, f"joint_ranges_deg.{joint}", "expected [lower, upper]", f"joints are {known}"
-            )
-        j = robot.joint_names.index(joint)
-        unit = 1.0 if robot.chain.prismatic[j] else math.pi / 180.0
-        lower[j], upper[j] = max(lower[j], unit * limits[0]), min(upper[j], unit * limits[1])
+    lower, upper = narrowed_limits(robot, config.joint_ranges_deg, lower, upper, name)
     if np.any(lower >= upper):
         joint = robot.joint_names[int(np.argmax(lower - upper))]
         raise InputError(name, "limit_margin_deg, joint_ranges_deg", f"leave {joint} no room")

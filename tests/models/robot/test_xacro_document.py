@@ -44,6 +44,14 @@ def test_macros_includes_and_packages(arm):
     assert not lines
 
 
+def test_an_argument_takes_the_place_of_its_default(arm):
+    pytest.importorskip("xacro", reason="the package xacro is not installed")
+    root, _ = read_document(arm, arguments={"length": "0.5"})
+    box = root.find("link[@name='upper']/collision/geometry/box")
+    assert box is not None
+    assert box.get("size") == "1 1 1.0"
+
+
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [

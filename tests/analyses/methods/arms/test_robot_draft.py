@@ -135,3 +135,52 @@ def test_no_joint_is_held_still_without_a_line(tmp_path: Path) -> None:
     said = " ".join(result.output.split())
     assert "joints held still, rad or m: gripper at 0." in said
     assert "--flange LINK" in said
+
+
+def test_a_xacro_files_arguments_are_given_and_kept(tmp_path: Path) -> None:
+    pytest.importorskip("xacro", reason="the package xacro is not installed")
+    urdf = arm_with_gripper(tmp_path / "arm.xacro")
+    text = urdf.read_text().replace("<mass value='0.3'/>", "<mass value='${mass}'/>")
+    head = (
+        "<robot name='arm' xmlns:xacro='http://www.ros.org/wiki/xacro'>"
+        "<xacro:arg name='mass' default='0.3'/><xacro:property name='mass' value='$(arg mass)'/>"
+    )
+    urdf.write_text(text.replace("<robot name='arm'>", head))
+    out = tmp_path / "robot.yaml"
+    words = ["robot", str(urdf), "--xacro-arg", "mass:=0.6", "--out", str(out)]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    masses = Robot.load(out).chain.inertial_parameters[:, 0]
+    np.testing.assert_allclose(masses[:-1], 0.6)  # the last one carries the jaw
+    result = CliRunner().invoke(app, [*words[:3], "mass=1"])
+    assert result.exit_code == 2
+    assert "write NAME:=VALUE" in result.stderr
+
+
+def test_a_drafted_arm_has_friction_noise_and_steps_and_says_so(tmp_path: Path) -> None:
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    result = CliRunner().invoke(app, ["robot", str(urdf), "--out", str(tmp_path / "robot.yaml")])
+    said = " ".join(result.output.split())
+    assert "friction, noise and resolution of the simulated arm are assumed" in said
+    robot = Robot.load(tmp_path / "robot.yaml")
+    # Shoulder and lift carry .3 kg links .1 m apart: at most sum m g r, and no less than half.
+    truth = robot.config.simulated_truth.friction
+    reach = np.hypot(0.1, 0.02) * np.arange(1, 5)
+    assert 0.5 < truth.coulomb[1] / (0.05 * 0.3 * 9.81 * reach.sum()) < 1.5
+    assert (truth.stiction > truth.coulomb).all()
+    for drive in robot.config.drives:
+        assert drive.current_noise_sd > drive.current_resolution > 0.0
+    assert truth.coulomb.min() >= 0.099 * truth.coulomb.max()
+
+
+def test_a_collision_mesh_that_is_missing_is_named_with_the_place_it_was_looked_for(
+    tmp_path: Path,
+) -> None:
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    mesh = "<collision><geometry><mesh filename='package://arm/upper.stl'/></geometry></collision>"
+    text = urdf.read_text().replace("<link name='upper'>", "<link name='upper'>" + mesh)
+    urdf.write_text(text)
+    robot, _ = draft_robot(urdf, tmp_path / "robot.yaml")
+    [lost] = robot.unusable_collisions
+    place = tmp_path / "arm" / "upper.stl"
+    assert lost == f"upper (package://arm/upper.stl not found, looked for at {place} and above)"

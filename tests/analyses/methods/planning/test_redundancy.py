@@ -104,7 +104,10 @@ def test_a_task_without_an_initial_trajectory_is_solved_and_says_so(sts: Robot) 
         ("csv: a.csv\ntool_axis: [0, 0, 0]\n", ["tool_axis"]),
         ("csv: a.csv\nlimit_margin_deg: 95\n", ["limit_margin_deg"]),
         ("csv: a.csv\nsmoothness: -1\n", ["smoothness"]),
-        ("csv: a.csv\njoint_ranges_deg: {joint_9: [0, 1]}\n", ["joint_9", "joint_3"]),
+        (
+            "csv: a.csv\njoint_ranges_deg: {joint_9: [0, 1]}\n",
+            ["joint_9", "no joint of this name", "joint_3"],
+        ),
         ("csv: a.csv\njoint_ranges_deg: {joint_3: [1, 0]}\n", ["joint_3", "[lower, upper]"]),
         ("csv: a.csv\njoint_ranges_deg: {joint_3: [300, 310]}\n", ["joint_3", "no room"]),
         ("surface: {start: [0, 0], end: [1, 0]}\n", ["one of plate and blade"]),
@@ -161,3 +164,20 @@ def test_where_the_optimum_is_too_near_the_best_free_way_stands_beside_it(sts: R
     assert metrics["free"]["mean_jcn"] < metrics["initial"]["mean_jcn"]
     assert metrics["clearance"]["optimised"]["slack_m"] < 0.0
     assert any("keeps less than 30 mm" in notice for notice in result.notices)
+
+
+def test_a_way_through_the_workpiece_is_refused(tmp_path: Path) -> None:
+    """A wide plate between arm and path: the tool works on its far side."""
+    (tmp_path / "t.yaml").write_text(
+        "surface: {plate: {length: 0.8, width: 0.8}, start: [0.5, 0.4], end: [0.5, 0.6], "
+        "num_samples: 5}\n"
+        "workpiece: {xyz: [0.45, 0, 0.4], rpy: [0, 1.5708, 0]}\n"
+        "num_angles: 12\nmax_joint_step_deg: 40\n"
+    )
+    words = ["redundancy", "--task", str(tmp_path / "t.yaml"), "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 2, result.stdout
+    assert "no way is free" in result.stderr
+    assert "workpiece overlap by" in result.stderr
+    assert "move the workpiece" in result.stderr
+    assert not (tmp_path / "out" / "trajectory.csv").exists()
