@@ -246,7 +246,8 @@ def arm_drives(
         at.q,
         at.v,
         asked,
-        rows[EXTERNAL] if of.in_contact else at.torque,
+        # A view: on Python 3.12 numba does not join an array with a record's entry.
+        rows[EXTERNAL] if of.in_contact else at.torque[:],
         noise,
         rows,
         drives[(SIGNALS + 1) * n :].reshape(of_joints // n, n),
