@@ -224,6 +224,5 @@ EXPERIMENT = Experiment(
         "ramp_acf.v10.slide.no_sensor.rmse_n",
         "ramp_ur.v10.slide.no_sensor.rmse_n",
         "summary.command.straight_slide_v90.rmse_n",
-        "summary.command.rest.rmse_n",
     ),
 )

@@ -230,7 +230,7 @@ def comparison_rows(task: MachiningTask) -> list[ComparisonRow]:
     feeds = ", ".join(f"{feed:g}" for feed in FEEDS)
     force = f"{task.component.capitalize()} force, one way in {feeds} s"
     ours = "reads with what a pass through the air has taught"
-    harder = "friction here creeps, wanders and grows with the load (`--truth plain`: without)"
+    harder = "friction here wanders and grows with the load (`--truth plain`: without)"
     return [
         ComparisonRow(
             f"{force}: correlation",

@@ -258,7 +258,8 @@ def test_the_motion_that_excite_found_is_run_and_nothing_touches_the_arm(sts, tm
     assert np.abs(result.wrench_true).max() == 0.0
     planned = motion.sample(result.t)[0]
     assert np.ptp(planned, axis=0).min() > 0.1 and t[-1] > result.t[-1]
-    np.testing.assert_allclose(result.q, planned, atol=0.02)  # a servo's error, rad
+    # A servo that lags behind dry friction as it starts, rad; the motion spans at least 0.1.
+    np.testing.assert_allclose(result.q, planned, atol=0.03)
     save_configuration(motion.coefficients("another"), path)
     with pytest.raises(InputError, match="made for 'another', not for 'sts_sre4_600'"):
         simulate_scenario("Default", tmp_path / "b", sts.name, motion_path=path, record=False)
