@@ -1,4 +1,4 @@
-"""From nothing to a wrench that can be trusted, on a bundled simulated arm, in about a minute.
+"""From nothing to a wrench that can be trusted, on a bundled simulated arm, in a short while.
 
     python quickstart.py [FOLDER]
 
