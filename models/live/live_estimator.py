@@ -120,6 +120,7 @@ class LiveEstimator:
         self._robot, self._model, self._stages = robot, model, stages
         self._n = robot.num_joints
         self._stated_step = step
+        self._estimator: WrenchEstimator | None = None
         self._order = StreamOrder(self._config.late, rate)
         self._check: SampleCheck | None = None
         if self._config.estimator.check_samples:
@@ -135,10 +136,13 @@ class LiveEstimator:
         """s, of the grid; 0: not known yet."""
         if given := self._config.estimator.observer.time_step:
             self._begin(given)
+        elif step is not None:
+            self._prepare(step)  # what takes time; the stream is likely to keep to it
 
     @property
     def estimator(self) -> WrenchEstimator:
         """The estimator, once the step is known."""
+        assert self._estimator is not None, "the step is not known yet"
         return self._estimator
 
     def take(self, sample: Sample) -> list[Reading | StreamEvent]:
@@ -201,8 +205,7 @@ class LiveEstimator:
             return stated
         return min(max(median, 1e-4), 0.25)
 
-    def _begin(self, step: float) -> None:
-        self.step = step
+    def _prepare(self, step: float) -> None:
         config = self._config.estimator
         config = replace(config, observer=replace(config.observer, time_step=step))
         error, known = self._model.torque_error, np.isfinite(self._robot.position_resolution)
@@ -211,6 +214,11 @@ class LiveEstimator:
             config = replace(config, position_resolution=error.resolution.tolist())
         self._estimator = WrenchEstimator(self._robot, self._model, config)
         self._detector = ContactDetector.of(self._estimator, self._config.detection)
+
+    def _begin(self, step: float) -> None:
+        if self._estimator is None or self._estimator.observer.time_step != step:
+            self._prepare(step)
+        self.step = step
         self._order.step = step
         self._order.max_gap = self._config.max_gap or default_max_gap(step)
         self._restart()
@@ -219,7 +227,7 @@ class LiveEstimator:
         if not self.step:
             return
         self._grid = SampleGrid(self.step)
-        self._state = self._estimator.initial_state()
+        self._state = self.estimator.initial_state()
         self._detector_state = self._detector.initial_state()
         if self._check is not None:
             self._check_state = self._check.initial_state()
@@ -279,7 +287,7 @@ class LiveEstimator:
     def _read(self, point: GridSample, sample: Sample, stale: bool) -> Reading:
         n = self._n
         q, v, current = point.x[:n], point.x[n : 2 * n], point.x[2 * n : 3 * n]
-        batch = self._estimator.run(self._state, q[None], v[None], current[None])
+        batch = self.estimator.run(self._state, q[None], v[None], current[None])
         missing = bool(np.isnan(batch.J[:, :1]).any())
         seen = np.full((2, n), np.nan) if missing else (q, v)
         found = self._detector.run(self._detector_state, seen[0][None], seen[1][None], batch)

@@ -10,6 +10,7 @@ from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
 _FIELDS = (
     "t",
     "received",
+    "published",
     "valid",
     "contact",
     "misfit",
@@ -26,6 +27,7 @@ _PLACE = {name: k for k, name in enumerate(_FIELDS)}
 _WRENCH = len(_FIELDS)
 _COVARIANCE = _WRENCH + 6
 _JOINTS = _COVARIANCE + 36
+_PUBLISHED = _PLACE["published"]
 _VALID, _CONTACT, _MISFIT = (_PLACE[name] for name in ("valid", "contact", "misfit"))
 
 
@@ -76,6 +78,15 @@ class Reading:
     def received(self) -> float:
         """s, monotonic clock of this computer, of the sample that the reading rests on."""
         return self.row.item(1)
+
+    @property
+    def latency(self) -> float:
+        """s, from the sample's coming to the reading's going; 0 before it goes."""
+        return self.row.item(_PUBLISHED) - self.row.item(1) if self.row.item(_PUBLISHED) else 0.0
+
+    def publish(self, now: float) -> None:
+        """Notes when the reading goes to those who want it, s."""
+        self.row[_PUBLISHED] = now
 
     @property
     def valid(self) -> bool:
