@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.observers.observer import (
     CTV,
     GRAVITY,
@@ -118,8 +117,7 @@ def test_a_hole_holds_the_estimate_and_costs_two_rows() -> None:
 
 def test_its_rate_comes_from_the_torque_error_or_is_stated() -> None:
     sd = np.array([1.0, 0.2])
-    law = SemiParametricFriction(CoulombViscous(np.ones(2), np.ones(2), np.zeros(2)))
-    known = ModelKnowledge(None, sd, law, None, WrenchPrior(1.0, 1.0, 1.0, 1.0))
+    known = ModelKnowledge(None, sd, np.ones(2), WrenchPrior(1.0, 1.0, 1.0, 1.0))
     own = SuperTwistingObserver(SuperTwistingObserverConfig(), 2).informed(known)
     np.testing.assert_allclose(own.torque_rate, RATE * sd)
     stated = SuperTwistingObserver(CONFIG, 2).informed(known)
