@@ -170,7 +170,7 @@ class JacobianWrenchReconstruction(LeafSystem):
             K_0 = pole if (pole >= 0.0).all() else None
         reading = reading.retuned(config, K_0, covariance)
         constant = np.zeros(ERROR_ROWS * self._n)
-        constant[: self._n] = reading.error.constant
+        constant[: self._n] = np.sqrt(reading.error.constant**2)  # as the torque error's kernel
         value.set_value((reading.tables, constant))
 
     def _calc_tick(self, context: Context, value: Value) -> None:

@@ -116,8 +116,8 @@ class WrenchReading:
         """
         error = self.error
         if isinstance(error, ConstantTorqueError) and torque_covariance is not None:
-            if not np.array_equal(torque_covariance, error.covariance):
-                return WrenchReading.constant(config, torque_covariance)
+            same = np.array_equal(torque_covariance, error.covariance)
+            error = error if same else ConstantTorqueError.of(torque_covariance)
         return WrenchReading(
             *(error, config, K_0, self._time_step, self._force_bandwidth_hz, self._usual_sd)
         )

@@ -344,7 +344,7 @@ class ConstantTorqueError(TorqueErrorModel):
             acceleration=zero,
             reversal=zero,
             correlation=Sigma / np.outer(sd, sd),
-            correlation_time=_FOR_EVER * one,  # so that no observer averages it
+            correlation_time=one,
             lasting=zero,
             fitted_speed=np.broadcast_to(np.asarray(fitted_speed, float), sd.shape),
             fitted_load=np.broadcast_to(np.asarray(fitted_load, float), sd.shape),
@@ -368,13 +368,13 @@ class ConstantTorqueError(TorqueErrorModel):
         K_0: ArrayLike,
         resolution: ArrayLike | None = None,
     ) -> Array:
-        """As `TorqueErrorModel`'s, without stiction."""
+        """As `TorqueErrorModel`'s, without stiction, and the same behind any observer."""
         table = super().table(friction, time_step, K_0, resolution)
         table[:, :SLIDING_COLUMNS] = 0.0
+        table[:, _CONSTANT2] = self.constant**2
         return table
 
 
-_FOR_EVER = 1e12  # s
 _NUMBERS = {
     *("rest_time", "reach", "drift", "beyond_speed", "beyond_load", "scale"),
     *("read_load", "resting_only"),

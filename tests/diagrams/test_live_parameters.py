@@ -47,8 +47,8 @@ def model(sts: Robot) -> IdentifiedModel:
 def test_a_gain_changed_live_is_that_of_a_block_built_with_it(
     sts: Robot, model: IdentifiedModel, fused: bool
 ) -> None:
-    """What a filter remembers of the gain before fades as exp(-20 t): 1e-8 after 0.9 s."""
-    log = moving_log(sts, T, 1200)
+    """What the lag's slow wrench remembers fades as exp(-1.9 t) where a reading is not valid."""
+    log = moving_log(sts, T, 8000)
     changed = played(
         *(sts, model, config(20.0), log),
         fused=fused,
@@ -56,12 +56,11 @@ def test_a_gain_changed_live_is_that_of_a_block_built_with_it(
     )
     estimator = WrenchEstimator(sts, model, config(60.0))
     expected = estimator.run(estimator.initial_state(), *log)
-    late = slice(1150, None)
+    late = slice(7950, None)
     np.testing.assert_allclose(changed["tau_ext"][late], expected.tau_ext[late], rtol=1e-4)
     covariance = expected.covariance.reshape(-1, 36)[late]
     scale = np.abs(covariance).max()
-    # The slow wrench of the lag, at 3 Hz, still holds a little of the readings before.
-    np.testing.assert_allclose(changed["covariance"][late], covariance, atol=1e-6 * scale)
+    np.testing.assert_allclose(changed["covariance"][late], covariance, atol=1e-5 * scale)
     np.testing.assert_array_equal(changed["valid"][late, 0] == 1.0, expected.valid[late])
     before = WrenchEstimator(sts, model, config(20.0))
     other = before.run(before.initial_state(), *log).covariance.reshape(-1, 36)[late]
@@ -76,7 +75,7 @@ def test_friction_changed_live_is_the_stiction_that_is_stated(
     slip = law.parameters["slip"].copy()
     slip[:, :2] *= 3.0  # Coulomb friction and its rise
     heavier = replace(model, friction=law.with_parameters({"slip": slip}))
-    log = moving_log(sts, T, 1200)
+    log = moving_log(sts, T, 8000)
     sampled = law.sampled(T).parameters["slip"].copy()
     sampled[:, :2] *= 3.0
     changed = played(
@@ -86,10 +85,10 @@ def test_friction_changed_live_is_the_stiction_that_is_stated(
     )
     estimator = WrenchEstimator(sts, heavier, config(20.0))
     expected = estimator.run(estimator.initial_state(), *log)
-    late = slice(1150, None)
+    late = slice(7950, None)
     covariance = expected.covariance.reshape(-1, 36)[late]
     scale = np.abs(covariance).max()
-    np.testing.assert_allclose(changed["covariance"][late], covariance, atol=1e-6 * scale)
+    np.testing.assert_allclose(changed["covariance"][late], covariance, atol=1e-5 * scale)
     before = WrenchEstimator(sts, model, config(20.0))
     other = before.run(before.initial_state(), *log).covariance.reshape(-1, 36)[late]
     assert np.abs(other - covariance).max() > 0.01 * scale
