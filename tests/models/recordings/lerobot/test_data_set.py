@@ -108,7 +108,7 @@ def test_names_of_joints(
     names: dict[str, Any] = {}
     frames = dict(episodes[0])
     for feature, pattern in named.items():
-        words = [*pattern.values()][0] if isinstance(pattern, dict) else pattern
+        words = next(iter(pattern.values())) if isinstance(pattern, dict) else pattern
         if words is None:
             continue
         names_of = [words[0].format(ur10e.joint_names[j], k=j + 1) for j in order]
