@@ -6,8 +6,8 @@ observer's own pole,
 
     tau_ext = -S x + J^T F + s w + white
 
-F      a force and moment at E that change over FORCE_TIME, sd a share of the live prior: a push too
-       slow for the contact detector, or an unknown load. It does not turn with the joint; S x does
+F      a force and moment at E that change over FORCE_TIME: a push too slow for the contact
+       detector, or an unknown load. It does not turn with the joint; S x does
 w      errors that last for half a second, s their size (`models.calibration.residual_noise`)
 x      a random walk that is pulled back to the model within `time`, sd that of a month's drift
 
@@ -34,10 +34,12 @@ from wrenchsight.models.friction.sliding_friction import TERMS, with_sliding
 from wrenchsight.models.friction.slip_elements import add_slip_torque, update_slip
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.kernel import kernel
+from wrenchsight.models.signals.first_order import low_pass
 
 PERIOD = 0.1  # s between two steps of the filter
 MARGIN = 0.5  # s after a contact that are not learnt from
 FORCE_TIME = 10.0  # s over which a force that no detector sees changes
+LEVER = 0.2  # m; what such a force may act off E, as a load's centre of mass does
 CLEAR = 4.0  # standard errors
 OFTEN = 2.0  # prior sds, beyond which a change is more than a month's drift
 UNEXPLAINED = 9.0  # times the expected mean square of what a step did not foresee
@@ -52,13 +54,13 @@ class FrictionTrackingConfig:
     Attributes:
         drift: standard deviations of the coefficients about the model's.
         time: s, over which they change by that much.
-        force_share: sd of a slow force, share of the live prior's.
+        force_share: sd of a slow force, share of that of a task's.
         bound: prior sds that a coefficient may move by.
     """
 
     drift: FrictionDrift = field(default_factory=FrictionDrift)
     time: float = 3600.0
-    force_share: float = 1.0 / 6.0
+    force_share: float = 0.25
     bound: float = 3.0
 
 
@@ -69,8 +71,7 @@ class FrictionTracker:
         model: that reads the arm; its friction law is not one of coupled joints.
         pole: (n,) 1/s of the observer; None for one without such a lag.
         time_step: s.
-        live: sds of force (N) and moment (N m) that tasks have (`models.estimation.wrench.
-            live_prior`).
+        force_sd: N, of the forces that tasks have (`models.estimation.wrench.live_prior`).
         resolution: (n,) rad of the encoders; None: those that the law was fitted with.
         config: see there.
 
@@ -87,7 +88,7 @@ class FrictionTracker:
         model: IdentifiedModel,
         pole: Array | None,
         time_step: float,
-        live: tuple[float, float],
+        force_sd: float,
         resolution: ArrayLike | None = None,
         config: FrictionTrackingConfig | None = None,
     ) -> None:
@@ -117,11 +118,16 @@ class FrictionTracker:
             ],
             axis=1,
         )
-        force_sd, moment_sd = (self.config.force_share * np.array(live)).tolist()
+        slow_force = self.config.force_share * force_sd
         noise, period = ResidualNoise(), self._every * time_step
         self._noise = noise
         spread = np.concatenate(
-            [self._prior_sd.ravel(), np.ones(n), np.full(3, moment_sd), np.full(3, force_sd)]
+            [
+                self._prior_sd.ravel(),
+                np.ones(n),
+                np.full(3, LEVER * slow_force),
+                np.full(3, slow_force),
+            ]
         )
         times = (self.config.time, noise.correlation_time, FORCE_TIME)
         fade = np.repeat(np.exp(-period / np.array(times)), [3 * n, n, 6])
@@ -250,6 +256,15 @@ class FrictionTracker:
         self._surprise[moving] += share * (surprise**2 / np.diag(S) - self._surprise[moving])
         self.seconds += step
 
+    def metrics(self) -> dict[str, object]:
+        """What has been learnt; lists per joint."""
+        change, sd = self.change, self.standard_deviation
+        units = ("nm", "nms_per_rad", "nm")
+        found: dict[str, object] = {"seconds": self.seconds}
+        for k, (term, unit) in enumerate(zip(TERMS, units, strict=True)):
+            found[term] = {f"change_{unit}": change[:, k], f"sd_{unit}": sd[:, k]}
+        return found
+
     def advice(self, joint_names: Sequence[str]) -> list[str]:
         """Where a refresh of the model would do better than following it: one line each."""
         change, sd = self.change, self.standard_deviation
@@ -295,28 +310,3 @@ def _slip_columns(
         for i in range(n):
             column[k, i] += other[i] - one[i]
         update_slip(table, state, q[k], v[k], load)
-
-
-@kernel
-def low_pass(keep: Array, memory: Array, x: Array) -> None:
-    """A first-order low-pass along the first axis, in place.
-
-    What is not finite is replaced by what the filter holds; the first finite sample starts it.
-
-    Args:
-        keep: (n,) exp(-pole T).
-        memory: (n, m) of the sample before, changed; NaN: nothing yet.
-        x: (N, n, m), changed.
-    """
-    for k in range(x.shape[0]):
-        for i in range(x.shape[1]):
-            for c in range(x.shape[2]):
-                new, old = x[k, i, c], memory[i, c]
-                if not np.isfinite(new):
-                    new = old if np.isfinite(old) else 0.0
-                elif np.isfinite(old):
-                    new = keep[i] * old + (1.0 - keep[i]) * new
-                    memory[i, c] = new
-                else:
-                    memory[i, c] = new
-                x[k, i, c] = new

@@ -76,15 +76,15 @@ class TrackedEstimator:
         self._correlation = np.linalg.inv(model.torque_error.correlation)
         balanced = own.config.reconstruction.method == "force_only"
         self._usual_sd = np.sqrt(np.diag(model.residual_covariance)) if balanced else None
-        live = live_prior(robot.payload)
+        force_sd, _ = live_prior(robot.payload)
         limit = own.config.reconstruction.max_force_sd
-        self._max_force_sd = TRUSTED_SHARE * live[0] if limit is None else limit
+        self._max_force_sd = TRUSTED_SHARE * force_sd if limit is None else limit
         self._state = own.initial_state()
         # The levels of contact were learnt with the model's own allowance for drift.
         self._detector = ContactDetector.of(WrenchEstimator(robot, model, config), detection)
         self._detector_state = self._detector.initial_state()
         self.tracker = FrictionTracker(
-            *(model, own.observer.pole, own.observer.time_step, live),
+            *(model, own.observer.pole, own.observer.time_step, force_sd),
             own.knowledge.resolution,
             tracking,
         )

@@ -7,15 +7,16 @@ import pytest
 from sample_models import knowing_model, torque_error
 from scipy.signal import lfilter
 
-from wrenchsight.models.calibration.friction_tracking import FrictionTracker, low_pass
+from wrenchsight.models.calibration.friction_tracking import FrictionTracker
 from wrenchsight.models.friction.coupled_friction import CoupledFriction
 from wrenchsight.models.friction.sliding_friction import sliding_columns
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.signals.first_order import low_pass
 
 T, ROWS, K_0 = 0.01, 2000, 20.0
 KEEP = np.exp(-K_0 * T)
-LIVE = (60.0, 3.0)  # N, N m
+FORCE_SD = 60.0  # N
 ZERO, ONE = np.zeros(6), np.ones(6)
 
 
@@ -51,7 +52,7 @@ def reading(v, change, seed=0):
 
 
 def tracker_of(model):
-    return FrictionTracker(model, np.full(6, K_0), T, LIVE)
+    return FrictionTracker(model, np.full(6, K_0), T, FORCE_SD)
 
 
 def track(tracker, sts, q, v, tau_ext, free=None):
@@ -78,7 +79,7 @@ def test_a_drift_is_learnt_and_the_stated_errors_hold_it(sts, model):
         tracker = tracker_of(model)
         correction, variance = track(tracker, sts, q, v, reading(v, change, seed))
         scores.append((tracker.change - change) / tracker.standard_deviation)
-        assert (tracker.standard_deviation[:, 1] < 0.7 * sd[:, 1]).all()
+        assert (tracker.standard_deviation[:, 1] < 0.8 * sd[:, 1]).all()
         assert variance[-100:].mean() < 0.3 * variance[:100].mean()
         left = (reading(v, change, seed) + correction)[500:]
         assert np.sqrt(np.mean(left**2)) < 0.35  # N m; noise alone is .2
@@ -208,24 +209,12 @@ def test_columns_are_those_of_the_law_through_the_observers_pole(sts):
     np.testing.assert_array_equal(correction, 0.0)
 
 
-def test_low_pass_is_scipys():
-    x = np.random.default_rng(0).normal(size=(50, 2, 3))
-    keep = np.array([0.9, 0.5])
-    own = x.copy()
-    low_pass(keep, np.full((2, 3), np.nan), own)
-    for j in range(2):
-        b, a = [1.0 - keep[j]], [1.0, -keep[j]]
-        expected = lfilter(b, a, x[1:, j], axis=0, zi=keep[j] * x[:1, j])[0]
-        np.testing.assert_allclose(own[1:, j], expected, rtol=1e-12)
-        np.testing.assert_array_equal(own[0, j], x[0, j])
-
-
 def test_what_cannot_be_tracked_is_refused(sts, model, coupled_wrist):
     with pytest.raises(ValueError, match="time_step"):
-        FrictionTracker(model, None, 0.0, LIVE)
+        FrictionTracker(model, None, 0.0, FORCE_SD)
     coupled = CoupledFriction(model.friction, coupled_wrist.motor_rates)
     with pytest.raises(ValueError, match="coupled"):
-        FrictionTracker(replace(model, friction=coupled), None, T, LIVE)
+        FrictionTracker(replace(model, friction=coupled), None, T, FORCE_SD)
     tracker = tracker_of(model)
     with pytest.raises(ValueError, match="10 samples at most"):
         tracker.correction(np.zeros((11, 6)), np.zeros((11, 6)))
