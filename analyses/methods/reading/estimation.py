@@ -24,11 +24,17 @@ from wrenchsight.analyses.methods.reading.estimate_config import (
     checked_config,
     stated_prior,
 )
+from wrenchsight.analyses.methods.reading.estimate_data_set import (
+    data_set_of,
+    episodes_reader,
+    write_data_set,
+)
 from wrenchsight.analyses.methods.reading.estimate_summary import EstimateSummary
 from wrenchsight.analyses.methods.reading.first_pass import friction_of, with_evidence
 from wrenchsight.analyses.methods.reading.friction_watch import FrictionWatch
 from wrenchsight.analyses.methods.reading.known_contact import (
     with_known_tool,
+    without_breaks,
 )
 from wrenchsight.analyses.methods.reading.uniform_log import (
     Part,
@@ -65,6 +71,8 @@ from wrenchsight.models.estimation.wrench_table import WrenchTableWriter
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.observer_kinds import kind_name, kind_of, make_observer
+from wrenchsight.models.recordings.episodes_reader import EpisodesReader, LogReader
+from wrenchsight.models.recordings.lerobot.data_set import episode_paths, file_of
 from wrenchsight.models.recordings.position_resolution import position_resolution
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import RecordingReader
@@ -133,6 +141,7 @@ def estimate_log(
     """
     with result_folder(out, "estimate") as folder:
         robot = Robot.load(robot_name)
+        data_set = data_set_of(log)
         config = checked_config(config or EstimateConfig(), robot)
         if model_path is None:
             robot.require_inertias("estimate without --model")
@@ -141,10 +150,10 @@ def estimate_log(
             model = IdentifiedModel.load(Path(model_path), robot, config.other_robot)
             model = with_known_tool(model, robot, config, Path(model_path))
 
-        def read() -> RecordingReader:
+        def opened(path: Path) -> RecordingReader:
             reader = RecordingReader(
                 *(
-                    log,
+                    path,
                     log_format,
                     robot,
                     config.check,
@@ -155,6 +164,9 @@ def estimate_log(
             )
             reader.require_joint_signals()
             return reader
+
+        def read() -> LogReader:
+            return opened(log) if data_set is None else episodes_reader(log, opened)
 
         settings = EstimateSettings(
             log=str(log),
@@ -168,7 +180,7 @@ def estimate_log(
 
 
 def estimate(
-    read: Callable[[], RecordingReader],
+    read: Callable[[], LogReader],
     robot: Robot,
     model: IdentifiedModel,
     out: OutputFolder,
@@ -256,7 +268,9 @@ def estimate(
     tracked: TrackedEstimator | None = None
     if settings.estimate.track:
         tracked = TrackedEstimator(robot, model, config, detection)
-    readings = estimates(settings.estimate, robot, model, wide, config, samples, tracked)
+    readings = without_breaks(
+        estimates(settings.estimate, robot, model, wide, config, samples, tracked)
+    )
     observer = make_observer(config.observer, robot.num_joints)
     summary = EstimateSummary(model.joint_names, model.validity, observer.settling_time)
     reference = settings.estimate.reference
@@ -338,6 +352,11 @@ def estimate(
     reads_moments = config.reconstruction.method != "force_only"
     out.write_figure("wrench", summary.figure(reads_moments, settings.estimate.smooth))
     used = replace(settings.estimate, estimator=config)
+    if isinstance(reader, EpisodesReader):
+        progress(1.0, "copying the data set")
+        copied = data_set_of(Path(settings.log))
+        assert copied is not None
+        write_data_set(copied, out, path, reader.begins, metrics["prior"])
     out.write_settings("config.yaml", replace(settings, estimate=used))
     out.write_json("metrics.json", metrics)
     progress(1.0, "done")
@@ -356,12 +375,12 @@ def estimate(
 
 def _fitted_on(model: IdentifiedModel, log: str) -> bool:
     """Whether the model was fitted on this very file."""
-    path = Path(log)
+    logs = [path for path in episode_paths(Path(log)) if file_of(path).is_file()]
     names = {own.name for own in model.provenance.logs}
-    if path.name not in names or not path.is_file():
+    if not any(path.name in names for path in logs):
         return False
     sums = {own.sha256 for own in model.provenance.logs}
-    return file_checksum(path) in sums
+    return any(file_checksum(file_of(path)) in sums for path in logs if path.name in names)
 
 
 def _collect(

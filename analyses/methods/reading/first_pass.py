@@ -22,14 +22,14 @@ from wrenchsight.models.estimation.wrench import live_prior
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.observers.observer_kinds import kind_of, make_observer
-from wrenchsight.models.recordings.recording_reader import RecordingReader
+from wrenchsight.models.recordings.episodes_reader import LogReader
 from wrenchsight.models.robot.robot import Robot
 
 _PRIOR_SAMPLES = 1 << 12
 
 
 def friction_of(
-    reader: RecordingReader,
+    reader: LogReader,
     robot: Robot,
     model: IdentifiedModel,
     config: WrenchEstimatorConfig,
@@ -57,7 +57,7 @@ def friction_of(
 
 
 def with_evidence(
-    reader: RecordingReader,
+    reader: LogReader,
     robot: Robot,
     model: IdentifiedModel,
     config: WrenchEstimatorConfig,

@@ -10,8 +10,8 @@ from wrenchsight.analyses.methods.reading.sample_screen import FAULT, SampleScre
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimatorConfig
 from wrenchsight.models.observers.sample_check import BEYOND
+from wrenchsight.models.recordings.episodes_reader import LogReader
 from wrenchsight.models.recordings.recording import Recording
-from wrenchsight.models.recordings.recording_reader import RecordingReader
 from wrenchsight.models.recordings.resampling import plausible_step, resample_chunks
 from wrenchsight.models.robot.robot import Robot
 
@@ -31,7 +31,7 @@ class Part:
 
 
 def uniform_chunks(
-    reader: RecordingReader,
+    reader: LogReader,
     screen: SampleScreen | None,
     config: WrenchEstimatorConfig,
     max_gap: float,
