@@ -28,7 +28,6 @@ _HOME = {
     "Detection": "wrenchsight.models.detection.contact_detector",
     "MomentumObserverConfig": "wrenchsight.models.observers.momentum_observer",
     "KalmanObserverConfig": "wrenchsight.models.observers.kalman_observer",
-    "SuperTwistingObserverConfig": "wrenchsight.models.observers.super_twisting_observer",
     "WrenchReconstructionConfig": "wrenchsight.models.estimation.wrench",
     "CoulombViscous": "wrenchsight.models.friction.velocity_friction",
     "SemiParametricFriction": "wrenchsight.models.friction.velocity_friction",

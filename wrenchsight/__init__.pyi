@@ -66,9 +66,6 @@ from wrenchsight.models.observers.kalman_observer import (
 from wrenchsight.models.observers.momentum_observer import (
     MomentumObserverConfig as MomentumObserverConfig,
 )
-from wrenchsight.models.observers.super_twisting_observer import (
-    SuperTwistingObserverConfig as SuperTwistingObserverConfig,
-)
 from wrenchsight.models.recordings.recording import Recording as Recording
 from wrenchsight.models.recordings.recording_reader import read_recording as read_recording
 from wrenchsight.models.recordings.recording_writer import write_recording as write_recording

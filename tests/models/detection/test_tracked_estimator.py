@@ -71,7 +71,13 @@ def test_a_drifted_arm_reads_as_if_refreshed(sts, model, log, method):
     size = [np.linalg.norm(own.tau_ext[late]) for own in (before, batch)]
     assert size[1] < 0.6 * size[0]
     np.testing.assert_allclose(tracked.tracker.change[:, 1], MORE, atol=1.0)
-    # The band shrinks as friction becomes known.
+    # The band shrinks as friction becomes known: the wrench's, too.
+    known = replace(model, torque_error=model.torque_error.with_drift(0.0))
+    exact = WrenchEstimator(sts, known, config(method))
+    narrow = exact.run(exact.initial_state(), q, v, current).standard_deviation[:, 3:]
+    wider = batch.standard_deviation[:, 3:] / narrow
+    assert wider[50:250].mean() > 1.3
+    assert wider[-300:].mean() < 0.7 * wider[50:250].mean()
     sd = batch.torque_sd[:, [1, 3]] ** 2 - (NOISE) ** 2
     assert sd[-300:].mean() < 0.2 * sd[30:330].mean()
 
