@@ -141,7 +141,7 @@ class FrictionTracker:
         n = self._n
         self._x, self._P = np.zeros(4 * n + 6), np.diag(self._spread)
         self._slip = self._law.initial_state()
-        self._seen = np.full((n, 9), np.nan)  # columns and J^T as the observer saw them
+        self._seen = np.full((n, 3), np.nan)  # columns as the observer saw them
         self._since, self._left = 0.0, self._every
         self._surprise = np.ones(n)
         self._v = np.zeros(n)
@@ -190,7 +190,7 @@ class FrictionTracker:
         if self._slip.shape[0]:
             _slip_columns(*self._tables, self._slip, q, v, columns[:, :, 0])
         columns[:, :, 1], columns[:, :, 2] = v, 1.0
-        low_pass(self._keep, self._seen[:, :3], columns)
+        low_pass(self._keep, self._seen, columns)
         self._v = np.where(np.isfinite(v[-1]), v[-1], 0.0) if len(v) else self._v
         x = self._x[: 3 * self._n].reshape(-1, 3)
         blocks = self._P[: 3 * self._n, : 3 * self._n].reshape(self._n, 3, self._n, 3)
@@ -198,17 +198,12 @@ class FrictionTracker:
         variance = np.einsum("kja,jab,kjb->kj", columns, own, columns)
         return (columns * x).sum(axis=2), variance
 
-    def seen(self, J: Array) -> Array:
-        """Takes J (N, 6, n) of the samples of `correction`; returns it as the observer saw it."""
-        along = np.ascontiguousarray(np.moveaxis(J, 1, 2))
-        low_pass(self._keep, self._seen[:, 3:], along)
-        return np.moveaxis(along, 2, 1)
-
-    def learn(self, tau_ext: Array, free: Flags) -> None:
-        """Takes what was read of the samples of `correction` and `seen`.
+    def learn(self, tau_ext: Array, J_seen: Array, free: Flags) -> None:
+        """Takes what was read of the samples of `correction`.
 
         Args:
             tau_ext: (N, n) N m, without the correction.
+            J_seen: (N, 6, n) at E in axes of W, through the observer's poles.
             free: (N,) whether it counts, and nothing touches the arm.
         """
         if not len(tau_ext):
@@ -224,15 +219,16 @@ class FrictionTracker:
         self._P *= np.outer(self._fade, self._fade)
         self._P[np.diag_indices_from(self._P)] += self._advance
         if self.learning and self._since >= MARGIN and np.isfinite(self._seen).all():
-            self._step(tau_ext[-1])
+            self._step(tau_ext[-1], J_seen[-1])
 
-    def _step(self, tau_ext: Array) -> None:
+    def _step(self, tau_ext: Array, J: Array) -> None:
         """The filter's update with one sample."""
         n, noise, sd = self._n, self._noise, self._residual_sd
-        moving = np.flatnonzero((np.abs(self._v) >= V_REST) & np.isfinite(tau_ext))
+        known = np.isfinite(tau_ext) & np.isfinite(J).all(axis=0)
+        moving = np.flatnonzero((np.abs(self._v) >= V_REST) & known)
         if not len(moving):
             return
-        columns = self._seen[:, :3]
+        columns = self._seen
         slow = (noise.slow * sd) ** 2 + (noise.coulomb * self._coulomb * columns[:, 0]) ** 2
         slow += (noise.viscous * self._viscous * columns[:, 1]) ** 2
         turning = 1.0 + noise.reversal * np.exp(-((self._v / noise.reversal_velocity) ** 2))
@@ -240,7 +236,7 @@ class FrictionTracker:
         for j in moving:
             H[j, 3 * j : 3 * j + 3] = -columns[j]
             H[j, 3 * n + j] = np.sqrt(slow[j])
-            H[j, 4 * n :] = self._seen[j, 3:]
+            H[j, 4 * n :] = J[:, j]
         H, white = H[moving], (noise.white * sd * turning)[moving] ** 2
         HP = H @ self._P
         S = HP @ H.T + np.diag(white)

@@ -81,11 +81,13 @@ class TrackedEstimator:
         self._max_force_sd = TRUSTED_SHARE * force_sd if limit is None else limit
         self._state = own.initial_state()
         # The levels of contact were learnt with the model's own allowance for drift.
-        self._detector = ContactDetector.of(WrenchEstimator(robot, model, config), detection)
+        self._plain = WrenchEstimator(robot, model, config)
+        self._plain_state = self._plain.initial_state()
+        self._detector = ContactDetector.of(self._plain, detection)
         self._detector_state = self._detector.initial_state()
         self.tracker = FrictionTracker(
             *(model, own.observer.pole, own.observer.time_step, force_sd),
-            own.knowledge.resolution,
+            own.resolution,
             tracking,
         )
         self._settling = round(own.observer.settling_time / own.observer.time_step)
@@ -101,13 +103,12 @@ class TrackedEstimator:
             What is read, tau_ext corrected, and contact.
         """
         q, v, current = (np.require(x, float, ("C", "W")) for x in (q, v, current))
-        plain = self._estimator.run(self._state.copy(), q, v, current, conditions=False)
+        plain = self._plain.run(self._plain_state, q, v, current, conditions=False)
         missing = np.asarray(np.isnan(plain.J).any(axis=(1, 2)))
         read = plain.fresh & ~missing & (self._settling <= np.arange(len(q)))
         self._settling -= len(q)
         q_read, v_read = (np.where(missing[:, None], np.nan, x) for x in (q, v))
         correction, variance = np.empty_like(q), np.empty_like(q)
-        J = np.empty_like(plain.J)
         parts: list[Detection] = []
         begin = 0
         while begin < len(q):
@@ -116,19 +117,18 @@ class TrackedEstimator:
             kept: Any = (x[rows] if len(x) else x for x in plain)
             own = EstimateBatch(*kept)
             correction[rows], variance[rows] = self.tracker.correction(q[rows], v[rows])
-            J[rows] = self.tracker.seen(own.J)
             better = own._replace(tau_ext=own.tau_ext + correction[rows])
             found = self._detector.run(self._detector_state, q_read[rows], v_read[rows], better)
             parts.append(found)
-            self.tracker.learn(own.tau_ext, read[rows] & ~found.contact)
+            self.tracker.learn(own.tau_ext, own.J_seen, read[rows] & ~found.contact)
         taught = Taught(correction, v, np.ones(len(q)))
         batch = self._estimator.run(self._state, q, v, current, taught=taught)
         columns: Any = zip(*parts, strict=True)
-        return self._widened(batch, J, variance), Detection(*(np.concatenate(x) for x in columns))
+        return self._widened(batch, variance), Detection(*(np.concatenate(x) for x in columns))
 
-    def _widened(self, batch: EstimateBatch, J: Array, variance: Array) -> EstimateBatch:
+    def _widened(self, batch: EstimateBatch, variance: Array) -> EstimateBatch:
         """The batch with the part of the correction's variance that its model does not hold."""
-        sd = batch.torque_sd
+        sd, J = batch.torque_sd, np.nan_to_num(batch.J_seen)
         added = variance**2 / (variance + sd**2)
         weights = sd if self._usual_sd is None else np.sqrt(sd * self._usual_sd)
         JW = (J / weights[:, None, :]) @ self._correlation / weights[:, None, :]

@@ -63,8 +63,7 @@ def track(tracker, sts, q, v, tau_ext, free=None):
     while begin < len(q):
         rows = slice(begin, begin + min(tracker.until_step, 7))
         out.append(tracker.correction(q[rows], v[rows]))
-        tracker.seen(J[rows])
-        tracker.learn(tau_ext[rows], free[rows])
+        tracker.learn(tau_ext[rows], J[rows], free[rows])
         begin = rows.stop
     correction, variance = (np.concatenate(own) for own in zip(*out, strict=True))
     return correction, variance
