@@ -202,6 +202,14 @@ class Robot:
             replace(drive, torque_per_ampere=float(by_joint[drive.joint]), torque_constant=None)
             for drive in self.config.drives
         ]
+        return self.with_drives(drives)
+
+    def with_drives(self, drives: list[DriveConfig]) -> "Robot":
+        """Returns the same robot with other drives.
+
+        Raises:
+            InputError: a drive is missing, or a number of it out of range.
+        """
         return Robot(replace(self.config, drives=drives), self.source, self._urdf)
 
     def with_truth(self, truth: SimulatedTruthConfig) -> "Robot":
