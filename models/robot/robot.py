@@ -177,7 +177,11 @@ class Robot:
         """Raises InputError, with the URDF's fault, where `what` needs inertias that are none."""
         fault = self._urdf.inertia_fault
         if fault is not None:
-            raise InputError(what, "", f"needs the inertias of {self.name}: {fault}")
+            problem = f"needs the inertias of {self.name}: {fault}"
+            remedy = (
+                "correct the link's <inertial> in the URDF (CAD, data sheet); `jcn-map`, `place`"
+            )
+            raise InputError(what, "", problem, f"{remedy} and `redundancy` need none")
 
     @cached_property
     def unusable_collisions(self) -> tuple[str, ...]:
