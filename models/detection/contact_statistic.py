@@ -74,21 +74,21 @@ WINDOW and LOCAL_TIME were chosen on the held-out readings of the UR10e's three 
 which pushes and a drift of friction were added. Neither a high-pass nor more windows helped there.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.signal import lfilter
 
 from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.estimation.torque_error_stage import TorqueError
 from wrenchsight.models.identification.torque_error_model import (
     NUM_FEATURES,
-    TORQUE_ERROR_ROWS,
     TRANSMITTED_ROW,
     UNKNOWN_SHARE_ROW,
     breakaway,
-    torque_sd_tick,
     variance_parts,
 )
 from wrenchsight.models.kernel import kernel
-from wrenchsight.models.observers.lag import JACOBIAN_ROWS, see_jacobian, take_jacobian
 from wrenchsight.models.rigid_body.small_matrices import factorise_in_place, solve_lower
 
 WINDOW = 0.3  # s
@@ -106,16 +106,15 @@ LOUD = 2.0  # root mean square over WINDOW
 REST_SPEED = 0.01  # rad/s (m/s)
 REST_TIME = 0.3  # s
 
-# Rows of the state after those of the torque error and of J as the observer saw it.
-_FIRST = TORQUE_ERROR_ROWS + JACOBIAN_ROWS
-_LAST, _BEFORE, _TORQUE, _BASE, _JOLT2, _LOCAL2 = range(_FIRST, _FIRST + 6)
-_SLOW, _SQUARE, _MEAN, _POWER, _CHANGE2, _STOP, _START = range(_FIRST + 6, _FIRST + 13)
+# Rows of the state.
+_LAST, _BEFORE, _TORQUE, _BASE, _JOLT2, _LOCAL2 = range(6)
+_SLOW, _SQUARE, _MEAN, _POWER, _CHANGE2, _STOP, _START = range(6, 13)
 NUM_UNKNOWN = _JOLT2  # rows before it are not known before the first sample
 _SINGLE = _START + 1  # first of the rows that hold single numbers
 _CONTACT, _QUIET, _MISFIT, _RESTING, _RATIO, _TOUCHED, _SEEN, _ANEW, NUM_SINGLE = range(9)
 
-# Rows of `joints`: the observer's pole for J (negative: none) and for a jolt, per tick, ...
-POLE, JOLT_POLE, USUAL_JOLT, MEAN_SCALE, FITTED_SPEED, FITTED_LOAD, CHANGE = range(7)
+# Rows of `joints`: the observer's pole for a jolt, per tick, ...
+JOLT_POLE, USUAL_JOLT, MEAN_SCALE, FITTED_SPEED, FITTED_LOAD, CHANGE = range(6)
 NUM_JOINT_ROWS = CHANGE + NUM_FEATURES + 1  # the last: shares of a change's variance, and jolt's
 # Entries of `settings`.
 PERIOD, SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL, MOMENT_SD, SCALE = range(6)
@@ -123,10 +122,19 @@ SAMPLE_RELEASE, MEAN_RELEASE, CHANGE_LEVEL, PRESENT, MISFIT_LEVEL, NUM_SETTINGS 
 # Entries of what is written.
 STATISTIC, CONTACT, MISFIT, LINK, REST, OUT_OF_RANGE = range(6)
 SAMPLE_LENGTH, MEAN_LENGTH, POWER_LENGTH, CHANGE_LENGTH, NUM_OUT = range(6, 11)
-WORK_ROWS = 20  # and n more
+WORK_ROWS = 12  # and n more
 
 _FORCE_SD = 1e4  # N; stands for unknown, small enough that 1 is not lost beside its square
 UNKNOWN_MOMENT = 1e4  # N m, likewise
+
+
+class TorqueWhite(NamedTuple):
+    """What `detect_log` leaves for what learns, see there."""
+
+    z: Array
+    mean: Array
+    change: Array
+    misfit: Array
 
 
 def state_rows(num_joints: int) -> int:
@@ -175,16 +183,12 @@ def misfit_square(
 
 @kernel
 def detect_tick(
-    error: Array,
-    joints: Array,
-    settings: Array,
-    white: Array,
+    tables: tuple[Array, Array, Array, Array],
     state: Array,
-    q: Array,
+    error: TorqueError,
     v: Array,
     transmitted: Array,
     momentum: Array,
-    J: Array,
     tau_ext: Array,
     fresh: bool,
     out: Array,
@@ -193,52 +197,46 @@ def detect_tick(
     """Single-sample kernel: takes a sample into `state` and writes what it says.
 
     Args:
-        error: `TorqueErrorModel.table`.
-        joints: (NUM_JOINT_ROWS, n).
-        settings: (NUM_SETTINGS,).
-        white: (n, n) U.
+        tables: of the torque error; `joints` (NUM_JOINT_ROWS, n), `settings` (NUM_SETTINGS,) and
+            U (n, n) of ContactDetector.
         state: (state_rows, n), changed.
-        q, v: (n,) rad and rad/s.
+        error: of the sample.
+        v: (n,) rad/s.
         transmitted: (n,) N m; counts for the sample after.
         momentum: (n,) kg m^2/s, of the model.
-        J: (6, n) at E in axes of W.
         tau_ext: (n,) N m.
         fresh: whether tau_ext is of this sample; otherwise contact and misfit stay as they were.
         out: (NUM_OUT,), written.
-        work: (n + WORK_ROWS, max(n, NUM_FEATURES)), overwritten; its row 3 is left with z, row 18
+        work: (n + WORK_ROWS, max(n, NUM_FEATURES)), overwritten; its row 1 is left with z, row 3
             with the change in N m.
     """
-    n = q.shape[0]
-    sd, stiction, s, z, y = work[0, :n], work[1, :n], work[2, :n], work[3, :n], work[4, :n]
-    seen, change, parts = work[5:11, :n], work[18, :n], work[19]
+    table, joints, settings, white = tables
+    n = v.shape[0]
+    s, z, y, change, parts = work[0, :n], work[1, :n], work[2, :n], work[3, :n], work[4]
+    sd, stiction, rows = error.sd, error.stiction, error.rows
     own = state[_SINGLE:].reshape(-1)
     beyond = False
     for j in range(n):
+        y[j] = rows[TRANSMITTED_ROW, j]
         beyond = beyond or abs(v[j]) > joints[FITTED_SPEED, j]
-        beyond = beyond or abs(state[TRANSMITTED_ROW, j]) > joints[FITTED_LOAD, j]
+        beyond = beyond or abs(y[j]) > joints[FITTED_LOAD, j]
     out[OUT_OF_RANGE] = 1.0 if beyond else 0.0
-    for j in range(n):
-        y[j] = state[TRANSMITTED_ROW, j]
-    torque_sd_tick(error, state[:TORQUE_ERROR_ROWS], q, v, transmitted, sd, stiction)
     keep = np.exp(-settings[PERIOD] / WINDOW)
     for j in range(n):
-        variance_parts(error, state[:TORQUE_ERROR_ROWS], j, v[j], y[j], parts)
+        variance_parts(table, rows, j, v[j], y[j], parts)
         s[j] = 0.0
         for m in range(_STICTION):
             s[j] += joints[CHANGE + m, j] * parts[m]
         pole, slow = joints[JOLT_POLE, j], v[j] / REST_SPEED
-        held = breakaway(error, state[:TORQUE_ERROR_ROWS], j) / np.sqrt(3.0)
+        held = breakaway(table, rows, j) / np.sqrt(3.0)
         stop = held * np.exp(-slow * slow) if np.isfinite(slow) else held
         state[_STOP, j] = pole * state[_STOP, j] + (1.0 - pole) * stop
-        rested = state[UNKNOWN_SHARE_ROW, j] * held
+        rested = rows[UNKNOWN_SHARE_ROW, j] * held
         state[_START, j] = keep * state[_START, j] + (1.0 - keep) * rested
         if own[_RESTING] < REST_TIME:
             part = joints[CHANGE + _STICTION, j] * parts[_STICTION]
             let_go = max(state[_STOP, j], state[_START, j])
             s[j] += max(part, let_go * let_go)
-    seen_state = state[TORQUE_ERROR_ROWS : TORQUE_ERROR_ROWS + JACOBIAN_ROWS]
-    see_jacobian(joints[POLE], seen_state, J, seen)
-    take_jacobian(joints[POLE], seen_state, J, seen)
     T = settings[PERIOD]
     own[_RESTING] += T
     finite = fresh
@@ -276,7 +274,7 @@ def detect_tick(
                 square = state[_SLOW, j] * state[_SLOW, j]
                 follows = follows and square <= ONE_SIDED * max(state[_SQUARE, j], 1.0)
         for j in range(n):
-            w = state[UNKNOWN_SHARE_ROW, j]
+            w = rows[UNKNOWN_SHARE_ROW, j]
             jolt = max(np.sqrt(state[_JOLT2, j]) - joints[USUAL_JOLT, j], 0.0)
             square = max(sd[j] * sd[j] - w * stiction[j] * stiction[j], 1e-6 * sd[j] * sd[j])
             change_sd = s[j] + joints[CHANGE + NUM_FEATURES, j] * state[_JOLT2, j] + jolt * jolt
@@ -357,7 +355,7 @@ def detect_tick(
     out[LINK] = 0.0
     if own[_CONTACT] == 1.0 and finite:
         own[_MISFIT] += (1.0 - np.exp(-T / MISFIT_WINDOW)) * (
-            _unexplained(settings, white, tau_ext, work) - own[_MISFIT]
+            _unexplained(settings, white, error.J_seen, tau_ext, work) - own[_MISFIT]
         )
     out[MISFIT] = 0.0
     if own[_CONTACT] == 1.0 and np.sqrt(own[_MISFIT]) > settings[MISFIT_LEVEL]:
@@ -366,10 +364,10 @@ def detect_tick(
 
 
 @kernel
-def _unexplained(settings: Array, white: Array, tau_ext: Array, work: Array) -> float:
-    """D of the sample that `detect_tick` left in `work`, whose rows 2 to 4 are changed."""
+def _unexplained(settings: Array, white: Array, seen: Array, tau_ext: Array, work: Array) -> float:
+    """D of the sample that `detect_tick` left in `work`, which is changed but for the change."""
     n = tau_ext.shape[0]
-    s, z, y = work[2, :n], work[3, :n], work[4, :n]
+    s, z, y = work[0, :n], work[1, :n], work[2, :n]
     for j in range(n):
         wide = settings[SCALE] * tau_ext[j]
         wider = np.sqrt(s[j] * s[j] + wide * wide)
@@ -379,7 +377,7 @@ def _unexplained(settings: Array, white: Array, tau_ext: Array, work: Array) -> 
         y[j] = 0.0
         for k in range(j, n):
             y[j] += white[j, k] * z[k]
-    return misfit_square(white, work[5:11, :n], s, y, settings[MOMENT_SD], work[11:])
+    return misfit_square(white, seen, s, y, settings[MOMENT_SD], work[5:])
 
 
 @kernel
@@ -397,90 +395,41 @@ def _link(power: Array, level: float) -> float:
 
 @kernel
 def detect_log(
-    error: Array,
-    joints: Array,
-    settings: Array,
-    white: Array,
+    tables: tuple[Array, Array, Array, Array],
     state: Array,
-    q: Array,
+    error: TorqueError,
     v: Array,
     transmitted: Array,
     momentum: Array,
-    J: Array,
     tau_ext: Array,
     fresh: Flags,
     out: Array,
+    white: TorqueWhite,
 ) -> None:
-    """`detect_tick` for N samples, one after another; out (N, NUM_OUT)."""
-    n = q.shape[1]
-    work = np.empty((n + WORK_ROWS, max(n, NUM_FEATURES)))
-    for k in range(q.shape[0]):
-        detect_tick(
-            error,
-            joints,
-            settings,
-            white,
-            state,
-            q[k],
-            v[k],
-            transmitted[k],
-            momentum[k],
-            J[k],
-            tau_ext[k],
-            fresh[k],
-            out[k],
-            work,
-        )
+    """`detect_tick` for N samples, one after another; out (N, NUM_OUT).
 
-
-@kernel
-def white_log(
-    error: Array,
-    joints: Array,
-    settings: Array,
-    white: Array,
-    state: Array,
-    q: Array,
-    v: Array,
-    transmitted: Array,
-    momentum: Array,
-    J: Array,
-    tau_ext: Array,
-    out: Array,
-    z: Array,
-    mean: Array,
-    change: Array,
-    misfit: Array,
-) -> None:
-    """As `detect_log`, and writes for what learns z, LP(z) and the change, (N, n) each, and
-    sqrt(LP(D)) of every sample, (N,).
+    `white` is written, for what learns: z, LP(z) and the change, (N, n) each, and sqrt(LP(D)) of
+    every sample; without rows it is not.
     """
-    slow, gain = 0.0, 1.0 - np.exp(-settings[PERIOD] / MISFIT_WINDOW)
-    n = q.shape[1]
+    n, slow = v.shape[1], 0.0
+    gain = 1.0 - np.exp(-tables[2][PERIOD] / MISFIT_WINDOW)
     work = np.zeros((n + WORK_ROWS, max(n, NUM_FEATURES)))
-    for k in range(q.shape[0]):
-        detect_tick(
-            error,
-            joints,
-            settings,
-            white,
-            state,
-            q[k],
-            v[k],
-            transmitted[k],
-            momentum[k],
-            J[k],
-            tau_ext[k],
-            True,
-            out[k],
-            work,
+    for k in range(v.shape[0]):
+        own = TorqueError(
+            error.sd[k], error.stiction[k], error.drift[k], error.J_seen[k], error.rows[k]
         )
-        z[k] = work[3, :n]
-        mean[k] = state[_MEAN]
-        change[k] = work[18, :n]
-        if np.isfinite(tau_ext[k]).all():
-            slow += gain * (_unexplained(settings, white, tau_ext[k], work) - slow)
-        misfit[k] = np.sqrt(slow)
+        detect_tick(
+            *(tables, state, own, v[k], transmitted[k], momentum[k], tau_ext[k], fresh[k]),
+            *(out[k], work),
+        )
+        if white.misfit.shape[0] > 0:
+            white.z[k] = work[1, :n]
+            white.mean[k] = state[_MEAN]
+            white.change[k] = work[3, :n]
+            if np.isfinite(tau_ext[k]).all():
+                D = _unexplained(tables[2], tables[3], own.J_seen, tau_ext[k], work)
+                slow += gain * (D - slow)
+            white.misfit[k] = np.sqrt(slow)
 
 
 def jolts(momentum: Array, transmitted: Array, pole: Array, time_step: float) -> Array:
