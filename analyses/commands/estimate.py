@@ -37,6 +37,7 @@ OPTIONS = (
     Option(f"{OBSERVER}.K_0", "k0"),
     Option(f"{READING}.method"),
     Option("estimate.smooth", flags="--smooth/--causal"),
+    Option("estimate.track"),
     Option(f"{REFERENCE}.columns", "reference", metavar="COLUMNS"),
     Option("estimate.contact.axis", "contact_axis"),
     Option("estimate.contact.point", "contact_point", metavar="X,Y,Z", default="E"),
