@@ -69,6 +69,8 @@ def read_stream(
                     go_on = _no
             for one in out:
                 emit(one)
+                if checks is not None and isinstance(one, Reading):
+                    checks.add(one)
         if not items:
             for one in live.idle(time.monotonic()):
                 emit(one)
@@ -87,8 +89,10 @@ def warm_up(settings: WatchSettings, robot: Robot, model: IdentifiedModel) -> No
         t = k * _WARMING_STEP + (0.001 if k > _WARMING // 2 else 0.0)
         angle = 0.2 * np.sin(t)
         sample = Sample(t, t, robot.home + angle * one, 0.2 * np.cos(t) * one, one)
-        live.take(sample)
         checks.take(sample, live)
+        for item in live.take(sample):
+            if isinstance(item, Reading):
+                checks.add(item)
     checks.notes()
 
 

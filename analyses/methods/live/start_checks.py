@@ -4,11 +4,12 @@ They are weighed against robot and model once a second. What contradicts makes e
 valid, with a sentence that says why; `--no-check` and `--accept-signs` override it, as they do for
 `estimate`. What only differs (a payload, torques per ampere) is said.
 
-Joints are taken as exchanged where an exchange explains what gravity does EXCHANGED times better,
-and the order as it is leaves more than UNEXPLAINED of it open.
+Mistakes that are weighed: A and N m, a turned sign, two joints exchanged. One is named where
+gravity leaves EXPLAINS times less open with it, and more than UNEXPLAINED without.
 """
 
 import time
+from collections.abc import Iterator
 from itertools import combinations
 
 import numpy as np
@@ -19,6 +20,7 @@ from wrenchsight.models.calibration.gravity_disagreement import GravityWatch
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.live.live_estimator import LiveEstimator
+from wrenchsight.models.live.reading import Reading
 from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_checks import RecordingChecks
@@ -26,11 +28,13 @@ from wrenchsight.models.robot.robot import Robot
 
 CHECK_TIME = 5.0  # s that are looked at
 CHECK_PERIOD = 1.0  # s between two looks
-EXCHANGED, UNEXPLAINED = 9.0, 0.3  # shares of squares
+EXPLAINS, UNEXPLAINED = 9.0, 0.3  # shares of squares
 SLOW = 0.25  # of the velocity limit: gravity prevails
+FURTHEST = 4.0 * np.pi  # rad; positions beyond are in other units
 MOST_ROWS = 200  # of a look at joint order
 LEAST_LOAD = 0.5  # kg that are worth a word
 LOAD_EXPLAINS = 0.6  # share of what is read that a load's weight must explain
+SETTLED = 1.0  # s, after which what is read counts
 GAIN_OFF = 0.03  # by which torques per ampere may differ
 _LEAST_CURRENT = 0.3  # A, of the controller's target: less says nothing of a gain
 
@@ -47,12 +51,19 @@ class StartChecks:
         self._robot, self._model = robot, model
         self._chain = model.chain(robot)
         self._checks = RecordingChecks(robot, None, config.accept_signs)
+        self._accept_signs = config.accept_signs
         self._held: list[Sample] = []
-        self._residuals: list[tuple[Array, Array]] = []
+        self._read: list[tuple[Array, Array]] = []  # q and tau_ext
         self._begin: float | None = None
         self._look = 0.0
         self._more: list[Sample] = []  # one of each look
         self._over = not robot.has_inertias
+
+    def add(self, reading: Reading) -> None:
+        """Takes what was read of the stream."""
+        settled = self._begin is not None and reading.t - self._begin > SETTLED
+        if settled and not self._over and not (reading.dropout or reading.fault):
+            self._read.append((reading.q.copy(), reading.tau_ext.copy()))
 
     def take(self, sample: Sample, live: LiveEstimator) -> StreamEvent | None:
         """Takes a sample; what is to be said, if anything. A contradiction is noted in `live`."""
@@ -70,6 +81,7 @@ class StartChecks:
         now = time.monotonic()
         try:
             self._judge(held)
+            self._judge_gravity(live.step)
         except InputError as error:
             self._over = True
             live.contradicted = True
@@ -90,73 +102,84 @@ class StartChecks:
         """Raises InputError where the stream so far is implausible."""
         q, v, effort = (np.array([getattr(s, n) for s in held]) for n in ("q", "v", "effort"))
         t = np.array([sample.t for sample in held])
-        whole = np.isfinite(q + v + effort).all(axis=1) & (np.diff(t, prepend=-np.inf) > 0.0)
+        whole = np.isfinite(q + v + effort).all(axis=1)
+        whole[1:] &= t[1:] > np.maximum.accumulate(t)[:-1]
         if whole.sum() < 2:
             return
         q, v, effort, t = q[whole], v[whole], effort[whole], t[whole]
         is_torque = held[0].is_torque
-        current = self._robot.motor_current(effort) if is_torque else effort
-        self._checks.feed(Recording(t, q, v, current, "the stream", effort if is_torque else None))
         slow = np.all(np.abs(v) < SLOW * self._robot.velocity_limit, axis=1)
-        rows = np.flatnonzero(slow)
+        rows = np.flatnonzero(slow & (np.abs(q) < FURTHEST).all(axis=1))
         rows = rows[:: max(1, len(rows) // MOST_ROWS)]
-        if not len(rows):
-            return
-        q, v, current = (np.ascontiguousarray(x[rows]) for x in (q, v, current))
-        tau = self._robot.joint_torque(current)
-        self._judge_order(q, tau)
-        self._residuals.append((q, self._residual(q, v, tau)))
-        self._judge_gravity()
+        if len(rows):
+            self._judge_alternatives(np.ascontiguousarray(q[rows]), effort[rows], is_torque)
+        current = self._robot.motor_current(effort) if is_torque else effort
+        tau_J = effort if is_torque else None
+        self._checks.feed(Recording(t, q, v, current, "the stream", tau_J))
 
-    def _residual(self, q: Array, v: Array, tau: Array) -> Array:
-        """(N, n) N m, what acts from outside, but for acceleration."""
-        moving = np.where(np.abs(v) > 1e-3, self._model.friction.feedforward.torque(v), 0.0)
-        return np.asarray(self._chain.gravity_torque(q) + moving - tau)
-
-    def _judge_order(self, q: Array, tau: Array) -> None:
-        names = self._robot.joint_names
+    def _judge_alternatives(self, q: Array, effort: Array, is_torque: bool) -> None:
+        """Raises InputError where a plain mistake explains the torque far better."""
+        tau = effort if is_torque else self._robot.joint_torque(effort)
         before = self._unexplained(q, tau)
         if before < UNEXPLAINED:
             return
         best, text = before, ""
+        for words, own_q, own_tau in self._alternatives(q, effort, is_torque, tau):
+            share = self._unexplained(np.ascontiguousarray(own_q), own_tau)
+            if share < best:
+                best, text = share, words
+        if best * EXPLAINS < before:
+            problem = (
+                f"{text}: gravity leaves {100 * before:.0f} % of the torque open as it comes, "
+            )
+            raise InputError("the stream", "", f"{problem}{100 * best:.0f} % that way")
+
+    def _alternatives(
+        self, q: Array, effort: Array, is_torque: bool, tau: Array
+    ) -> Iterator[tuple[str, Array, Array]]:
+        """What may be wrong, with q and torque as they then are."""
+        names = self._robot.joint_names
+        if is_torque:
+            yield "the torques look like currents in A", q, self._robot.joint_torque(effort)
+        else:
+            yield "the currents look like torques in N m", q, effort
+        if not self._accept_signs:
+            yield "all currents look like those of turned signs", q, -tau
+            for j, name in enumerate(names):
+                turned = tau.copy()
+                turned[:, j] *= -1.0
+                yield f"the sign of {name}'s current looks turned", q, turned
         for i, j in combinations(range(len(names)), 2):
             order = np.arange(len(names))
             order[[i, j]] = j, i
-            for what, a, b in (
-                ("joints", q[:, order], tau[:, order]),
-                ("positions", q[:, order], tau),
-                ("currents", q, tau[:, order]),
-            ):
-                share = self._unexplained(np.ascontiguousarray(a), b)
-                if share < best:
-                    best, text = share, f"the {what} of {names[i]} and {names[j]}"
-        if best * EXCHANGED < before:
-            problem = f"{text} look exchanged: {100 * before:.0f} % of the torque is not gravity's "
-            problem += f"as they come, {100 * best:.0f} % the other way"
-            raise InputError("the stream", "", problem, "check their order")
+            both = f"of {names[i]} and {names[j]} look exchanged"
+            yield f"the joints {both}", q[:, order], tau[:, order]
+            yield f"the positions {both}", q[:, order], tau
+            yield f"the currents {both}", q, tau[:, order]
 
     def _unexplained(self, q: Array, tau: Array) -> float:
         """Share of the torque's squares that gravity does not explain, an offset aside."""
         left = tau - self._chain.gravity_torque(q)
         return float(np.sum(left**2) / max(np.sum(tau**2), 1e-9))
 
-    def _judge_gravity(self) -> None:
+    def _judge_gravity(self, step: float) -> None:
+        if not self._read:
+            return
         sd = np.sqrt(np.diag(self._model.residual_covariance))
-        watch = GravityWatch(self._chain, sd, CHECK_PERIOD / MOST_ROWS)
-        for q, residual in self._residuals:
-            watch.add(q, residual, np.ones(len(q), bool))
+        watch = GravityWatch(self._chain, sd, step)
+        q, tau_ext = (np.array(part) for part in zip(*self._read, strict=True))
+        watch.add(q, tau_ext, np.ones(len(q), np.bool_))
         found = watch.disagreement()
         if found is not None:
             raise InputError("the stream", "", found.sentence())
 
     def _load(self) -> list[str]:
         """What the arm seems to carry that the model does not know."""
-        weight = np.array([0.0, 0.0, 0.0])
-        weight[:] = self._chain.gravity
-        if not self._residuals or not np.any(weight):
+        weight = np.asarray(self._chain.gravity)
+        if not self._read or not np.any(weight):
             return []
-        q = np.concatenate([own for own, _ in self._residuals])
-        external = np.concatenate([own for _, own in self._residuals])
+        every = max(1, len(self._read) // MOST_ROWS)
+        q, external = (np.array(part) for part in zip(*self._read[::every], strict=True))
         per_kg = np.einsum("kaj,a->kj", self._chain.jacobian(q)[:, 3:], weight)
         mass = float(np.sum(per_kg * external) / max(np.sum(per_kg**2), 1e-9))
         left = float(np.sum((external - mass * per_kg) ** 2) / max(np.sum(external**2), 1e-9))
