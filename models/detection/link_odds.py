@@ -41,6 +41,7 @@ RADII = (0.06, 0.1)  # m
 TANGENT = 0.4
 SIZES = (3.0, 10.0, 30.0, 100.0)  # N
 SCALE, CROSS = 0.03, 0.01
+E_BEFORE = 0.5  # odds of E before a torque was read; the links share the rest
 NAMED = 0.05  # least odds of a link that is named
 MOST_NAMED = 3
 _ALONG, _AROUND = 5, 8
@@ -114,6 +115,8 @@ def place_odds(
         places[n].append(_log_likelihood(at_E, y, inwards=False))
     evidence = np.array([logsumexp(own) - np.log(own.size) for own in (
         np.mean(samples, axis=0) for samples in places)])
+    evidence[:n] += np.log((1.0 - E_BEFORE) / n)
+    evidence[n] += np.log(E_BEFORE)
     odds = np.exp(evidence - logsumexp(evidence))
     return PlaceOdds(odds[:n], float(odds[n]))
 

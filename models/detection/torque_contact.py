@@ -113,10 +113,11 @@ class TorqueContactDetector:
 
 
 def first_baseline(t: Array, tau_ext: Array) -> Array:
-    """(n,) N m, mean of the finite samples of a log's first FIRST s; zero where there is none."""
-    first = tau_ext[t <= t[0] + FIRST]
-    known = first[np.isfinite(first).all(axis=1)]
-    return np.asarray(known.mean(axis=0)) if len(known) else np.zeros(tau_ext.shape[1])
+    """(n,) N m, mean of the first FIRST s of a log's finite samples; zero where there is none."""
+    known = np.isfinite(tau_ext).all(axis=1)
+    if not known.any():
+        return np.zeros(tau_ext.shape[1])
+    return np.asarray(tau_ext[known & (t <= t[known][0] + FIRST)].mean(axis=0))
 
 
 def learn_torque_error(t: Array, tau_ext: Array, J: Array) -> TorqueError:

@@ -1,0 +1,96 @@
+"""Where the contacts of a log are: at E or on a link, with odds, and which readings that voids.
+
+A contact on a link is no wrench at E, however well one explains the torques. So each contact of a
+part of a log is judged as a whole, by some of its strongest samples (`models.detection.link_odds`);
+where a link before the last wins, its samples are a misfit; where one has odds above DOUBT, their
+readings are not valid.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.detection.contact_detector import Detection
+from wrenchsight.models.detection.link_odds import place_odds
+
+BEFORE, GUARD = 0.3, 0.05  # s before a contact, between which it is read what it starts from
+SAMPLES = 5  # of a contact, evenly spread over those of at least half of its largest size
+DOUBT = 0.2  # largest odds of a link that leave a reading at E valid
+LONGEST = 2.0  # s, of a contact that is judged as one; longer ones in pieces of this length
+
+
+def stretches(flag: Flags, t: Array) -> list[slice]:
+    """The stretches of N samples in which a flag is set, cut into pieces of at most LONGEST."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flag, [False]]).astype(np.int8)))
+    pieces = []
+    for begin, end in edges.reshape(-1, 2):
+        cuts = max(1, int(np.ceil((t[end - 1] - t[begin]) / LONGEST)))
+        inner = np.searchsorted(t, np.linspace(t[begin], t[end - 1], cuts + 1)[1:-1])
+        limits = [int(begin), *(int(k) for k in inner), int(end)]
+        pieces += [slice(a, b) for a, b in zip(limits[:-1], limits[1:], strict=True) if b > a]
+    return pieces
+
+
+def of_contacts(contact: Flags, t: Array, tau_ext: Array) -> Array:
+    """(N, n) N m, the torque less that right before its contact, for the first LONGEST s of it.
+
+    The errors of a model last longer than a push takes to come. Later they have changed, and where
+    a contact begins with the samples there is nothing before it: there the torque is as it stands.
+
+    Args:
+        contact: (N,).
+        t: (N,) s.
+        tau_ext: (N, n) N m.
+    """
+    result = tau_ext.copy()
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], contact, [False]]).astype(np.int8)))
+    for begin, end in edges.reshape(-1, 2):
+        first, last = np.searchsorted(t, (t[begin] - BEFORE, t[begin] - GUARD))
+        before = tau_ext[first:last][~contact[first:last]]
+        before = before[np.isfinite(before).all(axis=1)]
+        if len(before):
+            until = min(int(np.searchsorted(t, t[begin] + LONGEST)), int(end))
+            result[begin:until] -= before.mean(axis=0)
+    return result
+
+
+def judge_places(
+    found: Detection,
+    t: Array,
+    J: Array,
+    tau: Array,
+    sd: Array,
+    correlation: Array | None = None,
+) -> tuple[Detection, Array, Flags]:
+    """Says of each contact where it is.
+
+    Args:
+        found: of N samples; its misfit and link are replaced.
+        t: (N,) s.
+        J: (N, 6, n) as the torque saw it.
+        tau: (N, n) N m, of the contact alone: less what would be read without it.
+        sd: (N, n) N m of its error.
+        correlation: (n, n) of the errors of the joints.
+
+    Returns:
+        The detection, the odds (N, n + 1) of link 1 to n and E (zero without contact), and (N,)
+        whether a reading at E may be valid: the links before the last have odds of at most DOUBT.
+    """
+    N, n = tau.shape
+    odds = np.zeros((N, n + 1))
+    misfit, link = np.zeros(N, bool), np.zeros(N, np.int8)
+    known = np.isfinite(tau + sd).all(axis=1) & np.isfinite(J).all(axis=(1, 2))
+    size: NDArray[np.float64] = np.zeros(N)
+    size[known] = np.linalg.norm(tau[known] / sd[known], axis=1)
+    for piece in stretches(found.contact, t):
+        inside = np.arange(piece.start, piece.stop)[known[piece]]
+        if not len(inside):
+            continue
+        strong = inside[size[inside] >= 0.5 * size[inside].max()]
+        chosen = strong[np.linspace(0, len(strong) - 1, min(SAMPLES, len(strong))).astype(int)]
+        place = place_odds(J[chosen], tau[chosen], sd[chosen], correlation)
+        odds[piece] = np.append(place.links, place.at_E)
+        misfit[piece] = place.on_link
+        link[piece] = place.named()[0] if place.on_link else 0
+    trusted = odds[:, : n - 1].sum(axis=1) <= DOUBT
+    return found._replace(misfit=misfit, link=link), odds, np.asarray(trusted)
