@@ -59,6 +59,15 @@ class PlaceOdds(NamedTuple):
     links: Array
     at_E: float
 
+    @classmethod
+    def of(cls, evidence: Array) -> "PlaceOdds":
+        """From log likelihoods (n + 1,) of link 1 to n and of E, that `place_evidence` finds."""
+        n = len(evidence) - 1
+        before = np.append(np.full(n, (1.0 - E_BEFORE) / n), E_BEFORE)
+        log = np.asarray(evidence) + np.log(before)
+        odds = np.exp(log - logsumexp(log))
+        return cls(odds[:n], float(odds[n]))
+
     @property
     def on_link(self) -> bool:
         """Whether a link before the last one, which carries E, is likelier than the last and E."""
@@ -78,13 +87,13 @@ class PlaceOdds(NamedTuple):
         return [int(k) + 1 for k in order if bodies[k] >= NAMED]
 
 
-def place_odds(
+def place_evidence(
     J: ArrayLike,
     tau_ext: ArrayLike,
     sd: ArrayLike,
     correlation: ArrayLike | None = None,
-) -> PlaceOdds:
-    """Compares the places for one contact.
+) -> Array:
+    """Log likelihoods (n + 1,) of link 1 to n and of E for one contact, up to a common constant.
 
     Args:
         J: (K, 6, n) of K samples of it.
@@ -100,7 +109,7 @@ def place_odds(
     if J.shape != (K, 6, n) or sd.shape != (K, n) or not K:
         raise ValueError(f"expected J (K, 6, n), sd (K, n), not {J.shape} and {sd.shape}")
     if not (np.isfinite(J).all() and np.isfinite(tau).all() and np.isfinite(sd).all()):
-        raise ValueError("place_odds: a sample is not finite")
+        raise ValueError("place_evidence: a sample is not finite")
     R = np.eye(n) if correlation is None else np.asarray(correlation, float)
     places: list[list[Array]] = [[] for _ in range(n + 1)]
     for J_k, tau_k, sd_k in zip(J, tau, sd, strict=True):
@@ -113,12 +122,8 @@ def place_odds(
             places[k].append(_log_likelihood(B, y, inwards=True))
         at_E = np.concatenate([J_k[3:], PRIOR_LEVER * J_k[:3]])[None] @ white.T
         places[n].append(_log_likelihood(at_E, y, inwards=False))
-    evidence = np.array([logsumexp(own) - np.log(own.size) for own in (
-        np.mean(samples, axis=0) for samples in places)])
-    evidence[:n] += np.log((1.0 - E_BEFORE) / n)
-    evidence[n] += np.log(E_BEFORE)
-    odds = np.exp(evidence - logsumexp(evidence))
-    return PlaceOdds(odds[:n], float(odds[n]))
+    means = [np.mean(samples, axis=0) for samples in places]
+    return np.array([logsumexp(own) - np.log(own.size) for own in means])
 
 
 def link_ends(J: Array) -> Array:

@@ -9,7 +9,7 @@ takes off the offset, and a log's own free stretches say how large the rest is:
 **Baseline**: the mean of the first FIRST s; then, while nothing is found, a first-order low-pass of
 SLOW s. During contact it stays.
 
-**Contact** begins where s exceeds LEVEL. It ends where s is below RELEASE of that, or where of the
+**Contact** begins where s has exceeded LEVEL for HOLD s and two samples. It ends where s is below RELEASE of that, or where of the
 largest z so far, p, less than LEFT remains, z.p < LEFT p.p: a hand lets go within .1 s, and what
 is left then is the arm's own. p fades within FADE, so that a force that falls slowly is followed.
 For ANEW s after a contact none begins, and then the baseline starts again from the smallest s of
@@ -42,6 +42,7 @@ from wrenchsight.models.kernel import kernel
 FIRST = 0.15  # s
 SLOW = 1.0  # s
 LEVEL = 6.0
+HOLD = 0.005  # s
 RELEASE = 0.7
 LEFT = 0.15
 FADE = 1.0  # s
@@ -57,7 +58,7 @@ _FEWEST = 20  # samples of a kind that a median is taken of
 _SETTLED = 0.15  # s after a contact, from when a sample counts as free
 # Rows of the state after those of J's low-pass: (6 + NUM_ROWS, n).
 _BASE, _PEAK, _LOWEST, _SINGLE, NUM_ROWS = range(5)
-_TIME, _CONTACT, _WAIT, _SMALLEST = range(4)  # of `_SINGLE`; _TIME NaN: nothing was read yet
+_TIME, _CONTACT, _WAIT, _SMALLEST, _ABOVE, _NUMBERS = range(6)  # of `_SINGLE`: _TIME is NaN before the first sample, _ABOVE where s is not
 
 
 class TorqueError(NamedTuple):
@@ -96,9 +97,9 @@ class TorqueContactDetector:
     def __init__(self, error: TorqueError, start: Array) -> None:
         n = len(start)
         self.error = error
-        self._state = np.zeros((6 + NUM_ROWS, max(n, 4)))
+        self._state = np.zeros((6 + NUM_ROWS, max(n, _NUMBERS)))
         self._state[6 + _BASE, :n] = start
-        self._state[6 + _SINGLE, _TIME] = np.nan
+        self._state[6 + _SINGLE, [_TIME, _ABOVE]] = np.nan
 
     def run(self, t: Array, tau_ext: Array, J: Array) -> TorqueContact:
         """Takes the next N samples: s, (N, n) N m, and (N, 6, n); what is not finite is passed."""
@@ -242,8 +243,10 @@ def torque_contact_log(
                 if numbers[_WAIT] <= 0.0:
                     own[_BASE, :n] = own[_LOWEST, :n]
             elif s > LEVEL:
-                numbers[_CONTACT] = 1.0
-                own[_PEAK, :n] = z
+                numbers[_ABOVE] = numbers[_ABOVE] + T if np.isfinite(numbers[_ABOVE]) else 0.0
+                if numbers[_ABOVE] >= HOLD:
+                    numbers[_CONTACT] = 1.0
+                    own[_PEAK, :n] = z
             else:
                 for j in range(n):
                     own[_BASE, j] += (1.0 - np.exp(-T / SLOW)) * (tau_ext[k, j] - own[_BASE, j])
@@ -253,6 +256,8 @@ def torque_contact_log(
             numbers[_CONTACT], numbers[_WAIT], numbers[_SMALLEST] = 0.0, ANEW, np.inf
         if numbers[_CONTACT] == 1.0 and s < RELEASE * LEVEL:
             numbers[_CONTACT], numbers[_WAIT], numbers[_SMALLEST] = 0.0, ANEW, np.inf
+        if s <= LEVEL or numbers[_CONTACT] == 1.0:
+            numbers[_ABOVE] = np.nan
         out[k, 0], out[k, 1] = s / LEVEL, numbers[_CONTACT]
         out[k, 2] = 1.0 if moving else 0.0
         for j in range(n):

@@ -112,7 +112,7 @@ def _beginning(log: TorqueLog) -> tuple[Array, Array, Array]:
 def _shifts(chunk: Recording, found: TorqueContact, alone: Array) -> list[float]:
     """Per contact at rest that moves the arm, the correlation of its torque with the shift."""
     correlations = []
-    for piece in stretches(found.contact, chunk.t):
+    for piece in stretches(found.contact):
         if not piece.start or found.contact[piece.start - 1] or found.moving[piece].any():
             continue
         shift = chunk.q[piece] - chunk.q[piece.start - 1]

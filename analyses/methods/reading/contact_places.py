@@ -1,7 +1,8 @@
 """Where the contacts of a log are: at E or on a link, with odds, and which readings that voids.
 
 A contact on a link is no wrench at E, however well one explains the torques. So each contact of a
-part of a log is judged as a whole, by some of its strongest samples (`models.detection.link_odds`);
+part of a log is judged as a whole, by some of the strongest samples of each of its pieces
+(`models.detection.link_odds`), whose evidence is added up;
 where a link before the last wins, its samples are a misfit; where one has odds above DOUBT, their
 readings are not valid.
 """
@@ -11,24 +12,28 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.detection.contact_detector import Detection
-from wrenchsight.models.detection.link_odds import place_odds
+from wrenchsight.models.detection.link_odds import PlaceOdds, place_evidence
 
 BEFORE, GUARD = 0.3, 0.05  # s before a contact, between which it is read what it starts from
 SAMPLES = 5  # of a contact, evenly spread over those of at least half of its largest size
 DOUBT = 0.2  # largest odds of a link that leave a reading at E valid
-LONGEST = 2.0  # s, of a contact that is judged as one; longer ones in pieces of this length
+LONGEST = 2.0  # s, of a contact's piece: the error of one says little about that of the next
+MOST_PIECES = 20
 
 
-def stretches(flag: Flags, t: Array) -> list[slice]:
-    """The stretches of N samples in which a flag is set, cut into pieces of at most LONGEST."""
+def stretches(flag: Flags) -> list[slice]:
+    """The stretches of N samples in which a flag is set."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flag, [False]]).astype(np.int8)))
-    pieces = []
-    for begin, end in edges.reshape(-1, 2):
-        cuts = max(1, int(np.ceil((t[end - 1] - t[begin]) / LONGEST)))
-        inner = np.searchsorted(t, np.linspace(t[begin], t[end - 1], cuts + 1)[1:-1])
-        limits = [int(begin), *(int(k) for k in inner), int(end)]
-        pieces += [slice(a, b) for a, b in zip(limits[:-1], limits[1:], strict=True) if b > a]
-    return pieces
+    return [slice(int(begin), int(end)) for begin, end in edges.reshape(-1, 2)]
+
+
+def _pieces(whole: slice, t: Array) -> list[slice]:
+    """A stretch, cut into at most MOST_PIECES of no more than LONGEST s where that is enough."""
+    first, last = float(t[whole.start]), float(t[whole.stop - 1])
+    count = min(max(1, int(np.ceil((last - first) / LONGEST))), MOST_PIECES)
+    cuts = np.searchsorted(t, np.linspace(first, last, count + 1)[1:-1])
+    limits = [whole.start, *(int(k) for k in cuts), whole.stop]
+    return [slice(a, b) for a, b in zip(limits[:-1], limits[1:], strict=True) if b > a]
 
 
 def of_contacts(contact: Flags, t: Array, tau_ext: Array) -> Array:
@@ -43,14 +48,14 @@ def of_contacts(contact: Flags, t: Array, tau_ext: Array) -> Array:
         tau_ext: (N, n) N m.
     """
     result = tau_ext.copy()
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], contact, [False]]).astype(np.int8)))
-    for begin, end in edges.reshape(-1, 2):
-        first, last = np.searchsorted(t, (t[begin] - BEFORE, t[begin] - GUARD))
+    for whole in stretches(contact):
+        begin = t[whole.start]
+        first, last = np.searchsorted(t, (begin - BEFORE, begin - GUARD))
         before = tau_ext[first:last][~contact[first:last]]
         before = before[np.isfinite(before).all(axis=1)]
         if len(before):
-            until = min(int(np.searchsorted(t, t[begin] + LONGEST)), int(end))
-            result[begin:until] -= before.mean(axis=0)
+            until = min(int(np.searchsorted(t, begin + LONGEST)), whole.stop)
+            result[whole.start : until] -= before.mean(axis=0)
     return result
 
 
@@ -82,15 +87,18 @@ def judge_places(
     known = np.isfinite(tau + sd).all(axis=1) & np.isfinite(J).all(axis=(1, 2))
     size: NDArray[np.float64] = np.zeros(N)
     size[known] = np.linalg.norm(tau[known] / sd[known], axis=1)
-    for piece in stretches(found.contact, t):
-        inside = np.arange(piece.start, piece.stop)[known[piece]]
-        if not len(inside):
-            continue
-        strong = inside[size[inside] >= 0.5 * size[inside].max()]
-        chosen = strong[np.linspace(0, len(strong) - 1, min(SAMPLES, len(strong))).astype(int)]
-        place = place_odds(J[chosen], tau[chosen], sd[chosen], correlation)
-        odds[piece] = np.append(place.links, place.at_E)
-        misfit[piece] = place.on_link
-        link[piece] = place.named()[0] if place.on_link else 0
+    for whole in stretches(found.contact):
+        evidence = np.zeros(n + 1)
+        for piece in _pieces(whole, t):
+            inside = np.arange(piece.start, piece.stop)[known[piece]]
+            if not len(inside):
+                continue
+            strong = inside[size[inside] >= 0.5 * size[inside].max()]
+            chosen = strong[np.linspace(0, len(strong) - 1, min(SAMPLES, len(strong))).astype(int)]
+            evidence += place_evidence(J[chosen], tau[chosen], sd[chosen], correlation)
+        place = PlaceOdds.of(evidence)
+        odds[whole] = np.append(place.links, place.at_E)
+        misfit[whole] = place.on_link
+        link[whole] = place.named()[0] if place.on_link else 0
     trusted = odds[:, : n - 1].sum(axis=1) <= DOUBT
     return found._replace(misfit=misfit, link=link), odds, np.asarray(trusted)

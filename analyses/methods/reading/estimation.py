@@ -297,8 +297,7 @@ def estimate(
             found = found.without(chunk.dropout | (fault != 0))
             odds: Array | None = None
             if places:
-                alone = of_contacts(found.contact, chunk.t, tau_ext)
-                error = model.torque_error
+                alone, error = of_contacts(found.contact, chunk.t, tau_ext), model.torque_error
                 found, odds, trusted = judge_places(
                     *(found, chunk.t, batch.J, alone, batch.torque_sd),
                     None if error is None else error.correlation,
