@@ -4,17 +4,19 @@ A force f at a point P of link k loads joints 1 to k by J_P^T f, and no joint be
 
     link k  one force at one point of its surface, anywhere on it, pressing inwards: the component
             along the normal positive, those across it TANGENT times as large
-    E       a force at E with a moment of PRIOR_LEVER times its size
+    E       a force at E, with a moment of one of LEVERS times its size: none, or that of a tool
 
 each with the likelihood that is left when force, point and size are integrated out,
 
     p(tau | place) = mean over points and sizes of N(tau; 0, F^2 B^T B + Sigma) 2 Phi(f_n / sd(f_n))
 
-with B = S^(1/2) J_P, S the shares of normal and tangent, and F one of SIZES. That a place could
-cause many other torques counts against it, so that the narrowest one that explains the torques
-wins, with no constant of its own: a joint beyond the touched link that stays unloaded says so as
-loudly as its sd allows. All samples of a contact share one point: their log likelihoods count as
-one sample, for the errors of an arm last as long as its contacts.
+with B = S^(1/2) J_P, S the shares of normal and tangent, and F one of SIZES. Each point stands for
+a patch of the surface: the moments of a force anywhere on it are two more rows of B. That a place
+could cause many other torques counts against it, so that the narrowest one that explains the
+torques wins, with no constant of its own: a joint beyond the touched link that stays unloaded says
+so as loudly as its sd allows. All samples of a contact share one point: their log likelihoods count
+as one sample, for the errors of an arm last as long as its contacts. Where the mean of a joint's
+torque is above LOADED of its sd, the links before that joint are out.
 
 **Shape.** Nothing but the Jacobian is needed. Link k reaches from the point between its own axis
 and the one before to the point between its own axis and the next (the middle of their common
@@ -39,10 +41,12 @@ from wrenchsight.models.estimation.wrench import PRIOR_LEVER
 
 RADII = (0.06, 0.1)  # m
 TANGENT = 0.4
+LEVERS = (0.0, PRIOR_LEVER)  # m
 SIZES = (3.0, 10.0, 30.0, 100.0)  # N
 SCALE, CROSS = 0.03, 0.01
+LOADED = 3.0  # times its sd: beyond, a joint's torque is no error of a model of friction
 E_BEFORE = 0.5  # odds of E before a torque was read; the links share the rest
-NAMED = 0.05  # least odds of a link that is named
+NAMED = 0.1  # least odds of a link that is named
 MOST_NAMED = 3
 _ALONG, _AROUND = 5, 8
 _PARALLEL = 1e-3  # squared sine of the angle between axes
@@ -92,6 +96,7 @@ def place_evidence(
     tau_ext: ArrayLike,
     sd: ArrayLike,
     correlation: ArrayLike | None = None,
+    loaded: float = LOADED,
 ) -> Array:
     """Log likelihoods (n + 1,) of link 1 to n and of E for one contact, up to a common constant.
 
@@ -100,6 +105,7 @@ def place_evidence(
         tau_ext: (K, n) N m, of the contact alone: less what is read without it.
         sd: (K, n) N m of its error.
         correlation: (n, n) of the errors of the joints; None: they are independent.
+        loaded: times its sd, beyond which the mean of a joint's torque is no error.
 
     Raises:
         ValueError: shapes disagree, or a value is not finite.
@@ -112,18 +118,24 @@ def place_evidence(
         raise ValueError("place_evidence: a sample is not finite")
     R = np.eye(n) if correlation is None else np.asarray(correlation, float)
     places: list[list[Array]] = [[] for _ in range(n + 1)]
+    units: list[Array] = []
     for J_k, tau_k, sd_k in zip(J, tau, sd, strict=True):
         largest = float(np.abs(tau_k).max())
         D = np.sqrt(sd_k**2 + (SCALE * tau_k) ** 2 + (CROSS * largest) ** 2)
         white = np.linalg.inv(np.linalg.cholesky(D[:, None] * R * D))
         y = white @ tau_k
+        units.append(tau_k / D)
         for k, surface in enumerate(_surfaces(J_k)):
             B = _on_link(J_k, k, *surface) @ white.T
             places[k].append(_log_likelihood(B, y, inwards=True))
-        at_E = np.concatenate([J_k[3:], PRIOR_LEVER * J_k[:3]])[None] @ white.T
-        places[n].append(_log_likelihood(at_E, y, inwards=False))
+        B = np.stack([np.concatenate([J_k[3:], lever * J_k[:3]]) for lever in LEVERS]) @ white.T
+        places[n].append(_log_likelihood(B, y, inwards=False))
     means = [np.mean(samples, axis=0) for samples in places]
-    return np.array([logsumexp(own) - np.log(own.size) for own in means])
+    evidence = np.array([logsumexp(own) - np.log(own.size) for own in means])
+    carries = np.flatnonzero(np.abs(np.mean(units, axis=0)) > loaded)
+    if len(carries):
+        evidence[: carries[-1]] = -np.inf
+    return evidence
 
 
 def link_ends(J: Array) -> Array:

@@ -9,14 +9,16 @@ takes off the offset, and a log's own free stretches say how large the rest is:
 **Baseline**: the mean of the first FIRST s; then, while nothing is found, a first-order low-pass of
 SLOW s. During contact it stays.
 
-**Contact** begins where s has exceeded LEVEL for HOLD s and two samples. It ends where s is below RELEASE of that, or where of the
-largest z so far, p, less than LEFT remains, z.p < LEFT p.p: a hand lets go within .1 s, and what
-is left then is the arm's own. p fades within FADE, so that a force that falls slowly is followed.
+**Contact** begins where s has exceeded LEVEL for HOLD s and two samples. It ends where s is below
+RELEASE of that, or where of the largest z so far, p, less than LEFT remains, z.p < LEFT p.p: a hand
+lets go within .1 s, and what is left then is the arm's own. p fades within FADE, so that a force
+that falls slowly is followed.
 For ANEW s after a contact none begins, and then the baseline starts again from the smallest s of
 that time.
 
 **Error.** Two sds for each joint, of an arm at rest and of one that moves (`moving_sd` where some
-entry of J has changed by more than MOTION a second over MOTION_TIME: a touch shifts an arm less).
+entry of J has changed by more than MOTION a second over MOTION_TIME within the last STILL s: a
+touch shifts an arm less).
 At rest sd^2 is the sum of the squares of
 
     noise   1.48 times the median of |tau - base| in free samples; no less than the lower quartile
@@ -28,8 +30,8 @@ At rest sd^2 is the sum of the squares of
 found in ROUNDS rounds of detection, from START times the windows' sd. In motion the sd is as many
 times the median of |tau - its low-pass|, over all moving samples, most of which are taken as free.
 
-All constants were settled on five recordings of a Franka Panda that a hand touches (`link_contact`:
-f2, d3, c2, b6, a4).
+The constants were settled on five recordings of a Franka Panda that a hand touches (`link_contact`:
+f2, d3, c2, b6, a4) and checked on five others; only START was lowered, from 3, after f3 of these.
 """
 
 from typing import NamedTuple
@@ -48,9 +50,10 @@ LEFT = 0.15
 FADE = 1.0  # s
 ANEW = 0.12  # s
 MOTION, MOTION_TIME = 0.05, 0.3  # 1/s (m/s where J is in metres), s
+STILL = 0.5  # s
 WINDOW = 0.15  # s
 ROUNDS = 3
-START = 3.0
+START = 2.0
 MEDIAN = 1.4826  # sd over median of |x|, of a Gaussian
 MOST_SAMPLES = 1 << 18  # that the error is learnt from
 _LEAST_SD = 1e-4  # N m, where a log says nothing else
@@ -58,7 +61,8 @@ _FEWEST = 20  # samples of a kind that a median is taken of
 _SETTLED = 0.15  # s after a contact, from when a sample counts as free
 # Rows of the state after those of J's low-pass: (6 + NUM_ROWS, n).
 _BASE, _PEAK, _LOWEST, _SINGLE, NUM_ROWS = range(5)
-_TIME, _CONTACT, _WAIT, _SMALLEST, _ABOVE, _NUMBERS = range(6)  # of `_SINGLE`: _TIME is NaN before the first sample, _ABOVE where s is not
+# Of `_SINGLE`; _TIME is NaN before the first sample, _ABOVE where s is not above LEVEL.
+_TIME, _CONTACT, _WAIT, _SMALLEST, _ABOVE, _MOVED, _NUMBERS = range(7)
 
 
 class TorqueError(NamedTuple):
@@ -224,7 +228,8 @@ def torque_contact_log(
             for j in range(n):
                 slow_J[i, j] += gain * (J[k, i, j] - slow_J[i, j])
                 change = max(change, abs(J[k, i, j] - slow_J[i, j]))
-        moving = change > MOTION * MOTION_TIME
+        numbers[_MOVED] = STILL if change > MOTION * MOTION_TIME else numbers[_MOVED] - T
+        moving = numbers[_MOVED] > 0.0
         square, along, peak = 0.0, 0.0, 0.0
         fade = np.exp(-T / FADE)
         for j in range(n):

@@ -146,9 +146,7 @@ def estimate_torque_logs(
             estimate=config,
         )
         sources = [
-            TorqueLog(
-                *(log, log_format, robot, config.check, config.reference, config.torque_sign)
-            )
+            TorqueLog(*(log, log_format, robot, config.check, config.reference, config.torque_sign))
             for log in logs
         ]
         result = _estimate(sources, robot, folder, settings, progress)

@@ -24,8 +24,10 @@ from wrenchsight.models.detection.torque_contact import (
 )
 from wrenchsight.models.recordings.recording import Recording
 
+_BEFORE = (0.2, 0.08)  # s before a contact, between which the arm is where it rests
 _FEWEST = 3  # contacts that the sign is told by
 _AGREES = 0.5  # least correlation, in size, that tells it
+_LOADED = 1.5  # sds of what a sensor reads, beyond which a joint is loaded
 _LEAST_YIELD = 2e-6  # rad (m); less is rounding
 
 
@@ -88,7 +90,7 @@ class TorqueTouches:
         )
         if chunk.num_joints:
             self._shifts += _shifts(chunk, found, alone)
-        return judge_places(detection, chunk.t, J, alone, found.sd)
+        return judge_places(detection, chunk.t, J, alone, found.sd, loaded=_LOADED)
 
     @property
     def sign(self) -> TorqueSign:
@@ -113,9 +115,11 @@ def _shifts(chunk: Recording, found: TorqueContact, alone: Array) -> list[float]
     """Per contact at rest that moves the arm, the correlation of its torque with the shift."""
     correlations = []
     for piece in stretches(found.contact):
-        if not piece.start or found.contact[piece.start - 1] or found.moving[piece].any():
+        begin = chunk.t[piece.start]
+        first, last = np.searchsorted(chunk.t, (begin - _BEFORE[0], begin - _BEFORE[1]))
+        if first == last or found.moving[first : piece.stop].any():
             continue
-        shift = chunk.q[piece] - chunk.q[piece.start - 1]
+        shift = chunk.q[piece] - chunk.q[first:last].mean(axis=0)
         known = np.isfinite(shift + alone[piece]).all(axis=1)
         shift, torque = shift[known], alone[piece][known]
         if not len(shift) or np.abs(shift).max() < _LEAST_YIELD:

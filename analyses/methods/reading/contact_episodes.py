@@ -169,9 +169,7 @@ class ContactEpisodes:
             "false_alarms_per_hour": false_alarms_per_hour,
             "count": self.num_contacts,
             **{f"{name}_pct": share * count for name, count in self._shares.items()},
-            "contacts": [
-                own.metrics() for own in self.contacts
-            ],
+            "contacts": [own.metrics() for own in self.contacts],
         }
 
     def lines(self) -> list[str]:

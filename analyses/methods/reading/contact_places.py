@@ -7,16 +7,18 @@ where a link before the last wins, its samples are a misfit; where one has odds 
 readings are not valid.
 """
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.detection.contact_detector import Detection
-from wrenchsight.models.detection.link_odds import PlaceOdds, place_evidence
+from wrenchsight.models.detection.link_odds import LOADED, PlaceOdds, place_evidence
 
 BEFORE, GUARD = 0.3, 0.05  # s before a contact, between which it is read what it starts from
 SAMPLES = 5  # of a contact, evenly spread over those of at least half of its largest size
-DOUBT = 0.2  # largest odds of a link that leave a reading at E valid
+DOUBT = 0.1  # largest odds of a link that leave a reading at E valid
 LONGEST = 2.0  # s, of a contact's piece: the error of one says little about that of the next
 MOST_PIECES = 20
 
@@ -33,7 +35,7 @@ def _pieces(whole: slice, t: Array) -> list[slice]:
     count = min(max(1, int(np.ceil((last - first) / LONGEST))), MOST_PIECES)
     cuts = np.searchsorted(t, np.linspace(first, last, count + 1)[1:-1])
     limits = [whole.start, *(int(k) for k in cuts), whole.stop]
-    return [slice(a, b) for a, b in zip(limits[:-1], limits[1:], strict=True) if b > a]
+    return [slice(a, b) for a, b in pairwise(limits) if b > a]
 
 
 def of_contacts(contact: Flags, t: Array, tau_ext: Array) -> Array:
@@ -66,6 +68,7 @@ def judge_places(
     tau: Array,
     sd: Array,
     correlation: Array | None = None,
+    loaded: float = LOADED,
 ) -> tuple[Detection, Array, Flags]:
     """Says of each contact where it is.
 
@@ -76,6 +79,7 @@ def judge_places(
         tau: (N, n) N m, of the contact alone: less what would be read without it.
         sd: (N, n) N m of its error.
         correlation: (n, n) of the errors of the joints.
+        loaded: as `place_evidence`.
 
     Returns:
         The detection, the odds (N, n + 1) of link 1 to n and E (zero without contact), and (N,)
@@ -95,7 +99,7 @@ def judge_places(
                 continue
             strong = inside[size[inside] >= 0.5 * size[inside].max()]
             chosen = strong[np.linspace(0, len(strong) - 1, min(SAMPLES, len(strong))).astype(int)]
-            evidence += place_evidence(J[chosen], tau[chosen], sd[chosen], correlation)
+            evidence += place_evidence(J[chosen], tau[chosen], sd[chosen], correlation, loaded)
         place = PlaceOdds.of(evidence)
         odds[whole] = np.append(place.links, place.at_E)
         misfit[whole] = place.on_link

@@ -72,7 +72,8 @@ def test_the_jacobian_alone_reads_force_noise_and_task(
     result = estimate_torque_logs([path], None, tmp_path)
     table = read_table(result.logs[0].table)
     assert tuple(table)[: len(COLUMNS)] == COLUMNS
-    assert table["contact"][late := table["t"] >= 10.0].mean() > 0.95
+    late = table["t"] >= 10.0
+    assert table["contact"][late].mean() > 0.95
     assert not table["contact"][~late].any()
     assert result.logs[0].contacts[0].startswith("contact at t = 10.0")
     assert "tau_ext_7" in table
@@ -131,6 +132,7 @@ def test_logs_are_read_together_and_each_has_its_table(
         ({"smooth": True}, ("--smooth", "leave it out")),
         ({"engine": "diagram"}, ("--engine",)),
         ({"prior": "live"}, ("--prior", "--robot")),
+        ({"torque_sign": "arm"}, ("torque sign", "robot or environment")),
         ({"torque_sd": [0.1, 0.2]}, ("--torque-sd", "expected 1 or 7")),
         ({"torque_sd": [-0.1]}, ("torque_sd", "positive")),
         ({"mcap": True}, ("--mcap", "where E is")),
