@@ -23,7 +23,7 @@ OTHER_PROCESSOR = NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=$(C
   GLIBC_TUNABLES=glibc.cpu.hwcaps=-AVX,-AVX2,-FMA,-FMA4,-AVX512F \
   ATEN_CPU_CAPABILITY=default MKL_CBWR=COMPATIBLE ONEDNN_MAX_CPU_ISA=SSE41
 
-.PHONY: study study-generic test test-all test-generic lint fuzz kills bench docs readme readme-worlds clean
+.PHONY: study study-generic test test-all test-generic lint fuzz kills arms bench docs readme readme-worlds clean
 .DELETE_ON_ERROR:
 
 study: .venv/.ready
@@ -59,6 +59,11 @@ fuzz: .venv/.ready-test
 # Commands that are ended at random moments.
 kills: .venv/.ready-test
 	PYTHONPATH=tests/fuzz $(BIN)/python -m fuzzing.kills --seed $(SEED)
+
+# Arms from URDF to `estimate`, into docs/arms.md; goes on where it was stopped.
+arms: .venv/.ready-test
+	@mkdir -p out/arms
+	PYTHONPATH=tests/arms:tests/meshes $(BIN)/python -m arm_table --work out/arms --page docs/arms.md
 
 bench: .venv/.ready-test
 	@set -e; for file in tests/benchmarks/bench_*.py; do echo "== $$file"; PYTHONPATH=tests/sample_models $(BIN)/python $$file; done

@@ -15,21 +15,27 @@ from pydrake.systems.primitives import (
 
 from wrenchsight.models.detection.contact_detector import ContactDetectionConfig, ContactDetector
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from wrenchsight.models.estimation.tick import ERROR_SD
+from wrenchsight.models.estimation.estimator_arrays import tick_sizes
+from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.observers.observer import NUM_SIGNALS, TAU_F, Q, V
+from wrenchsight.models.observers.momentum_observer import MomentumObserver
+from wrenchsight.models.observers.observer import TAU_F, TORQUE_SD, Observer, V
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.systems.contact_detection import DETECTION, ContactDetection
 from wrenchsight.systems.external_torque_observer import ExternalTorqueObserver
 from wrenchsight.systems.friction_law import FrictionLawSystem
+from wrenchsight.systems.generalized_momentum_observer import GeneralizedMomentumObserver
 from wrenchsight.systems.jacobian_wrench_reconstruction import (
     READING_SIZES,
     JacobianWrenchReconstruction,
 )
 from wrenchsight.systems.motor_current_torque_source import MotorCurrentTorqueSource
+from wrenchsight.systems.presliding_friction import PreslidingFrictionSystem
 from wrenchsight.systems.rigid_body_terms import RigidBodyTermsSystem
 from wrenchsight.systems.sample_check import SampleCheckSystem
-from wrenchsight.systems.trusted_wrench_reading import TrustedWrenchReading
+from wrenchsight.systems.semi_parametric_friction import SemiParametricFrictionSystem
+from wrenchsight.systems.torque_error import TorqueErrorSystem
 from wrenchsight.systems.wrench_estimator import WrenchEstimatorSystem
 
 
@@ -78,10 +84,10 @@ def make_estimator(
     "held" no output but feeds through from `current`, so that a controller may use the wrench. The
     estimator starts by itself at its first update.
 
-    Inside are `terms`, `motor`, `friction`, `observer` and `reconstruction` (and two
-    demultiplexers of their readings), whose numeric
-    parameters (torque_per_ampere; coulomb, viscous, offset, v_crit, or the slip elements of a law
-    with memory; K_0; the prior's sds, the torque covariance) are changed through their Contexts.
+    Inside are `samples`, `terms`, `motor`, `friction`, `torque_error`, `observer` and
+    `reconstruction` (and demultiplexers), whose numeric parameters (torque_per_ampere; coulomb,
+    viscous, offset, v_crit, or the slip elements of a law with memory; K_0; the prior's sds) are
+    changed through their Contexts. What depends on them follows: stated sd, lag, `valid`.
 
     With `fused` all of them are one block, `block`, with the same parameters
     (`systems.wrench_estimator.WrenchEstimatorSystem`): the same numbers in a third of the time.
@@ -108,21 +114,13 @@ def make_estimator(
     terms = builder.AddNamedSystem("terms", RigidBodyTermsSystem(estimator.chain))
     motor = builder.AddNamedSystem("motor", MotorCurrentTorqueSource.of(robot))
     remembers = model.friction.state_rows > 0
-    friction = builder.AddNamedSystem(
-        "friction", FrictionLawSystem(estimator.friction, estimator.observer.time_step)
-    )
-    observer = builder.AddNamedSystem(
-        "observer",
-        ExternalTorqueObserver(estimator.observer, estimator.tables.drives[ERROR_SD]),
-    )
-    trusted = estimator.trusted
+    period = estimator.observer.time_step
+    friction = builder.AddNamedSystem("friction", _friction_system(estimator.friction, period))
+    observer = builder.AddNamedSystem("observer", _observer_system(estimator.observer))
+    error = builder.AddNamedSystem("torque_error", TorqueErrorSystem(estimator.error, period))
     reconstruction = builder.AddNamedSystem(
         "reconstruction",
-        JacobianWrenchReconstruction(
-            estimator.config.reconstruction, estimator.reconstruction.torque_covariance
-        )
-        if trusted is None
-        else TrustedWrenchReading(trusted, estimator.observer.time_step),
+        JacobianWrenchReconstruction(estimator.reading, period if estimator.learnt else 0.0),
     )
     # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
     observed = builder.AddNamedSystem("observed", Demultiplexer([estimator.num_joints, 1]))
@@ -149,6 +147,12 @@ def make_estimator(
         (terms.GetOutputPort("terms"), reconstruction, "terms"),
         (tau_ext, reconstruction, "tau_ext"),
         (tau_ext_valid, reconstruction, "tau_ext_valid"),
+        (terms.GetOutputPort("terms"), error, "terms"),
+        (motor.GetOutputPort("tau_J"), error, "tau_J"),
+        (friction.GetOutputPort("tau_f"), error, "tau_f"),
+        (friction.GetOutputPort("law"), error, "law"),
+        (observer.GetOutputPort("pole"), error, "pole"),
+        (error.get_output_port(), observer, "torque_error"),
     ):
         builder.Connect(output, target.GetInputPort(input_port))
 
@@ -159,11 +163,11 @@ def make_estimator(
     builder.Connect(position, terms.GetInputPort("q"))
     builder.Connect(velocity, terms.GetInputPort("v"))
     builder.Connect(current, motor.GetInputPort("current"))
-    if trusted is not None:
-        builder.Connect(position, reconstruction.GetInputPort("q"))
-        builder.Connect(velocity, reconstruction.GetInputPort("v"))
-        builder.Connect(motor.GetOutputPort("tau_J"), reconstruction.GetInputPort("tau_J"))
-        builder.Connect(friction.GetOutputPort("tau_f"), reconstruction.GetInputPort("tau_f"))
+    builder.Connect(position, error.GetInputPort("q"))
+    builder.Connect(velocity, error.GetInputPort("v"))
+    if estimator.learnt:
+        builder.Connect(error.get_output_port(), reconstruction.GetInputPort("torque_error"))
+        builder.Connect(observer.GetOutputPort("pole"), reconstruction.GetInputPort("pole"))
     if taught and remembers:
         planned = builder.AddNamedSystem("planned", PassThrough(robot.num_joints))
         builder.ExportInput(planned.get_input_port(), "v_planned")
@@ -184,18 +188,36 @@ def make_estimator(
             builder,
             ContactDetector.of(estimator, detection),
             {
-                "q": position,
                 "v": velocity,
                 "terms": terms.GetOutputPort("terms"),
+                "torque_error": error.get_output_port(),
                 "tau_ext": tau_ext,
                 "tau_ext_valid": tau_ext_valid,
                 "tau_J": motor.GetOutputPort("tau_J"),
                 "tau_f": friction.GetOutputPort("tau_f"),
+                "pole": observer.GetOutputPort("pole"),
+                "law": friction.GetOutputPort("law"),
             },
         )
     diagram = builder.Build()
     diagram.set_name(name)
     return diagram
+
+
+def _friction_system(law: FrictionLaw, time_step: float) -> FrictionLawSystem:
+    """The block of a law, by its kind."""
+    if isinstance(law, SemiParametricFriction):
+        return SemiParametricFrictionSystem(law)
+    if law.state_rows > 0:
+        return PreslidingFrictionSystem(law, time_step)
+    return FrictionLawSystem(law)
+
+
+def _observer_system(observer: Observer) -> ExternalTorqueObserver:
+    """The block of an observer, by its kind."""
+    if isinstance(observer, MomentumObserver):
+        return GeneralizedMomentumObserver(observer.config, observer.num_joints)
+    return ExternalTorqueObserver(observer)
 
 
 def _checked_inputs(
@@ -254,26 +276,29 @@ def _fused(
             "detection_motor",
             MotorCurrentTorqueSource.of(robot),
         )
-        n = estimator.num_joints
-        # The block's signals, row by row, J, whether tau_ext counts, and what else it keeps.
-        sizes = [n] * NUM_SIGNALS + [6 * n, 1]
-        more = block.reading_sizes[-1] - sum(sizes)
-        rest = builder.AddNamedSystem(
-            "detection_signals", Demultiplexer(sizes + ([more] if more else []))
-        )
+        n, sizes = estimator.num_joints, tick_sizes(estimator.num_joints)
+        split = {name: size for name, size in sizes.items() if name not in signals}
+        split_signals = {f"signals {row}": n for row in range(TORQUE_SD)}
+        parts: dict[str, int] = {}
+        for part, size in split.items():
+            parts |= split_signals if part == "signals" else {part: size}
+        rest = builder.AddNamedSystem("detection_signals", Demultiplexer(list(parts.values())))
+        source_of = {part: rest.get_output_port(k) for k, part in enumerate(parts)}
         builder.Connect(reading.get_output_port(len(signals)), rest.get_input_port())
         builder.Connect(block.GetOutputPort("checked_current"), motor.GetInputPort("current"))
         _detect(
             builder,
             ContactDetector.of(estimator, detection),
             {
-                "q": rest.get_output_port(Q),
-                "v": rest.get_output_port(V),
+                "v": source_of[f"signals {V}"],
                 "terms": block.GetOutputPort("terms"),
+                "torque_error": source_of["torque_error"],
                 "tau_ext": ports[0],
-                "tau_ext_valid": rest.get_output_port(NUM_SIGNALS + 1),
+                "tau_ext_valid": source_of["counts"],
                 "tau_J": motor.GetOutputPort("tau_J"),
-                "tau_f": rest.get_output_port(TAU_F),
+                "tau_f": source_of[f"signals {TAU_F}"],
+                "pole": block.GetOutputPort("pole"),
+                "law": block.GetOutputPort("law"),
             },
         )
     diagram = builder.Build()

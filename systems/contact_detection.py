@@ -3,16 +3,22 @@
 from typing import cast
 
 import numpy as np
-from pydrake.common.value import AbstractValue
+from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
     Context,
     DiscreteValues,
     LeafSystem,
+    ValueProducer,
 )
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.detection.contact_detector import ContactDetector
+from wrenchsight.models.estimation.torque_error_stage import (
+    ERROR_ROWS,
+    TorqueError,
+    torque_error_views,
+)
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.last_tick import LastTick
 
@@ -24,18 +30,22 @@ class ContactDetection(LeafSystem):
     """Tells whether something touches the arm, and whether at E: `ContactDetector` as a block.
 
                          +------------------+
-      q, v          -->  |                  |
+      v             -->  |                  |
       terms         -->  |                  |
+      torque_error  -->  |                  |
       tau_ext       -->  | ContactDetection | --> detection
       tau_ext_valid -->  |                  |
       tau_J, tau_f  -->  |                  |
+      pole, law     -->  |                  |
                          +------------------+
 
-    Inputs:  q, v           (n,) rad and rad/s
-             terms          RigidBodyTerms (abstract): momentum, and J at E in axes of W
+    Inputs:  v              (n,) rad/s
+             terms          RigidBodyTerms (abstract): the model's momentum
+             torque_error   (ERROR_ROWS n,) of TorqueErrorSystem
              tau_ext        (n,) N m, positive along the motion it causes
              tau_ext_valid  (1,) 0 where tau_ext is held or unknown
              tau_J, tau_f   (n,) N m; what the gear transmits counts for the sample after
+             pole, law      of observer and friction as they are now, as of TorqueErrorSystem
     Output:  detection      (6,) in the order of DETECTION; direct feedthrough from tau_J and tau_f
                             only where the observer's is ("trapezoidal")
     State:   that of the detector, flat
@@ -54,33 +64,47 @@ class ContactDetection(LeafSystem):
         initial = detector.initial_state()
         self._shape = initial.shape
         self._nothing = np.zeros((1, n))
-        self._q = self.DeclareVectorInputPort("q", n)
         self._v = self.DeclareVectorInputPort("v", n)
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
+        self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
         self._tau_ext = self.DeclareVectorInputPort("tau_ext", n)
         self._tau_ext_valid = self.DeclareVectorInputPort("tau_ext_valid", 1)
         self._tau_J = self.DeclareVectorInputPort("tau_J", n)
         self._tau_f = self.DeclareVectorInputPort("tau_f", n)
+        self._pole = self.DeclareVectorInputPort("pole", n)
+        self._law = self.DeclareAbstractInputPort("law", AbstractValue.Make(object()))
+        self._tuned = self.DeclareCacheEntry(
+            "detector",
+            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_detector),
+            {self._pole.ticket(), self._law.ticket()},
+        )
         state = self.DeclareDiscreteState(initial.ravel())
         self._last = LastTick(self, detector.time_step, len(DETECTION))
         self.DeclarePeriodicDiscreteUpdateEvent(detector.time_step, 0.0, self._update)
-        ports = [self._q, self._v, self._terms, self._tau_ext, self._tau_ext_valid]
+        ports = [self._v, self._terms, self._torque_error, self._tau_ext, self._tau_ext_valid]
         if detector.reads_present_torque:
             ports += [self._tau_J, self._tau_f]
         tickets = {port.ticket() for port in ports} | {self.discrete_state_ticket(state)}
+        tickets.add(self._tuned.ticket())
         self._output = self.DeclareVectorOutputPort(
             "detection", len(DETECTION), self._calc, tickets | self._last.tickets
         )
 
+    def _calc_detector(self, context: Context, value: Value) -> None:
+        pole = self._pole.Eval(context)
+        K_0 = pole if (pole >= 0.0).all() else None
+        value.set_value(self._detector.retuned(self._law.Eval(context), K_0))
+
     def _run(self, context: Context, state: Array, transmitted: Array) -> Array:
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        return self._detector.judge(
+        error = torque_error_views(self._torque_error.Eval(context), self._shape[1])
+        detector: ContactDetector = self._tuned.EvalAbstract(context).get_value()
+        return detector.judge(
             state,
-            self._q.Eval(context)[np.newaxis],
+            TorqueError(*(part[np.newaxis] for part in error)),
             self._v.Eval(context)[np.newaxis],
             transmitted,
             terms.momentum[np.newaxis],
-            terms.J[np.newaxis],
             self._tau_ext.Eval(context)[np.newaxis],
             self._tau_ext_valid.Eval(context) == 1.0,
         )

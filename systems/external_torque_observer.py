@@ -3,7 +3,6 @@
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
@@ -16,6 +15,7 @@ from pydrake.systems.framework import (
 )
 
 from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
 from wrenchsight.models.observers.observer import (
     CTV,
     GRAVITY,
@@ -36,21 +36,25 @@ from wrenchsight.systems.last_tick import LastTick
 class ExternalTorqueObserver(LeafSystem):
     """Estimates the external joint torque by the observer that it is given.
 
-                    +------------------------+
-      terms    -->  |                        | --> tau_ext
-      tau_J    -->  | ExternalTorqueObserver | --> valid
-      tau_f    -->  |                        | --> reading
-                    +------------------------+
+                        +------------------------+
+      terms        -->  |                        | --> tau_ext
+      tau_J        -->  | ExternalTorqueObserver | --> valid
+      tau_f        -->  |                        | --> reading
+      torque_error -->  |                        | --> pole
+                        +------------------------+
 
     Inputs:     terms    RigidBodyTerms (abstract): q, v, momentum, CTv, G and J of the model
                 tau_J    (n,) motor torque on the joint side, N m
                 tau_f    (n,) friction torque that opposes motion, N m
+                torque_error  (ERROR_ROWS n,) of TorqueErrorSystem, for an observer that uses its
+                         sds; optional
     Outputs:    tau_ext  (n,) N m, positive along the motion it causes; reflects everything up to
                          the present tick. It feeds through from tau_J only where the observer says
                          that it reads the present torque
                 valid    (1,) 1, or 0 where tau_ext is the last one, held, and while it is still
                          settling after the start
                 reading  (n + 1,) these two, one after the other, in one port
+                pole     (n,) 1/s, below 0 for an observer without one
                 wrench   (42,) F_E_W and its covariance, row by row, of an observer that reads the
                          wrench itself; others have no such port
     State:      of the observer, row by row
@@ -60,19 +64,16 @@ class ExternalTorqueObserver(LeafSystem):
 
     Args:
         observer: of `wrenchsight.models.observers.observer_kinds`.
-        torque_sd: (n,) N m, standard deviation of tau_ext where nothing touches the arm, for an
-            observer that uses it.
 
     Raises:
         ValueError: when a parameter is changed to what the observer does not accept and an output
             is then evaluated.
     """
 
-    def __init__(self, observer: Observer, torque_sd: ArrayLike = 0.0) -> None:
+    def __init__(self, observer: Observer) -> None:
         LeafSystem.__init__(self)
         self._observer = observer
         self._n = n = observer.num_joints
-        self._torque_sd = np.broadcast_to(np.asarray(torque_sd, float), (n,)).copy()
         self._parameters = {
             name: NumericParameterIndex(self.DeclareNumericParameter(BasicVector(value.ravel())))
             for name, value in observer.parameters.items()
@@ -81,25 +82,28 @@ class ExternalTorqueObserver(LeafSystem):
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._tau_J = self.DeclareVectorInputPort("tau_J", n)
         self._tau_f = self.DeclareVectorInputPort("tau_f", n)
+        self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
         state = observer.initial_state()
         self._state_shape = state.shape
         self._state: DiscreteStateIndex = self.DeclareDiscreteState(state.ravel())
         self.DeclarePeriodicDiscreteUpdateEvent(observer.time_step, 0.0, self._update)
 
         # The constants change only with the parameters, not at every tick.
+        tickets = {self.numeric_parameter_ticket(index) for index in self._parameters.values()}
+        parameters = tickets or {self.nothing_ticket()}
         self._table = self.DeclareCacheEntry(
             "observer table",
             ValueProducer(
                 allocate=lambda: AbstractValue.Make(observer.table), calc=self._calc_table
             ),
-            {self.numeric_parameter_ticket(index) for index in self._parameters.values()}
-            or {self.nothing_ticket()},
+            parameters,
         )
         self._has_wrench = observer.kernels.wrench is not None
         self._last = LastTick(self, observer.time_step, n + 1 + 42 * self._has_wrench)
         prerequisites = self._last.tickets | {
             self._terms.ticket(),
             self._tau_f.ticket(),
+            self._torque_error.ticket(),
             self.discrete_state_ticket(self._state),
             self._table.ticket(),
         }
@@ -110,17 +114,26 @@ class ExternalTorqueObserver(LeafSystem):
         self._reading = self.DeclareVectorOutputPort(
             "reading", n + 1, self._calc_reading, prerequisites
         )
+        self.DeclareVectorOutputPort("pole", n, self._calc_pole, parameters)
         if self._has_wrench:
             self._wrench = self.DeclareVectorOutputPort(
                 "wrench", 42, self._calc_wrench, prerequisites
             )
 
-    def _calc_table(self, context: Context, value: Value) -> None:
+    def _tuned(self, context: Context) -> Observer:
+        """The observer with the parameters of a context."""
         values = {
             name: context.get_numeric_parameter(index).value().reshape(self._shapes[name])
             for name, index in self._parameters.items()
         }
-        value.set_value(self._observer.with_parameters(values).table)
+        return self._observer.with_parameters(values)
+
+    def _calc_table(self, context: Context, value: Value) -> None:
+        value.set_value(self._tuned(context).table)
+
+    def _calc_pole(self, context: Context, output: BasicVector) -> None:
+        pole = self._tuned(context).pole
+        output.SetFromVector(np.full(self._n, -1.0) if pole is None else pole)
 
     def _signals(self, context: Context, with_torque: bool) -> tuple[Array, Array]:
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
@@ -129,7 +142,10 @@ class ExternalTorqueObserver(LeafSystem):
         signals[MOMENTUM], signals[CTV], signals[GRAVITY] = terms.momentum, terms.CTv, terms.G
         signals[TAU_J] = self._tau_J.Eval(context) if with_torque else 0.0
         signals[TAU_F] = self._tau_f.Eval(context)
-        signals[TORQUE_SD] = self._torque_sd
+        signals[TORQUE_SD:] = 0.0
+        if self._torque_error.HasValue(context):
+            sds = self._torque_error.Eval(context)[: (NUM_SIGNALS - TORQUE_SD) * self._n]
+            signals[TORQUE_SD:] = sds.reshape(-1, self._n)
         return signals, terms.J
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:

@@ -20,18 +20,19 @@ class FrictionLawSystem(LeafSystem):
     """Predicts the friction torque of every joint by the law that it is given.
 
                  +-------------------+
-      q     -->  |                   |
-      v     -->  | FrictionLawSystem | --> tau_f
-      tau_J -->  |                   |
+      q     -->  |                   | --> tau_f
+      v     -->  | FrictionLawSystem |
+      tau_J -->  |                   | --> law
                  +-------------------+
 
     Inputs:      q      (n,) rad (m if prismatic)
                  v      (n,) rad/s (m/s)
                  tau_J  (n,) motor torque on the joint side, N m; read by the update alone
                         q and tau_J of a law with memory only
-    Output:      tau_f  (n,) N m, opposes motion: positive for positive velocity, on the left of
+    Outputs:     tau_f  (n,) N m, opposes motion: positive for positive velocity, on the left of
                         M vdot + C v + G + tau_f = tau_J + tau_ext; direct feedthrough of q and v,
                         not of tau_J
+                 law    FrictionLaw (abstract) with the parameters as they are now
     State:       of the law, row by row, updated every `time_step`; none without memory
     Parameters:  of the law, in its order
 
@@ -60,11 +61,11 @@ class FrictionLawSystem(LeafSystem):
         }
         self._shapes = {name: value.shape for name, value in law.parameters.items()}
         # The law's constants change only with the parameters, not at every tick.
+        parameters = {self.numeric_parameter_ticket(index) for index in self._parameters.values()}
         self._tables = self.DeclareCacheEntry(
             "friction tables",
             ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_tables),
-            {self.numeric_parameter_ticket(index) for index in self._parameters.values()}
-            or {self.nothing_ticket()},
+            parameters or {self.nothing_ticket()},
         )
         if self._rows > 0:
             self._q = self.DeclareVectorInputPort("q", n)
@@ -77,13 +78,23 @@ class FrictionLawSystem(LeafSystem):
             prerequisites |= {self._q.ticket(), self.discrete_state_ticket(self._state)}
         # Kept, because the update at a tick needs the same torque.
         self._torque = self.DeclareVectorOutputPort("tau_f", n, self._calc_tau_f, prerequisites)
+        self.DeclareAbstractOutputPort(
+            "law",
+            lambda: AbstractValue.Make(object()),
+            lambda context, value: value.set_value(self._tuned(context)),
+            parameters or {self.nothing_ticket()},
+        )
 
-    def _calc_tables(self, context: Context, value: Value) -> None:
+    def _tuned(self, context: Context) -> FrictionLaw:
+        """The law with the parameters of a context."""
         values = {
             name: np.array(context.get_numeric_parameter(index).value().reshape(self._shapes[name]))
             for name, index in self._parameters.items()
         }
-        law = self._law.with_parameters(values)
+        return self._law.with_parameters(values)
+
+    def _calc_tables(self, context: Context, value: Value) -> None:
+        law = self._tuned(context)
         value.set_value((law.velocity_law.table, law.slip_table))
 
     def _calc_tau_f(self, context: Context, output: BasicVector) -> None:

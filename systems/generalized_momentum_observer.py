@@ -18,10 +18,10 @@ class GeneralizedMomentumObserver(ExternalTorqueObserver):
         tau_ext_k+1 = a tau_ext_k + (1 - a) (mean of the true tau_ext over the tick),
         a = exp(-K_0 T)
 
-                    +-----------------------------+
-      terms    -->  |                             | --> tau_ext
-      tau_J    -->  | GeneralizedMomentumObserver | --> valid
-      tau_f    -->  |                             | --> reading
+                    +-----------------------------+ --> tau_ext
+      terms    -->  |                             | --> valid
+      tau_J    -->  | GeneralizedMomentumObserver | --> reading
+      tau_f    -->  |                             | --> pole
                     +-----------------------------+
 
     Inputs:     terms    RigidBodyTerms (abstract): momentum, CTv, G of the model
@@ -34,6 +34,7 @@ class GeneralizedMomentumObserver(ExternalTorqueObserver):
                 valid    (1,) 1, or 0 where tau_ext is the last one, held, and for the first 3 / K_0
                          seconds, in which it is still settling from zero
                 reading  (n + 1,) these two, one after the other, in one port
+                pole     (n,) K_0 as it is now, for what depends on it
     State:      (3 n,) momentum_hat, kg m^2/s, what the model predicts for the coming tick (inf
                 before the first update, NaN after an unusable one); tau_ext, N m; the share of
                 tau_ext that is still its start at zero

@@ -4,24 +4,33 @@ from dataclasses import replace
 from typing import cast
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
     Context,
+    DiscreteStateIndex,
+    DiscreteValues,
     LeafSystem,
     NumericParameterIndex,
     ValueProducer,
 )
 
-from wrenchsight.models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
-from wrenchsight.models.estimation.wrench_kernels import reconstruct
+from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
+from wrenchsight.models.estimation.wrench_reading import (
+    OBSERVED,
+    READING,
+    READING_MEMORY,
+    READING_WORK_ROWS,
+    WrenchReading,
+    read_sample,
+)
+from wrenchsight.models.identification.torque_error_model import ConstantTorqueError
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
+from wrenchsight.systems.last_tick import LastTick
 
 READING_SIZES = (6, 36, 1, 1)
 """Entries of the port `reading`: wrench, covariance, condition number, valid."""
-OBSERVED_SIZE = 42
-"""Entries of the port `observed`: wrench, covariance."""
+_NOTHING = np.empty(0)
 _WRENCH, _COVARIANCE, _CONDITION, _VALID = slice(6), slice(6, 42), 42, 43
 
 
@@ -32,13 +41,17 @@ class JacobianWrenchReconstruction(LeafSystem):
         F   = Σ_F J Σ_tau⁻¹ tau_ext,     P = diag(prior_moment_sd² 1₃, prior_force_sd² 1₃)
 
     by default; the other methods (eq. 22 of Lu et al. among them) are those of
-    `wrenchsight.models.estimation.wrench`.
+    `wrenchsight.models.estimation.wrench`. With what a model knows of its error Σ_tau is that of
+    the sample, J as the observer saw it, and Σ_F covers lag and scale
+    (`wrenchsight.models.estimation.wrench_reading`).
 
                          +------------------------------+ --> wrench
       terms         -->  |                              | --> covariance
-      tau_ext       -->  | JacobianWrenchReconstruction | --> condition_number
-      tau_ext_valid -->  |                              | --> valid
+      tau_ext       -->  |                              | --> condition_number
+      tau_ext_valid -->  | JacobianWrenchReconstruction | --> valid
       observed      -->  |                              | --> reading
+      torque_error  -->  |                              |
+      pole          -->  |                              |
                          +------------------------------+
 
     Inputs:      terms              RigidBodyTerms (abstract): J at E in axes of W
@@ -46,116 +59,151 @@ class JacobianWrenchReconstruction(LeafSystem):
                  tau_ext_valid      (1,) 0 where tau_ext is held or unknown; optional, else 1
                  observed           (42,) wrench and covariance, of an observer that reads them
                                     itself; to be left unconnected otherwise
+                 torque_error       (ERROR_ROWS n,) of TorqueErrorSystem; left unconnected the error
+                                    is of one covariance
+                 pole               (n,) 1/s of the observer, below 0 for one without; with
+                                    torque_error alone
     Outputs:     wrench             (6,) F_E_W = [mx my mz fx fy fz], N m and N, at E in axes of W,
                                     exerted by the environment on the robot
                  covariance         (36,) of the wrench, row by row, rotation first
                  condition_number   (1,) of J in m and rad; inf where J is singular
                  valid              (1,) 1, or 0 where the force is known too poorly (see
-                                    `models.estimation.wrench`), J is singular (method "inverse")
-                                    or an input cannot be used
+                                    `models.estimation.wrench`), J is singular (method "inverse"),
+                                    no wrench at E explains tau_ext, or an input cannot be used
                  reading            (44,) these four, one after the other (READING_SIZES), in
                                     one port
                  All with direct feedthrough, all from one computation.
-    State:       none
+    State:       (READING_MEMORY,) with a time step; none without
     Parameters:  prior_sd           (2,) force, N, and moment, N m; inf where nothing is known
-                 torque_covariance  (n²,) Σ_tau, N² m², row by row
+                 torque_covariance  (n²,) Σ_tau, N² m², row by row; of a constant error alone
                  damping            (1,) of method "damped"
                  truncation         (1,) of method "truncated"
 
     The outputs are always finite, but for the condition number at a singular J. An input that is
-    not finite gives a wrench of zero with the prior's covariance, and valid = 0.
+    not finite gives a wrench of zero with the prior's covariance, and valid = 0. With a time step
+    the outputs between two ticks are those of the last one.
 
     Args:
-        config: method and prior; method "bayesian" needs both sds.
-        torque_covariance: (n, n) N² m², of the error of tau_ext.
+        reading: of one estimator; `WrenchReading.constant(config, torque_covariance)` for errors of
+            one covariance.
+        time_step: s; 0 where nothing is remembered, as of a constant error.
 
     Raises:
-        ValueError: as `models.estimation.wrench.WrenchReconstruction`; also when a parameter is
-            changed to what that does not accept and an output is then evaluated.
+        ValueError: when a parameter is changed to what the reading does not accept and an output is
+            then evaluated.
     """
 
-    def __init__(self, config: WrenchReconstructionConfig, torque_covariance: ArrayLike) -> None:
+    def __init__(self, reading: WrenchReading, time_step: float = 0.0) -> None:
         LeafSystem.__init__(self)
-        reconstruction = WrenchReconstruction(config, torque_covariance)
-        self._n = reconstruction.num_joints
-        self._config = config
-        self._work_shape = reconstruction.scratch().shape
+        self._wrench_reading = reading
+        self._n = n = reading.num_joints
+        config = reading.config
         prior = [
             np.inf if sd is None else sd for sd in (config.prior_force_sd, config.prior_moment_sd)
         ]
-        self._prior_sd, self._torque_covariance, self._damping, self._truncation = (
-            NumericParameterIndex(self.DeclareNumericParameter(BasicVector(value)))
-            for value in (
-                np.array(prior),
-                reconstruction.torque_covariance.ravel(),
-                np.array([config.damping]),
-                np.array([config.truncation]),
-            )
-        )
-        # The whitening and the prior change only with the parameters, not at every tick.
-        self._table = self.DeclareCacheEntry(
-            "reconstruction table",
-            ValueProducer(
-                allocate=lambda: AbstractValue.Make(reconstruction.table), calc=self._calc_table
-            ),
-            {
-                self.numeric_parameter_ticket(index)
-                for index in (
-                    self._prior_sd,
-                    self._torque_covariance,
-                    self._damping,
-                    self._truncation,
-                )
-            },
-        )
-        self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
-        self._tau_ext = self.DeclareVectorInputPort("tau_ext", self._n)
-        self._tau_ext_valid = self.DeclareVectorInputPort("tau_ext_valid", 1)
-        self._observed = self.DeclareVectorInputPort("observed", OBSERVED_SIZE)
-        tickets = {
-            self._terms.ticket(),
-            self._tau_ext.ticket(),
-            self._tau_ext_valid.ticket(),
-            self._observed.ticket(),
-            self._table.ticket(),
+        values = {"prior_sd": np.array(prior)}
+        error = reading.error
+        if isinstance(error, ConstantTorqueError):
+            values["torque_covariance"] = error.covariance.ravel()
+        values |= {
+            "damping": np.array([config.damping]),
+            "truncation": np.array([config.truncation]),
         }
+        self._parameters = {
+            name: NumericParameterIndex(self.DeclareNumericParameter(BasicVector(value)))
+            for name, value in values.items()
+        }
+        self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
+        self._tau_ext = self.DeclareVectorInputPort("tau_ext", n)
+        self._tau_ext_valid = self.DeclareVectorInputPort("tau_ext_valid", 1)
+        self._observed = self.DeclareVectorInputPort("observed", OBSERVED)
+        self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
+        self._pole = self.DeclareVectorInputPort("pole", n)
+        # The whitening and the prior change only with the parameters, not at every tick.
+        tuned = {self.numeric_parameter_ticket(index) for index in self._parameters.values()}
+        self._tables = self.DeclareCacheEntry(
+            "reconstruction tables",
+            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_tables),
+            tuned | {self._pole.ticket()},
+        )
+        ports = self._terms, self._tau_ext, self._tau_ext_valid, self._observed, self._torque_error
+        tickets = {port.ticket() for port in ports} | {self._tables.ticket()}
+        self._last: LastTick | None = None
+        if time_step > 0.0:
+            state: DiscreteStateIndex = self.DeclareDiscreteState(reading.initial_state())
+            tickets.add(self.discrete_state_ticket(state))
+            self._last = LastTick(self, time_step, READING)
+            self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
+        # The reading and the state after it, so that the update need not read again.
+        self._tick = self.DeclareCacheEntry(
+            "reading and state",
+            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_tick),
+            tickets,
+        )
+        tickets = {self._tick.ticket()} | (set() if self._last is None else self._last.tickets)
         self.DeclareVectorOutputPort("wrench", 6, self._calc_wrench, tickets)
         self.DeclareVectorOutputPort("covariance", 36, self._calc_covariance, tickets)
         self.DeclareVectorOutputPort("condition_number", 1, self._calc_condition_number, tickets)
         self.DeclareVectorOutputPort("valid", 1, self._calc_valid, tickets)
         self._reading = self.DeclareVectorOutputPort(
-            "reading", sum(READING_SIZES), self._calc_reading, tickets
+            "reading", READING, self._calc_reading, tickets
         )
 
-    def _calc_table(self, context: Context, value: Value) -> None:
-        force_sd, moment_sd = context.get_numeric_parameter(self._prior_sd).value()
-        covariance = context.get_numeric_parameter(self._torque_covariance).value()
+    def _calc_tables(self, context: Context, value: Value) -> None:
+        values = {
+            name: context.get_numeric_parameter(index).value()
+            for name, index in self._parameters.items()
+        }
+        reading = self._wrench_reading
         config = replace(
-            self._config,
-            prior_force_sd=float(force_sd),
-            prior_moment_sd=float(moment_sd),
-            damping=float(context.get_numeric_parameter(self._damping).GetAtIndex(0)),
-            truncation=float(context.get_numeric_parameter(self._truncation).GetAtIndex(0)),
+            reading.config,
+            prior_force_sd=float(values["prior_sd"][0]),
+            prior_moment_sd=float(values["prior_sd"][1]),
+            damping=float(values["damping"][0]),
+            truncation=float(values["truncation"][0]),
         )
-        covariance = covariance.reshape(self._n, self._n)
-        value.set_value(WrenchReconstruction(config, covariance).table)
+        covariance, K_0 = values.get("torque_covariance"), None
+        if covariance is not None:
+            covariance = covariance.reshape(self._n, self._n)
+        else:
+            pole = self._pole.Eval(context)
+            K_0 = pole if (pole >= 0.0).all() else None
+        reading = reading.retuned(config, K_0, covariance)
+        constant = np.zeros(ERROR_ROWS * self._n)
+        constant[: self._n] = np.sqrt(reading.error.constant**2)  # as the torque error's kernel
+        value.set_value((reading.tables, constant))
+
+    def _calc_tick(self, context: Context, value: Value) -> None:
+        tables, constant = self._tables.EvalAbstract(context).get_value()
+        J = np.require(cast(RigidBodyTerms, self._terms.Eval(context)).J, float, ("C", "W"))
+        if self._torque_error.HasValue(context):
+            error = self._torque_error.Eval(context)
+        else:
+            error = constant.copy()
+            error[3 * self._n : 9 * self._n] = J.ravel()
+        observed = self._observed.Eval(context) if self._observed.HasValue(context) else _NOTHING
+        counts = not self._tau_ext_valid.HasValue(context) or (
+            self._tau_ext_valid.Eval(context)[0] == 1.0
+        )
+        state, reading = np.full(READING_MEMORY, np.nan), np.empty(READING)
+        if self._last is not None:
+            state[:] = context.get_discrete_state(0).value()
+        work = np.empty((READING_WORK_ROWS, max(self._n, 6)))
+        tau_ext = self._tau_ext.Eval(context)
+        read_sample(tables, state, error, J, tau_ext, bool(counts), observed, reading, work)
+        value.set_value((reading, state))
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        reading = np.empty(sum(READING_SIZES))
-        reconstruct(
-            self._table.Eval(context),
-            cast(RigidBodyTerms, self._terms.Eval(context)).J,
-            self._tau_ext.Eval(context),
-            reading[_WRENCH],
-            reading[_COVARIANCE].reshape(6, 6),
-            reading[_CONDITION:],
-            np.empty(self._work_shape),
-        )
-        if self._observed.HasValue(context):
-            reading[:OBSERVED_SIZE] = self._observed.Eval(context)
-        if self._tau_ext_valid.HasValue(context) and self._tau_ext_valid.Eval(context)[0] != 1.0:
-            reading[_VALID] = 0.0
-        output.SetFromVector(reading)
+        if self._last is not None and self._last.is_between(context):
+            output.SetFromVector(self._last.values(context))
+            return
+        output.SetFromVector(self._tick.EvalAbstract(context).get_value()[0])
+
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        assert self._last is not None
+        reading, state = self._tick.EvalAbstract(context).get_value()
+        self._last.take(context, discrete_state, reading)
+        discrete_state.set_value(0, state)
 
     def _calc_wrench(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._reading.Eval(context)[_WRENCH])

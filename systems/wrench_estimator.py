@@ -15,25 +15,24 @@ from pydrake.systems.framework import (
 )
 
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.estimation.estimator import EstimatorTables, WrenchEstimator
+from wrenchsight.models.estimation.estimator import WrenchEstimator
+from wrenchsight.models.estimation.estimator_arrays import (
+    Packed,
+    tick_sizes,
+    workspace_size,
+)
 from wrenchsight.models.estimation.kernel_choice import KernelChoice
 from wrenchsight.models.estimation.tick import (
     KNOWN_CORRECTION,
     KNOWN_COUNTS,
     KNOWN_TAU_F,
-    output_size,
-    scratch_size,
     tick_output,
     tick_update,
-    trusted_output,
-    trusted_update,
 )
-from wrenchsight.models.estimation.wrench import WrenchReconstruction
 from wrenchsight.models.friction.velocity_friction import friction_torque
-from wrenchsight.models.observers.sample_check import check_current, check_motion, check_sample
+from wrenchsight.models.identification.torque_error_model import ConstantTorqueError
+from wrenchsight.models.observers.sample_check import check_current
 from wrenchsight.systems.last_tick import LastTick
-
-_Taking = tuple[KernelChoice, Array, Array, Array, int, int, Array, int, Array, Array]
 
 
 class WrenchEstimatorSystem(LeafSystem):
@@ -52,15 +51,13 @@ class WrenchEstimatorSystem(LeafSystem):
     Inputs:     as make_estimator's, those of `taught` among them
     Outputs:    as make_estimator's: tau_ext, wrench, covariance, condition_number, valid, terms,
                 fault; checked_current (n,) A, NaN where it is impossible;
-                reading  (n + 44 + ...,) the first five one after the other, in this order, then
-                         what the update takes, in one port; Drake's Demultiplexer splits it with
-                         `reading_sizes`
-    State:      the observer's rows, then the friction law's, then those of the reading that knows
-                the torque error and of the check of samples, flat
+                reading  the first five one after the other, in this order, then what the update
+                         takes, in one port; Drake's Demultiplexer splits it with `reading_sizes`
+    State:      `WrenchEstimator.initial_state`
     Parameters: `parameters` has their indices, by the name that they have in the diagram:
                 motor.torque_per_ampere, friction.* of the law, observer.* of the observer,
-                reconstruction.prior_sd, .torque_covariance, .damping, .truncation, the latter
-                for a model without a torque error
+                reconstruction.prior_sd, .damping, .truncation, and .torque_covariance of a model
+                without a torque error
 
     Between two ticks the outputs are those of the last one.
 
@@ -80,9 +77,8 @@ class WrenchEstimatorSystem(LeafSystem):
         LeafSystem.__init__(self)
         self._estimator = estimator
         self._taught = taught
-        self._trusted = estimator.trusted
         self._n = n = estimator.num_joints
-        self._choice, self._rows = estimator.choice, estimator.observer_rows
+        self._choice: KernelChoice = estimator.choice
         # A law without memory is taken at the speeds that were planned.
         self._planned = taught and estimator.friction.state_rows == 0
         self._law = estimator.friction
@@ -92,29 +88,23 @@ class WrenchEstimatorSystem(LeafSystem):
         self._q, self._v, self._current = (
             self.DeclareVectorInputPort(name, n) for name in ("q", "v", "current")
         )
-        initial = estimator.initial_state()[: estimator.tick_rows]
-        self._tick_rows = len(initial)
-        if self._trusted is not None:
-            initial = np.vstack([initial, self._trusted.initial_state()])
-        self._end = initial.size  # of what the tick's kernels take
-        self._check = estimator.check
-        if self._check is not None:
-            initial = np.vstack([initial, self._check.initial_state()])
-        self._initial = initial.ravel()
+        self._initial = estimator.initial_state()
         state: DiscreteStateIndex = self.DeclareDiscreteState(self._initial)
         self.DeclarePeriodicDiscreteUpdateEvent(estimator.observer.time_step, 0.0, self._update)
-        self._tables = self.DeclareCacheEntry(
-            "estimator tables",
-            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_tables),
-            {self.numeric_parameter_ticket(index) for index in self.parameters.values()},
+        parameters = {self.numeric_parameter_ticket(index) for index in self.parameters.values()}
+        # Constants, friction law and pole: they change only with the parameters.
+        self._tuned = self.DeclareCacheEntry(
+            "constants, law and pole",
+            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_tuned),
+            parameters,
         )
-        # Kept: `reading`, the checked current, `fault`.
-        self._last = LastTick(self, estimator.observer.time_step, sum(self.reading_sizes) + n + 1)
+        # Kept: `reading`, the checked current.
+        self._last = LastTick(self, estimator.observer.time_step, sum(self.reading_sizes) + n)
         prerequisites = self._last.tickets | {
             self._q.ticket(),
             self._v.ticket(),
             self.discrete_state_ticket(state),
-            self._tables.ticket(),
+            self._tuned.ticket(),
         }
         # An observer that does not read the present torque leaves a loop over it open.
         self._reads_current = estimator.observer.reads_present_torque
@@ -130,24 +120,19 @@ class WrenchEstimatorSystem(LeafSystem):
             "reading", sum(self.reading_sizes), self._calc_reading, prerequisites
         )
         start = 0
-        for name, size in zip(
-            ("tau_ext", "wrench", "covariance", "condition_number", "valid"),
-            self.reading_sizes,
-            strict=False,
-        ):
-            part = slice(start, start + size)
-            self.DeclareVectorOutputPort(
-                name,
-                size,
-                lambda context, output, part=part: output.SetFromVector(
-                    self._reading.Eval(context)[part]
-                ),
-                prerequisites,
-            )
+        for name, size in tick_sizes(n).items():
+            if name in ("tau_ext", "wrench", "covariance", "condition_number", "valid", "fault"):
+                part = slice(start, start + size)
+                self.DeclareVectorOutputPort(
+                    name,
+                    size,
+                    lambda context, output, part=part: output.SetFromVector(
+                        self._reading.Eval(context)[part]
+                    ),
+                    prerequisites,
+                )
             start += size
         memory = self._last.tickets | {self.discrete_state_ticket(state)}
-        motion = memory | {self._q.ticket(), self._v.ticket()}
-        self._fault = self.DeclareVectorOutputPort("fault", 1, self._calc_fault, motion)
         drives = memory | {self._current.ticket()}
         self._checked_current = self.DeclareVectorOutputPort(
             "checked_current", n, self._calc_checked_current, drives
@@ -158,12 +143,15 @@ class WrenchEstimatorSystem(LeafSystem):
             self._calc_terms,
             {self._q.ticket(), self._v.ticket()},
         )
+        self.DeclareVectorOutputPort("pole", n, self._calc_pole, parameters)
+        self.DeclareAbstractOutputPort(
+            "law", lambda: AbstractValue.Make(object()), self._calc_law, parameters
+        )
         # Memory that is settled once; nothing in it outlives a call.
         self._known = np.zeros((2 + self._planned if taught else 0, n))
         self._unread = np.zeros(n)
         self._checked = np.zeros((3, n))
-        self._given = np.zeros((3, n))
-        self._scratch = np.empty(scratch_size(n))
+        self._scratch = np.empty(workspace_size(n))
 
     @property
     def estimator(self) -> WrenchEstimator:
@@ -173,25 +161,25 @@ class WrenchEstimatorSystem(LeafSystem):
     @property
     def reading_sizes(self) -> list[int]:
         """Of tau_ext, wrench, covariance, condition_number, valid and the rest in `reading`."""
-        sizes = [self._n, 6, 36, 1, 1]
-        more = 0 if self._trusted is None else self._trusted.state_rows * self._n
-        return [*sizes, output_size(self._n) - sum(sizes) + more]
+        sizes = list(tick_sizes(self._n).values())
+        return [*sizes[:5], sum(sizes[5:])]
 
     def _declare_parameters(self) -> None:
         estimator = self._estimator
-        reconstruction = estimator.config.reconstruction
-        prior = (reconstruction.prior_force_sd, reconstruction.prior_moment_sd)
+        config, error = estimator.reading.config, estimator.reading.error
+        prior = (config.prior_force_sd, config.prior_moment_sd)
         reading = {
             "reconstruction.prior_sd": np.array([np.inf if sd is None else sd for sd in prior]),
-            "reconstruction.torque_covariance": estimator.reconstruction.torque_covariance,
-            "reconstruction.damping": np.array([reconstruction.damping]),
-            "reconstruction.truncation": np.array([reconstruction.truncation]),
+            "reconstruction.damping": np.array([config.damping]),
+            "reconstruction.truncation": np.array([config.truncation]),
         }
+        if isinstance(error, ConstantTorqueError):
+            reading["reconstruction.torque_covariance"] = error.covariance
         values: dict[str, Array] = {
             "motor.torque_per_ampere": estimator.robot.torque_per_ampere,
             **{f"friction.{name}": value for name, value in self._law.parameters.items()},
             **{f"observer.{name}": value for name, value in estimator.observer.parameters.items()},
-            **(reading if self._trusted is None else {}),
+            **reading,
         }
         for name, value in values.items():
             self._shapes[name] = value.shape
@@ -199,7 +187,7 @@ class WrenchEstimatorSystem(LeafSystem):
                 self.DeclareNumericParameter(BasicVector(value.ravel()))
             )
 
-    def _calc_tables(self, context: Context, value: Value) -> None:
+    def _calc_tuned(self, context: Context, value: Value) -> None:
         estimator = self._estimator
         values = {
             name: np.array(context.get_numeric_parameter(index).value()).reshape(self._shapes[name])
@@ -213,52 +201,47 @@ class WrenchEstimatorSystem(LeafSystem):
                 if name.startswith(part)
             }
 
-        reconstruction = estimator.reconstruction
-        if self._trusted is None:
-            wrench = own("reconstruction.")
-            config = replace(
-                estimator.config.reconstruction,
-                prior_force_sd=float(wrench["prior_sd"][0]),
-                prior_moment_sd=float(wrench["prior_sd"][1]),
-                damping=float(wrench["damping"][0]),
-                truncation=float(wrench["truncation"][0]),
-            )
-            reconstruction = WrenchReconstruction(config, wrench["torque_covariance"])
-        tables = estimator.tables_of(
-            values["motor.torque_per_ampere"],
-            self._law.with_parameters(own("friction.")),
-            estimator.observer.with_parameters(own("observer.")),
-            reconstruction,
+        wrench = own("reconstruction.")
+        config = replace(
+            estimator.reading.config,
+            prior_force_sd=float(wrench["prior_sd"][0]),
+            prior_moment_sd=float(wrench["prior_sd"][1]),
+            damping=float(wrench["damping"][0]),
+            truncation=float(wrench["truncation"][0]),
         )
-        value.set_value(tables)
+        observer = estimator.observer.with_parameters(own("observer."))
+        covariance = wrench.get("torque_covariance")
+        reading = estimator.reading.retuned(config, observer.pole, covariance)
+        law = self._law.with_parameters(own("friction."))
+        gain = values["motor.torque_per_ampere"]
+        value.set_value((estimator.packed_with(gain, law, observer, reading), law, observer.pole))
+
+    def _calc_pole(self, context: Context, output: BasicVector) -> None:
+        pole = self._tuned.EvalAbstract(context).get_value()[2]
+        output.SetFromVector(np.full(self._n, -1.0) if pole is None else pole)
+
+    def _calc_law(self, context: Context, value: Value) -> None:
+        value.set_value(self._tuned.EvalAbstract(context).get_value()[1])
 
     def initial_state(self) -> Array:
         """Flat: before the first sample."""
         return self._initial.copy()
 
-    def default_tables(self) -> EstimatorTables:
+    @property
+    def default_packed(self) -> Packed:
         """The constants of the estimator as it was given, whatever a context holds."""
-        return self._estimator.tables
+        return self._estimator.packed
 
     @property
-    def taking(self) -> _Taking:
-        """What an update gives its kernels of an estimator as it was given, for one kernel of all.
-
-        Choice, drives, slip, observer, the observer's rows, those before a trusted reading's or -1,
-        the table of the check of samples or one without rows, entries that the update takes, and
-        memory: `known` and (3, n) to work in.
+    def taking(self) -> tuple[KernelChoice, Packed, Array, Array]:
+        """What `tick_update` is given of an estimator as it was given, beside a sample and state:
+        choice, constants, `known` and scratch memory.
         """
-        tables, check = self._estimator.tables, self._check
-        return (
-            *(self._choice, tables.drives, tables.slip, tables.observer, self._rows),
-            -1 if self._trusted is None else self._tick_rows,
-            np.empty((0, self._n)) if check is None else check.table,
-            *(self._end, self._known, self._checked),
-        )
+        return self._choice, self._estimator.packed, self._known, self._scratch
 
     def read(
         self,
-        tables: EstimatorTables,
+        packed: Packed,
         state: Array,
         q: Array,
         v: Array,
@@ -269,7 +252,7 @@ class WrenchEstimatorSystem(LeafSystem):
         """The first half of a tick: writes the port `reading` of a sample; `state` stays.
 
         Args:
-            tables: constants.
+            packed: constants.
             state: flat.
             q, v, current: (n,); current counts where the observer reads the present torque.
             taught: tau_correction (n,), v_planned (n,) and counts; None where nothing is taught.
@@ -277,29 +260,12 @@ class WrenchEstimatorSystem(LeafSystem):
         if taught is not None:
             correction, v_planned, counts = taught
             if self._planned:
-                friction_torque(tables.friction, v_planned, self._known[KNOWN_TAU_F])
+                friction_torque(packed.part("friction"), v_planned, self._known[KNOWN_TAU_F])
             self._known[KNOWN_CORRECTION] = correction
             self._known[KNOWN_COUNTS] = counts
-        if self._check is not None:
-            checked, memory = self._checked, self._memory(state)
-            table, T = self._check.table, self._estimator.observer.time_step
-            check_motion(table, memory, T, q, v, checked)
-            if self._reads_current:
-                check_current(table, memory, T, current, checked)
-                current = checked[2]
-            q, v = checked[0], checked[1]
-        sample = (state[: self._end], q, v, current, self._known, reading, self._scratch)
-        if self._trusted is None:
-            tick_output(self._choice, *tables, self._rows, *sample)
-        else:
-            trusted_output(
-                self._choice,
-                *tables[:-1],
-                *self._trusted.tables,
-                self._rows,
-                self._tick_rows,
-                *sample,
-            )
+        tick_output(
+            *(self._choice, *packed, state, q, v, current, self._known, reading, self._scratch)
+        )
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
         if self._last.is_between(context):
@@ -313,7 +279,7 @@ class WrenchEstimatorSystem(LeafSystem):
                 self._counts.Eval(context)[0],
             )
         self.read(
-            self._tables.EvalAbstract(context).get_value(),
+            self._tuned.EvalAbstract(context).get_value()[0],
             context.get_discrete_state(0).value(),
             self._q.Eval(context),
             self._v.Eval(context),
@@ -323,50 +289,26 @@ class WrenchEstimatorSystem(LeafSystem):
         )
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        last = [self._reading, self._checked_current, self._fault]
-        self._last.take(context, discrete_state, *(port.Eval(context) for port in last))
-        tables = self._tables.EvalAbstract(context).get_value()
-        parts = (self._choice, tables.drives, tables.slip, tables.observer, self._rows)
-        state, current = discrete_state.get_mutable_value(0), self._current.Eval(context)
-        if self._check is not None:
-            given = self._given
-            given[0], given[1], given[2] = self._q.Eval(context), self._v.Eval(context), current
-            period = self._estimator.observer.time_step
-            check_sample(self._check.table, self._memory(state), period, given, self._checked)
-            current = self._checked[2]
+        reading = self._reading.Eval(context)
+        self._last.take(context, discrete_state, reading, self._checked_current.Eval(context))
+        values, layout, table = self._tuned.EvalAbstract(context).get_value()[0]
+        state = discrete_state.get_mutable_value(0)
+        q, v, current = (port.Eval(context) for port in (self._q, self._v, self._current))
         # Of `known` an update asks no more than how many rows it has.
-        sample = (state[: self._end], current, self._known, self._reading.Eval(context))
-        if self._trusted is None:
-            tick_update(*parts, *sample)
-        else:
-            trusted_update(*parts, self._tick_rows, *sample)
-
-    def _memory(self, state: Array) -> Array:
-        """The state's rows of the check of samples."""
-        return state[self._end :].reshape(-1, self._n)
-
-    def _calc_fault(self, context: Context, output: BasicVector) -> None:
-        if self._last.is_between(context):
-            output.SetAtIndex(0, self._last.values(context)[-1])
-            return
-        fault = 0
-        if self._check is not None:
-            memory = self._memory(context.get_discrete_state(0).value())
-            fault = check_motion(
-                *(self._check.table, memory, self._estimator.observer.time_step),
-                *(self._q.Eval(context), self._v.Eval(context), self._checked),
-            )
-        output.SetAtIndex(0, fault)
+        known, scratch = self._known, self._scratch
+        tick_update(
+            self._choice, values, layout, table, state, q, v, current, known, reading, scratch
+        )
 
     def _calc_checked_current(self, context: Context, output: BasicVector) -> None:
         if self._last.is_between(context):
-            output.SetFromVector(self._last.values(context)[-1 - self._n : -1])
+            output.SetFromVector(self._last.values(context)[-self._n :])
             return
-        current = self._current.Eval(context)
-        if self._check is not None:
-            memory = self._memory(context.get_discrete_state(0).value())
+        current, check = self._current.Eval(context), self._estimator.check
+        if check is not None:
+            memory = self._estimator.parts(context.get_discrete_state(0).value()).check
             period = self._estimator.observer.time_step
-            check_current(self._check.table, memory, period, current, self._checked)
+            check_current(check.table, memory, period, current, self._checked)
             current = self._checked[2]
         output.SetFromVector(current)
 

@@ -14,6 +14,9 @@ from wrenchsight.analyses.methods.learning.identification import identify_logs a
 from wrenchsight.analyses.methods.learning.identification_config import (
     IdentificationConfig as IdentificationConfig,
 )
+from wrenchsight.analyses.methods.live.session import live as live
+from wrenchsight.analyses.methods.live.sources import open_source as open_source
+from wrenchsight.analyses.methods.live.watch_config import WatchConfig as WatchConfig
 from wrenchsight.analyses.methods.planning.excitation import ExcitationResult as ExcitationResult
 from wrenchsight.analyses.methods.planning.excitation import excite as excite
 from wrenchsight.analyses.methods.planning.excitation import excite_robot as excite_robot
@@ -60,14 +63,14 @@ from wrenchsight.models.friction.velocity_friction import (
     SemiParametricFriction as SemiParametricFriction,
 )
 from wrenchsight.models.identification.identified_model import IdentifiedModel as IdentifiedModel
+from wrenchsight.models.live.live_estimator import LiveEstimator as LiveEstimator
+from wrenchsight.models.live.reading import Reading as Reading
+from wrenchsight.models.live.samples import StreamEvent as StreamEvent
 from wrenchsight.models.observers.kalman_observer import (
     KalmanObserverConfig as KalmanObserverConfig,
 )
 from wrenchsight.models.observers.momentum_observer import (
     MomentumObserverConfig as MomentumObserverConfig,
-)
-from wrenchsight.models.observers.super_twisting_observer import (
-    SuperTwistingObserverConfig as SuperTwistingObserverConfig,
 )
 from wrenchsight.models.recordings.recording import Recording as Recording
 from wrenchsight.models.recordings.recording_reader import read_recording as read_recording
@@ -75,5 +78,6 @@ from wrenchsight.models.recordings.recording_writer import write_recording as wr
 from wrenchsight.models.recordings.resampling import resampled as resampled
 from wrenchsight.models.robot.robot import Robot as Robot
 from wrenchsight.models.robot.robot import bundled_robots as bundled_robots
+from wrenchsight.systems.live_robot import LiveRobot as LiveRobot
 
 __version__: str

@@ -30,13 +30,14 @@ OPTIONS = (
     Option("estimate.prior"),
     Option(
         OBSERVER,
-        help="observer: momentum (first order), kalman (force beside error) or super-twisting",
+        help="observer: momentum (first order) or kalman (force beside error)",
         put=_put_observer,
         default="momentum",
     ),
     Option(f"{OBSERVER}.K_0", "k0"),
     Option(f"{READING}.method"),
     Option("estimate.smooth", flags="--smooth/--causal"),
+    Option("estimate.track"),
     Option(f"{REFERENCE}.columns", "reference", metavar="COLUMNS"),
     Option("estimate.contact.axis", "contact_axis"),
     Option("estimate.contact.point", "contact_point", metavar="X,Y,Z", default="E"),
@@ -47,11 +48,6 @@ OPTIONS = (
     Option("estimate.torque_sd", shown=False, default="what the logs' torques say"),
     Option("estimate.engine", shown=False),
     Option(f"{OBSERVER}.bandwidth_hz", "bandwidth", shown=False),
-    Option(
-        f"{OBSERVER}.torque_rate",
-        shown=False,
-        default="from the model's torque error",
-    ),
     Option(f"{OBSERVER}.torque_samples", shown=False),
     Option(
         f"{OBSERVER}.time_step",

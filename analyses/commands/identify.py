@@ -20,6 +20,7 @@ OPTIONS = (
     Option("robot", required=True),
     Option("validate", metavar="LOG"),
     Option("load", metavar="LOG=KG[,X,Y,Z]"),
+    Option("scale"),
     Option("refresh", metavar="MODEL"),
     Option("refreshing.part", metavar="BEGIN,END"),
     Option("refreshing.other_specimen"),
@@ -37,6 +38,9 @@ def command(settings: IdentifySettings, out: Out = Path("out/identify")) -> None
     logs = [Path(log) for log in settings.logs]
     if settings.refreshing.other_specimen:
         _refit(settings, out)
+        return
+    if settings.scale:
+        _scale(settings, out)
         return
     if settings.refresh is not None:
         _refresh(settings, logs, out)
@@ -92,6 +96,30 @@ def _refit(settings: IdentifySettings, out: Path) -> None:
     if still:
         say(console, f"note: {', '.join(still)} did not move: friction is the other robot's")
     say(console, f"model: {out / 'model.yaml'}")
+
+
+def _scale(settings: IdentifySettings, out: Path) -> None:
+    from wrenchsight.analyses.methods.calibration.scale_finding import find_scale, sentences
+
+    if settings.refresh is not None or settings.validate:
+        problem = "takes neither --refresh nor --validate"
+        raise InputError("identify", "--scale", problem, "use the robot.yaml it writes afterwards")
+    with showing_progress("identify") as progress:
+        result = find_scale(settings, out, progress)
+    unit = "N m/N m" if result.of_torque else "N m/unit"
+    table = new_table("\njoint", f"torque per unit\n[{unit}]", "stated", "known torque,\nsd [N m]")
+    found = result.scale
+    for j, name in enumerate(result.robot.joint_names):
+        shown = "–"
+        if not isnan(found.torque_per_unit[j]):
+            shown = f"{found.torque_per_unit[j]:.3g} ± {found.standard_error[j]:.2g}"
+        note = "" if found.seen[j] else " (not shown)"
+        table.add_row(name, shown + note, f"{result.stated[j]:.3g}", f"{found.gravity[j]:.2g}")
+    console = new_console()
+    console.print(table)
+    for text in (*result.notices, *sentences(result, bool(settings.load))):
+        say(console, f"note: {text}")
+    say(console, f"robot with these torques per unit: {out / 'robot.yaml'}")
 
 
 def _refresh(settings: IdentifySettings, logs: list[Path], out: Path) -> None:

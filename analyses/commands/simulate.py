@@ -25,6 +25,7 @@ OPTIONS = (
     Option("quick"),
     Option("record", "recording"),
     Option("graph", "graphviz"),
+    Option("publish"),
 )
 
 
@@ -63,6 +64,10 @@ def command(
             progress=progress,
         )
     _print(result)
+    if settings.publish is not None:
+        from wrenchsight.analyses.methods.live.playing import play
+
+        play(result.recording(), settings.publish, lambda text: say(new_console(), text))
 
 
 def _print(result: "SimulationResult") -> None:

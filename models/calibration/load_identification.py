@@ -16,6 +16,7 @@ Schmidt, "Application of state-space methods to navigation problems", 1966).
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift
@@ -69,6 +70,10 @@ class LoadRows:
     load: Array
     model: Array
     model_sd: Array
+
+    def __getitem__(self, part: slice | NDArray[np.bool_]) -> "LoadRows":
+        """The chosen rows."""
+        return LoadRows(self.rows[part], self.load[part], self.model[part], self.model_sd)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +143,7 @@ def estimate_load(
     """
     noise = noise or ResidualNoise()
     logs = [log] if empty is None else [log, empty]
-    spread = _wide_spread(prior.mass)
+    spread = wide_spread(prior.mass)
     first = _solve(logs, np.eye(_LOAD), spread, np.zeros(_LOAD), law, prior, noise)
     found, mass_sd = first.values[:_LOAD], np.sqrt(first.covariance[0, 0])
     mass = max(found[0], mass_sd)
@@ -165,7 +170,8 @@ class _Solution:
     scale: Array
 
 
-def _wide_spread(mass: float) -> Array:
+def wide_spread(mass: float) -> Array:
+    """(10,) sds of a load's parameters in the flange's frame, for an sd of its mass in kg."""
     return np.asarray(np.r_[mass, np.full(3, mass * REACH), np.full(6, mass * REACH**2)])
 
 
@@ -181,7 +187,7 @@ def _solve(
     """The fit with the load's parameters in a frame from which `frame` leads to the flange's."""
     n = logs[0].rows.num_joints
     drift = prior.drift.deviation(logs[0].rows, law).ravel()
-    missed = [_wide_spread(prior.mass)] if len(logs) > 1 else []
+    missed = [wide_spread(prior.mass)] if len(logs) > 1 else []
     prior_sd = np.concatenate([spread, drift, *missed])
     k = len(prior_sd)
     blocks, considered = [], []

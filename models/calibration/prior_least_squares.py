@@ -7,6 +7,12 @@ has a prior itself, as if FREEDOM rows had shown a scale of one: a log of second
 own noise, one of minutes can.
 
     s_j^2 = (FREEDOM + |A_j x - b_j|^2) / (FREEDOM + m_j)
+
+Its logarithm of the evidence weighs fits of the same rows with other columns against each other:
+the scales integrated out, x by Laplace's method,
+
+    -1/2 sum_j (FREEDOM + m_j) log(FREEDOM + |A_j x - b_j|^2) - 1/2 |(x - mean) / sd|^2
+    -1/2 log det(1 + sd A^T A sd)
 """
 
 from collections.abc import Sequence
@@ -30,11 +36,13 @@ class PriorFit:
         values: (k,).
         covariance: (k, k), the prior included.
         scale: (n,) s_j.
+        log_evidence: up to a constant of the rows' right sides; NaN with an infinite prior.
     """
 
     values: Array
     covariance: Array
     scale: Array
+    log_evidence: float
 
     @property
     def standard_deviation(self) -> Array:
@@ -83,4 +91,8 @@ def fit_with_prior(rows: Sequence[Array], prior_sd: Array, prior_mean: Array) ->
     if np.abs(np.diag(R)).min() < 1e-9 * np.abs(R).max():
         raise ValueError("least squares: neither rows nor prior determine a value")
     spread = solve_triangular(R, np.eye(k)) * unit[:, None]
-    return PriorFit(prior_mean + unit * y, spread @ spread.T, scale)
+    evidence = np.nan
+    if known.all():
+        evidence = -0.5 * float(np.sum((FREEDOM + counts) * np.log(FREEDOM + errors)) + y @ y)
+        evidence -= float(np.log(np.abs(np.diag(R))).sum())
+    return PriorFit(prior_mean + unit * y, spread @ spread.T, scale, evidence)

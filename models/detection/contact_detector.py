@@ -28,7 +28,6 @@ from wrenchsight.models.detection.contact_statistic import (
     NUM_UNKNOWN,
     OUT_OF_RANGE,
     PERIOD,
-    POLE,
     POWER_LEVEL,
     PRESENT,
     RELEASE,
@@ -40,20 +39,18 @@ from wrenchsight.models.detection.contact_statistic import (
     UNKNOWN_MOMENT,
     USUAL_JOLT,
     WINDOW,
+    TorqueWhite,
     detect_log,
     state_rows,
-    white_log,
 )
 from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimator
+from wrenchsight.models.estimation.torque_error_stage import TorqueError, TorqueErrorStage
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.identification.contact_noise import ContactNoise
-from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.torque_error_model import (
     NUM_FEATURES,
-    TORQUE_ERROR_ROWS,
-    TorqueErrorModel,
-    initial_torque_error_state,
+    ConstantTorqueError,
 )
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.signals.exceedance_tail import ExceedanceTail, gaussian_tail
@@ -118,13 +115,11 @@ class ContactDetector:
     without `contact_noise` is taken as Gaussian.
 
     Args:
-        model: that the estimator reads with.
-        friction: of the model, as sampled.
+        stage: of the estimator, whose torque error it is.
+        noise: of the model: how its whitened torque is distributed.
         chain: with the model's inertias.
         reconstruction: whose method and moment prior say what a contact at E is.
-        K_0: (n,) 1/s of the observer; None for one without such a lag.
         time_step: s.
-        resolution: (n,) rad of the encoders; None: that of the logs that were fitted.
         config: the stated rate.
         reads_present_torque: whether the observer's reading rests on the same sample's torque.
 
@@ -134,13 +129,11 @@ class ContactDetector:
 
     def __init__(
         self,
-        model: IdentifiedModel,
-        friction: FrictionLaw,
+        stage: TorqueErrorStage,
+        noise: ContactNoise | None,
         chain: SerialChain,
         reconstruction: WrenchReconstructionConfig,
-        K_0: ArrayLike | None,
         time_step: float,
-        resolution: ArrayLike | None = None,
         config: ContactDetectionConfig | None = None,
         reads_present_torque: bool = False,
     ) -> None:
@@ -151,22 +144,18 @@ class ContactDetector:
                 f"false_alarms_per_hour must be {LEAST_RATE:g} to {LARGEST_RATE:g}, not {rate}"
             )
         self.config = config
+        self.stage, self._noise, self._reconstruction = stage, noise, reconstruction
         self.chain = chain
         self.time_step = time_step
         self.reads_present_torque = reads_present_torque
-        self.knows_error = model.torque_error is not None
-        error = model.torque_error if model.torque_error is not None else _assumed_error(model)
+        error, rates = stage.error, stage.rates
+        self.knows_error = not isinstance(error, ConstantTorqueError)
         self.num_joints = n = error.num_joints
-        rates = error.K_0 if K_0 is None else np.broadcast_to(np.asarray(K_0, float), (n,))
-        self._error = error.table(friction, time_step, rates, resolution)
-        self._white = upper_whitening(error.correlation)
-        self._joints = joints = np.empty((NUM_JOINT_ROWS, n))
+        joints = np.empty((NUM_JOINT_ROWS, n))
         joints[JOLT_POLE] = np.exp(-rates * time_step)
-        joints[POLE] = -1.0 if K_0 is None else joints[JOLT_POLE]
         for row, fitted in ((FITTED_SPEED, error.fitted_speed), (FITTED_LOAD, error.fitted_load)):
             joints[row] = np.where(fitted > 0.0, fitted, np.inf)
         correlation_time = np.maximum(error.correlation_time, 1.0 / rates)
-        noise = model.contact_noise
         if noise is None:
             joints[USUAL_JOLT] = np.inf
             # Of an exponentially correlated error through a low-pass.
@@ -183,7 +172,7 @@ class ContactDetector:
                 quicker = 2.0 * rates / (rates + error.K_0)
                 joints[CHANGE:] = quicker * np.transpose(noise.change_sd) ** 2
                 joints[CHANGE + NUM_FEATURES] /= finer**2
-        self._settings = settings = np.empty(NUM_SETTINGS)
+        settings = np.empty(NUM_SETTINGS)
         settings[PERIOD] = time_step
         settings[MOMENT_SD] = _moment_sd(reconstruction)
         settings[SCALE] = error.scale
@@ -207,6 +196,8 @@ class ContactDetector:
             settings[release] = max(RELEASE * settings[level], often)
         if noise is not None:
             settings[[MEAN_LEVEL, MEAN_RELEASE]] *= OTHER_DAYS
+        self.settings = settings
+        self._tables = stage.table, joints, upper_whitening(error.correlation)
 
     @classmethod
     def of(
@@ -214,22 +205,29 @@ class ContactDetector:
     ) -> "ContactDetector":
         """Returns the detector that goes with an estimator."""
         return cls(
-            estimator.model,
-            estimator.friction,
+            estimator.error,
+            estimator.model.contact_noise,
             estimator.chain,
             estimator.config.reconstruction,
-            estimator.observer.pole,
             estimator.observer.time_step,
-            estimator.knowledge.resolution,
             config,
             estimator.observer.reads_present_torque,
+        )
+
+    def retuned(self, friction: FrictionLaw, K_0: ArrayLike | None) -> "ContactDetector":
+        """Returns the detector with friction and an observer that were changed while they run."""
+        stage = self.stage.retuned(friction, K_0)
+        noise, chain, config = self._noise, self.chain, self.config
+        reads = self.reads_present_torque
+        return ContactDetector(
+            stage, noise, chain, self._reconstruction, self.time_step, config, reads
         )
 
     @property
     def levels(self) -> tuple[float, float, float, float]:
         """Of the lengths `sample`, `mean`, `power` and `change`; infinite: not looked at."""
         of = [SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL, CHANGE_LEVEL]
-        sample, mean, power, change = self._settings[of].tolist()
+        sample, mean, power, change = self.settings[of].tolist()
         return sample, mean, power, change
 
     def initial_state(self) -> Array:
@@ -254,50 +252,66 @@ class ContactDetector:
         momentum = self.chain.momentum_terms(q, v)[0]
         return Detection.of(
             self.judge(
-                *(state, q, v, batch.transmitted, momentum, batch.J, batch.tau_ext, batch.fresh)
+                *(state, batch.torque_error, v, batch.transmitted, momentum),
+                *(batch.tau_ext, batch.fresh),
             )
         )
 
     def judge(
         self,
         state: Array,
-        q: Array,
+        error: TorqueError,
         v: Array,
         transmitted: Array,
         momentum: Array,
-        J: Array,
         tau_ext: Array,
         fresh: Flags,
     ) -> Array:
-        """(N, NUM_OUT) as `detect_tick` writes it; arguments (N, n), J (N, 6, n), fresh (N,)."""
-        out = np.empty((len(q), NUM_OUT))
-        tables = (self._error, self._joints, self._settings, self._white, state)
-        moved = _ready(q), _ready(v), _ready(transmitted), _ready(momentum)
-        detect_log(*tables, *moved, _ready(J), _ready(tau_ext), np.asarray(fresh, bool), out)
-        return out
+        """(N, NUM_OUT) as `detect_tick` writes it; arguments of N samples as there."""
+        nothing = np.empty((0, self.num_joints))
+        white = TorqueWhite(nothing, nothing, nothing, np.empty(0))
+        return self._log(
+            self.settings, state, error, v, transmitted, momentum, tau_ext, fresh, white
+        )
 
     def whiten(
         self,
         state: Array,
-        q: Array,
+        error: TorqueError,
         v: Array,
         transmitted: Array,
         momentum: Array,
-        J: Array,
         tau_ext: Array,
-    ) -> tuple[Array, Array, Array, Array, Array]:
-        """z, LP(z), change, (N, n) each, sqrt(LP(D)) (N,), and as `judge` where no level is ever
-        reached.
-        """
-        settings = self._settings.copy()
+    ) -> tuple[TorqueWhite, Array]:
+        """What `detect_log` leaves for what learns, and `judge` where no level is ever reached."""
+        settings = self.settings.copy()
         settings[[SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL, CHANGE_LEVEL]] = np.inf
-        z, mean, change = np.empty_like(q), np.empty_like(q), np.empty_like(q)
-        out = np.empty((len(q), NUM_OUT))
-        tables = (self._error, self._joints, settings, self._white, state)
-        moved = _ready(q), _ready(v), _ready(transmitted), _ready(momentum)
-        misfit = np.empty(len(q))
-        white_log(*tables, *moved, _ready(J), _ready(tau_ext), out, z, mean, change, misfit)
-        return z, mean, change, misfit, out
+        z, mean, change = np.empty((3, *v.shape))
+        white = TorqueWhite(z, mean, change, np.empty(len(v)))
+        fresh = np.ones(len(v), bool)
+        out = self._log(settings, state, error, v, transmitted, momentum, tau_ext, fresh, white)
+        return white, out
+
+    def _log(
+        self,
+        settings: Array,
+        state: Array,
+        error: TorqueError,
+        v: Array,
+        transmitted: Array,
+        momentum: Array,
+        tau_ext: Array,
+        fresh: Flags,
+        white: TorqueWhite,
+    ) -> Array:
+        out = np.empty((len(v), NUM_OUT))
+        table, joints, upper = self._tables
+        tables = table, joints, settings, upper
+        own = TorqueError(*map(_ready, error))
+        v, transmitted, momentum = _ready(v), _ready(transmitted), _ready(momentum)
+        tau_ext, fresh = _ready(tau_ext), np.asarray(fresh, bool)
+        detect_log(tables, state, own, v, transmitted, momentum, tau_ext, fresh, out, white)
+        return out
 
 
 def _ready(x: Array) -> Array:
@@ -308,8 +322,7 @@ def _ready(x: Array) -> Array:
 def initial_state(num_joints: int) -> Array:
     """Returns the (rows, n) state of `contact_statistic` before the first sample."""
     state = np.zeros((state_rows(num_joints), num_joints))
-    state[:TORQUE_ERROR_ROWS] = initial_torque_error_state(num_joints)
-    state[TORQUE_ERROR_ROWS:NUM_UNKNOWN] = np.nan
+    state[:NUM_UNKNOWN] = np.nan
     return state
 
 
@@ -337,24 +350,3 @@ def _moment_sd(reconstruction: WrenchReconstructionConfig) -> float:
     if reconstruction.method == "bayesian" and reconstruction.prior_moment_sd is not None:
         return min(reconstruction.prior_moment_sd, UNKNOWN_MOMENT)
     return UNKNOWN_MOMENT
-
-
-def _assumed_error(model: IdentifiedModel) -> TorqueErrorModel:
-    """For a model without a torque error: no level is ever exceeded; the ranges are the model's."""
-    n = len(model.joint_names)
-    ranges = model.validity
-    zero, one = np.zeros(n), np.ones(n)
-    return TorqueErrorModel(
-        constant=one,
-        speed=zero,
-        load=zero,
-        acceleration=zero,
-        reversal=zero,
-        correlation=np.eye(n),
-        correlation_time=one,
-        lasting=zero,
-        fitted_speed=np.array(ranges.v_max) if ranges.v_max else zero,
-        fitted_load=np.array(ranges.tau_max) if ranges.tau_max else zero,
-        K_0=one,
-        resolution=zero,
-    )

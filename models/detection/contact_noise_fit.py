@@ -15,6 +15,7 @@ from wrenchsight.models.detection.contact_statistic import (
     SAMPLE_LENGTH,
     jolts,
 )
+from wrenchsight.models.estimation.torque_error_stage import TorqueErrorStage
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.identification.contact_noise import ContactNoise
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -124,15 +125,18 @@ def _white(
     """
     found: tuple[list[Array], list[Array], list[Array], list[Array], list[Array]]
     found = ([], [], [], [], [])
+    error = model.torque_error
+    assert error is not None
     for own, momentum, rows in zip(readings, momenta, used, strict=True):
-        detector = ContactDetector(
-            *(model, own.friction, chain, WrenchReconstructionConfig("force_only")),
-            *(own.K_0, own.time_step, own.resolution),
+        stage = TorqueErrorStage(error, own.friction, own.K_0, own.time_step, own.resolution)
+        config = WrenchReconstructionConfig("force_only")
+        detector = ContactDetector(stage, model.contact_noise, chain, config, own.time_step)
+        J = chain.jacobian(own.q)
+        errors = stage.run(stage.initial_state(), own.q, own.v, own.transmitted, J)
+        white, lengths = detector.whiten(
+            *(initial_state(detector.num_joints), errors, own.v, own.transmitted),
+            *(momentum, own.tau_ext),
         )
-        parts = detector.whiten(
-            *(initial_state(detector.num_joints), own.q, own.v, own.transmitted),
-            *(momentum, chain.jacobian(own.q), own.tau_ext),
-        )
-        for kept, part in zip(found, parts, strict=True):
+        for kept, part in zip(found, (*white, lengths), strict=True):
             kept.append(part[rows])
     return found

@@ -74,21 +74,21 @@ WINDOW and LOCAL_TIME were chosen on the held-out readings of the UR10e's three 
 which pushes and a drift of friction were added. Neither a high-pass nor more windows helped there.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.signal import lfilter
 
 from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.estimation.torque_error_stage import TorqueError
 from wrenchsight.models.identification.torque_error_model import (
     NUM_FEATURES,
-    TORQUE_ERROR_ROWS,
     TRANSMITTED_ROW,
     UNKNOWN_SHARE_ROW,
     breakaway,
-    torque_sd_tick,
     variance_parts,
 )
 from wrenchsight.models.kernel import kernel
-from wrenchsight.models.observers.lag import JACOBIAN_ROWS, see_jacobian, take_jacobian
 from wrenchsight.models.rigid_body.small_matrices import factorise_in_place, solve_lower
 
 WINDOW = 0.3  # s
@@ -106,16 +106,15 @@ LOUD = 2.0  # root mean square over WINDOW
 REST_SPEED = 0.01  # rad/s (m/s)
 REST_TIME = 0.3  # s
 
-# Rows of the state after those of the torque error and of J as the observer saw it.
-_FIRST = TORQUE_ERROR_ROWS + JACOBIAN_ROWS
-_LAST, _BEFORE, _TORQUE, _BASE, _JOLT2, _LOCAL2 = range(_FIRST, _FIRST + 6)
-_SLOW, _SQUARE, _MEAN, _POWER, _CHANGE2, _STOP, _START = range(_FIRST + 6, _FIRST + 13)
+# Rows of the state.
+_LAST, _BEFORE, _TORQUE, _BASE, _JOLT2, _LOCAL2 = range(6)
+_SLOW, _SQUARE, _MEAN, _POWER, _CHANGE2, _STOP, _START = range(6, 13)
 NUM_UNKNOWN = _JOLT2  # rows before it are not known before the first sample
 _SINGLE = _START + 1  # first of the rows that hold single numbers
 _CONTACT, _QUIET, _MISFIT, _RESTING, _RATIO, _TOUCHED, _SEEN, _ANEW, NUM_SINGLE = range(9)
 
-# Rows of `joints`: the observer's pole for J (negative: none) and for a jolt, per tick, ...
-POLE, JOLT_POLE, USUAL_JOLT, MEAN_SCALE, FITTED_SPEED, FITTED_LOAD, CHANGE = range(7)
+# Rows of `joints`: the observer's pole for a jolt, per tick, ...
+JOLT_POLE, USUAL_JOLT, MEAN_SCALE, FITTED_SPEED, FITTED_LOAD, CHANGE = range(6)
 NUM_JOINT_ROWS = CHANGE + NUM_FEATURES + 1  # the last: shares of a change's variance, and jolt's
 # Entries of `settings`.
 PERIOD, SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL, MOMENT_SD, SCALE = range(6)
@@ -123,10 +122,19 @@ SAMPLE_RELEASE, MEAN_RELEASE, CHANGE_LEVEL, PRESENT, MISFIT_LEVEL, NUM_SETTINGS 
 # Entries of what is written.
 STATISTIC, CONTACT, MISFIT, LINK, REST, OUT_OF_RANGE = range(6)
 SAMPLE_LENGTH, MEAN_LENGTH, POWER_LENGTH, CHANGE_LENGTH, NUM_OUT = range(6, 11)
-WORK_ROWS = 20  # and n more
+WORK_ROWS = 12  # and n more
 
 _FORCE_SD = 1e4  # N; stands for unknown, small enough that 1 is not lost beside its square
 UNKNOWN_MOMENT = 1e4  # N m, likewise
+
+
+class TorqueWhite(NamedTuple):
+    """What `detect_log` leaves for what learns, see there."""
+
+    z: Array
+    mean: Array
+    change: Array
+    misfit: Array
 
 
 def state_rows(num_joints: int) -> int:
@@ -175,16 +183,12 @@ def misfit_square(
 
 @kernel
 def detect_tick(
-    error: Array,
-    joints: Array,
-    settings: Array,
-    white: Array,
+    tables: tuple[Array, Array, Array, Array],
     state: Array,
-    q: Array,
+    error: TorqueError,
     v: Array,
     transmitted: Array,
     momentum: Array,
-    J: Array,
     tau_ext: Array,
     fresh: bool,
     out: Array,
@@ -193,183 +197,256 @@ def detect_tick(
     """Single-sample kernel: takes a sample into `state` and writes what it says.
 
     Args:
-        error: `TorqueErrorModel.table`.
-        joints: (NUM_JOINT_ROWS, n).
-        settings: (NUM_SETTINGS,).
-        white: (n, n) U.
+        tables: of the torque error; `joints` (NUM_JOINT_ROWS, n), `settings` (NUM_SETTINGS,) and
+            U (n, n) of ContactDetector.
         state: (state_rows, n), changed.
-        q, v: (n,) rad and rad/s.
+        error: of the sample.
+        v: (n,) rad/s.
         transmitted: (n,) N m; counts for the sample after.
         momentum: (n,) kg m^2/s, of the model.
-        J: (6, n) at E in axes of W.
         tau_ext: (n,) N m.
         fresh: whether tau_ext is of this sample; otherwise contact and misfit stay as they were.
         out: (NUM_OUT,), written.
-        work: (n + WORK_ROWS, max(n, NUM_FEATURES)), overwritten; its row 3 is left with z, row 18
+        work: (n + WORK_ROWS, max(n, NUM_FEATURES)), overwritten; its row 1 is left with z, row 3
             with the change in N m.
     """
-    n = q.shape[0]
-    sd, stiction, s, z, y = work[0, :n], work[1, :n], work[2, :n], work[3, :n], work[4, :n]
-    seen, change, parts = work[5:11, :n], work[18, :n], work[19]
-    own = state[_SINGLE:].reshape(-1)
+    table, joints, settings, white = tables
+    n = v.shape[0]
+    single = state[_SINGLE:].reshape(-1)
+    load, s = work[2, :n], work[0, :n]
     beyond = False
     for j in range(n):
+        load[j] = error.rows[TRANSMITTED_ROW, j]
         beyond = beyond or abs(v[j]) > joints[FITTED_SPEED, j]
-        beyond = beyond or abs(state[TRANSMITTED_ROW, j]) > joints[FITTED_LOAD, j]
+        beyond = beyond or abs(load[j]) > joints[FITTED_LOAD, j]
     out[OUT_OF_RANGE] = 1.0 if beyond else 0.0
-    for j in range(n):
-        y[j] = state[TRANSMITTED_ROW, j]
-    torque_sd_tick(error, state[:TORQUE_ERROR_ROWS], q, v, transmitted, sd, stiction)
     keep = np.exp(-settings[PERIOD] / WINDOW)
-    for j in range(n):
-        variance_parts(error, state[:TORQUE_ERROR_ROWS], j, v[j], y[j], parts)
-        s[j] = 0.0
-        for m in range(_STICTION):
-            s[j] += joints[CHANGE + m, j] * parts[m]
-        pole, slow = joints[JOLT_POLE, j], v[j] / REST_SPEED
-        held = breakaway(error, state[:TORQUE_ERROR_ROWS], j) / np.sqrt(3.0)
-        stop = held * np.exp(-slow * slow) if np.isfinite(slow) else held
-        state[_STOP, j] = pole * state[_STOP, j] + (1.0 - pole) * stop
-        rested = state[UNKNOWN_SHARE_ROW, j] * held
-        state[_START, j] = keep * state[_START, j] + (1.0 - keep) * rested
-        if own[_RESTING] < REST_TIME:
-            part = joints[CHANGE + _STICTION, j] * parts[_STICTION]
-            let_go = max(state[_STOP, j], state[_START, j])
-            s[j] += max(part, let_go * let_go)
-    seen_state = state[TORQUE_ERROR_ROWS : TORQUE_ERROR_ROWS + JACOBIAN_ROWS]
-    see_jacobian(joints[POLE], seen_state, J, seen)
-    take_jacobian(joints[POLE], seen_state, J, seen)
-    T = settings[PERIOD]
-    own[_RESTING] += T
+    _change_variance(table, joints, keep, state, error.rows, v, load, single, s, work[4])
+    _take_jolts(joints, settings, state, momentum, load, transmitted)
+    single[_RESTING] += settings[PERIOD]
     finite = fresh
     for j in range(n):
         if not abs(v[j]) < REST_SPEED:
-            own[_RESTING] = 0.0
+            single[_RESTING] = 0.0
         finite = finite and np.isfinite(tau_ext[j])
-        if np.isfinite(momentum[j]):
-            pole = joints[JOLT_POLE, j]
-            jump = 0.0
-            if np.isfinite(state[_BEFORE, j]):
-                jump = (momentum[j] - 2.0 * state[_LAST, j] + state[_BEFORE, j]) / T
-            square = jump * jump
-            first, last, share = state[_TORQUE, j], y[j], 1.0 / 3.0
-            if settings[PRESENT] != 0.0:
-                first, last, share = y[j], transmitted[j], 1.0 / 12.0
-            if np.isfinite(state[_TORQUE, j]) and np.isfinite(last):
-                square += share * (last - first) ** 2
-            gain = 1.0 - pole
-            state[_JOLT2, j] = pole * pole * state[_JOLT2, j] + gain * gain * square
-            if np.isfinite(state[_LAST, j]):
-                state[_TORQUE, j] = y[j]
-            state[_BEFORE, j], state[_LAST, j] = state[_LAST, j], momentum[j]
-    out[REST] = 1.0 if own[_RESTING] >= REST_TIME else 0.0
-    sample = power = mean = plain_mean = along = changed = 0.0
+    out[REST] = 1.0 if single[_RESTING] >= REST_TIME else 0.0
+    lengths = _Lengths(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     if finite:
-        pace = 1.0 - np.exp(-T / LOCAL_TIME)
-        own[_SEEN] += T
-        early = 1.0 - np.exp(-T / min(max(own[_SEEN], FIRST), LOCAL_TIME))
-        begins = 1.0 - np.exp(-T / min(own[_SEEN], WINDOW))
-        follows = own[_CONTACT] == 0.0 or own[_TOUCHED] > LOCAL_TIME
-        if own[_CONTACT] == 1.0:
-            own[_TOUCHED] += T
-            for j in range(n):
-                square = state[_SLOW, j] * state[_SLOW, j]
-                follows = follows and square <= ONE_SIDED * max(state[_SQUARE, j], 1.0)
-        for j in range(n):
-            w = state[UNKNOWN_SHARE_ROW, j]
-            jolt = max(np.sqrt(state[_JOLT2, j]) - joints[USUAL_JOLT, j], 0.0)
-            square = max(sd[j] * sd[j] - w * stiction[j] * stiction[j], 1e-6 * sd[j] * sd[j])
-            change_sd = s[j] + joints[CHANGE + NUM_FEATURES, j] * state[_JOLT2, j] + jolt * jolt
-            change_sd = np.sqrt(change_sd)
-            s[j] = np.sqrt(square + jolt * jolt)
-            left = max(abs(tau_ext[j]) - w * np.sqrt(3.0) * stiction[j], 0.0)
-            left = left if tau_ext[j] > 0.0 else -left
-            z[j] = left / s[j]
-            if not np.isfinite(state[_BASE, j]):
-                state[_BASE, j] = left
-            elif own[_CONTACT] == 0.0:
-                state[_BASE, j] += begins * (left - state[_BASE, j])
-            change[j] = left - state[_BASE, j]
-            state[_SLOW, j] += pace * (z[j] - state[_SLOW, j])
-            state[_SQUARE, j] += pace * (z[j] * z[j] - state[_SQUARE, j])
-            if follows:
-                local = max(state[_LOCAL2, j], 1.0)
-                new = min(z[j] * z[j], OUTLIER * OUTLIER * local)
-                state[_LOCAL2, j] += early * (new - state[_LOCAL2, j])
-            unit = change[j] / change_sd if change_sd > 0.0 else 0.0
-            usual = max(state[_CHANGE2, j], 1.0)
-            y[j] = unit / np.sqrt(usual)
-            if own[_CONTACT] == 0.0:
-                new = min(unit * unit, OUTLIER * OUTLIER * usual)
-                state[_CHANGE2, j] += early * (new - state[_CHANGE2, j])
-            local = np.sqrt(max(state[_LOCAL2, j], 1.0))
-            s[j] *= local
-            z[j] /= local
-            state[_MEAN, j] = keep * state[_MEAN, j] + (1.0 - keep) * z[j]
-        for j in range(n):
-            total = 0.0
-            for k in range(j, n):
-                total += white[j, k] * y[k]
-            changed += total * total
-        for j in range(n):
-            y[j] = 0.0
-            of_mean, of_plain = 0.0, 0.0
-            for k in range(j, n):
-                y[j] += white[j, k] * z[k]
-                of_mean += white[j, k] * state[_MEAN, k] / joints[MEAN_SCALE, k]
-                of_plain += white[j, k] * state[_MEAN, k]
-            sample += y[j] * y[j]
-            mean += of_mean * of_mean
-            plain_mean += of_plain * of_plain
-            along += y[j] * of_plain
-            state[_POWER, j] = keep * state[_POWER, j] + (1.0 - keep) * y[j] * y[j]
-            power += state[_POWER, j]
-        sample, mean, power = np.sqrt(sample), np.sqrt(mean), np.sqrt(power)
-        changed = np.sqrt(changed)
-        counted = mean
-        own[_ANEW] -= T
-        if own[_CONTACT] == 1.0 and along < LEFT * plain_mean:
-            counted = 0.0
-        if own[_CONTACT] == 0.0 and own[_ANEW] > 0.0:
-            counted = 0.0
-        quick = sample / settings[SAMPLE_LEVEL]
-        if own[_CONTACT] == 0.0 and settings[CHANGE_LEVEL] < np.inf:
-            quick = changed / settings[CHANGE_LEVEL] if own[_SEEN] > WINDOW else 0.0
-        ratio = max(quick, counted / settings[MEAN_LEVEL])
-        own[_RATIO] = ratio
-        if ratio > 1.0:
-            if own[_CONTACT] == 0.0:
-                own[_MISFIT], own[_TOUCHED] = 0.0, 0.0
-            own[_CONTACT], own[_QUIET] = 1.0, 0.0
-        elif own[_CONTACT] == 1.0:
-            if counted >= settings[MEAN_RELEASE] or sample >= settings[SAMPLE_RELEASE]:
-                own[_QUIET] = 0.0
-            else:
-                own[_QUIET] += T
-            if own[_QUIET] >= QUIET:
-                own[_CONTACT], own[_ANEW] = 0.0, ANEW
-                for j in range(n):
-                    state[_MEAN, j], state[_POWER, j] = z[j], y[j] * y[j]
-                    state[_BASE, j] += change[j]
-    out[SAMPLE_LENGTH], out[MEAN_LENGTH], out[POWER_LENGTH] = sample, mean, power
-    out[CHANGE_LENGTH] = changed
-    out[STATISTIC], out[CONTACT] = own[_RATIO], own[_CONTACT]
-    out[LINK] = 0.0
-    if own[_CONTACT] == 1.0 and finite:
-        own[_MISFIT] += (1.0 - np.exp(-T / MISFIT_WINDOW)) * (
-            _unexplained(settings, white, tau_ext, work) - own[_MISFIT]
+        _whiten(joints, settings, keep, state, single, error, tau_ext, work)
+        lengths = _lengths(white, joints, keep, state, work)
+        _decide(settings, state, single, lengths, work)
+    out[SAMPLE_LENGTH], out[MEAN_LENGTH] = lengths.sample, lengths.mean
+    out[POWER_LENGTH], out[CHANGE_LENGTH] = lengths.power, lengths.change
+    out[STATISTIC], out[CONTACT] = single[_RATIO], single[_CONTACT]
+    out[MISFIT], out[LINK] = 0.0, 0.0
+    if single[_CONTACT] == 1.0 and finite:
+        single[_MISFIT] += (1.0 - np.exp(-settings[PERIOD] / MISFIT_WINDOW)) * (
+            _unexplained(settings, white, error.J_seen, tau_ext, work) - single[_MISFIT]
         )
-    out[MISFIT] = 0.0
-    if own[_CONTACT] == 1.0 and np.sqrt(own[_MISFIT]) > settings[MISFIT_LEVEL]:
+    if single[_CONTACT] == 1.0 and np.sqrt(single[_MISFIT]) > settings[MISFIT_LEVEL]:
         out[MISFIT] = 1.0
         out[LINK] = _link(state[_POWER], settings[POWER_LEVEL])
 
 
+class _Lengths(NamedTuple):
+    """Norms of one sample: of y, LP(z) scaled and plain, LP(y^2) and the change; y . U LP(z)."""
+
+    sample: float
+    mean: float
+    power: float
+    change: float
+    plain_mean: float  # squared
+    along: float
+
+
 @kernel
-def _unexplained(settings: Array, white: Array, tau_ext: Array, work: Array) -> float:
-    """D of the sample that `detect_tick` left in `work`, whose rows 2 to 4 are changed."""
+def _change_variance(
+    table: Array,
+    joints: Array,
+    keep: float,
+    state: Array,
+    rows: Array,
+    v: Array,
+    load: Array,
+    single: Array,
+    s: Array,
+    parts: Array,
+) -> None:
+    """Writes s'^2 (n,), the variance of a change without its jolt."""
+    for j in range(v.shape[0]):
+        variance_parts(table, rows, j, v[j], load[j], parts)
+        s[j] = 0.0
+        for m in range(_STICTION):
+            s[j] += joints[CHANGE + m, j] * parts[m]
+        # What a joint that stops lets go of, and what one that starts has carried.
+        pole, slow = joints[JOLT_POLE, j], v[j] / REST_SPEED
+        held = breakaway(table, rows, j) / np.sqrt(3.0)
+        stop = held * np.exp(-slow * slow) if np.isfinite(slow) else held
+        state[_STOP, j] = pole * state[_STOP, j] + (1.0 - pole) * stop
+        rested = rows[UNKNOWN_SHARE_ROW, j] * held
+        state[_START, j] = keep * state[_START, j] + (1.0 - keep) * rested
+        if single[_RESTING] < REST_TIME:
+            part = joints[CHANGE + _STICTION, j] * parts[_STICTION]
+            let_go = max(state[_STOP, j], state[_START, j])
+            s[j] += max(part, let_go * let_go)
+
+
+@kernel
+def _take_jolts(
+    joints: Array,
+    settings: Array,
+    state: Array,
+    momentum: Array,
+    load: Array,
+    transmitted: Array,
+) -> None:
+    """Takes jumps of momentum and of motor torque into the jolt's square."""
+    for j in range(momentum.shape[0]):
+        if not np.isfinite(momentum[j]):
+            continue
+        pole, jump = joints[JOLT_POLE, j], 0.0
+        if np.isfinite(state[_BEFORE, j]):
+            jump = (momentum[j] - 2.0 * state[_LAST, j] + state[_BEFORE, j]) / settings[PERIOD]
+        square = jump * jump
+        first, last, share = state[_TORQUE, j], load[j], 1.0 / 3.0
+        if settings[PRESENT] != 0.0:
+            first, last, share = load[j], transmitted[j], 1.0 / 12.0
+        if np.isfinite(state[_TORQUE, j]) and np.isfinite(last):
+            square += share * (last - first) ** 2
+        gain = 1.0 - pole
+        state[_JOLT2, j] = pole * pole * state[_JOLT2, j] + gain * gain * square
+        if np.isfinite(state[_LAST, j]):
+            state[_TORQUE, j] = load[j]
+        state[_BEFORE, j], state[_LAST, j] = state[_LAST, j], momentum[j]
+
+
+@kernel
+def _whiten(
+    joints: Array,
+    settings: Array,
+    keep: float,
+    state: Array,
+    single: Array,
+    error: TorqueError,
+    tau_ext: Array,
+    work: Array,
+) -> None:
+    """Writes s, z, the change over its sd and the change in N m into rows 0 to 3 of `work`, whose
+    row 0 holds s'^2 before; takes the sample into both local scales and LP(z).
+    """
+    n, T = tau_ext.shape[0], settings[PERIOD]
+    s, z, y, change = work[0, :n], work[1, :n], work[2, :n], work[3, :n]
+    single[_SEEN] += T
+    pace = 1.0 - np.exp(-T / LOCAL_TIME)
+    early = 1.0 - np.exp(-T / min(max(single[_SEEN], FIRST), LOCAL_TIME))
+    begins = 1.0 - np.exp(-T / min(single[_SEEN], WINDOW))
+    # g stays in contact, but for an error whose mean over LOCAL_TIME vanishes.
+    follows = single[_CONTACT] == 0.0 or single[_TOUCHED] > LOCAL_TIME
+    if single[_CONTACT] == 1.0:
+        single[_TOUCHED] += T
+        for j in range(n):
+            square = state[_SLOW, j] * state[_SLOW, j]
+            follows = follows and square <= ONE_SIDED * max(state[_SQUARE, j], 1.0)
+    for j in range(n):
+        sd, stiction, w = error.sd[j], error.stiction[j], error.rows[UNKNOWN_SHARE_ROW, j]
+        jolt = max(np.sqrt(state[_JOLT2, j]) - joints[USUAL_JOLT, j], 0.0)
+        square = max(sd * sd - w * stiction * stiction, 1e-6 * sd * sd)
+        change_sd = s[j] + joints[CHANGE + NUM_FEATURES, j] * state[_JOLT2, j] + jolt * jolt
+        change_sd = np.sqrt(change_sd)
+        s[j] = np.sqrt(square + jolt * jolt)
+        # What friction at rest does not carry.
+        left = max(abs(tau_ext[j]) - w * np.sqrt(3.0) * stiction, 0.0)
+        left = left if tau_ext[j] > 0.0 else -left
+        z[j] = left / s[j]
+        if not np.isfinite(state[_BASE, j]):
+            state[_BASE, j] = left
+        elif single[_CONTACT] == 0.0:
+            state[_BASE, j] += begins * (left - state[_BASE, j])
+        change[j] = left - state[_BASE, j]
+        state[_SLOW, j] += pace * (z[j] - state[_SLOW, j])
+        state[_SQUARE, j] += pace * (z[j] * z[j] - state[_SQUARE, j])
+        if follows:
+            local = max(state[_LOCAL2, j], 1.0)
+            new = min(z[j] * z[j], OUTLIER * OUTLIER * local)
+            state[_LOCAL2, j] += early * (new - state[_LOCAL2, j])
+        unit = change[j] / change_sd if change_sd > 0.0 else 0.0
+        usual = max(state[_CHANGE2, j], 1.0)
+        y[j] = unit / np.sqrt(usual)
+        if single[_CONTACT] == 0.0:
+            new = min(unit * unit, OUTLIER * OUTLIER * usual)
+            state[_CHANGE2, j] += early * (new - state[_CHANGE2, j])
+        local = np.sqrt(max(state[_LOCAL2, j], 1.0))
+        s[j] *= local
+        z[j] /= local
+        state[_MEAN, j] = keep * state[_MEAN, j] + (1.0 - keep) * z[j]
+
+
+@kernel
+def _lengths(white: Array, joints: Array, keep: float, state: Array, work: Array) -> _Lengths:
+    """The norms of what `_whiten` wrote; row 2 of `work` is left with y = U z."""
+    n = white.shape[0]
+    z, y = work[1, :n], work[2, :n]
+    sample = power = mean = plain_mean = along = changed = 0.0
+    for j in range(n):
+        total = 0.0
+        for k in range(j, n):
+            total += white[j, k] * y[k]
+        changed += total * total
+    for j in range(n):
+        y[j] = 0.0
+        of_mean, of_plain = 0.0, 0.0
+        for k in range(j, n):
+            y[j] += white[j, k] * z[k]
+            of_mean += white[j, k] * state[_MEAN, k] / joints[MEAN_SCALE, k]
+            of_plain += white[j, k] * state[_MEAN, k]
+        sample += y[j] * y[j]
+        mean += of_mean * of_mean
+        plain_mean += of_plain * of_plain
+        along += y[j] * of_plain
+        state[_POWER, j] = keep * state[_POWER, j] + (1.0 - keep) * y[j] * y[j]
+        power += state[_POWER, j]
+    return _Lengths(
+        np.sqrt(sample), np.sqrt(mean), np.sqrt(power), np.sqrt(changed), plain_mean, along
+    )
+
+
+@kernel
+def _decide(settings: Array, state: Array, single: Array, lengths: _Lengths, work: Array) -> None:
+    """Begins and ends contact."""
+    T, touched = settings[PERIOD], single[_CONTACT] == 1.0
+    single[_ANEW] -= T
+    # The mean does not outlast a contact, nor begin one before it is a mean again.
+    mean = lengths.mean
+    if touched and lengths.along < LEFT * lengths.plain_mean:
+        mean = 0.0
+    if not touched and single[_ANEW] > 0.0:
+        mean = 0.0
+    quick = lengths.sample / settings[SAMPLE_LEVEL]
+    if not touched and settings[CHANGE_LEVEL] < np.inf:
+        quick = lengths.change / settings[CHANGE_LEVEL] if single[_SEEN] > WINDOW else 0.0
+    single[_RATIO] = max(quick, mean / settings[MEAN_LEVEL])
+    if single[_RATIO] > 1.0:
+        if not touched:
+            single[_MISFIT], single[_TOUCHED] = 0.0, 0.0
+        single[_CONTACT], single[_QUIET] = 1.0, 0.0
+    elif touched:
+        if mean >= settings[MEAN_RELEASE] or lengths.sample >= settings[SAMPLE_RELEASE]:
+            single[_QUIET] = 0.0
+        else:
+            single[_QUIET] += T
+        if single[_QUIET] >= QUIET:
+            single[_CONTACT], single[_ANEW] = 0.0, ANEW
+            for j in range(state.shape[1]):
+                z, y, change = work[1, j], work[2, j], work[3, j]
+                state[_MEAN, j], state[_POWER, j] = z, y * y
+                state[_BASE, j] += change
+
+
+@kernel
+def _unexplained(settings: Array, white: Array, seen: Array, tau_ext: Array, work: Array) -> float:
+    """D of the sample that `detect_tick` left in `work`, which is changed but for the change."""
     n = tau_ext.shape[0]
-    s, z, y = work[2, :n], work[3, :n], work[4, :n]
+    s, z, y = work[0, :n], work[1, :n], work[2, :n]
     for j in range(n):
         wide = settings[SCALE] * tau_ext[j]
         wider = np.sqrt(s[j] * s[j] + wide * wide)
@@ -379,7 +456,7 @@ def _unexplained(settings: Array, white: Array, tau_ext: Array, work: Array) -> 
         y[j] = 0.0
         for k in range(j, n):
             y[j] += white[j, k] * z[k]
-    return misfit_square(white, work[5:11, :n], s, y, settings[MOMENT_SD], work[11:])
+    return misfit_square(white, seen, s, y, settings[MOMENT_SD], work[5:])
 
 
 @kernel
@@ -397,90 +474,41 @@ def _link(power: Array, level: float) -> float:
 
 @kernel
 def detect_log(
-    error: Array,
-    joints: Array,
-    settings: Array,
-    white: Array,
+    tables: tuple[Array, Array, Array, Array],
     state: Array,
-    q: Array,
+    error: TorqueError,
     v: Array,
     transmitted: Array,
     momentum: Array,
-    J: Array,
     tau_ext: Array,
     fresh: Flags,
     out: Array,
+    white: TorqueWhite,
 ) -> None:
-    """`detect_tick` for N samples, one after another; out (N, NUM_OUT)."""
-    n = q.shape[1]
-    work = np.empty((n + WORK_ROWS, max(n, NUM_FEATURES)))
-    for k in range(q.shape[0]):
-        detect_tick(
-            error,
-            joints,
-            settings,
-            white,
-            state,
-            q[k],
-            v[k],
-            transmitted[k],
-            momentum[k],
-            J[k],
-            tau_ext[k],
-            fresh[k],
-            out[k],
-            work,
-        )
+    """`detect_tick` for N samples, one after another; out (N, NUM_OUT).
 
-
-@kernel
-def white_log(
-    error: Array,
-    joints: Array,
-    settings: Array,
-    white: Array,
-    state: Array,
-    q: Array,
-    v: Array,
-    transmitted: Array,
-    momentum: Array,
-    J: Array,
-    tau_ext: Array,
-    out: Array,
-    z: Array,
-    mean: Array,
-    change: Array,
-    misfit: Array,
-) -> None:
-    """As `detect_log`, and writes for what learns z, LP(z) and the change, (N, n) each, and
-    sqrt(LP(D)) of every sample, (N,).
+    `white` is written, for what learns: z, LP(z) and the change, (N, n) each, and sqrt(LP(D)) of
+    every sample; without rows it is not.
     """
-    slow, gain = 0.0, 1.0 - np.exp(-settings[PERIOD] / MISFIT_WINDOW)
-    n = q.shape[1]
+    n, slow = v.shape[1], 0.0
+    gain = 1.0 - np.exp(-tables[2][PERIOD] / MISFIT_WINDOW)
     work = np.zeros((n + WORK_ROWS, max(n, NUM_FEATURES)))
-    for k in range(q.shape[0]):
-        detect_tick(
-            error,
-            joints,
-            settings,
-            white,
-            state,
-            q[k],
-            v[k],
-            transmitted[k],
-            momentum[k],
-            J[k],
-            tau_ext[k],
-            True,
-            out[k],
-            work,
+    for k in range(v.shape[0]):
+        own = TorqueError(
+            error.sd[k], error.stiction[k], error.drift[k], error.J_seen[k], error.rows[k]
         )
-        z[k] = work[3, :n]
-        mean[k] = state[_MEAN]
-        change[k] = work[18, :n]
-        if np.isfinite(tau_ext[k]).all():
-            slow += gain * (_unexplained(settings, white, tau_ext[k], work) - slow)
-        misfit[k] = np.sqrt(slow)
+        detect_tick(
+            *(tables, state, own, v[k], transmitted[k], momentum[k], tau_ext[k], fresh[k]),
+            *(out[k], work),
+        )
+        if white.misfit.shape[0] > 0:
+            white.z[k] = work[1, :n]
+            white.mean[k] = state[_MEAN]
+            white.change[k] = work[3, :n]
+            if np.isfinite(tau_ext[k]).all():
+                D = _unexplained(tables[2], tables[3], own.J_seen, tau_ext[k], work)
+                slow += gain * (D - slow)
+            white.misfit[k] = np.sqrt(slow)
 
 
 def jolts(momentum: Array, transmitted: Array, pole: Array, time_step: float) -> Array:

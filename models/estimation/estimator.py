@@ -4,53 +4,68 @@
     q, v    -> tau_f (friction) -----------------+-> momentum observer -> tau_ext -> wrench at E
     q, v    -> momentum, CTv, G (model), J ------+                             +--- covariance
 
-A tick is one call of one kernel, and a log runs the same kernels: the parts without memory in
-parallel over its rows, observer and friction's memory one row after another. Both give the same
-numbers. A friction law with load dependence takes the motor torque of the tick before
-(`wrenchsight.models.friction.presliding_friction`).
+A tick is one call of one kernel, and a log runs the same stages
+(`wrenchsight.models.estimation.tick`): those without memory in parallel over its rows, the others
+one row after another. Both give the same numbers. A friction law with load dependence takes the
+motor torque of the tick before (`wrenchsight.models.friction.presliding_friction`).
 """
 
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.estimation.estimator_arrays import (
+    Packed,
+    Parameters,
+    State,
+    packed,
+    state_of,
+    state_size,
+    tick_sizes,
+    workspace_size,
+)
 from wrenchsight.models.estimation.kernel_choice import kernel_choice
 from wrenchsight.models.estimation.tick import (
-    GAIN,
     KNOWN_CORRECTION,
     KNOWN_COUNTS,
     KNOWN_TAU_F,
-    NUM_READING,
     estimate_tick,
-    scratch_size,
-    serial_log,
+    memory_log,
     terms_log,
-    trusted_tick,
 )
-from wrenchsight.models.estimation.trusted_reading import TrustedReading
+from wrenchsight.models.estimation.torque_error_stage import (
+    TorqueError,
+    TorqueErrorStage,
+)
 from wrenchsight.models.estimation.wrench import (
     WrenchReconstruction,
     WrenchReconstructionConfig,
     known_of_wrench,
     live_prior,
 )
-from wrenchsight.models.estimation.wrench_kernels import reconstruct_log
+from wrenchsight.models.estimation.wrench_reading import OBSERVED, READING, WrenchReading
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.identification.torque_error_model import (
+    ConstantTorqueError,
+)
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.observers.observer import (
+    DRIFT,
     NUM_SIGNALS,
+    STICTION,
     TAU_F,
     TAU_J,
+    TORQUE_SD,
     InformedObserver,
     ModelKnowledge,
     Observer,
 )
 from wrenchsight.models.observers.observer_kinds import AnyObserverConfig, make_observer
-from wrenchsight.models.observers.sample_check import CHECK_ROWS, Codes, SampleCheck, check_sample
+from wrenchsight.models.observers.sample_check import Codes, SampleCheck
 from wrenchsight.models.robot.motors import motor_gain
 from wrenchsight.models.robot.robot import Robot
 
@@ -115,6 +130,7 @@ class EstimateBatch(NamedTuple):
         fault: (N,) what is wrong with q and v of the sample, and with the current of the one
             before: a sum of BEYOND, DISAGREES and FROZEN of `models.observers.sample_check`, or 0.
             Such a sample counts as one that is not finite. Empty where it is not kept.
+        stiction, drift, J_seen, error_rows: of `torque_error`; empty where it is not kept.
     """
 
     tau_ext: Array
@@ -127,6 +143,15 @@ class EstimateBatch(NamedTuple):
     transmitted: Array = np.empty((0, 0))
     fresh: Flags = np.empty(0, np.bool_)
     fault: Codes = np.empty(0, np.int64)
+    stiction: Array = np.empty((0, 0))
+    drift: Array = np.empty((0, 0))
+    J_seen: Array = np.empty((0, 0, 0))
+    error_rows: Array = np.empty((0, 0, 0))
+
+    @property
+    def torque_error(self) -> TorqueError:
+        """How far the observer may be off at each sample."""
+        return TorqueError(self.torque_sd, self.stiction, self.drift, self.J_seen, self.error_rows)
 
     @property
     def standard_deviation(self) -> Array:
@@ -143,6 +168,7 @@ class Observation(NamedTuple):
         tau_f: (N, n) N m, friction.
         fresh: (N,) see `wrenchsight.models.observers.observer`.
         J: (N, 6, n) rows [angular; linear] at E in axes of W.
+        torque_error: how far the observer may be off.
     """
 
     tau_ext: Array
@@ -150,29 +176,29 @@ class Observation(NamedTuple):
     tau_f: Array
     fresh: Flags
     J: Array
+    torque_error: TorqueError
 
-
-class EstimatorTables(NamedTuple):
-    """The constants that the kernels of `models.estimation.tick` read, in their order."""
-
-    chain: Array
-    drives: Array
-    friction: Array
-    slip: Array
-    observer: Array
-    wrench: Array
+    @property
+    def transmitted(self) -> Array:
+        """(N, n) N m, what the gears transmit."""
+        return np.asarray(self.tau_J - self.tau_f)
 
 
 class WrenchEstimator:
     """From q, v and motor current to the wrench at E, with one model of one robot.
 
-    A model with a torque error is read by `trusted_reading`: sds of each sample, J as the observer
-    saw it, a band that holds lag and scale. Of another one Sigma_tau is the residual covariance,
-    at rest and in motion alike. A prior that the configuration leaves open is `live_prior` of the
-    robot's payload; `with_prior` puts in another.
+    A model with a torque error is read with sds of each sample, J as the observer saw it, and a
+    band that holds lag and scale; Sigma_tau of another one is the residual covariance, at rest and
+    in motion alike (`wrench_reading`). A prior that the configuration leaves open is `live_prior`
+    of the robot's payload; `with_prior` puts in another.
 
     `step` and `run` change `state` in place and may be mixed freely; one estimator serves any
     number of states, from one thread.
+
+    Attributes:
+        error: of the torque, as a stage.
+        reading: of the wrench.
+        packed: the constants of `wrenchsight.models.estimation.tick`.
 
     Raises:
         InputError: the model belongs to another robot.
@@ -197,73 +223,73 @@ class WrenchEstimator:
         resolution = self.config.position_resolution
         if resolution is None and np.isfinite(robot.position_resolution).all():
             resolution = robot.position_resolution.tolist()
-        self.friction = model.friction.sampled(self.observer.time_step, resolution)
+        self.resolution = resolution
+        T = self.observer.time_step
+        self.friction = model.friction.sampled(T, resolution)
+        self.learnt = model.torque_error is not None
+        covariance, ranges = self.reconstruction.torque_covariance, model.validity
+        error = model.torque_error or ConstantTorqueError.of(
+            covariance, ranges.v_max or 0.0, ranges.tau_max or 0.0
+        )
         reading = self.config.reconstruction.with_live(*live_prior(robot.payload))
+        rates = getattr(self.observer, "K_0", None)
         self.knowledge = ModelKnowledge(
             model.torque_error,
-            np.sqrt(np.diag(self.reconstruction.torque_covariance)),
-            self.friction,
-            resolution,
+            np.sqrt(np.diag(covariance)),
+            np.broadcast_to(error.K_0 if rates is None else rates, (n,)),
             known_of_wrench(reading),
         )
         if isinstance(self.observer, InformedObserver):
             self.observer = self.observer.informed(self.knowledge)
-        self.observed_size = 0 if self.observer.kernels.wrench is None else 42
-        self.choice = kernel_choice(self.observer.kernels, self.friction.kernels)
-        self.tables = self.tables_of(
-            robot.torque_per_ampere, self.friction, self.observer, self.reconstruction
+        self.error = TorqueErrorStage(error, self.friction, self.observer.pole, T, resolution)
+        self.reading = WrenchReading(
+            error,
+            reading if self.learnt else self.config.reconstruction,
+            self.observer.pole,
+            T,
+            self.config.force_bandwidth_hz,
+            np.sqrt(np.diag(model.residual_covariance)) if self.learnt else None,
         )
-        self.observer_rows = len(self.observer.initial_state())
-        self.tick_rows = self.observer_rows + self.friction.state_rows
-        self.trusted: TrustedReading | None = None
-        if model.torque_error is not None:
-            self.trusted = TrustedReading(
-                model.torque_error,
-                self.friction,
-                reading,
-                getattr(self.observer, "K_0", None),
-                self.observer.time_step,
-                resolution,
-                self.config.force_bandwidth_hz,
-                np.sqrt(np.diag(model.residual_covariance)),
-            )
-        # What the kernel of `step` is given at each tick, put together once.
-        self._constants: list[Any] = [self.choice, *self.tables, self.observer_rows]
-        if self.trusted is not None:
-            tables = (*self.tables[:-1], *self.trusted.tables)
-            self._constants = [self.choice, *tables, self.observer_rows, self.tick_rows]
-        more = 0 if self.trusted is None else self.trusted.state_rows
+        self.observed_size = 0 if self.observer.kernels.wrench is None else OBSERVED
+        self.choice = kernel_choice(self.observer.kernels, self.friction.kernels)
         self.check: SampleCheck | None = None
         if self.config.check_samples:
             self.check = SampleCheck(robot, resolution)
-        self._check_from = self.tick_rows + more  # row of the state
-        self._state_shape = (self._check_from + (CHECK_ROWS if self.check else 0), n)
-        self._sample, self._given = np.empty((3, n)), np.empty((3, n))
-        self._scratch = np.empty(scratch_size(n))
+        self.packed = self.packed_with(
+            robot.torque_per_ampere, self.friction, self.observer, self.reading
+        )
+        rows = len(self.observer.initial_state()), self.friction.state_rows
+        self._state_shape = (state_size(n, *rows),)
+        self._out_size = sum(tick_sizes(n).values())
+        self._sample = np.empty((3, n))
+        self._nothing = np.empty((0, n))
+        self._scratch = np.empty(workspace_size(n))
 
-    def tables_of(
+    def packed_with(
         self,
         torque_per_ampere: Array,
         friction: FrictionLaw,
         observer: Observer,
-        reconstruction: WrenchReconstruction,
-    ) -> EstimatorTables:
+        reading: WrenchReading,
+    ) -> Packed:
         """Returns the constants of this estimator with other parts, (n,) N m/A among them."""
-        sd = np.sqrt(np.diag(reconstruction.torque_covariance))
-        return EstimatorTables(
-            np.ascontiguousarray(self.chain.table),
-            np.vstack(
-                [
-                    motor_gain(torque_per_ampere, self.robot.current_sign),
-                    sd,
-                    *(self.robot.motor_rates if self.robot.is_coupled else ()),
-                ]
-            ),
-            friction.velocity_law.table,
-            friction.slip_table,
-            observer.table,
-            reconstruction.table,
+        robot = self.robot
+        period = self.observer.time_step
+        error = TorqueErrorStage(reading.error, friction, observer.pole, period, self.resolution)
+        gain = motor_gain(torque_per_ampere, robot.current_sign)
+        parameters = Parameters(
+            chain=self.chain.table,
+            drives=np.vstack([gain, *(robot.motor_rates if robot.is_coupled else ())]),
+            friction=friction.velocity_law.table,
+            slip=friction.slip_table,
+            error=error.table,
+            poles=error.poles,
+            **dict(zip(("read_load", "lag", "explained", "wrench"), reading.tables, strict=True)),
+            check=np.empty((0, self.num_joints)) if self.check is None else self.check.table,
+            period=np.array([period]),
         )
+        rows = len(observer.initial_state()), friction.state_rows
+        return packed(parameters, observer.table, *rows)
 
     def with_prior(self, force_sd: float, moment_sd: float) -> Self:
         """Returns an estimator with this prior (N, N m), whatever the configuration said."""
@@ -274,16 +300,20 @@ class WrenchEstimator:
         return type(self)(self.robot, self.model, config)
 
     def initial_state(self) -> Array:
-        """Returns the state before the first sample: the observer's rows, the friction law's,
-        (tick_rows, n) together, then those of the reading that knows the torque error, if any, and
-        of the check of samples.
-        """
-        parts = [self.observer.initial_state(), self.friction.initial_state()]
-        if self.trusted is not None:
-            parts.append(self.trusted.initial_state())
+        """Returns the state before the first sample, flat: a `State`."""
+        state = np.zeros(self._state_shape)
+        parts = self.parts(state)
+        parts.observer[:] = self.observer.initial_state()
+        parts.friction[:] = self.friction.initial_state()
+        parts.error[:] = self.error.initial_state()
+        parts.reading[:] = self.reading.initial_state()
         if self.check is not None:
-            parts.append(self.check.initial_state())
-        return np.vstack(parts)
+            parts.check[:] = self.check.initial_state()
+        return state
+
+    def parts(self, state: Array) -> State:
+        """The parts of a state, as views of it."""
+        return state_of(state, self.packed.layout, self.num_joints)
 
     def step(
         self,
@@ -306,36 +336,28 @@ class WrenchEstimator:
         Raises:
             ValueError: shapes that disagree.
         """
-        n = self.num_joints
-        # The kernel reads memory as it was compiled to: shape and layout are settled here.
-        if state.shape != self._state_shape:
-            raise ValueError(f"state must be {self._state_shape}, not {state.shape}")
-        sample, given, fault = self._sample, self._given, 0
-        given[0], given[1], given[2] = q, v, current
-        if self.check is None:
-            sample[:] = given
-        else:
-            own = state[self._check_from :]
-            fault = check_sample(self.check.table, own, self.observer.time_step, given, sample)
+        n, out = self.num_joints, np.empty(self._out_size)
+        self._check_state(state)
+        sample, known = self._sample, self._nothing
+        sample[0], sample[1], sample[2] = q, v, current
         if taught is not None or tau_f is not None:
             known = self._known(taught, tau_f, ())
-            sample = np.vstack([sample, known])
             if tau_f is not None:
                 sample[2] -= self._current_of(tau_f)
-        out = np.empty(n + NUM_READING)
-        rest: list[Any] = [state[: self._check_from], sample, out, self._scratch]
-        if self.trusted is None:
-            estimate_tick(*self._constants, *rest)
-        else:
-            trusted_tick(*self._constants, *rest)
+        estimate_tick(self.choice, *self.packed, state, sample, known, out, self._scratch)
         return TickEstimate(
             out[:n],
             out[n : n + 6],
             out[n + 6 : n + 42].reshape(6, 6),
             out.item(n + 42),
             out.item(n + 43) == 1.0,
-            fault,
+            int(out.item(n + READING)),
         )
+
+    def _check_state(self, state: Array) -> None:
+        """A kernel reads memory as it was compiled to: shape and layout are settled here."""
+        if state.shape != self._state_shape or not state.flags.c_contiguous:
+            raise ValueError(f"state must be {self._state_shape} contiguous, not {state.shape}")
 
     def run(
         self,
@@ -372,86 +394,45 @@ class WrenchEstimator:
             raise ValueError(
                 f"q, v and current must be (N, {n}), not {q.shape}, {v.shape} and {current.shape}"
             )
-        if state.shape != self._state_shape:
-            raise ValueError(f"state must be {self._state_shape}, not {state.shape}")
+        self._check_state(state)
         N = q.shape[0]
+        parts = self.parts(state)
         fault = np.zeros(N, np.int64)
         if self.check is not None:
-            own, T = state[self._check_from :], self.observer.time_step
-            checked, fault = self.check.run(own, q, v, current, T)
+            checked, fault = self.check.run(parts.check, q, v, current, self.observer.time_step)
             q, v, current = (np.asarray(part, float) for part in checked)
         known = np.empty((N, 0, n))
         if taught is not None or tau_f is not None:
             known = self._known(taught, tau_f, (N,))
             if tau_f is not None:
                 current = np.asarray(current - self._current_of(tau_f))
-        chain, drives, friction, slip, observer, wrench = self.tables
+        values, layout, observer = self.packed
         tau_ext, J, F = np.empty((N, n)), np.empty((N, 6, n)), np.empty((N, 6))
-        covariance, quality, counts = np.empty((N, 6, 6)), np.empty((N, 2)), np.empty(N, np.bool_)
+        covariance, condition = np.empty((N, 6, 6)), np.empty(N)
+        valid, counts = np.empty(N, np.bool_), np.empty(N, np.bool_)
+        transmitted = np.empty((N, n))
+        error = TorqueError.empty(N, n)
         signals = np.empty((min(N, _PASS), NUM_SIGNALS, n))
         observed = np.empty((min(N, _PASS), self.observed_size))
-        torque_sd = np.tile(np.sqrt(np.diag(self.reconstruction.torque_covariance)), (N, 1))
-        transmitted = np.empty((N, n))
         for start in range(0, N, _PASS):
             rows = slice(start, min(N, start + _PASS))
             part = signals[: rows.stop - start] if seen is None else seen[rows]
             own = observed[: rows.stop - start]
-            terms_log(
-                chain,
-                drives,
-                friction,
-                q[rows],
-                v[rows],
-                current[rows],
-                known[rows],
-                part,
-                J[rows],
-            )
-            serial_log(
-                self.choice,
-                slip,
-                observer,
-                self.observer_rows,
-                state[: self.tick_rows],
-                known[rows],
-                part,
-                J[rows],
-                tau_ext[rows],
-                counts[rows],
-                own,
+            terms_log(values, layout, q[rows], v[rows], current[rows], known[rows], part, J[rows])
+            memory_log(
+                *(self.choice, values, layout, observer, state, known[rows], part, J[rows]),
+                *(error.J_seen[rows], error.rows[rows], tau_ext[rows], counts[rows], own),
             )
             transmitted[rows] = part[:, TAU_J] - part[:, TAU_F]
-            if self.trusted is not None:
-                (
-                    F[rows],
-                    covariance[rows],
-                    quality[rows, 0],
-                    quality[rows, 1],
-                    torque_sd[rows],
-                ) = self.trusted.run(
-                    state[self.tick_rows : self._check_from],
-                    q[rows],
-                    v[rows],
-                    transmitted[rows],
-                    J[rows],
-                    tau_ext[rows],
-                    counts[rows],
-                    own,
-                    conditions,
-                )
-                continue
-            ones = np.ones_like(tau_ext[rows])
-            reconstruct_log(
-                *(wrench, J[rows] if conditions else J[:0], J[rows]),
-                *(tau_ext[rows], ones, np.zeros_like(ones)),
-                *(F[rows], covariance[rows], quality[rows]),
+            for sd, row in zip(error[:3], (TORQUE_SD, STICTION, DRIFT), strict=True):
+                sd[rows] = part[:, row]
+            now = TorqueError(*(x[rows] for x in error))
+            F[rows], covariance[rows], condition[rows], valid[rows] = self.reading.run(
+                parts.reading, now, J[rows], tau_ext[rows], counts[rows], own, conditions
             )
-            if self.observed_size:
-                F[rows], covariance[rows] = own[:, :6], own[:, 6:].reshape(-1, 6, 6)
-        valid = (quality[:, 1] == 1.0) & counts
         return EstimateBatch(
-            *(tau_ext, F, covariance, quality[:, 0], valid, J, torque_sd, transmitted, counts),
-            fault,
+            *(tau_ext, F, covariance, condition, valid, J, error.sd, transmitted, counts, fault),
+            *error[1:],
         )
 
     def observe(self, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> Observation:
@@ -462,22 +443,26 @@ class WrenchEstimator:
         """
         q, v, current = (np.require(x, float, ("C", "W")) for x in (q, v, current))
         N, n = q.shape
-        chain, drives, friction, slip, observer, _ = self.tables
+        values, layout, observer = self.packed
         known, signals = np.empty((N, 0, n)), np.empty((N, NUM_SIGNALS, n))
         J, tau_ext, fresh = np.empty((N, 6, n)), np.empty((N, n)), np.empty(N, np.bool_)
-        terms_log(chain, drives, friction, q, v, current, known, signals, J)
-        state = np.vstack([self.observer.initial_state(), self.friction.initial_state()])
-        serial_log(
-            *(self.choice, slip, observer, self.observer_rows, state, known, signals, J),
-            *(tau_ext, fresh, np.empty((N, 0))),
+        error = TorqueError.empty(N, n)
+        terms_log(values, layout, q, v, current, known, signals, J)
+        memory_log(
+            *(self.choice, values, layout, observer, self.initial_state(), known, signals, J),
+            *(error.J_seen, error.rows, tau_ext, fresh, np.empty((N, 0))),
         )
-        return Observation(tau_ext, signals[:, TAU_J].copy(), signals[:, TAU_F].copy(), fresh, J)
+        tau_J, tau_f = signals[:, TAU_J].copy(), signals[:, TAU_F].copy()
+        for sd, row in zip(error[:3], (TORQUE_SD, STICTION, DRIFT), strict=True):
+            sd[:] = signals[:, row]
+        return Observation(tau_ext, tau_J, tau_f, fresh, J, error)
 
     def _current_of(self, tau_f: ArrayLike) -> Array:
         """The current (..., n) in A that a torque (..., n) in N m on the joints takes."""
         tau_f, robot = np.asarray(tau_f, float), self.robot
         tau_motor = tau_f @ robot.coupling if robot.is_coupled else tau_f
-        return np.asarray(tau_motor / self.tables.drives[GAIN])
+        gain = motor_gain(robot.torque_per_ampere, robot.current_sign)
+        return np.asarray(tau_motor / gain)
 
     def _known(
         self, taught: Taught | None, tau_f: ArrayLike | None, lead: tuple[int, ...]

@@ -30,7 +30,6 @@ from numpy.typing import ArrayLike
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimator
-from wrenchsight.models.identification.torque_error_model import TORQUE_ERROR_ROWS
 from wrenchsight.models.observers.force_changes import IntervalSmoother
 from wrenchsight.models.observers.kalman_observer import KalmanObserver, KalmanObserverConfig
 from wrenchsight.models.observers.observer import NUM_SIGNALS
@@ -77,12 +76,9 @@ class WrenchSmoother:
         self._ahead = min(int(np.ceil(LOOK_AHEAD / step)), MOST_AHEAD)
         self._state = estimator.initial_state()
         error = estimator.model.torque_error
-        rows = np.zeros((TORQUE_ERROR_ROWS + 1, n))
-        if error is not None:
-            rows[:TORQUE_ERROR_ROWS] = error.initial_state()
         self._scale = 0.0 if error is None else error.scale
         table = KalmanObserver(config, n).informed(estimator.knowledge).table
-        self._smoother = IntervalSmoother(table, rows, float(np.exp(-step / DRIFT_TIME)))
+        self._smoother = IntervalSmoother(table, n, float(np.exp(-step / DRIFT_TIME)))
         self._kept: list[_Kept] = []
 
     def take(self, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> EstimateBatch:

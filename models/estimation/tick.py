@@ -1,10 +1,15 @@
-"""The kernels of the estimator: the chain for one sample, whole or in halves, and over a log.
+"""The estimator: its stages, one after another, for one sample or over a log.
 
-    terms    M v, C^T v, G and J of the model, motor torque, friction of the velocity alone
-    memory   what friction remembers, and the observer: `observer` and `friction_law` say how
-    wrench   the reading of tau_ext with its covariance
+    check     what of the sample cannot be           `models.observers.sample_check`
+    terms     M v, C^T v, G, J; motor torque; friction of the velocity alone
+    friction  what friction remembers                `models.friction`
+    error     how far the observer may be off        `models.estimation.torque_error_stage`
+    observer  tau_ext                                `models.observers`
+    reading   wrench, covariance, valid              `models.estimation.wrench_reading`
 
-Which observer and which friction law run is part of the first argument's type, see
+`tick_output` is what is read right after a sample and leaves the state as it is, `tick_update`
+takes the sample into the state; a log runs the same stages, those without memory in parallel over
+its rows. Which observer and which friction law run is part of the first argument's type, see
 `kernel_choice`. `known` without rows is the plain estimator. Otherwise it holds, row by row, what
 is to be added to tau_ext (n,) N m, in its first entry 1 where the reading counts, else 0, and where
 friction is known from elsewhere, so that the law has no say, its torque (n,) N m.
@@ -17,22 +22,29 @@ from numba import prange
 from numba.extending import overload
 
 from wrenchsight.models.arrays import Array, Flags
-from wrenchsight.models.estimation.kernel_choice import KernelChoice, chosen
-from wrenchsight.models.estimation.trusted_reading import (
-    OBSERVED,
-    READING,
-    TRUSTED_WORK_ROWS,
-    trusted_reading_tick,
+from wrenchsight.models.estimation.estimator_arrays import (
+    Layout,
+    Parameters,
+    State,
+    Tick,
+    Workspace,
+    parameters_of,
+    state_of,
+    tick_of,
+    workspace_of,
 )
-from wrenchsight.models.estimation.wrench_kernels import reconstruct
+from wrenchsight.models.estimation.kernel_choice import KernelChoice, chosen
+from wrenchsight.models.estimation.torque_error_stage import TorqueError, torque_error_tick
+from wrenchsight.models.estimation.wrench_reading import read_wrench
 from wrenchsight.models.friction.velocity_friction import friction_torque
-from wrenchsight.models.identification.torque_error_model import TRANSMITTED_ROW
+from wrenchsight.models.identification.torque_error_model import take_transmitted
 from wrenchsight.models.kernel import kernel
 from wrenchsight.models.observers.observer import (
     CTV,
+    DRIFT,
     GRAVITY,
     MOMENTUM,
-    NUM_SIGNALS,
+    STICTION,
     TAU_EXT,
     TAU_F,
     TAU_J,
@@ -40,31 +52,16 @@ from wrenchsight.models.observers.observer import (
     Q,
     V,
 )
+from wrenchsight.models.observers.sample_check import check_current, check_motion, take_sample
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, observer_terms
 from wrenchsight.models.robot.motors import joint_torque
+from wrenchsight.models.views import view_2d
 
-GAIN, ERROR_SD, MOTOR_RATES = range(3)  # rows of `drives`; the last only of coupled joints
+GAIN, MOTOR_RATES = range(2)  # rows of `drives`; the last only of coupled joints
 KNOWN_CORRECTION, KNOWN_COUNTS, KNOWN_TAU_F = range(3)  # rows of `known`
-NUM_READING = READING  # entries after tau_ext: wrench, covariance, condition number, valid
+FAULT, COUNTS = range(2)  # of a tick's flags
 
 _BLOCK = 256  # rows a thread takes at a time
-
-
-def output_size(num_joints: int) -> int:
-    """Entries of what `tick_output` writes."""
-    return int(counts_entry(num_joints)) + 1
-
-
-@kernel
-def counts_entry(num_joints: int) -> int:
-    """Entry of the same that is 1 where tau_ext counts, else 0; the signals and J lie before."""
-    return num_joints + NUM_READING + (NUM_SIGNALS + 6) * num_joints
-
-
-def scratch_size(num_joints: int) -> int:
-    """Entries of the memory that a tick works in: one array, as each one more costs time."""
-    n = num_joints
-    return 12 + n * SCRATCH_COLUMNS + TRUSTED_WORK_ROWS * max(n, 6) + (NUM_SIGNALS + 6) * n
 
 
 # ----------------------------------------------------------------------------------------------
@@ -95,7 +92,12 @@ def _remember(choice: Any, table: Any, state: Any, q: Any, v: Any, load: Any) ->
 def _observe_wrench(
     choice: Any, table: Any, state: Any, signals: Any, J: Any, wrench: Any, covariance: Any
 ) -> Any:
-    """`wrench` of the chosen observer, if it has one; returns whether it has."""
+    """`wrench` of the chosen observer, if it has one."""
+    raise NotImplementedError
+
+
+def _reads_wrench(choice: Any) -> Any:
+    """Whether the chosen observer has a `wrench`."""
     raise NotImplementedError
 
 
@@ -119,14 +121,23 @@ def _(
         choice: Any, table: Any, state: Any, signals: Any, J: Any, wrench: Any, covariance: Any
     ) -> Any:
         own(table, state, signals, J, wrench, covariance)
-        return True
 
     def leave(
         choice: Any, table: Any, state: Any, signals: Any, J: Any, wrench: Any, covariance: Any
     ) -> Any:
-        return False
+        return None
 
     return leave if own is None else call
+
+
+@overload(_reads_wrench, inline="always")
+def _(choice: Any) -> Any:
+    reads = chosen(choice, 0).wrench is not None
+
+    def call(choice: Any) -> Any:
+        return reads
+
+    return call
 
 
 @overload(_take, inline="always")
@@ -160,15 +171,13 @@ def _(choice: Any, table: Any, state: Any, q: Any, v: Any, load: Any) -> Any:
 
 
 # ----------------------------------------------------------------------------------------------
-# One sample
+# The stages
 # ----------------------------------------------------------------------------------------------
 
 
-@kernel
+@kernel(forceinline=True)
 def _terms(
-    chain: Array,
-    drives: Array,
-    friction: Array,
+    p: Parameters,
     q: Array,
     v: Array,
     current: Array,
@@ -176,63 +185,66 @@ def _terms(
     signals: Array,
     J: Array,
     X: Array,
-    scratch: Array,
+    bodies: Array,
 ) -> None:
     """What one sample says without memory: into `signals`, and J."""
     observer_terms(
-        chain, q, v, signals[MOMENTUM], signals[CTV], signals[GRAVITY], J, X[:3], X[3], scratch
+        p.chain, q, v, signals[MOMENTUM], signals[CTV], signals[GRAVITY], J, X[:3], X[3], bodies
     )
-    joint_torque(drives[GAIN], drives[MOTOR_RATES:], current, signals[TAU_J])
+    joint_torque(p.drives[GAIN], p.drives[MOTOR_RATES:], current, signals[TAU_J])
     if known.shape[0] <= KNOWN_TAU_F:
-        friction_torque(friction, v, signals[TAU_F])
+        friction_torque(p.friction, v, signals[TAU_F])
     for i in range(q.shape[0]):
         signals[Q, i] = q[i]
         signals[V, i] = v[i]
-        signals[TORQUE_SD, i] = drives[ERROR_SD, i]
         if known.shape[0] > KNOWN_TAU_F:
             signals[TAU_F, i] = known[KNOWN_TAU_F, i]
 
 
-@kernel
-def _output(
+@kernel(forceinline=True)
+def _observed(
     choice: KernelChoice,
-    slip: Array,
+    p: Parameters,
     observer: Array,
-    rows: int,
-    state: Array,
+    s: State,
     known: Array,
     signals: Array,
     J: Array,
+    wrench: Array,
 ) -> bool:
-    """The parts with memory right after a sample; returns whether tau_ext is fresh.
+    """What friction remembers, then the observer; returns whether tau_ext is fresh.
 
-    signals[TAU_F] holds the velocity law's torque before.
+    signals[TAU_F] holds the velocity law's torque before. `wrench` (OBSERVED,) or (0,) is written
+    by an observer that reads it.
     """
-    if known.shape[0] <= KNOWN_TAU_F and state.shape[0] > rows:
-        _add_torque(choice, slip, state[rows:], signals[Q], signals[V], signals[TAU_F])
-    fresh: bool = _observe(choice, observer, state[:rows], signals, J)
+    if known.shape[0] <= KNOWN_TAU_F and s.friction.shape[0] > 0:
+        _add_torque(choice, p.slip, s.friction, signals[Q], signals[V], signals[TAU_F])
+    fresh: bool = _observe(choice, observer, s.observer, signals, J)
+    if wrench.shape[0] > 0:
+        covariance = view_2d(wrench, 6, 6, 6)
+        _observe_wrench(choice, observer, s.observer, signals, J, wrench[:6], covariance)
     return fresh
 
 
-@kernel
-def _update(
+@kernel(forceinline=True)
+def _taken(
     choice: KernelChoice,
-    slip: Array,
+    p: Parameters,
     observer: Array,
-    rows: int,
-    state: Array,
+    s: State,
     known: Array,
     signals: Array,
     J: Array,
 ) -> None:
-    """Takes the sample into the parts with memory."""
-    _take(choice, observer, state[:rows], signals, J)
-    if known.shape[0] <= KNOWN_TAU_F and state.shape[0] > rows:
+    """Takes the sample into what observer, friction law and torque error remember."""
+    _take(choice, observer, s.observer, signals, J)
+    if known.shape[0] <= KNOWN_TAU_F and s.friction.shape[0] > 0:
         load = signals[TAU_J] - signals[TAU_F]
-        _remember(choice, slip, state[rows:], signals[Q], signals[V], load)
+        _remember(choice, p.slip, s.friction, signals[Q], signals[V], load)
+    take_transmitted(s.error, signals[TAU_J], signals[TAU_F])
 
 
-@kernel
+@kernel(forceinline=True)
 def _corrected(known: Array, signals: Array, tau_ext: Array, fresh: bool) -> bool:
     """Writes what is read as tau_ext; returns whether it counts."""
     for i in range(tau_ext.shape[0]):
@@ -245,147 +257,17 @@ def _corrected(known: Array, signals: Array, tau_ext: Array, fresh: bool) -> boo
     return fresh and (known.shape[0] == 0 or known[KNOWN_COUNTS, 0] == 1.0)
 
 
-@kernel
-def _read(
-    choice: KernelChoice,
-    wrench: Array,
-    observer: Array,
-    own: Array,
-    signals: Array,
-    J: Array,
-    counts: bool,
-    out: Array,
-    work: Array,
-) -> None:
-    """Writes the reading of tau_ext, out[:n], after it; `own` is the observer's state."""
-    n = J.shape[1]
-    quality = out[n + 42 : n + NUM_READING]
-    covariance = out[n + 6 : n + 42].reshape(6, 6)
-    reconstruct(wrench, J, out[:n], out[n : n + 6], covariance, quality, work)
-    _observe_wrench(choice, observer, own, signals, J, out[n : n + 6], covariance)
-    if not counts:
-        quality[1] = 0.0
-
-
-@kernel
-def _split(tail: Array, n: int) -> tuple[Array, Array]:
-    """The signals (NUM_SIGNALS, n) and J (6, n) that one stretch of memory holds."""
-    end = NUM_SIGNALS * n
-    return tail[:end].reshape(NUM_SIGNALS, n), tail[end : end + 6 * n].reshape(6, n)
-
-
-@kernel
-def _split_scratch(scratch: Array, n: int) -> tuple[Array, Array, Array, Array]:
-    """Memory for a pose (4, 3), the chain, the reconstruction and `_split`."""
-    end_of_bodies = 12 + n * SCRATCH_COLUMNS
-    end_of_work = end_of_bodies + TRUSTED_WORK_ROWS * max(n, 6)
-    return (
-        scratch[:12].reshape(4, 3),
-        scratch[12:end_of_bodies].reshape(n, SCRATCH_COLUMNS),
-        scratch[end_of_bodies:end_of_work].reshape(TRUSTED_WORK_ROWS, max(n, 6)),
-        scratch[end_of_work:],
-    )
-
-
-@kernel
-def estimate_tick(
-    choice: KernelChoice,
-    chain: Array,
-    drives: Array,
-    friction: Array,
-    slip: Array,
-    observer: Array,
-    wrench: Array,
-    rows: int,
-    state: Array,
-    sample: Array,
-    out: Array,
-    scratch: Array,
-) -> None:
-    """The chain for one sample.
-
-    Args:
-        choice: of the observer's and the friction law's kernels.
-        chain: SerialChain.table.
-        drives: (2, n) signed gain, N m/A; sd of the torque's error, N m; (2 + n, n) with the
-            `motor_rates` of coupled joints behind.
-        friction: table of the friction law's velocity_law.
-        slip: FrictionLaw.slip_table.
-        observer: Observer.table.
-        wrench: WrenchReconstruction.table.
-        rows: of the state, that are the observer's; the friction law's follow.
-        state: (rows + law's rows, n), changed.
-        sample: (3, n) q, v, current; (6, n) with `known` below.
-        out: (n + 44,), written: tau_ext, wrench, covariance, condition number, valid.
-        scratch: (`scratch_size`,), overwritten.
-    """
-    n = sample.shape[1]
-    X, bodies, work, tail = _split_scratch(scratch, n)
-    signals, J = _split(tail, n)
-    known = sample[3:]
-    _terms(chain, drives, friction, sample[0], sample[1], sample[2], known, signals, J, X, bodies)
-    fresh = _output(choice, slip, observer, rows, state, known, signals, J)
-    counts = _corrected(known, signals, out[:n], fresh)
-    _read(choice, wrench, observer, state[:rows], signals, J, counts, out, work)
-    _update(choice, slip, observer, rows, state, known, signals, J)
-
-
-@kernel
-def trusted_tick(
-    choice: KernelChoice,
-    chain: Array,
-    drives: Array,
-    friction: Array,
-    slip: Array,
-    observer: Array,
-    error: Array,
-    lag: Array,
-    wrench: Array,
-    rows: int,
-    tick_rows: int,
-    state: Array,
-    sample: Array,
-    out: Array,
-    scratch: Array,
-) -> None:
-    """The chain for one sample, read by `wrenchsight.models.estimation.trusted_reading`.
-
-    Args:
-        error, lag, wrench: TrustedReading.tables.
-        tick_rows: of the state, that are the observer's and the friction law's; the reading's
-            follow.
-        others: as `estimate_tick`.
-    """
-    n = sample.shape[1]
-    X, bodies, work, tail = _split_scratch(scratch, n)
-    signals, J = _split(tail, n)
-    known, parts = sample[3:], state[:tick_rows]
-    _terms(chain, drives, friction, sample[0], sample[1], sample[2], known, signals, J, X, bodies)
-    fresh = _output(choice, slip, observer, rows, parts, known, signals, J)
-    seen, doubt = work[OBSERVED, :6], work[OBSERVED + 1 : OBSERVED + 7, :6]
-    observes = _observe_wrench(choice, observer, parts[:rows], signals, J, seen, doubt)
-    _update(choice, slip, observer, rows, parts, known, signals, J)
-    counts = _corrected(known, signals, out[:n], fresh)
-    transmitted = signals[TAU_J]
-    for i in range(n):
-        transmitted[i] -= signals[TAU_F, i]
-    own = state[tick_rows:]
-    trusted_reading_tick(
-        *(error, lag, wrench, own, sample[0], sample[1], transmitted, J),
-        *(out[:n], counts, observes, out[n:], work),
-    )
+# ----------------------------------------------------------------------------------------------
+# One sample
+# ----------------------------------------------------------------------------------------------
 
 
 @kernel
 def tick_output(
     choice: KernelChoice,
-    chain: Array,
-    drives: Array,
-    friction: Array,
-    slip: Array,
+    values: Array,
+    layout: Layout,
     observer: Array,
-    wrench: Array,
-    rows: int,
     state: Array,
     q: Array,
     v: Array,
@@ -399,62 +281,61 @@ def tick_output(
     An observer that does not read the present torque reads no current either.
 
     Args:
-        state: flat.
+        choice: of the observer's and the friction law's kernels.
+        values, layout, observer: Packed.
+        state: (`state_size`,).
         q, v, current: (n,).
         known: (0, n) or (3, n), see above.
-        out: (`output_size`,), written: as `estimate_tick`, then what `tick_update` takes.
-        others: as `estimate_tick`.
+        out: (sum of `tick_sizes`,), written: a Tick.
+        scratch: (`workspace_size`,), overwritten.
     """
     n = q.shape[0]
-    X, bodies, work, _ = _split_scratch(scratch, n)
-    signals, J = _split(out[n + NUM_READING :], n)
-    _terms(chain, drives, friction, q, v, current, known, signals, J, X, bodies)
-    parts = state.reshape(state.shape[0] // n, n)
-    fresh = _output(choice, slip, observer, rows, parts, known, signals, J)
-    counts = _corrected(known, signals, out[:n], fresh)
-    out[counts_entry(n)] = 1.0 if counts else 0.0
-    _read(choice, wrench, observer, parts[:rows], signals, J, counts, out, work)
+    p, s = parameters_of(values, layout), state_of(state, layout, n)
+    _output(choice, p, observer, s, q, v, current, known, tick_of(out, n), workspace_of(scratch, n))
+
+
+@kernel(forceinline=True)
+def _output(
+    choice: KernelChoice,
+    p: Parameters,
+    observer: Array,
+    s: State,
+    q: Array,
+    v: Array,
+    current: Array,
+    known: Array,
+    tick: Tick,
+    work: Workspace,
+) -> None:
+    checked = work.checked
+    tick.flags[FAULT] = 0.0
+    if p.check.shape[0] > 0:
+        tick.flags[FAULT] = check_motion(p.check, s.check, p.period[0, 0], q, v, checked)
+        check_current(p.check, s.check, p.period[0, 0], current, checked)
+    else:
+        checked[0], checked[1], checked[2] = q, v, current
+    signals, J = tick.signals, tick.J
+    _terms(p, checked[0], checked[1], checked[2], known, signals, J, work.X, work.bodies)
+    tick.error_state[:] = s.error
+    torque_error_tick(p.error, p.poles[0], tick.error_state, signals[Q], signals[V], J, tick.error)
+    observed = tick.observed if _reads_wrench(choice) else tick.observed[:0]
+    fresh = _observed(choice, p, observer, s, known, signals, J, observed)
+    counts = _corrected(known, signals, tick.tau_ext, fresh)
+    tick.flags[COUNTS] = 1.0 if counts else 0.0
+    tick.reading_state[:] = s.reading
+    read_wrench(
+        (p.read_load[0], p.lag[0], p.explained[0], p.wrench),
+        *(tick.reading_state, tick.error, J, tick.tau_ext),
+        *(counts, observed, tick.reading, work.reading),
+    )
 
 
 @kernel
 def tick_update(
     choice: KernelChoice,
-    drives: Array,
-    slip: Array,
+    values: Array,
+    layout: Layout,
     observer: Array,
-    rows: int,
-    state: Array,
-    current: Array,
-    known: Array,
-    out: Array,
-) -> None:
-    """The second half of a tick: takes the sample into the state.
-
-    Args:
-        state: flat, changed.
-        out: what `tick_output` left for the same sample.
-        others: as `tick_output`.
-    """
-    n = current.shape[0]
-    signals, J = _split(out[n + NUM_READING :], n)
-    joint_torque(drives[GAIN], drives[MOTOR_RATES:], current, signals[TAU_J])
-    parts = state.reshape(state.shape[0] // n, n)
-    _update(choice, slip, observer, rows, parts, known, signals, J)
-
-
-@kernel
-def trusted_output(
-    choice: KernelChoice,
-    chain: Array,
-    drives: Array,
-    friction: Array,
-    slip: Array,
-    observer: Array,
-    error: Array,
-    lag: Array,
-    wrench: Array,
-    rows: int,
-    tick_rows: int,
     state: Array,
     q: Array,
     v: Array,
@@ -463,58 +344,63 @@ def trusted_output(
     out: Array,
     scratch: Array,
 ) -> None:
-    """`tick_output`, read as in `trusted_tick`.
+    """The second half of a tick: takes the sample into the state.
 
     Args:
-        out: as of `tick_output`, then the reading's rows of the state after the sample, flat.
-        others: as `tick_output` and `trusted_tick`.
+        state: changed.
+        out: what `tick_output` left for the same sample.
+        others: as `tick_output`.
     """
     n = q.shape[0]
-    X, bodies, work, _ = _split_scratch(scratch, n)
-    signals, J = _split(out[n + NUM_READING :], n)
-    _terms(chain, drives, friction, q, v, current, known, signals, J, X, bodies)
-    parts = state.reshape(state.shape[0] // n, n)
-    fresh = _output(choice, slip, observer, rows, parts[:tick_rows], known, signals, J)
-    seen, doubt = work[OBSERVED, :6], work[OBSERVED + 1 : OBSERVED + 7, :6]
-    observes = _observe_wrench(choice, observer, parts[:rows], signals, J, seen, doubt)
-    counts = _corrected(known, signals, out[:n], fresh)
-    out[counts_entry(n)] = 1.0 if counts else 0.0
-    own = out[counts_entry(n) + 1 :]
-    for k in range(own.shape[0]):
-        own[k] = state[tick_rows * n + k]
-    nothing = work[TRUSTED_WORK_ROWS - 1, :n]
-    nothing[:] = np.nan
-    trusted_reading_tick(
-        *(error, lag, wrench, own.reshape(own.shape[0] // n, n), q, v, nothing, J),
-        *(out[:n], counts, observes, out[n : n + READING], work),
-    )
+    p, s = parameters_of(values, layout), state_of(state, layout, n)
+    _update(choice, p, observer, s, q, v, current, known, tick_of(out, n), workspace_of(scratch, n))
+
+
+@kernel(forceinline=True)
+def _update(
+    choice: KernelChoice,
+    p: Parameters,
+    observer: Array,
+    s: State,
+    q: Array,
+    v: Array,
+    current: Array,
+    known: Array,
+    tick: Tick,
+    work: Workspace,
+) -> None:
+    checked, signals = work.checked, tick.signals
+    if p.check.shape[0] > 0:
+        checked[0], checked[1] = signals[Q], signals[V]
+        check_current(p.check, s.check, p.period[0, 0], current, checked)
+        take_sample(p.check, s.check, p.period[0, 0], q, v, current, checked)
+    else:
+        checked[2] = current
+    joint_torque(p.drives[GAIN], p.drives[MOTOR_RATES:], checked[2], signals[TAU_J])
+    s.error[:] = tick.error_state
+    s.reading[:] = tick.reading_state
+    _taken(choice, p, observer, s, known, signals, tick.J)
 
 
 @kernel
-def trusted_update(
+def estimate_tick(
     choice: KernelChoice,
-    drives: Array,
-    slip: Array,
+    values: Array,
+    layout: Layout,
     observer: Array,
-    rows: int,
-    tick_rows: int,
     state: Array,
-    current: Array,
+    sample: Array,
     known: Array,
     out: Array,
+    scratch: Array,
 ) -> None:
-    """`tick_update` after `trusted_output`."""
-    n = current.shape[0]
-    tick_update(choice, drives, slip, observer, rows, state[: tick_rows * n], current, known, out)
-    signals, _ = _split(out[n + NUM_READING :], n)
-    own = out[counts_entry(n) + 1 :]
-    for k in range(own.shape[0]):
-        state[tick_rows * n + k] = own[k]
-    first = (tick_rows + TRANSMITTED_ROW) * n
-    for i in range(n):
-        transmitted = signals[TAU_J, i] - signals[TAU_F, i]
-        if np.isfinite(transmitted):
-            state[first + i] = transmitted
+    """Both halves of a tick; `sample` (3, n) q, v, current, the others as `tick_output`."""
+    n = sample.shape[1]
+    p, s = parameters_of(values, layout), state_of(state, layout, n)
+    tick, work = tick_of(out, n), workspace_of(scratch, n)
+    q, v, current = sample[0], sample[1], sample[2]
+    _output(choice, p, observer, s, q, v, current, known, tick, work)
+    _update(choice, p, observer, s, q, v, current, known, tick, work)
 
 
 # ----------------------------------------------------------------------------------------------
@@ -524,9 +410,8 @@ def trusted_update(
 
 @kernel(parallel=True)
 def terms_log(
-    chain: Array,
-    drives: Array,
-    friction: Array,
+    values: Array,
+    layout: Layout,
     q: Array,
     v: Array,
     current: Array,
@@ -537,54 +422,65 @@ def terms_log(
     """What N samples say without memory: signals (N, NUM_SIGNALS, n) and J (N, 6, n).
 
     Args:
-        q, v, current: (N, n).
+        q, v, current: (N, n), checked.
         known: (N, 3, n), or (N, 0, n).
-        others: as `estimate_tick`.
+        others: as `tick_output`.
     """
-    N, n = q.shape
+    N = q.shape[0]
     for block in prange((N + _BLOCK - 1) // _BLOCK):
-        X = np.empty((4, 3))
-        scratch = np.empty((n, SCRATCH_COLUMNS))
-        for k in range(block * _BLOCK, min(N, (block + 1) * _BLOCK)):
-            _terms(
-                chain,
-                drives,
-                friction,
-                q[k],
-                v[k],
-                current[k],
-                known[k],
-                signals[k],
-                J[k],
-                X,
-                scratch,
-            )
+        start, stop = block * _BLOCK, min(N, (block + 1) * _BLOCK)
+        _terms_block(values, layout, start, stop, q, v, current, known, signals, J)
 
 
 @kernel
-def serial_log(
+def _terms_block(
+    values: Array,
+    layout: Layout,
+    start: int,
+    stop: int,
+    q: Array,
+    v: Array,
+    current: Array,
+    known: Array,
+    signals: Array,
+    J: Array,
+) -> None:
+    p = parameters_of(values, layout)
+    X, bodies = np.empty((4, 3)), np.empty((q.shape[1], SCRATCH_COLUMNS))
+    for k in range(start, stop):
+        _terms(p, q[k], v[k], current[k], known[k], signals[k], J[k], X, bodies)
+
+
+@kernel
+def memory_log(
     choice: KernelChoice,
-    slip: Array,
+    values: Array,
+    layout: Layout,
     observer: Array,
-    rows: int,
     state: Array,
     known: Array,
     signals: Array,
     J: Array,
+    seen: Array,
+    rows: Array,
     tau_ext: Array,
     counts: Flags,
     observed: Array,
 ) -> None:
-    """Takes N samples of `terms_log` into `state`; writes tau_ext (N, n), and which count (N,).
+    """Takes N samples of `terms_log` into `state`.
 
-    `observed` (N, 42) is written by an observer that reads the wrench itself: it and its
-    covariance. (N, 0) for others.
+    Args:
+        seen, rows: (N, 6, n), (N, TORQUE_ERROR_ROWS, n), written: of their TorqueError, whose sds
+            are written into `signals`.
+        tau_ext, counts: (N, n), (N,), written: N m, and which of them count.
+        observed: (N, OBSERVED), written by an observer that reads the wrench itself; else (N, 0).
     """
+    n = signals.shape[2]
+    p, s = parameters_of(values, layout), state_of(state, layout, n)
     for k in range(signals.shape[0]):
-        fresh = _output(choice, slip, observer, rows, state, known[k], signals[k], J[k])
-        if observed.shape[1] > 0:
-            covariance = observed[k, 6:].reshape(6, 6)
-            own = state[:rows]
-            _observe_wrench(choice, observer, own, signals[k], J[k], observed[k, :6], covariance)
-        _update(choice, slip, observer, rows, state, known[k], signals[k], J[k])
-        counts[k] = _corrected(known[k], signals[k], tau_ext[k], fresh)
+        own = signals[k]
+        error = TorqueError(own[TORQUE_SD], own[STICTION], own[DRIFT], seen[k], rows[k])
+        torque_error_tick(p.error, p.poles[0], s.error, own[Q], own[V], J[k], error)
+        fresh = _observed(choice, p, observer, s, known[k], own, J[k], observed[k])
+        _taken(choice, p, observer, s, known[k], own, J[k])
+        counts[k] = _corrected(known[k], own, tau_ext[k], fresh)

@@ -39,15 +39,13 @@ class UncertainForce:
             J: (N, 6, n) at E in axes of W.
             torque_sd: (N, n) N m, that it stated.
         """
-        trusted, robot = estimator.trusted, estimator.robot
-        reading = estimator.reconstruction if trusted is None else trusted.reconstruction
+        robot, reading = estimator.robot, estimator.reading.reconstruction
         limit, force_sd, moment_sd = reading.limits
-        sds = np.ones_like(torque_sd) if trusted is None else torque_sd
         prior = np.diag([1.0 / max(moment_sd, 1e-9) ** 2] * 3 + [1.0 / force_sd**2] * 3)
 
         def worst_sd(factor: Array) -> float:
             """The median where the joints' errors are `factor` (n,) times theirs."""
-            s = sds * factor
+            s = torque_sd * factor
             noise = s[:, :, None] * reading.torque_covariance * s[:, None, :]
             known = J @ np.linalg.solve(noise, J.swapaxes(1, 2)) + prior
             values = np.linalg.eigvalsh(np.linalg.inv(known)[:, 3:, 3:])

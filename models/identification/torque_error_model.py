@@ -91,9 +91,8 @@ _C, _S, _INVERSE_SPEED, _LOAD, _CUBIC, _SPEED_LIMIT, _BEYOND = range(SLIDING_COL
     _BEYOND_LOAD2,
     _FITTED_LOAD,
     _INVERSE_REST_SPEED,
-    _READ_LOAD,
     _COLUMNS,
-) = range(SLIDING_COLUMNS, SLIDING_COLUMNS + 20)
+) = range(SLIDING_COLUMNS, SLIDING_COLUMNS + 19)
 
 # Rows of the state.
 _POSITION, _UNKNOWN_SHARE, _TURN, _UNKNOWN, _TURNING, _SLOW_SPEED, _TRANSMITTED = range(7)
@@ -212,7 +211,7 @@ class TorqueErrorModel:
         K_0: ArrayLike,
         resolution: ArrayLike | None = None,
     ) -> Array:
-        """(n, 26) contiguous: all that `torque_sd_tick` reads.
+        """(n, 25) contiguous: all that `torque_sd_tick` reads.
 
         Args:
             friction: the model's; its level is the stiction band.
@@ -248,7 +247,6 @@ class TorqueErrorModel:
         known = self.fitted_load > 0.0
         table[:, _FITTED_LOAD] = np.where(known, self.fitted_load, np.inf)
         table[:, _BEYOND_LOAD2] = self.beyond_load**2
-        table[:, _READ_LOAD] = self.read_load
         table[:, _INVERSE_REST_SPEED] = self.resting_only * self.rest_time / self.reach
         return table
 
@@ -318,6 +316,63 @@ class TorqueErrorModel:
         for name in sorted(names - _NUMBERS - {"drift_shown"} - set(values)):
             raise ValueError(f"{name}: missing")
         return cls(**values)
+
+
+class ConstantTorqueError(TorqueErrorModel):
+    """An error of one covariance, at rest and in motion alike: of a model that learnt none."""
+
+    @classmethod
+    def of(
+        cls, covariance: ArrayLike, fitted_speed: ArrayLike = 0.0, fitted_load: ArrayLike = 0.0
+    ) -> Self:
+        """Returns the error of a covariance (n, n) N^2 m^2.
+
+        Args:
+            covariance: symmetric, positive definite.
+            fitted_speed, fitted_load: as the attributes; a number stands for all joints.
+
+        Raises:
+            ValueError: the covariance is none.
+        """
+        Sigma = np.asarray(covariance, float)
+        sd = np.sqrt(np.diag(Sigma))
+        zero, one = np.zeros_like(sd), np.ones_like(sd)
+        return cls(
+            constant=sd,
+            speed=zero,
+            load=zero,
+            acceleration=zero,
+            reversal=zero,
+            correlation=Sigma / np.outer(sd, sd),
+            correlation_time=one,
+            lasting=zero,
+            fitted_speed=np.broadcast_to(np.asarray(fitted_speed, float), sd.shape),
+            fitted_load=np.broadcast_to(np.asarray(fitted_load, float), sd.shape),
+            K_0=one,
+            resolution=zero,
+            drift=0.0,
+            beyond_speed=0.0,
+            beyond_load=0.0,
+            scale=0.0,
+        )
+
+    @property
+    def covariance(self) -> Array:
+        """(n, n) N^2 m^2."""
+        return np.asarray(self.constant[:, None] * self.correlation * self.constant)
+
+    def table(
+        self,
+        friction: FrictionLaw,
+        time_step: float,
+        K_0: ArrayLike,
+        resolution: ArrayLike | None = None,
+    ) -> Array:
+        """As `TorqueErrorModel`'s, without stiction, and the same behind any observer."""
+        table = super().table(friction, time_step, K_0, resolution)
+        table[:, :SLIDING_COLUMNS] = 0.0
+        table[:, _CONSTANT2] = self.constant**2
+        return table
 
 
 _NUMBERS = {
@@ -399,9 +454,15 @@ def breakaway(table: Array, state: Array, i: int) -> float:
 
 @kernel
 def torque_sd_tick(
-    table: Array, state: Array, q: Array, v: Array, transmitted: Array, sd: Array, stiction: Array
+    table: Array,
+    state: Array,
+    q: Array,
+    v: Array,
+    sd: Array,
+    stiction: Array,
+    drift: Array,
 ) -> None:
-    """Single-sample kernel: takes a sample into `state` and writes the sds after it.
+    """Single-sample kernel: takes a motion into `state` and writes the sds after it.
 
     A joint whose q or v is not finite keeps its state and has the sd of a joint at rest.
 
@@ -409,9 +470,9 @@ def torque_sd_tick(
         table: `TorqueErrorModel.table`.
         state: (TORQUE_ERROR_ROWS, n), changed.
         q, v: (n,) rad, rad/s.
-        transmitted: (n,) L for the next sample, N m.
         sd: (n,) N m, written.
         stiction: (n,) N m, written: the part of it that is stiction.
+        drift: (n,) N m, written: what a drift of the viscous coefficient is at this speed, signed.
     """
     for i in range(table.shape[0]):
         row = table[i]
@@ -432,38 +493,27 @@ def torque_sd_tick(
             total += row[_BEYOND_LOAD2] * (load - row[_FITTED_LOAD]) ** 2
         sd[i] = np.sqrt(total)
         stiction[i] = np.sqrt(held)
-        if np.isfinite(transmitted[i]):
-            state[_TRANSMITTED, i] = transmitted[i]
+        drift[i] = np.sqrt(row[_DRIFT2]) * abs(row[_VISCOUS]) * speed
 
 
 @kernel
-def add_read_load(table: Array, tau_ext: Array, sd: Array) -> None:
-    """Single-sample kernel: adds to sd (n,) what friction may do under the load that is read.
-
-    Args:
-        table: as `torque_sd_tick`.
-        tau_ext: (n,) N m.
-        sd: (n,) N m, changed.
-    """
-    for i in range(table.shape[0]):
-        if table[i, _READ_LOAD] > 0.0 and np.isfinite(tau_ext[i]):
-            sd[i] = np.sqrt(sd[i] ** 2 + (table[i, _READ_LOAD] * tau_ext[i]) ** 2)
-
-
-@kernel
-def add_read_load_log(table: Array, tau_ext: Array, sd: Array) -> None:
-    """`add_read_load` of each sample of tau_ext and sd (N, n)."""
-    for k in range(len(tau_ext)):
-        add_read_load(table, tau_ext[k], sd[k])
+def take_transmitted(state: Array, tau_J: Array, tau_f: Array) -> None:
+    """Takes L = tau_J - tau_f, (n,) N m, for the next sample into `state`, where it is finite."""
+    for i in range(tau_J.shape[0]):
+        transmitted = tau_J[i] - tau_f[i]
+        if np.isfinite(transmitted):
+            state[_TRANSMITTED, i] = transmitted
 
 
 @kernel
 def torque_sd_log(
     table: Array, state: Array, q: Array, v: Array, transmitted: Array, sd: Array, stiction: Array
 ) -> None:
-    """`torque_sd_tick` for N samples, one after another."""
+    """`torque_sd_tick` for N samples, one after another; `transmitted` (N, n) L, N m."""
+    drift, no_friction = np.empty(q.shape[1]), np.zeros(q.shape[1])
     for k in range(q.shape[0]):
-        torque_sd_tick(table, state, q[k], v[k], transmitted[k], sd[k], stiction[k])
+        torque_sd_tick(table, state, q[k], v[k], sd[k], stiction[k], drift)
+        take_transmitted(state, transmitted[k], no_friction)
 
 
 @kernel

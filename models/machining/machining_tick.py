@@ -1,12 +1,12 @@
 """What leads and watches a pass in one tick, with what it reads and remembers in few arrays."""
 
 from wrenchsight.models.arrays import Array, Record
+from wrenchsight.models.estimation.estimator_arrays import Layout
 from wrenchsight.models.estimation.kernel_choice import KernelChoice
-from wrenchsight.models.estimation.tick import tick_update, trusted_update
+from wrenchsight.models.estimation.tick import tick_update
 from wrenchsight.models.kernel import kernel
 from wrenchsight.models.machining.machining_phases import STATE_SIZE
 from wrenchsight.models.machining.machining_reference import advance_reference, machining_reference
-from wrenchsight.models.observers.sample_check import check_current, check_motion, take_sample
 from wrenchsight.models.rigid_body.chain_kernels import all_terms
 
 
@@ -53,15 +53,11 @@ def lead_tick(
 @kernel
 def take_tick(
     choice: KernelChoice,
-    drives: Array,
-    slip: Array,
+    values: Array,
+    layout: Layout,
     observer: Array,
-    rows: int,
-    trusted_from: int,
-    check: Array,
-    tick_size: int,
     known: Array,
-    checked: Array,
+    scratch: Array,
     phases: Array,
     lower: Array,
     upper: Array,
@@ -83,11 +79,7 @@ def take_tick(
     """Takes a tick into what estimator and reference remember.
 
     Args:
-        choice, drives, slip, observer, rows, known: as in `tick_update`.
-        trusted_from: `tick_rows` of `trusted_update`; below 0 for `tick_update`.
-        check: table of SampleCheck; without rows nothing is checked.
-        tick_size: entries of the state that the estimator's update takes; the check's follow.
-        checked: (3, n), overwritten.
+        choice, values, layout, observer, known, scratch: as in `tick_update`.
         phases, lower, upper, t_path, force, trusted, pushes_on, t, wrench: of `advance_reference`.
         q, v, current: (n,) the sample.
         reading: what `tick_output` left for it.
@@ -95,20 +87,10 @@ def take_tick(
         memory_from: where the reference's (7 + 15,) are in the state.
         state: flat, changed.
     """
-    n = q.shape[0]
-    if check.shape[0] > 0:
-        own = state[tick_size:memory_from].reshape((memory_from - tick_size) // n, n)
-        check_motion(check, own, time_step, q, v, checked)
-        check_current(check, own, time_step, current, checked)
-        take_sample(check, own, time_step, q, v, current, checked)
-        current = checked[2]
-    parts = state[:tick_size]
-    if trusted_from < 0:
-        tick_update(choice, drives, slip, observer, rows, parts, current, known, reading)
-    else:
-        trusted_update(
-            *(choice, drives, slip, observer, rows, trusted_from, parts, current, known, reading)
-        )
+    tick_update(
+        *(choice, values, layout, observer, state[:memory_from]),
+        *(q, v, current, known, reading, scratch),
+    )
     memory = state[memory_from:]
     advance_reference(
         *(phases, lower, upper, t_path, force, trusted, pushes_on, time_step, t, q),

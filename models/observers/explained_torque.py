@@ -20,7 +20,7 @@ WITHIN. What a wrong current reads below them is no larger than a force could be
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.arrays import Array
 from wrenchsight.models.kernel import kernel
 from wrenchsight.models.rigid_body.small_matrices import factorise_with_floor, solve_lower
 
@@ -30,7 +30,7 @@ QUIET = 0.1  # s
 _LARGEST_SD = 1e6  # N or N m; stands for a prior that knows nothing
 
 # Of the table: these numbers, then the joints' correlation, flat.
-_MOMENT_VARIANCE, _FORCE_VARIANCE, _SCALE2, _PERIOD, _NUMBERS = range(5)
+_MOMENT_VARIANCE, _FORCE_VARIANCE, _SCALE2, _PERIOD, _BEYOND2, _NUMBERS = range(6)
 
 
 def explained_table(
@@ -39,6 +39,7 @@ def explained_table(
     force_sd: float | None,
     scale: float,
     time_step: float,
+    beyond: float = BEYOND,
 ) -> Array:
     """Returns the constants that the kernels read.
 
@@ -47,15 +48,21 @@ def explained_table(
         moment_sd, force_sd: N m and N of the live prior; None: nothing is known.
         scale: share of what is read.
         time_step: s.
+        beyond: see above; inf: any torque is explained.
     """
     sds = [_LARGEST_SD if sd is None else min(sd, _LARGEST_SD) for sd in (moment_sd, force_sd)]
-    numbers = [sds[0] ** 2, sds[1] ** 2, scale**2, time_step]
+    numbers = [sds[0] ** 2, sds[1] ** 2, scale**2, time_step, beyond**2]
     return np.concatenate([numbers, np.asarray(correlation, float).ravel()])
 
 
 @kernel
 def unexplained(table: Array, J: Array, tau_ext: Array, sd: Array) -> float:
-    """D of one sample; J (6, n) as tau_ext saw it, tau_ext (n,) N m, sd (n,) N m."""
+    """D of one sample; J (6, n) as tau_ext saw it, tau_ext (n,) N m, sd (n,) N m.
+
+    0 where any torque counts as explained.
+    """
+    if table[_BEYOND2] == np.inf:
+        return 0.0
     n = tau_ext.shape[0]
     L, left = np.empty((n, n)), tau_ext.copy()
     own = np.empty(n)
@@ -82,19 +89,9 @@ def is_explained(table: Array, doubt: float, D: float) -> tuple[bool, float]:
     """Whether a reading may be valid, and the s of doubt left after it; `doubt` of before, NaN at
     the start. A D that is not finite says nothing.
     """
-    left = max(doubt - table[_PERIOD], 0.0) if np.isfinite(doubt) else 0.0
-    if D > BEYOND * BEYOND or (left > 0.0 and not D < WITHIN * WITHIN):
+    left, beyond = 0.0, table[_BEYOND2]
+    if np.isfinite(doubt):
+        left = max(doubt - table[_PERIOD], 0.0)
+    if beyond < D or (left > 0.0 and not D < WITHIN * WITHIN):
         left = QUIET
     return left <= 0.0, left
-
-
-@kernel
-def explained_log(
-    table: Array, state: Array, J: Array, tau_ext: Array, sd: Array, explained: Flags
-) -> None:
-    """Writes `is_explained` of N samples, one after another; `state` (1,), s of doubt, changes."""
-    doubt = state[0]
-    for k in range(tau_ext.shape[0]):
-        D = unexplained(table, J[k], tau_ext[k], sd[k])
-        explained[k], doubt = is_explained(table, doubt, D)
-    state[0] = doubt

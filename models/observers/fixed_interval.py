@@ -84,7 +84,7 @@ def forward_log(
     z: Array,
     P: Array,
     running: Flags,
-    errors: Array,
+    before: Array,
     signals: Array,
     J: Array,
     changes: Array,
@@ -93,11 +93,11 @@ def forward_log(
     period: Array,
     kinds: Flags,
 ) -> None:
-    """The filter over N samples; z (M,), P (M, M), running (1,) and errors go on from it.
+    """The filter over N samples; z (M,), P (M, M), running (1,) and before go on from it.
 
     Args:
         table: KalmanObserver.table.
-        errors: rows of the torque error's state.
+        before: (n,) s of the sample before.
         signals, J: (N, NUM_SIGNALS, n), (N, 6, n).
         changes: (N,) live prior's variances that F gains after a sample, beside its walk.
         z_log, P_log, period, kinds: written, (N, M), (N, M, M) before a sample is measured,
@@ -105,7 +105,7 @@ def forward_log(
     """
     N, _, n = signals.shape
     M = 3 * n + 6
-    numbers, sixes, joints, mixing, error_table = split_table(table, n)
+    numbers, sixes, joints, mixing = split_table(table, n)
     rounding, T = joints[ROUND], numbers[PERIOD]
     L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
     arrived, white = np.empty(n), np.empty(n)
@@ -142,7 +142,7 @@ def forward_log(
                 P[i], P[:, i] = 0.0, 0.0
                 P[i, i] = rounding[i]
         error_parts(
-            *(numbers, joints, error_table, errors, own),
+            *(numbers, joints, before, own),
             *(period[k, _SMOOTH], white, period[k, _SLOW], period[k, _KEEPS]),
         )
         running[0] = known
@@ -251,7 +251,7 @@ def backward_log(
     """
     N, _, n = period.shape
     M = 3 * n + 6
-    numbers, sixes, joints, _, _ = split_table(table, n)
+    numbers, sixes, joints, _ = split_table(table, n)
     rounding = joints[ROUND]
     L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
     small, large = np.zeros(M), np.zeros((M, M))  # lambda, Lambda

@@ -81,11 +81,11 @@ class _State(NamedTuple):
     z: Array
     P: Array
     running: Flags
-    errors: Array
+    before: Array
 
     def copied(self) -> "_State":
         """The same state, which the next sample leaves as it is."""
-        return _State(self.z.copy(), self.P.copy(), self.running.copy(), self.errors.copy())
+        return _State(self.z.copy(), self.P.copy(), self.running.copy(), self.before.copy())
 
 
 class IntervalSmoother:
@@ -93,12 +93,12 @@ class IntervalSmoother:
 
     Args:
         table: KalmanObserver.table.
-        errors: rows of the torque error's state before the first sample.
+        num_joints: n.
         kept_drift: share of the slow part of the torque error that outlasts a period.
     """
 
-    def __init__(self, table: Array, errors: Array, kept_drift: float) -> None:
-        n = errors.shape[1]
+    def __init__(self, table: Array, num_joints: int, kept_drift: float) -> None:
+        n = num_joints
         M = 3 * n + 6
         numbers, sixes, *_ = split_table(table, n)
         z, P = np.zeros(M), np.zeros((M, M))
@@ -108,7 +108,7 @@ class IntervalSmoother:
         self._sought = ChangesSought(
             round(max(CHANGE_TIMES) / T), round(min(CHANGE_TIMES) / T), n - size
         )
-        self._start = _State(z, P, np.zeros(1, np.bool_), errors)
+        self._start = _State(z, P, np.zeros(1, np.bool_), np.zeros(n))
 
     def read(self, signals: Array, J: Array, ready: int) -> tuple[Array, Array]:
         """Wrench (ready, 6) and covariance (ready, 6, 6) of the first samples, given all.

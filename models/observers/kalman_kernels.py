@@ -6,27 +6,26 @@ The equations are those of `models.observers.kalman_observer`, whose table and s
 import numpy as np
 
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.identification.torque_error_model import TORQUE_ERROR_ROWS, torque_sd_tick
 from wrenchsight.models.kernel import kernel
 from wrenchsight.models.observers.observer import (
     CTV,
+    DRIFT,
     GRAVITY,
+    STICTION,
     TAU_EXT,
     TAU_F,
     TAU_J,
     TORQUE_SD,
-    Q,
-    V,
 )
 from wrenchsight.models.observers.period_torque import arrived_momentum
 from wrenchsight.models.rigid_body.small_matrices import factorise_with_floor, solve_lower
 
-# Table: numbers, 6-vectors, n-vectors, an (n, n), and the torque error's own table, all flat.
-PERIOD, BEFORE, SETTLED, HAS_ERROR, GROSS, CHANGED, KEPT_SUM = range(7)
+# Table: numbers, 6-vectors, n-vectors and an (n, n), all flat.
+PERIOD, BEFORE, SETTLED, GROSS, CHANGED, KEPT_SUM = range(6)
 SUMS = 3  # of the innovations, each over a time of its own
 NUMBERS = KEPT_SUM + SUMS
 KEPT_F, NOISE_F, START_F, JUMP_F, SIXES = range(5)
-RATE_X, SMOOTH, WHITE, SLOW_VISCOUS, LASTING, ROUND, JOINTS = range(7)
+RATE_X, SMOOTH, WHITE, LASTING, ROUND, JOINTS = range(6)
 
 MOST_DOUBT = 1e4  # times that a gross innovation widens the variance
 # Status: this or less, one less for each sample lost in a row; this.
@@ -38,9 +37,8 @@ def split_state(
     flat: Array,
     n: int,
 ) -> tuple[Array, Array, Array, Array, Array, Array, Array]:
-    """x (N,), gain (N, n), P (N, N), C (N, n), status (2,), torque error's rows and s of the sample
-    before (zero: there was none) as (TORQUE_ERROR_ROWS + 1, n), whitened innovations'
-    sums (SUMS, n); N = 2 n + 6.
+    """x (N,), gain (N, n), P (N, N), C (N, n), status (2,), s of the sample before (n,) (zero:
+    there was none), whitened innovations' sums (SUMS, n); N = 2 n + 6.
 
     x = [p, F, x]; P, C and gain are those of the coming sample, before it is measured.
     """
@@ -49,14 +47,14 @@ def split_state(
     c = b + N * N
     d = c + N * n
     e = d + 2
-    f = e + (TORQUE_ERROR_ROWS + 1) * n
+    f = e + n
     return (
         flat[:a],
         flat[a:b].reshape(N, n),
         flat[b:c].reshape(N, N),
         flat[c:d].reshape(N, n),
         flat[d:e],
-        flat[e:f].reshape(TORQUE_ERROR_ROWS + 1, n),
+        flat[e:f],
         flat[f : f + SUMS * n].reshape(SUMS, n),
     )
 
@@ -65,8 +63,8 @@ def split_state(
 def split_table(
     table: Array,
     n: int,
-) -> tuple[Array, Array, Array, Array, Array]:
-    """Numbers, 6-vectors, n-vectors, an (n, n) and the torque error's table of `table`."""
+) -> tuple[Array, Array, Array, Array]:
+    """Numbers, 6-vectors, n-vectors and an (n, n) of `table`."""
     a = NUMBERS + 6 * SIXES
     b = a + n * JOINTS
     c = b + n * n
@@ -75,7 +73,6 @@ def split_table(
         table[NUMBERS:a].reshape(SIXES, 6),
         table[a:b].reshape(JOINTS, n),
         table[b:c].reshape(n, n),
-        table[c:].reshape(n, (table.shape[0] - c) // n),
     )
 
 
@@ -185,8 +182,8 @@ def kalman_update(table: Array, state: Array, signals: Array, J: Array) -> None:
     A sample that is not finite is not measured; the one after it starts the momentum again.
     """
     n = signals.shape[1]
-    numbers, sixes, joints, mixing, error_table = split_table(table, n)
-    x, gain, P, C, status, error_rows, sums = split_state(state.reshape(-1), n)
+    numbers, sixes, joints, mixing = split_table(table, n)
+    x, gain, P, C, status, before, sums = split_state(state.reshape(-1), n)
     arrived = np.empty(n)
     known = True  # what the coming period begins with
     for i in range(n):
@@ -215,7 +212,7 @@ def kalman_update(table: Array, state: Array, signals: Array, J: Array) -> None:
             P[i, i] = joints[ROUND, i]
 
     smooth, white, slow, kept = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    error_parts(numbers, joints, error_table, error_rows, signals, smooth, white, slow, kept)
+    error_parts(numbers, joints, before, signals, smooth, white, slow, kept)
     if known:
         T = numbers[PERIOD]
         for i in range(n):
@@ -291,8 +288,7 @@ def innovation_factor(P: Array, C: Array, rounding: Array, L: Array) -> None:
 def error_parts(
     numbers: Array,
     joints: Array,
-    error_table: Array,
-    rows: Array,
+    before: Array,
     signals: Array,
     smooth: Array,
     white: Array,
@@ -301,29 +297,19 @@ def error_parts(
 ) -> None:
     """Writes s (N m), the white noise's variance in a period (N^2 m^2 s^2), b (N m) and a_x.
 
-    `rows` (TORQUE_ERROR_ROWS + 1, n), the torque error's state and the s before, is changed.
+    `before` (n,), s of the sample before, is changed.
     """
-    n = signals.shape[1]
-    sd, stiction, load = np.empty(n), np.zeros(n), np.empty(n)
-    for i in range(n):
-        sd[i] = signals[TORQUE_SD, i]
-        load[i] = signals[TAU_J, i] - signals[TAU_F, i]
-    if numbers[HAS_ERROR] != 0.0:
-        own = rows[:TORQUE_ERROR_ROWS]
-        torque_sd_tick(error_table, own, signals[Q], signals[V], load, sd, stiction)
-    for i in range(n):
-        speed = signals[V, i] if np.isfinite(signals[V, i]) else 0.0
-        drift = joints[SLOW_VISCOUS, i] * speed
-        moving = max(sd[i] ** 2 - stiction[i] ** 2 - drift**2, 0.0)
+    for i in range(signals.shape[1]):
+        sd, stiction, drift = signals[TORQUE_SD, i], signals[STICTION, i], signals[DRIFT, i]
+        moving = max(sd**2 - stiction**2 - drift**2, 0.0)
         slow[i] = drift + joints[LASTING, i] * np.sqrt(moving)
         fading = joints[SMOOTH, i] * moving
-        smooth[i] = np.sqrt(fading + stiction[i] ** 2)
-        share = fading / (fading + stiction[i] ** 2) if fading > 0.0 else 0.0
+        smooth[i] = np.sqrt(fading + stiction**2)
+        share = fading / (fading + stiction**2) if fading > 0.0 else 0.0
         kept[i] = np.exp(-share * joints[RATE_X, i] * numbers[PERIOD])
-        before = rows[TORQUE_ERROR_ROWS, i]
-        if before > 0.0 and smooth[i] > 0.0:
-            kept[i] *= min(smooth[i] / before, before / smooth[i])
-        rows[TORQUE_ERROR_ROWS, i] = smooth[i]
+        if before[i] > 0.0 and smooth[i] > 0.0:
+            kept[i] *= min(smooth[i] / before[i], before[i] / smooth[i])
+        before[i] = smooth[i]
         white[i] = joints[WHITE, i] * moving * numbers[PERIOD]
 
 

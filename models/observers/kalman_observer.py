@@ -65,12 +65,10 @@ import numpy as np
 from scipy.stats import chi2
 
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.identification.torque_error_model import TORQUE_ERROR_ROWS
 from wrenchsight.models.observers.kalman_kernels import (
     BEFORE,
     CHANGED,
     GROSS,
-    HAS_ERROR,
     JOINTS,
     JUMP_F,
     KEPT_F,
@@ -83,7 +81,6 @@ from wrenchsight.models.observers.kalman_kernels import (
     ROUND,
     SETTLED,
     SIXES,
-    SLOW_VISCOUS,
     SMOOTH,
     START_F,
     SUMS,
@@ -168,14 +165,11 @@ class KalmanObserver:
         """Returns the state before the first sample; its layout is `split_state`'s."""
         n = self.num_joints
         N = 2 * n + 6
-        size = N + 2 * N * n + N * N + 2 + (TORQUE_ERROR_ROWS + 1 + SUMS) * n
+        size = N + 2 * N * n + N * N + 2 + (1 + SUMS) * n
         state = np.zeros((-(-size // n), n))
         start = self.table[NUMBERS : NUMBERS + 6 * SIXES].reshape(SIXES, 6)[START_F]
         P = split_state(state.reshape(-1), n)[2]
         P[range(n, N), range(n, N)] = np.concatenate([start, np.ones(n)])
-        if self._knowledge is not None and self._knowledge.torque_error is not None:
-            rows = split_state(state.reshape(-1), n)[5]
-            rows[:TORQUE_ERROR_ROWS] = self._knowledge.torque_error.initial_state()
         return state
 
     def _table(self, knowledge: ModelKnowledge | None) -> Array:
@@ -183,7 +177,9 @@ class KalmanObserver:
         numbers, sixes = np.zeros(NUMBERS), np.zeros((SIXES, 6))
         joints, mixing = np.zeros((JOINTS, n)), np.eye(n)
         error = None if knowledge is None else knowledge.torque_error
-        K_0: Any = np.full(n, _PLAIN_K_0) if error is None else error.K_0
+        K_0 = np.full(n, _PLAIN_K_0)
+        if error is not None and knowledge is not None:
+            K_0 = knowledge.rates
         times: Any = np.full(n, _PLAIN_TIME) if error is None else error.correlation_time
         numbers[PERIOD] = T
         numbers[BEFORE] = motor_share(T, self.config.torque_samples)
@@ -201,17 +197,12 @@ class KalmanObserver:
         joints[SMOOTH] = (1.0 - WHITE_SHARE) * (1.0 + K_0 * times) / (K_0 * times)
         joints[WHITE] = WHITE_SHARE * 2.0 / K_0
         sd = np.ones(n) if knowledge is None else knowledge.torque_sd
-        rest = np.zeros((n, 1))
-        if error is not None and knowledge is not None:
-            numbers[HAS_ERROR] = 1.0
+        if error is not None:
             mixing = error.correlation
-            viscous = np.abs(knowledge.friction.feedforward.coulomb_viscous.viscous)
-            joints[SLOW_VISCOUS] = error.drifts * viscous
             joints[LASTING] = np.sqrt(error.lasting)
-            rest = error.table(knowledge.friction, T, error.K_0, knowledge.resolution)
             sd = error.constant
         joints[ROUND] = (_ROUNDING * T * np.asarray(sd)) ** 2
-        return np.concatenate([part.ravel() for part in (numbers, sixes, joints, mixing, rest)])
+        return np.concatenate([part.ravel() for part in (numbers, sixes, joints, mixing)])
 
 
 def changing_wrench(

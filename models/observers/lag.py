@@ -32,7 +32,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.arrays import Array
 from wrenchsight.models.kernel import kernel
 
 JACOBIAN_ROWS = 6  # of the state, (JACOBIAN_ROWS, n), NaN before the first sample
@@ -80,13 +80,19 @@ class LagModel:
                 raise ValueError(f"{name} must be zero or more, not {value}")
         omega = 2.0 * np.pi * force_bandwidth_hz
         settings = np.array([0.0, 0.0, 0.0, scale])
-        if K_0 is None:
-            return cls(np.full(num_joints, -1.0), settings)
-        rates = np.broadcast_to(np.asarray(K_0, float), (num_joints,))
-        settings[_POLE] = np.exp(-omega * time_step)
-        settings[_DOUBTED_POLE] = np.exp(-_DOUBTED * omega * time_step)
-        settings[_FACTOR] = omega / rates.min()
-        return cls(np.exp(-rates * time_step), settings)
+        if K_0 is not None:
+            settings[_POLE] = np.exp(-omega * time_step)
+            settings[_DOUBTED_POLE] = np.exp(-_DOUBTED * omega * time_step)
+            settings[_FACTOR] = omega / float(np.min(K_0))
+        return cls(observer_poles(K_0, num_joints, time_step), settings)
+
+
+def observer_poles(K_0: ArrayLike | None, num_joints: int, time_step: float) -> Array:
+    """(n,) poles per tick of an observer with K_0 (n,) or () in 1/s; -1 for one without lag."""
+    if K_0 is None:
+        return np.full(num_joints, -1.0)
+    rates = np.broadcast_to(np.asarray(K_0, float), (num_joints,))
+    return np.asarray(np.exp(-rates * time_step))
 
 
 def jacobian_seen(J: ArrayLike, K_0: ArrayLike, time_step: float) -> Array:
@@ -181,12 +187,3 @@ def lag_update(settings: Array, state: Array, wrench: Array, valid: bool) -> Non
                 state[i] = pole * state[i] + (1.0 - pole) * wrench[i]
             else:
                 state[i] = wrench[i]
-
-
-@kernel
-def lag_log(settings: Array, state: Array, wrench: Array, valid: Flags, covariance: Array) -> None:
-    """`lag_tick` and `lag_update` for N samples, one after another."""
-    lateness = np.empty(6)
-    for k in range(wrench.shape[0]):
-        lag_tick(settings, state, wrench[k], covariance[k], lateness)
-        lag_update(settings, state, wrench[k], valid[k])

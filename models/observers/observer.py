@@ -29,10 +29,7 @@ whose reading takes the place of `wrench`'s:
 
 from typing import Any, ClassVar, NamedTuple, Protocol, Self, runtime_checkable
 
-from numpy.typing import ArrayLike
-
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
 
 # Rows of `signals`.
@@ -40,9 +37,10 @@ Q, V = 0, 1  # rad, rad/s
 TAU_J = 2  # N m, motor torque on the joint side
 MOMENTUM, CTV, GRAVITY = 3, 4, 5  # kg m^2/s, N m, N m: of the model
 TAU_F = 6  # N m, friction that opposes motion
-TORQUE_SD = 7  # N m, standard deviation of tau_ext where nothing touches the arm
-TAU_EXT = 8  # N m, the estimate, positive along the motion it causes
-NUM_SIGNALS = 9
+TAU_EXT = 7  # N m, the estimate, positive along the motion it causes
+TORQUE_SD = 8  # N m, standard deviation of tau_ext where nothing touches the arm
+STICTION, DRIFT = 9, 10  # N m, parts of it: of stiction; of a drift of viscous friction, signed
+NUM_SIGNALS = 11
 
 
 class ObserverKernels(NamedTuple):
@@ -74,15 +72,13 @@ class ModelKnowledge(NamedTuple):
         torque_error: of the model; None where it has none.
         torque_sd: (n,) N m, standard deviation of tau_ext where nothing touches the arm, on
             average.
-        friction: of the model, as sampled.
-        resolution: (n,) rad of the encoders; None: that of the logs that were fitted.
+        rates: (n,) 1/s, K_0 of the observer whose error signals[TORQUE_SD] is.
         prior: of the reading; None for a method that no prior stands for.
     """
 
     torque_error: TorqueErrorModel | None
     torque_sd: Array
-    friction: FrictionLaw
-    resolution: ArrayLike | None
+    rates: Array
     prior: WrenchPrior | None
 
 

@@ -6,12 +6,10 @@ from typing import TYPE_CHECKING, Any, Union
 from wrenchsight.models.observers import observer
 from wrenchsight.models.observers.kalman_observer import KalmanObserver
 from wrenchsight.models.observers.momentum_observer import MomentumObserver
-from wrenchsight.models.observers.super_twisting_observer import SuperTwistingObserver
 
 OBSERVERS: list[type[observer.Observer]] = [
     MomentumObserver,
     KalmanObserver,
-    SuperTwistingObserver,
 ]
 """The first one is the default. A further kind is one line here, or one `OBSERVERS.append` in a
 program of one's own."""
@@ -24,7 +22,7 @@ else:
 
 
 def kind_name(kind: type[observer.Observer]) -> str:
-    """What a command line calls it: `SuperTwistingObserver` is "super-twisting"."""
+    """What a command line calls it: `MomentumObserver` is "momentum"."""
     words = re.findall("[A-Z][a-z]*", kind.__name__.removesuffix("Observer"))
     return "-".join(words).lower()
 

@@ -23,6 +23,7 @@ HALF_WINDOW_S = 0.03
 to 4 mrad/s on a UR10e at 100 Hz, about the noise of that velocity; 0.05 of 11.5 rad/s on a Staubli
 TX40 at full speed."""
 _LEAST_HALF_WINDOW = 4  # samples: a cubic through fewer repeats the encoder's steps
+LEAST_WINDOW = 2 * _LEAST_HALF_WINDOW + 1
 _CUBIC = 3
 
 
@@ -41,7 +42,7 @@ def with_velocities(chunks: Iterable[Recording]) -> Iterator[Recording]:
     for chunk in chunks:
         waiting = chunk if waiting is None else concatenated([waiting, chunk])
         if half is None:
-            if waiting.num_samples < 2 * _LEAST_HALF_WINDOW + 1:
+            if waiting.num_samples < LEAST_WINDOW:
                 continue
             half = max(_LEAST_HALF_WINDOW, round(HALF_WINDOW_S / max(waiting.time_step, 1e-9)))
         ready = waiting.num_samples - half

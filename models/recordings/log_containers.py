@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from wrenchsight.models.recordings.lerobot.data_set import root_of
+from wrenchsight.models.recordings.lerobot.episode_table import DATA_SETS
 from wrenchsight.models.recordings.log_container import LogContainer
 from wrenchsight.models.recordings.npz_table import NpzContainer
 from wrenchsight.models.recordings.parquet_table import ParquetContainer
@@ -22,6 +24,8 @@ def container_of(path: Path) -> LogContainer | None:
     """Returns the kind of a log by its ending; None for an unknown ending."""
     if is_bag(path):
         return BAG
+    if root_of(path) is not None:
+        return DATA_SETS
     suffix = path.suffix.lower()
     return next((kind for kind in CONTAINERS if suffix in kind.suffixes), None)
 

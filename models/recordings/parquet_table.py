@@ -1,4 +1,8 @@
-"""Tables of numbers in Parquet files: read batch by batch with constant memory, and written."""
+"""Tables of numbers in Parquet files: read batch by batch with constant memory, and written.
+
+A column of lists, all of one length k, is the columns NAME.1..NAME.k; lists of lists row by row. A
+list of one number is that number.
+"""
 
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
@@ -6,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
@@ -19,6 +24,7 @@ Lines = NDArray[np.int64]
 
 _BATCH_ROWS = 1 << 16
 _MAGIC = b"PAR1"
+_MOST_ENTRIES = 4096  # of a list
 
 
 class ParquetContainer:
@@ -37,7 +43,11 @@ class ParquetContainer:
 
 
 class ParquetTable:
-    """A Parquet file of numbers, one sample a row; rows are counted from 1.
+    """A Parquet file of numbers or lists of them, one sample a row; rows are counted from 1.
+
+    Args:
+        path: of the file.
+        part: first row and number of rows that are the table, counted from 0; None: all.
 
     Raises:
         InputError: no such file, a directory, not a Parquet file or a damaged one, no rows.
@@ -45,21 +55,37 @@ class ParquetTable:
 
     row_word = "row"
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, part: tuple[int, int] | None = None) -> None:
         self.path = path
         self.notices: list[str] = []
         self.progress = 0.0  # share of the file that has been read
         file = self._opened()
         try:
             schema = file.schema_arrow
-            self.names: tuple[str, ...] | None = tuple(schema.names)
-            self.num_columns = len(schema.names)
             self.num_rows = file.metadata.num_rows
-            self._types = schema.types
+            self._schema_names, self._types = schema.names, schema.types
+            self._places: list[tuple[str, int]] = []  # name in the file and entry, by column
+            widths: dict[str, int] = {}
+            if self.num_rows:
+                widths = self._widths(file)
+                self._places = [(n, k) for n, width in widths.items() for k in range(width)]
+        except (pa.ArrowException, OSError) as error:
+            raise self._damaged("near row 1", error) from error
         finally:
             file.close()
+        self._begin = 0
+        if part is not None:
+            self._begin, count = part
+            if self._begin + count > self.num_rows:
+                problem = f"has {self.num_rows} rows, expected {self._begin + count} or more"
+                raise InputError(path, "", problem, "write the file again")
+            self.num_rows = count
         if self.num_rows == 0:
             raise InputError(path, "", "has no rows", "record the log again")
+        self.names: tuple[str, ...] | None = tuple(
+            f"{name}.{k + 1}" if widths[name] > 1 else name for name, k in self._places
+        )
+        self.num_columns = len(self._places)
 
     def blocks(
         self,
@@ -80,66 +106,122 @@ class ParquetTable:
             InputError: a column holds no numbers, a value is missing or not finite, or the file
                 is damaged or ends before the last row.
         """
-        assert self.names is not None
-        names = [self.names[k] for k in columns]
+        wanted = [self._places[k] for k in columns]
         for column in columns:
             self._check_type(column)
         optional = np.array([column in may_be_empty for column in columns])
         first, last = rows_within(self.path, rows, self.num_rows, "rows")
         file = self._opened()
-        begin = 1
+        begin = 1 - self._begin
         try:
-            for batch in file.iter_batches(batch_size=_BATCH_ROWS, columns=names):
+            groups, skipped = self._groups(file, first)
+            begin += skipped
+            names = list(dict.fromkeys(name for name, _ in wanted))
+            for batch in file.iter_batches(_BATCH_ROWS, groups, columns=names):
                 end = begin + batch.num_rows
-                self.progress = (end - 1) / self.num_rows
+                self.progress = min(max(0.0, (end - 1) / self.num_rows), 1.0)
                 if begin > last:
                     break
                 if end > first:
                     start, stop = max(first - begin, 0), min(last + 1 - begin, batch.num_rows)
                     part = batch.slice(start, stop - start)
-                    yield self._values(part, names, begin + start, optional)
+                    yield self._values(part, columns, begin + start, optional)
                 begin = end
         except (pa.ArrowException, OSError) as error:
-            raise InputError(
-                self.path, f"near row {begin}", f"is damaged ({error})", "write the file again"
-            ) from error
+            raise self._damaged(f"near row {begin}", error) from error
         finally:
             file.close()
 
+    def _groups(self, file: pq.ParquetFile, first: int) -> tuple[list[int], int]:
+        """The row groups that hold row `first` and those after it, and the rows before them."""
+        skipped = 0
+        for group in range(file.num_row_groups):
+            count = file.metadata.row_group(group).num_rows
+            if skipped + count >= first + self._begin:
+                return list(range(group, file.num_row_groups)), skipped
+            skipped += count
+        return [], skipped
+
     def _values(
-        self, batch: pa.RecordBatch, names: list[str], row: int, optional: NDArray[np.bool_]
+        self, batch: pa.RecordBatch, columns: list[int], row: int, optional: NDArray[np.bool_]
     ) -> tuple[Array, Lines]:
-        values = np.empty((batch.num_rows, len(names)))
-        for k, name in enumerate(names):
-            column = batch.column(name)
-            if pa.types.is_timestamp(column.type):
-                column = column.cast(pa.timestamp("ns")).cast(pa.int64())
-                values[:, k] = column.to_numpy(zero_copy_only=False) * 1e-9
-            else:
-                column = column.cast(pa.float64(), safe=False)
-                values[:, k] = column.to_numpy(zero_copy_only=False)
+        values = np.empty((batch.num_rows, len(columns)))
+        held: dict[str, Array] = {}
+        for i, column in enumerate(columns):
+            name, k = self._places[column]
+            if name not in held:
+                width = 1 + max(entry for own, entry in self._places if own == name)
+                held[name] = self._numbers(batch.column(name), name, width, row)
+            values[:, i] = held[name][:, k]
         missing = first_missing(values, optional)
         if missing is not None:
+            assert self.names is not None
             i, k = missing
             raise InputError(
                 self.path,
-                f"row {row + i}, column {names[k]}",
+                f"row {row + i}, column {self.names[columns[k]]}",
                 "is empty or not finite, expected a number",
                 "correct or remove the row; a short gap is bridged",
             )
         return values, np.arange(row, row + batch.num_rows)
 
+    def _numbers(self, column: pa.Array, name: str, width: int, row: int) -> Array:
+        """(N, width) of a column."""
+        size = len(column)
+        while _is_list(column.type):
+            counts = pc.fill_null(pc.list_value_length(column), -1).to_numpy(zero_copy_only=False)
+            wrong = np.flatnonzero(counts != (counts[0] if len(counts) else 0))
+            if counts.size and (counts.min() < 0 or len(wrong)):
+                k = int(wrong[0] if len(wrong) else 0)
+                place = f"row {row + k * size // max(1, len(column))}, column {name}"
+                problem = f"a list of {counts[k]} numbers" if counts[k] >= 0 else "is empty"
+                raise InputError(self.path, place, problem, "write lists of one length")
+            column = column.flatten()
+        if pa.types.is_timestamp(column.type):
+            column = column.cast(pa.timestamp("ns")).cast(pa.int64())
+            numbers = column.to_numpy(zero_copy_only=False) * 1e-9
+        else:
+            column = column.cast(pa.float64(), safe=False)
+            numbers = column.to_numpy(zero_copy_only=False)
+        if len(numbers) != size * width:
+            place = f"row {row}, column {name}"
+            problem = f"lists of {len(numbers) // max(1, size)} numbers, {width} in the first row"
+            raise InputError(self.path, place, problem, "write lists of one length")
+        return np.asarray(numbers, float).reshape(size, width)
+
+    def _widths(self, file: pq.ParquetFile) -> dict[str, int]:
+        """How many numbers a row of each column holds, as its type or its first row says."""
+        schema = file.schema_arrow
+        counted = [name for name, kind in zip(schema.names, schema.types, strict=True)
+                   if _is_list(kind) and _is_number(_entry(kind))]  # fmt: skip
+        widths = dict.fromkeys(schema.names, 1)
+        if counted:
+            first = next(file.iter_batches(1, columns=counted))
+            for name in counted:
+                column = first.column(name)
+                while _is_list(column.type):
+                    column = column.flatten()
+                widths[name] = len(column)
+                if not 1 <= len(column) <= _MOST_ENTRIES:
+                    self.notices.append(
+                        f"the column {name} holds lists of {len(column)} numbers: left out"
+                    )
+                    del widths[name]
+        return widths
+
     def _check_type(self, column: int) -> None:
-        assert self.names is not None
-        kind = self._types[column]
-        numeric = (pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean)
-        if not any(check(kind) for check in (*numeric, pa.types.is_timestamp)):
+        name, _ = self._places[column]
+        kind = dict(zip(self._schema_names, self._types, strict=True))[name]
+        if not _is_number(_entry(kind)):
             raise InputError(
                 self.path,
-                f"column {self.names[column]}",
+                f"column {name}",
                 f"holds {kind}, expected numbers",
-                "write one numeric column per joint",
+                "write one numeric column per joint, or lists of numbers",
             )
+
+    def _damaged(self, place: str, error: Exception) -> InputError:
+        return InputError(self.path, place, f"is damaged ({error})", "write the file again")
 
     def _opened(self) -> pq.ParquetFile:
         path = self.path
@@ -160,3 +242,21 @@ class ParquetTable:
             raise InputError(
                 path, "", f"is a damaged Parquet file ({error})", "write the file again"
             ) from error
+
+
+def _is_list(kind: pa.DataType) -> bool:
+    types = pa.types
+    return bool(types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind))
+
+
+def _entry(kind: pa.DataType) -> pa.DataType:
+    """What a list holds, or a list of lists; any other type itself."""
+    while _is_list(kind):
+        kind = kind.value_type
+    return kind
+
+
+def _is_number(kind: pa.DataType) -> bool:
+    types = pa.types
+    numeric = (types.is_integer, types.is_floating, types.is_boolean, types.is_timestamp)
+    return any(check(kind) for check in numeric)

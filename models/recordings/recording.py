@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, Flags
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,8 @@ class Recording:
         """The median step, s."""
         return float(np.median(np.diff(self.t)))
 
-    def __getitem__(self, part: slice) -> "Recording":
-        """The samples of a slice."""
+    def __getitem__(self, part: slice | Flags) -> "Recording":
+        """The samples of a slice, or those (T,) that are chosen."""
         return replace(
             self,
             t=self.t[part],

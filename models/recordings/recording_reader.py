@@ -2,9 +2,10 @@
 
 import difflib
 import re
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -13,16 +14,35 @@ from numpy.typing import NDArray
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.files_read import about_to_read
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.recordings.differentiation import HALF_WINDOW_S, with_velocities
+from wrenchsight.models.recordings.differentiation import (
+    HALF_WINDOW_S,
+    LEAST_WINDOW,
+    with_velocities,
+)
+from wrenchsight.models.recordings.layouts.array_layout import array_layout
 from wrenchsight.models.recordings.layouts.external_torque import external_torque_layout
-from wrenchsight.models.recordings.layouts.header_layouts import known_layout, time_columns
+from wrenchsight.models.recordings.layouts.header_layouts import KnownLayout, known_layout
+from wrenchsight.models.recordings.layouts.plain_header import header_format
+from wrenchsight.models.recordings.lerobot.data_set import DataSet, root_of
+from wrenchsight.models.recordings.lerobot.episode_table import DATA_SETS, EpisodeTable
 from wrenchsight.models.recordings.log_container import LogTable
-from wrenchsight.models.recordings.log_containers import TEXT, container_of, usual_suffixes
+from wrenchsight.models.recordings.log_containers import (
+    TEXT,
+    container_of,
+    usual_suffixes,
+)
+from wrenchsight.models.recordings.log_words import (
+    IN_AMPERES,
+    IN_NEWTON_METRES,
+    LogWords,
+    log_words,
+)
 from wrenchsight.models.recordings.plausibility.drive_evidence import (
     DOUBTFUL,
     SignEvidence,
     odds_text,
 )
+from wrenchsight.models.recordings.plausibility.effort_unit import effort_unit
 from wrenchsight.models.recordings.recording import Recording, concatenated, place_of
 from wrenchsight.models.recordings.recording_checks import RecordingChecks
 from wrenchsight.models.recordings.recording_format import (
@@ -43,10 +63,10 @@ from wrenchsight.models.robot.robot import Robot
 
 _BEYOND_ANY_ROBOT = 1e9  # SI; sums of squares of smaller numbers cannot overflow
 _BEYOND_ANY_CLOCK = 1e19  # s; nanoseconds since 1970 read as seconds have a message of their own
+_EFFORT_EPISODES = 8
+_EFFORT_CHUNKS = 4  # of a log, which say in what unit its effort is
 MIN_SAMPLES = 10  # less is no motion
 _DESCRIBE = "or describe the columns with --log-format"
-_ID_COLUMNS = ("frame_id", "seq", "header.frame_id", "header.seq")  # beside a stamp
-_JOINT_SIGNALS = {"q": "position", "v": "velocity", "i": "current", "tau": "motor_torque"}
 
 
 def read_recording(
@@ -63,8 +83,9 @@ def read_recording(
         path: *.csv with the header t,q1..qn,v1..vn,i1..in (tau1..taun instead of or besides the
             currents; without v they are differentiated from q; name.1..name.k for further
             signals), *.parquet or *.npz with such columns, a layout of `header_layouts`, a ROS 2
-            bag (*.mcap, *.db3 or a folder), or the *.yaml of a description that names its file.
-        description: of other columns: a bundled name or the path of a *.yaml.
+            bag (*.mcap, *.db3 or a folder), an episode of a LeRobot data set
+            (FOLDER/episode_000000), or the *.yaml of a description that names its file.
+        description: of other columns: a bundled name, the path of a *.yaml, or `log_words`.
         robot: that the log must fit: number of joints, and where `check` is set also limits,
             velocity against position, current against gravity.
         accept_signs: whether drives whose current has the wrong sign are taken as they are; a
@@ -116,6 +137,9 @@ class RecordingReader:
         self._check, self._accept_signs = check, accept_signs
         self.sign_evidence: SignEvidence | None = None  # once read, where currents are checked
         self._further, self._asked_by = further or {}, asked_by
+        self._words, self._effort = log_words(description) or LogWords(), False
+        if log_words(description) is not None:
+            description = None
         form, form_source, table = self._opened(description)
         if table.num_columns > MOST_COLUMNS:
             problem = f"has {table.num_columns} columns, expected {MOST_COLUMNS} at most"
@@ -141,10 +165,37 @@ class RecordingReader:
         if self._differentiated:
             self._notices.append(
                 "the log holds no velocities: they are the slope of a cubic through the positions "
-                f"of {2e3 * HALF_WINDOW_S:.0f} ms around each sample, without delay"
+                f"of {2e3 * HALF_WINDOW_S:.0f} ms around each sample, or of {LEAST_WINDOW} samples "
+                "where these are fewer, without delay"
             )
         self._num_missing, self._first_missing = 0, ""
         self._fit_to_robot()
+        if self._effort:
+            self._settle_effort()
+
+    def _settle_effort(self) -> None:
+        """Decides whether the log's effort is torque or current, and says so."""
+        unit, robot = self._words.effort, self._robot
+        if unit:
+            self._notices.append(f"effort is read in {unit}, as asked for")
+        elif robot is None:
+            word = IN_AMPERES
+            self._notices.append(
+                f"effort is read as joint torque in N m; --log-format {word} reads it as current"
+            )
+        else:
+            parts: Iterable[Recording] = islice(self._read_motion(), _EFFORT_CHUNKS)
+            if isinstance(self._table, EpisodeTable):  # all episodes are of one unit
+                parts = _some_episodes(self._table.data_set, robot, self._words)
+            found = effort_unit(parts, robot)
+            unit = found.unit
+            self._notices.append(found.sentence(robot))
+        if unit == "A":
+            current = [
+                replace(signal, name="current") if signal.name == "tau_J" else signal
+                for signal in self.layout.signals
+            ]
+            self.layout = replace(self.layout, signals=tuple(current))
 
     @property
     def num_joints(self) -> int:
@@ -195,9 +246,10 @@ class RecordingReader:
         words = {"q": "joint positions", "current": "motor currents"}
         for name, word in words.items():
             if self.layout.signal(name) is None and not (name == "current" and has_torque):
-                raise InputError(
-                    self.path, "", f"holds no {word}", "name their columns in the description"
-                )
+                # A data set's notices say what it holds instead.
+                why = "".join(f"; {text}" for text in self._notices if "no torque" in text)
+                remedy = "name their columns in the description"
+                raise InputError(self.path, "", f"holds no {word}{why}", remedy)
 
     def chunks(self) -> Iterator[Recording]:
         """Reads the log from its first to its last wanted row, once.
@@ -212,8 +264,7 @@ class RecordingReader:
         checks = self._checks()
         num_samples = 0
         last: Recording | None = None
-        parts = self._read()
-        for chunk in with_velocities(parts) if self._differentiated else parts:
+        for chunk in self._read_motion():
             if last is None and chunk.num_samples > 1:
                 plausible_step(chunk)
             if checks is not None:
@@ -233,6 +284,10 @@ class RecordingReader:
             raise InputError(
                 self.path, "", f"{found}, expected {MIN_SAMPLES} or more", "record a longer log"
             )
+
+    def _read_motion(self) -> Iterator[Recording]:
+        """The parts of the log, with the velocities that it lacks."""
+        return with_velocities(self._read()) if self._differentiated else self._read()
 
     def _read(self) -> Iterator[Recording]:
         """The parts of the log as they stand there; samples that lack a number are left out."""
@@ -351,6 +406,13 @@ class RecordingReader:
         if description is not None:
             form, form_path = load_format(description)
             return form, str(form_path), (container or TEXT).open(path, form)
+        if container is DATA_SETS:
+            episode = DATA_SETS.open(path, None)
+            return (
+                self._laid_out(episode.layout(self._robot, self._words.angle)),
+                str(path),
+                episode,
+            )
         if container is None:
             raise InputError(
                 path,
@@ -370,9 +432,9 @@ class RecordingReader:
         if table.names is not None and "q1" not in _in_lower_case(table.names):
             joint_names = self._robot.joint_names if self._robot is not None else None
             layout = known_layout(table.names, table.num_columns, path, joint_names)
+            layout = layout or array_layout(table.names)
             if layout is not None:
-                self._notices += layout.notices
-                form = layout.form
+                form = self._laid_out(layout)
                 if form.header:
                     return form, str(path), table
                 return form, str(path), container.open(path, form)
@@ -390,6 +452,11 @@ class RecordingReader:
         mine = {table.names[column] for signal in self._more(table) for column in signal.columns}
         names = _in_lower_case([name for name in table.names if name not in mine])
         return header_format(names, path, num_joints), str(path), table
+
+    def _laid_out(self, layout: KnownLayout) -> RecordingFormat:
+        self._notices += layout.notices
+        self._effort = layout.effort
+        return layout.form
 
     def _known_format(self, table: LogTable) -> tuple[RecordingFormat, str, LogTable] | None:
         """The bundled description that fits a log: by its name, or by the names of its columns."""
@@ -412,87 +479,6 @@ class RecordingReader:
         return None
 
 
-def header_format(
-    names: Sequence[str], path: Path, num_joints: int | None = None
-) -> RecordingFormat:
-    """The description of a log whose header says it all: t,q1..qn,v1..vn,i1..in.
-
-    Motor torque is tau1..taun, a flag for bridged samples dropout, and name.1..name.k a further
-    signal.
-
-    Args:
-        num_joints: n, if it is known.
-
-    Raises:
-        InputError: a column is missing, unknown or there twice.
-    """
-    place = "header"
-    stamps = time_columns(names) if "t" not in names else None
-    split = [int(column) - 1 for column in str(stamps.columns).split(",")] if stamps else []
-    # Without a name: a table's index, or a separator at the line's end.
-    names = [name for k, name in enumerate(names) if name and k not in split]
-    times_there = Counter(names)
-    for name in names:
-        if times_there[name] > 1:
-            what = f'the column "{name}" is there twice'
-            raise InputError(path, place, what, "correct the header, " + _DESCRIBE)
-    joints: dict[str, list[int]] = {letter: [] for letter in _JOINT_SIGNALS}
-    extra: dict[str, list[int]] = {}
-    for name in names:
-        joint = re.fullmatch(r"(q|v|i|tau)(\d{1,4})", name)  # no more than MOST_COLUMNS
-        part = re.fullmatch(r"(.+)\.(\d{1,4})", name)
-        if joint and int(joint[2]) > 0:
-            joints[joint[1]].append(int(joint[2]))
-        elif part and part[1] not in ("t", "q", "v", "current", "tau_J", "dropout"):
-            extra.setdefault(part[1], []).append(int(part[2]))
-        elif name not in ("t", "dropout") and not (stamps and name in _ID_COLUMNS):
-            raise _unknown(name, names, path)
-    size = num_joints or max((max(v) for k, v in joints.items() if v and k in "qv"), default=1)
-    wanted = ["q"] + (["v"] if joints["v"] else []) + (["tau"] if joints["tau"] else [])
-    wanted += ["i"] if joints["i"] or not joints["tau"] else []
-    missing = ["t"] if "t" not in names and stamps is None else []
-    missing += [f"{k}{j}" for k in wanted for j in range(1, size + 1) if j not in joints[k]]
-    missing += [f"{k}.{j}" for k, v in extra.items() for j in range(1, max(v) + 1) if j not in v]
-    if missing:
-        raise InputError(
-            path,
-            place,
-            f"lacks the column{'s' if len(missing) > 1 else ''} {_listed(missing)}",
-            f"expected t,q1..q{size},v1..v{size},i1..i{size}; correct the header, {_DESCRIBE}",
-        )
-    surplus = [f"{k}{j}" for k in wanted for j in joints[k] if j > size]
-    if surplus:
-        raise InputError(
-            path,
-            place,
-            f"has the column{'s' if len(surplus) > 1 else ''} {_listed(surplus)}, expected {size} "
-            "joints",
-            "give the robot that the log comes from, or correct the header",
-        )
-    form = RecordingFormat(time=stamps or SignalColumns("t"))
-    for letter in wanted:
-        setattr(form, _JOINT_SIGNALS[letter], SignalColumns(f"{letter}{{1..{size}}}"))
-    form.extra = {k: SignalColumns(f"{k}.{{1..{max(v)}}}") for k, v in extra.items()}
-    if "dropout" in names:
-        form.extra["dropout"] = SignalColumns("dropout")
-    return form
-
-
-def _unknown(name: str, names: Sequence[str], path: Path) -> InputError:
-    remedy = "remove it, " + _DESCRIBE
-    if re.fullmatch(r"(q|v|i|tau)0", name):
-        remedy = "joints are numbered from 1"
-    elif match := re.fullmatch(r"(q|v|i|tau)[^\d]*(\d+)", name):
-        remedy = f'did you mean "{match[1]}{match[2]}"? Otherwise {remedy}'
-    elif near := difflib.get_close_matches(name, ["t", "dropout"], n=1):
-        remedy = f'did you mean "{near[0]}"? Otherwise {remedy}'
-    elif name in ("time", "timestamp", "time_s") and "t" not in names:
-        remedy = 'name the time "t", ' + _DESCRIBE
-    return InputError(
-        path, "header", f'unknown column "{name}", expected t, q1.., v1.., i1..', remedy
-    )
-
-
 def _has_drives(names: Sequence[str]) -> bool:
     """Whether a header names motor currents or motor torques."""
     return not {"i1", "tau1"}.isdisjoint(_in_lower_case(names))
@@ -502,10 +488,6 @@ def _in_lower_case(names: Sequence[str]) -> tuple[str, ...]:
     """Names of columns in which T, Q1 and the like are in lower case."""
     own = re.compile(r"t|dropout|(q|v|i|tau)\d+", re.IGNORECASE)
     return tuple(name.lower() if own.fullmatch(name) else name for name in names)
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
 
 
 def _has_columns(form: RecordingFormat, names: Sequence[str]) -> bool:
@@ -529,6 +511,8 @@ def _file_of(description: Path) -> Path:
 
 
 def _check_there(path: Path) -> None:
+    if root_of(path) is not None:
+        return
     if path.is_dir() and not is_bag(path):
         raise InputError(path, "", "is a directory, expected a log", "name a file in it")
     if path.exists():
@@ -538,6 +522,19 @@ def _check_there(path: Path) -> None:
         near = difflib.get_close_matches(path.name, [p.name for p in path.parent.iterdir()], n=1)
         remedy = f'did you mean "{near[0]}"?' if near else remedy
     raise InputError(path, "", "no such file", remedy)
+
+
+@lru_cache(maxsize=4)
+def _some_episodes(data_set: DataSet, robot: Robot, words: LogWords) -> tuple[Recording, ...]:
+    """Motion of some episodes of a data set, evenly spread, their effort as torque."""
+    every = -(-len(data_set.episodes) // _EFFORT_EPISODES)
+    asked = ",".join([IN_NEWTON_METRES, *words.angle_words()])
+    found = []
+    for episode in data_set.episodes[::every]:
+        path = data_set.root / f"episode_{episode.index:06d}"
+        reader = RecordingReader(path, asked, robot, check=False)
+        found += list(islice(reader.chunks(), 1))
+    return tuple(found)
 
 
 def _without_gaps(chunk: Recording) -> Recording:

@@ -22,7 +22,7 @@ from wrenchsight.models.recordings.recording import Recording, concatenated, pla
 
 UNIFORM_TOLERANCE = 0.01  # of the step
 DROPOUT_STEPS = 1.75  # a longer step misses a sample; jitter stays below in logs of real robots
-_ROUNDING = 1e-3  # of the step; UNIX time in a double has a grain of 0.24 us
+ROUNDING = 1e-3  # of the step; UNIX time in a double has a grain of 0.24 us
 MAX_GAP_S = 0.1  # at 1 rad/s^2 the interpolated q is then off by at most 1.3 mrad
 MAX_GAP_STEPS = 3  # the least number of steps that may be bridged, for slow logs
 STEP_SAMPLES = 1 << 16  # whose median step counts
@@ -162,7 +162,7 @@ class _Grid:
     def _interpolated(self, part: Recording, steps: Array) -> Recording:
         """Grid points in (t[0], t[-1]] of the part, both ends moved later by the rounding error."""
         h = self._step
-        ends = part.t + _ROUNDING * h
+        ends = part.t + ROUNDING * h
         last = int(np.floor((ends[-1] - self._origin) / h)) + 1
         if last - self._next > _MOST_POINTS:
             problem = f"a step of {h:g} s makes {last - self._next} samples of {part.num_samples}"

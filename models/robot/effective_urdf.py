@@ -38,12 +38,14 @@ class EffectiveUrdf:
         source: Path,
         meshes: CollisionMeshes,
         inertia_fault: InputError | None = None,
+        standing: tuple[tuple[ET.Element, ET.Element], ...] = (),
     ) -> None:
         self._root = root
         self.meshes = meshes
         self.joints = joints  # moving ones, base to tool
         self.notices = notices
         self.source = source
+        self._standing = standing  # links around the arm and their joints, where distances count
         self.inertia_fault = inertia_fault  # the first, where dynamics cannot be told
 
     def with_moved_joints(self, moved: Mapping[str, tuple[Array, Array]]) -> "EffectiveUrdf":
@@ -72,17 +74,25 @@ class EffectiveUrdf:
             origin.set("xyz", " ".join(f"{x:.17g}" for x in pose.translation()))
             origin.set("rpy", " ".join(f"{x:.17g}" for x in angles))
         return EffectiveUrdf(
-            root, self.joints, self.notices, self.source, self.meshes, self.inertia_fault
+            *(root, self.joints, self.notices, self.source, self.meshes, self.inertia_fault),
+            self._standing,
         )
 
     def text(self, name: str, hulls: bool = False) -> str:
         """The document, with `name` as the robot's.
 
         Args:
-            hulls: with the convex hulls of the collision meshes that Drake does not read.
+            hulls: with the convex hulls of the collision meshes that Drake does not read, and with
+                the links that stand around the arm: for distances.
         """
         self._root.set("name", name)
         if not hulls:
             return ET.tostring(self._root, encoding="unicode")
+        around = [element for pair in self._standing for element in pair]
         with self.meshes.as_hulls():
-            return ET.tostring(self._root, encoding="unicode")
+            self._root.extend(around)
+            try:
+                return ET.tostring(self._root, encoding="unicode")
+            finally:
+                for element in around:
+                    self._root.remove(element)

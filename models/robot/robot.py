@@ -177,7 +177,11 @@ class Robot:
         """Raises InputError, with the URDF's fault, where `what` needs inertias that are none."""
         fault = self._urdf.inertia_fault
         if fault is not None:
-            raise InputError(what, "", f"needs the inertias of {self.name}: {fault}")
+            problem = f"needs the inertias of {self.name}: {fault}"
+            remedy = (
+                "correct the link's <inertial> in the URDF (CAD, data sheet); `jcn-map`, `place`"
+            )
+            raise InputError(what, "", problem, f"{remedy} and `redundancy` need none")
 
     @cached_property
     def unusable_collisions(self) -> tuple[str, ...]:
@@ -202,6 +206,14 @@ class Robot:
             replace(drive, torque_per_ampere=float(by_joint[drive.joint]), torque_constant=None)
             for drive in self.config.drives
         ]
+        return self.with_drives(drives)
+
+    def with_drives(self, drives: list[DriveConfig]) -> "Robot":
+        """Returns the same robot with other drives.
+
+        Raises:
+            InputError: a drive is missing, or a number of it out of range.
+        """
         return Robot(replace(self.config, drives=drives), self.source, self._urdf)
 
     def with_truth(self, truth: SimulatedTruthConfig) -> "Robot":

@@ -23,6 +23,7 @@ from wrenchsight.models.robot.mimic_joints import followed_positions, leader_of
 from wrenchsight.models.robot.robot_config import RobotConfig, ShapeConfig, ToolConfig
 from wrenchsight.models.robot.rotational_inertia import inertia_matrix, unphysical
 from wrenchsight.models.robot.rounded_angles import exact_angle
+from wrenchsight.models.robot.standing_links import standing_links
 from wrenchsight.models.robot.urdf_document import read_document
 from wrenchsight.models.robot.urdf_pictures import drop_pictures
 from wrenchsight.models.robot.urdf_shapes import settle_colours, settle_filters
@@ -30,6 +31,7 @@ from wrenchsight.models.robot.urdf_shapes import settle_colours, settle_filters
 _MOVING = ("revolute", "continuous", "prismatic")
 _KNOWN_TYPES = (*_MOVING, "fixed", "floating", "planar")
 _KEPT = ("link", "joint", "material", "drake:collision_filter_group")
+_INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 _LARGEST = 1e6  # of any number in it, in SI units; a joint limit beyond means no limit
 
 
@@ -58,6 +60,7 @@ class _Reader:
         self.root, self.lines = read_document(path, config_source, config.xacro_args)
         self.links: dict[str, ET.Element] = {}
         self.joints: dict[str, ET.Element] = {}
+        self.standing: dict[str, tuple[ET.Element, ET.Element]] = {}  # link and joint, by name
         self.parent_joint: dict[str, ET.Element] = {}  # by child link
         self.child_joints: dict[str, list[ET.Element]] = {}  # by parent link
 
@@ -72,18 +75,25 @@ class _Reader:
         moving = self._serial_chain()
         self._check_inertias(moving)
         settle_colours(self.root, self.links.values())
-        self.notices += drop_pictures(self.links, self.path, self.meshes)
+        shown = {**self.links, **{name: link for name, (link, _) in self.standing.items()}}
+        self.notices += drop_pictures(shown, self.path, self.meshes)
         self._tidy_joints(moving)
         self._add_tool()
         limits = tuple(self._limits(joint) for joint in moving)
         fault = self.inertia_faults[0] if self.inertia_faults else None
-        return EffectiveUrdf(self.root, limits, tuple(self.notices), self.path, self.meshes, fault)
+        standing = tuple(self.standing.values())
+        return EffectiveUrdf(
+            self.root, limits, tuple(self.notices), self.path, self.meshes, fault, standing
+        )
 
     # Reading ----------------------------------------------------------------------------------
 
     def _collect(self) -> None:
         for link in self.root.findall("link"):
             self._register(link, self.links)
+        parents = {self._parent(joint) for joint in self.root.findall("joint")}
+        if "world" in parents and "world" not in self.links:  # as Drake has it
+            self._register(ET.SubElement(self.root, "link", name="world"), self.links)
         for joint in self.root.findall("joint"):
             name = self._register(joint, self.joints)
             kind = joint.get("type", "")
@@ -202,12 +212,23 @@ class _Reader:
             )
         kept = set(self._below(base))
         dropped = [name for name in self.links if name not in kept]
+        poses = {
+            name: (self._parent(element), self._child(element), self._origin(element))
+            for name, element in self.joints.items()
+        }
+        self.standing = standing_links(base, dropped, self.links, poses)
         for name in dropped:
             self.root.remove(self.links.pop(name))
         for name, element in list(self.joints.items()):
             if self._child(element) not in kept or self._parent(element) not in kept:
                 self.root.remove(self.joints.pop(name))
         self.parent_joint.pop(base, None)
+        if self.standing:
+            self.notices.append(
+                f'links not carried by "{base}" stand still around it where clearance is asked '
+                f"for: {', '.join(self.standing)}"
+            )
+        dropped = [name for name in dropped if name not in self.standing]
         if dropped and dropped != ["world"]:
             self.notices.append(f'links not carried by "{base}" dropped: {", ".join(dropped)}')
         for element in list(self.root):
@@ -290,9 +311,8 @@ class _Reader:
             inertial = ET.SubElement(link, "inertial")
             ET.SubElement(inertial, "origin", xyz=_text(tool.com), rpy="0 0 0")
             ET.SubElement(inertial, "mass", value=repr(float(tool.mass)))
-            keys = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
             values = (repr(float(value)) for value in tool.inertia)
-            ET.SubElement(inertial, "inertia", dict(zip(keys, values, strict=True)))
+            ET.SubElement(inertial, "inertia", dict(zip(_INERTIA, values, strict=True)))
             for kind, shapes in (("visual", tool.visual), ("collision", tool.collision)):
                 for index, shape in enumerate(shapes):
                     self._add_shape(link, kind, f"{tool.name}_{kind}_{index}", shape)
@@ -334,10 +354,17 @@ class _Reader:
         if self.config.tool is not None:
             self._check_tool(self.config.tool)
         carried = {name for joint in moving for name in self._rigidly_below(self._child(joint))}
+        fixed = carried - {self._child(joint) for joint in moving}
         for name, link in self.links.items():
             try:
                 self._check_inertia(name, link)
             except InputError as fault:
+                if name in fixed and self._inertia(link)[0] >= 0.0:
+                    # A locked finger, a sensor: what moves is judged with all that is fixed to it.
+                    for inertia in link.findall("inertial/inertia"):
+                        inertia.attrib = dict.fromkeys(_INERTIA, "0")
+                    self.notices.append(f"taken as a point mass: {fault}")
+                    continue
                 if name in carried:  # what stands still needs none
                     self.inertia_faults.append(fault)
                 for inertial in link.findall("inertial"):
@@ -420,8 +447,7 @@ class _Reader:
         pose = self._origin(inertial)
         values = [0.0] * 6
         if inertia_element is not None:
-            keys = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-            values = [self._number(inertia_element, key, 0.0) for key in keys]
+            values = [self._number(inertia_element, key, 0.0) for key in _INERTIA]
         R = pose.rotation().matrix()
         return mass, pose.translation(), R @ inertia_matrix(values) @ R.T
 
@@ -460,6 +486,7 @@ class _Reader:
             self._fail(
                 limit if limit is not None else joint,
                 f'joint "{name}": lower limit {lower:g} is not below the upper {upper:g}',
+                "write its travel into the URDF, or lock the joint in robot.yaml",
             )
         if not velocity >= 1e-6:
             self._fail(joint, f'joint "{name}": velocity limit {velocity:g}, expected 1e-6 or more')

@@ -71,7 +71,7 @@ class MachiningController(LeafSystem):
         self._reference, self._estimator, self._controller = reference, estimator, controller
         self._chain: SerialChain = estimator.estimator.chain
         self._n = n = self._chain.num_joints
-        self._tables = estimator.default_tables()
+        self._packed = estimator.default_packed
         self._taught: tuple[Array, Array, float] | None = None
         if taught is not None:
             assert taught.steady is not None
@@ -109,7 +109,8 @@ class MachiningController(LeafSystem):
         # Memory that is settled once; nothing in it outlives a call.
         self._leading = (*reference.leading, np.ascontiguousarray(self._chain.table))
         self._impedance = controller.law
-        self._taking = (*estimator.taking, *reference.advancing)
+        choice, packed, given, scratch = estimator.taking
+        self._taking = (choice, *packed, given, scratch, *reference.advancing)
         self._model_terms = RigidBodyTerms.zeros(n).record
         self._scratch = np.empty((n, SCRATCH_COLUMNS))
         self._lesson = np.zeros(n + 1)
@@ -150,7 +151,7 @@ class MachiningController(LeafSystem):
             lesson, reference = self._lesson, out[self._reference_from : self._reference_to]
             taught_tick(*self._taught, plan[-2], lesson)
             taught = (lesson[:n], reference[n : 2 * n], lesson[n])
-        self._estimator.read(self._tables, state[:end], q, v, self._unread, taught, reading)
+        self._estimator.read(self._packed, state[:end], q, v, self._unread, taught, reading)
         impedance_tick(
             self._impedance,
             terms,

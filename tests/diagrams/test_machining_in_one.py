@@ -271,7 +271,7 @@ def test_what_only_the_log_asks_for_runs_when_the_log_does(hard):
     assert counted[None][reading] == 100
     assert counted[0.01][reading] == 10
     # The observer has a state: it takes every tick.
-    observer = ("ExternalTorqueObserver", "_update")
+    observer = ("GeneralizedMomentumObserver", "_update")
     assert counted[None][observer] == counted[0.01][observer] == 100
 
 

@@ -18,7 +18,6 @@ from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.kalman_observer import KalmanObserver, KalmanObserverConfig
 from wrenchsight.models.observers.observer_kinds import OBSERVERS
-from wrenchsight.models.observers.super_twisting_observer import SuperTwistingObserverConfig
 from wrenchsight.models.robot.robot import Robot
 
 T = 1e-3
@@ -76,8 +75,6 @@ def test_every_engine_reads_the_same(
     sts: Robot, kind: type, with_error: bool, torque_samples: str
 ) -> None:
     own = kind.Config(time_step=T, torque_samples=torque_samples)  # type: ignore[attr-defined]
-    if isinstance(own, SuperTwistingObserverConfig):
-        own = replace(own, torque_rate=[5000.0])  # the log starts with tens of newton metres
     reading = WrenchReconstructionConfig(max_force_sd=1e3, max_phantom=1e3)
     config = WrenchEstimatorConfig(own, reading)
     model, log = model_of(sts, with_error), samples(sts)

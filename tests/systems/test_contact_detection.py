@@ -115,7 +115,10 @@ def test_fused_has_the_same_ports_and_numbers(sts, model, log):
 def test_ports(sts, model):
     system = ContactDetection(ContactDetector.of(WrenchEstimator(sts, model, config("inverse"))))
     names = [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
-    assert names == ["q", "v", "terms", "tau_ext", "tau_ext_valid", "tau_J", "tau_f"]
+    assert names == [
+        *("v", "terms", "torque_error", "tau_ext", "tau_ext_valid", "tau_J", "tau_f"),
+        *("pole", "law"),
+    ]
     for late in ("tau_J", "tau_f"):
         port = system.GetInputPort(late).get_index()
         assert not system.HasDirectFeedthrough(int(port), 0)

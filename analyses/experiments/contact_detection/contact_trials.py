@@ -85,8 +85,8 @@ class TrialLog:
         seen = self.estimator.observe(self.q, self.v, current)
         return Detection.of(
             detector.judge(
-                *(detector.initial_state(), self.q, self.v, seen.tau_J - seen.tau_f),
-                *(self.momentum, seen.J, seen.tau_ext, seen.fresh),
+                *(detector.initial_state(), seen.torque_error, self.v, seen.transmitted),
+                *(self.momentum, seen.tau_ext, seen.fresh),
             )
         )
 

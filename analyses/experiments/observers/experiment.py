@@ -14,12 +14,12 @@ share inside the stated 95 % band. By `force_only`, whose band holds the torque 
 each sample, too (`models.estimation.smoothing`). Figure and notes judge valid samples. Where no
 observer's reading of a log is valid, they judge all its samples, and say so.
 
-Not blind: the kalman observer's bandwidth, its share of white noise and the super-twisting
-observer's rate were settled on the three fitted runs with pushes and slow forces put in. That
-stiction lasts as long as a joint rests was put into the kalman observer after `ur-20_01_17-p1` had
-been seen, and the torque error's law was settled with p1 to p5 in sight. How the kalman observer
-tells that a force has changed was settled on `simulated-pushes` of seed 0, with the UR10e's logs in
-sight; how smoothing does, on these pushes and `ur-20_02_10-20sec_7harm`, with and without.
+Not blind: the kalman observer's bandwidth and its share of white noise were settled on the three
+fitted runs with pushes and slow forces put in. That stiction lasts as long as a joint rests was put
+into the kalman observer after `ur-20_01_17-p1` had been seen, and the torque error's law was
+settled with p1 to p5 in sight. How the kalman observer tells that a force has changed was settled
+on `simulated-pushes` of seed 0, with the UR10e's logs in sight; how smoothing does, on these pushes
+and `ur-20_02_10-20sec_7harm`, with and without.
 """
 
 from collections.abc import Mapping

@@ -51,9 +51,13 @@ from wrenchsight.analyses.study.experiment import (
     FigureFile,
 )
 from wrenchsight.models.arrays import Array, Flags
-from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.estimator import (
+    Observation,
+    WrenchEstimator,
+    WrenchEstimatorConfig,
+)
 from wrenchsight.models.estimation.point_of_action import find_point_of_action, jacobian_at
-from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.estimation.wrench import WrenchEstimate, WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.recordings.position_resolution import position_resolution
@@ -158,7 +162,7 @@ def _log_metrics(
             position_resolution=position_resolution(recording.q).tolist(),
         )
         estimator = WrenchEstimator(robot, model, config)
-        if estimator.trusted is None:
+        if not estimator.learnt:
             raise ValueError("the model has no torque error")
         seen = estimator.observe(uniform.q, uniform.v, uniform.current)
         J, truth = seen.J, np.zeros((len(seen.J), 3))
@@ -169,13 +173,18 @@ def _log_metrics(
             ).p_EP
             J = jacobian_at(J, R_WE, point)
             truth = mass * payload_reference(robot, uniform, 5.0, point).direction
-        log = (uniform.q, uniform.v, seen.tau_J - seen.tau_f, J, seen.tau_ext, seen.fresh)
-        reading = estimator.trusted
-        wrench, covariance, _, valid, _ = reading.run(reading.initial_state(), *log)
+
+        def read(own: WrenchEstimator, J: Array = J, seen: Observation = seen) -> WrenchEstimate:
+            """The reading at the point of action."""
+            log = uniform.q, uniform.v, seen.transmitted, J
+            error = own.error.run(own.error.initial_state(), *log)
+            observed = np.empty((len(J), 0))
+            state = own.reading.initial_state()
+            return own.reading.run(state, error, J, seen.tau_ext, seen.fresh, observed)
+
+        wrench, covariance, _, valid = read(estimator)
         if wide is not None:
-            other = WrenchEstimator(robot, wide, config).trusted
-            assert other is not None
-            mean, covariance, _, still, _ = other.run(other.initial_state(), *log)
+            mean, covariance, _, still = read(WrenchEstimator(robot, wide, config))
             covariance, valid = covariance_about(wrench, mean, covariance), valid & still
         sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))[:, 3:]
         kept = ~uniform.dropout

@@ -23,19 +23,16 @@ from wrenchsight.analyses.methods.learning.low_passed_logs import (
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.calibration.load_identification import LoadRows
 from wrenchsight.models.calibration.load_parameters import load_columns
+from wrenchsight.models.calibration.model_uncertainty import uncertain_parameters
 from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.identification.torque_regression import parameter_names
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 
 SHORTEST = 15.0  # periods of the cutoff: 3 s at 5 Hz, of which the filter's transients take 1 s
-# The sds in model.yaml are those of independent rows. Twice them makes the load that is read from
-# unloaded logs of the UR10e, about nothing, agree with its standard errors.
-MODEL_SD_FACTOR = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,18 +135,10 @@ class ModelResidual:
     @cached_property
     def _uncertain(self) -> tuple[Array, Array]:
         """Regressor (N, n, c) of the links' base parameters, and how far each may be off (c,)."""
-        names = {name: k for k, name in enumerate(parameter_names(self.robot.joint_names, None))}
-        table = self.model.base_parameters
-        places, deviations = [], []
-        for name, sd in zip(table.names, table.standard_deviations, strict=True):
-            # A combination goes by its leading parameter, whose column stands for all of it.
-            place = names.get(name.split(" ")[0], len(names))
-            if place < 10 * self.robot.num_joints:
-                places.append(place)
-                deviations.append(MODEL_SD_FACTOR * sd)
+        places, sd = uncertain_parameters(self.model)
         log = self.log
         Y = np.asarray(self.robot.chain.regressor(log.q, log.v, log.vdot))
-        return Y[:, :, places], np.array(deviations)
+        return Y[:, :, places], sd
 
 
 def with_friction(model: IdentifiedModel, friction: FrictionLaw) -> IdentifiedModel:

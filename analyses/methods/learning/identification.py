@@ -49,6 +49,7 @@ from wrenchsight.analyses.methods.learning.low_passed_logs import (
     check_recording,
     decimation,
     log_names,
+    long_enough,
     low_pass_log,
     low_pass_logs,
     median_step,
@@ -84,6 +85,7 @@ from wrenchsight.models.identification.identified_model import (
 from wrenchsight.models.identification.identified_urdf import identified_urdf
 from wrenchsight.models.identification.physical_consistency import unphysical_links
 from wrenchsight.models.identification.torque_regression import TorqueEstimate
+from wrenchsight.models.recordings.lerobot.data_set import episode_paths
 from wrenchsight.models.recordings.plausibility.drive_evidence import (
     SignEvidence,
     recordings_sign_evidence,
@@ -381,12 +383,14 @@ def identify_logs(
         recordings, validation = (
             [
                 read_recording(
-                    log, log_format, robot, accept_signs=accept_signs, joint_signals=True
+                    episode, log_format, robot, accept_signs=accept_signs, joint_signals=True
                 )
                 for log in paths
+                for episode in episode_paths(log)
             ]
             for paths in (logs, validate)
         )
+        recordings, short = long_enough(recordings, config or IdentificationConfig())
         result = identify(recordings, robot, validation, config, progress)
         settings = IdentifySettings(
             robot=str(robot_name),
@@ -397,6 +401,7 @@ def identify_logs(
         )
         result.write(folder, settings)
     notices = [sentence for one in (*recordings, *validation) for sentence in one.notices]
+    notices += short
     return replace(result, notices=tuple(dict.fromkeys(notices)))
 
 

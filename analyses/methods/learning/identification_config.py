@@ -62,6 +62,9 @@ class IdentifySettings:
     load: list[str] = field(default_factory=list)
     # a log with a weighed load (kg), its centre of mass in the flange's frame (m) if it is known;
     # calibrates torque per ampere, adds robot.yaml
+    scale: bool = False
+    # find torque per unit of effort, joint by joint, from the URDF's masses, or with one load from
+    # two postures held with it and without; writes robot.yaml
     refresh: str | None = None
     # a model.yaml: re-estimate only its drifted friction, from seconds of one log
     log_format: str | None = None  # columns of the logs: a bundled description's name or a YAML

@@ -17,6 +17,7 @@ from wrenchsight.models.identification.identified_model import (
     LogSource,
 )
 from wrenchsight.models.identification.torque_regression import RegressionRows
+from wrenchsight.models.recordings.lerobot.data_set import file_of, root_of
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
@@ -79,6 +80,25 @@ def median_step(recordings: Sequence[Recording]) -> float:
     return float(f"{max(recording.time_step for recording in recordings):.3g}")
 
 
+def long_enough(
+    recordings: list[Recording], config: IdentificationConfig
+) -> tuple[list[Recording], list[str]]:
+    """The episodes of data sets that last as long as a fit needs, other logs, and a sentence on the
+    rest. Where all are too short, all: `low_pass_log` refuses them.
+    """
+    least = SHORTEST_LOG / config.cutoff
+    short = [
+        one for one in recordings if one.duration < least and root_of(Path(one.source)) is not None
+    ]
+    if not short or len(short) == len(recordings):
+        return recordings, []
+    sentence = (
+        f"{len(short)} of {len(recordings)} episodes are left out: shorter than the {least:.3g} s "
+        f"that a cutoff of {config.cutoff:g} Hz needs"
+    )
+    return [one for one in recordings if not any(one is own for own in short)], [sentence]
+
+
 def log_names(recordings: Sequence[Recording]) -> list[str]:
     """Stems of the logs' file names; a repeated one gets a number."""
     names: list[str] = []
@@ -112,7 +132,7 @@ def low_pass_log(
             "",
             f"a cutoff of {cutoff:g} Hz needs {4 * cutoff:g} samples a second or more, there are "
             f"{1 / step:.4g}",
-            "lower the cutoff",
+            f"add --cutoff-hz {0.25 / step:.2g}",
         )
     if recording.duration < shortest / cutoff:
         raise InputError(
@@ -120,6 +140,7 @@ def low_pass_log(
             "",
             f"the log lasts {recording.duration:.3g} s, at a cutoff of {cutoff:g} Hz it must last "
             f"{shortest / cutoff:.3g} s or more",
+            "record a longer log, or raise --cutoff-hz",
         )
     uniform = resampled(recording, step)
     tau = uniform.tau_J
@@ -137,12 +158,12 @@ def low_pass_log(
         raise InputError(recording.source, "", "no stretch of the log is free of drop-outs")
     # The signals hold nothing above the cutoff any more: a coarser grid loses nothing.
     every = max(1, int(1.0 / (step * POINTS * cutoff)))
-    path = Path(recording.source)
+    path = file_of(Path(recording.source))
     rows = recording.row
     return LowPassedLog(
         name=name,
         log=LogSource(
-            name=path.name,
+            name=Path(recording.source).name,
             sha256=_checksum(path) if path.is_file() else "",
             first_row=1 if rows is None else int(rows[0]),
             last_row=recording.num_samples if rows is None else int(rows[-1]),

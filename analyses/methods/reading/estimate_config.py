@@ -66,6 +66,9 @@ class EstimateConfig:
     drift: float | None = None
     """share of the viscous torque by which friction may have drifted, for the stated band; left
     out: the model's, or what the log's contact-free stretches show"""
+    track: bool = False
+    # follow friction's drift while the log runs, from what came before each sample, as a live
+    # reading does
     max_gap: float = 0.0  # s, longest gap that is bridged; 0: the longer of 0.1 s and three steps
     check: bool = True  # hold the log against the robot's limits and gravity
     accept_signs: bool = False
@@ -204,6 +207,22 @@ def checked_config(config: EstimateConfig, robot: Robot | None) -> EstimateConfi
         made = make_observer(replace(observer, time_step=step), robot.num_joints)
     except ValueError as error:
         raise refuse("observer", str(error), "see the command's --help") from None
+    for option, given, found in (
+        ("smooth", config.smooth, "reads each sample with what comes after it"),
+        ("engine", config.engine != "batch", f"is {config.engine}, whose diagram follows no drift"),
+        ("drift", config.drift is not None, "is what --track finds"),
+    ):
+        if config.track and given:
+            raise refuse(option, found, f"leave --track or --{option} out")
+    if config.track and robot.is_coupled:
+        found = f"is not for {robot.name}: friction of coupled joints is that of several motors"
+        raise refuse("track", found, "leave it out")
+    if config.track and known_of_wrench(reconstruction) is None:
+        found = f"is {reconstruction.method}, under which friction is not followed"
+        raise refuse("method", found, "give bayesian, force_only or inverse")
+    if config.track and made.kernels.wrench is not None:
+        found = f"is {kind_name(type(made))}, which reads the wrench itself"
+        raise refuse("observer", found, "follow friction with the momentum observer")
     if config.smooth and config.engine != "batch":
         found = f"is {config.engine}, which knows nothing of what comes after a sample"
         raise refuse("engine", found, "smooth with the batch engine")

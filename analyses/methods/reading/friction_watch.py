@@ -17,10 +17,14 @@ from wrenchsight.models.calibration.friction_disagreement import (
     friction_disagreements,
 )
 from wrenchsight.models.calibration.friction_refresh import refresh_friction
+from wrenchsight.models.calibration.load_identification import LoadPrior, LoadRows
+from wrenchsight.models.calibration.load_or_drift import LoadOrDrift, weigh, without_load
+from wrenchsight.models.calibration.observed_regressor import ObservedRegressor
 from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.robot.robot import Robot
 
 ROW_TIME = 0.1  # s
 MOST_ROWS = 6000  # ten minutes
@@ -37,16 +41,29 @@ class FrictionWatch:
         chain: with the model's inertias.
         pole: (n,) 1/s of the observer; None for one without such a lag.
         time_step: s.
+        robot: whose payload a load may be; None: no load is looked for.
     """
 
     def __init__(
-        self, model: IdentifiedModel, chain: SerialChain, pole: Array | None, time_step: float
+        self,
+        model: IdentifiedModel,
+        chain: SerialChain,
+        pole: Array | None,
+        time_step: float,
+        robot: Robot | None = None,
     ) -> None:
         self._model, self._chain, self._time_step = model, chain, time_step
         self._keep = None if pole is None else np.exp(-pole * time_step)
         self._every = max(1, round(ROW_TIME / time_step))
         self._memory = np.zeros((5, chain.num_joints))
         self._rows: list[ResidualRows] = []
+        self._robot = robot
+        self._regressor: ObservedRegressor | None = None
+        if robot is not None:
+            self._regressor = ObservedRegressor(robot, model, pole, time_step)
+        self._columns: list[tuple[Array, Array]] = []
+        self._weighed: tuple[int, LoadOrDrift | None] = (-1, None)
+        self._judged: ResidualRows | None = None
         self._free: list[Flags] = []
         self._count = 0
         self._since = np.inf  # s without contact, so far
@@ -82,6 +99,8 @@ class FrictionWatch:
         at = np.flatnonzero(known & np.isfinite(tau_ext).all(axis=1))[:: self._every]
         self._count += len(at)
         self._free.append(free[at])
+        if self._regressor is not None:
+            self._columns.append(self._regressor.along(q, v, at))
         self._rows.append(
             ResidualRows(
                 t=t[at],
@@ -120,7 +139,7 @@ class FrictionWatch:
 
     def disagreements(self) -> list[FrictionDisagreement]:
         """The joints whose friction contradicts the model."""
-        rows = self._contact_free()
+        rows = self._unloaded()
         if rows is None:
             return []
         return friction_disagreements(rows, self._model.friction.coulomb_viscous)
@@ -131,7 +150,7 @@ class FrictionWatch:
 
         With it as the torque error's `drift` the band holds what the contact-free stretches show.
         """
-        rows, found = self._contact_free(), self.disagreements()
+        rows, found = self._unloaded(), self.disagreements()
         if rows is None or not found:
             return None
         viscous = rows.moving_rms(rows.viscous)
@@ -142,7 +161,7 @@ class FrictionWatch:
         joint's friction contradicts the model. Friction of joints that share an arm's days drifts
         together, if less clearly than the one that is told; None where none is.
         """
-        rows = self._contact_free()
+        rows = self._unloaded()
         if rows is None or not self.disagreements():
             return None
         found = refresh_friction(rows, self._model.friction.coulomb_viscous)
@@ -150,13 +169,39 @@ class FrictionWatch:
         added, viscous = rows.moving_rms(change), rows.moving_rms(rows.viscous)
         return np.asarray(np.minimum(added / np.maximum(viscous, 1e-9), LARGEST_DRIFT))
 
+    def load(self) -> LoadOrDrift | None:
+        """What the log says of a load; None where none is looked for, or rows are too few."""
+        if self._weighed[0] != self._count:
+            free, rows, found = self._chosen(), self._contact_free(), None
+            if rows is not None and self._robot is not None and self._regressor is not None:
+                load, model = (
+                    np.concatenate(own)[free] for own in zip(*self._columns, strict=True)
+                )
+                log = LoadRows(rows, load, model, self._regressor.model_sd)
+                prior = LoadPrior(mass=self._robot.payload)
+                found = weigh(log, self._model.friction.coulomb_viscous, prior)
+                if found is not None and found.is_told:
+                    rows = without_load(log, found.load).rows
+            self._weighed, self._judged = (self._count, found), rows
+        return self._weighed[1]
+
+    def _unloaded(self) -> ResidualRows | None:
+        """The rows that friction is judged by: without the torque of a load that is told."""
+        self.load()
+        return self._judged
+
+    def _chosen(self) -> Flags:
+        """Which rows are judged: those without contact, or all where contact is nearly always."""
+        if not self._free:
+            return np.zeros(0, bool)
+        free = np.concatenate(self._free)
+        return free if free.mean() >= 1.0 - MOSTLY else np.ones_like(free)
+
     def _contact_free(self) -> ResidualRows | None:
         """The rows that are judged."""
         if not self._rows:
             return None
-        free = np.concatenate(self._free)
-        if free.mean() < 1.0 - MOSTLY:
-            free[:] = True
+        free = self._chosen()
         parts = {
             name: np.concatenate([getattr(own, name) for own in self._rows])[free]
             for name in ("t", "v", "residual", "dry", "viscous", "stiction", "sliding")
@@ -198,6 +243,9 @@ class FrictionWatch:
         if touched and end - begin >= SHORTEST:
             part = f" --part {np.ceil(10.0 * begin) / 10.0:g},{np.floor(10.0 * end) / 10.0:g}"
         where = "LOG (some seconds of free motion)" if touched and not part else log
+        load = self.load()
+        if load is not None and load.is_told:
+            where, part = "LOG (some seconds of free motion without the load)", ""
         command = f"wrenchsight identify {where} --robot {robot} --refresh {model}{part}"
         lines.append(f"friction of today: {command} --out refreshed")
         if allowed is not None:

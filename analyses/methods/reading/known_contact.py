@@ -120,7 +120,17 @@ def _joined(one: Read, other: Read) -> Read:
     )
 
 
-def _rows(read: Read, rows: slice) -> Read:
+def without_breaks(reads: Iterable[Read]) -> Iterator[Read]:
+    """The parts of a log again, without the samples between the episodes of a data set."""
+    for read in reads:
+        rows = read.chunk.row
+        if rows is None or rows.all():
+            yield read
+        elif rows.any():
+            yield _rows(read, rows != 0)
+
+
+def _rows(read: Read, rows: slice | Flags) -> Read:
     found: Any = (column[rows] for column in read.found)
     batch: Any = (column[rows] for column in read.batch)
     return Read(read.chunk[rows], EstimateBatch(*batch), Detection(*found), read.tau_ext[rows])

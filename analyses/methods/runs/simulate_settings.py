@@ -21,3 +21,6 @@ class SimulateSettings:
     quick: bool = False  # at most a second: to try things out
     record: bool = True  # write the moving arm as recording.html
     graph: bool = False  # draw the diagram of all blocks
+    publish: str | None = None
+    # then play the run, at real time, to whoever connects: rtde://HOST[:PORT], as a controller of
+    # Universal Robots would (six joints)

@@ -21,10 +21,6 @@ from wrenchsight.models.recordings.recording_format import RecordingFormat, Sign
 _WRENCH = ("force/x", "force/y", "force/z", "torque/x", "torque/y", "torque/z")
 _TIMES = ("__time", "t", "time", "timestamp")
 _DESCRIBE = "or describe the columns with --log-format"
-EFFORT_NOTICE = (
-    "effort is read as joint torque in N m; of a driver that reports amperes there (Universal "
-    "Robots) name it as the current in a description"
-)
 
 
 @dataclass(frozen=True)
@@ -33,6 +29,7 @@ class KnownLayout:
 
     form: RecordingFormat
     notices: tuple[str, ...]
+    effort: bool = False  # whether its motor torque is called effort: N m, or A
 
 
 def known_layout(
@@ -108,10 +105,8 @@ def _echo(
     form = RecordingFormat(header=False, time=_numbered([0, 1]))
     for k, key in enumerate(("position", "velocity", "motor_torque")[:blocks]):
         setattr(form, key, _numbered([3 + size * (k + 1) + j for j in order]))
-    if blocks == 3:
-        notices.append(EFFORT_NOTICE)
     first = f"read as `ros2 topic echo --csv` of a JointState of {size} joints"
-    return KnownLayout(form, (first, *notices))
+    return KnownLayout(form, (first, *notices), effort=blocks == 3)
 
 
 def _series(
@@ -163,10 +158,8 @@ def _series(
                 "record all joints, " + _DESCRIBE,
             )
         setattr(form, key, _numbered([held[joint] for joint in joints]))
-    if form.motor_torque is not None:
-        notices.append(EFFORT_NOTICE)
     first = f"joints read from the columns of {main or 'each joint'}"
-    return KnownLayout(form, (first, *notices))
+    return KnownLayout(form, (first, *notices), effort=form.motor_torque is not None)
 
 
 def _topic_of(

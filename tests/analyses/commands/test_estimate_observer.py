@@ -20,7 +20,6 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.observers.observer_kinds import OBSERVERS, kind_name
-from wrenchsight.models.observers.super_twisting_observer import SuperTwistingObserverConfig
 from wrenchsight.models.robot.robot import Robot
 
 
@@ -46,15 +45,15 @@ def call(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., Any]:
 
 
 def test_the_names_of_the_kinds() -> None:
-    assert [kind_name(kind) for kind in OBSERVERS] == ["momentum", "kalman", "super-twisting"]
+    assert [kind_name(kind) for kind in OBSERVERS] == ["momentum", "kalman"]
 
 
 def test_an_observer_by_its_name(call: Callable[..., Any]) -> None:
     assert call() == MomentumObserverConfig(time_step=0.0)
     found = call("--observer", "kalman", "--bandwidth", "0.1", "--torque-samples", "trapezoidal")
     assert found == KalmanObserverConfig(0.1, 0.0, "trapezoidal")
-    found = call("--observer", "super-twisting", "--torque-rate", "30,40", "--step", "0.002")
-    assert found == SuperTwistingObserverConfig([30.0, 40.0], 0.002)
+    found = call("--observer", "momentum", "--k0", "30,40", "--step", "0.002")
+    assert found == MomentumObserverConfig([30.0, 40.0], 0.002)
 
 
 def test_options_count_before_the_file(call: Callable[..., Any]) -> None:
@@ -73,7 +72,7 @@ def test_a_setting_of_another_observer_is_one_line(call: Callable[..., Any]) -> 
     assert result.stderr == "--k0: KalmanObserverConfig has no K_0; leave it out\n"
     result = call("--observer", "luenberger")
     assert result.exit_code == 2
-    assert "give momentum or kalman or super-twisting" in result.stderr
+    assert "give momentum or kalman" in result.stderr
 
 
 def test_a_method_that_the_observer_does_not_know(ur10e: Robot) -> None:

@@ -28,6 +28,32 @@ def test_closed_form_with_the_scale_that_it_states():
     np.testing.assert_allclose(fit.scale, expected, rtol=1e-6)
 
 
+def test_the_evidence_is_that_of_the_integral():
+    """One unknown and one scale, integrated over a grid; the difference of two sets of columns."""
+    rng = np.random.default_rng(3)
+    columns = rng.normal(size=(200, 2))
+    b = 0.3 * columns[:, 0] + 1.1 * rng.normal(size=200)
+    sd, m = 0.5, len(b)
+
+    def integral(a):
+        x, s = np.linspace(-3.0, 3.0, 2001)[:, None], np.exp(np.linspace(-0.7, 0.7, 501))
+        squares = b @ b - 2.0 * x * (a @ b) + x**2 * (a @ a)
+        log = -(FREEDOM + m) * np.log(s) - 0.5 * (FREEDOM + squares) / s**2 - 0.5 * (x / sd) ** 2
+        largest = log.max()
+        return largest + np.log(np.exp(log - largest).sum())
+
+    found = [
+        fit_with_prior([np.column_stack([a, b])], np.full(1, sd), np.zeros(1)).log_evidence
+        for a in columns.T
+    ]
+    expected = integral(columns[:, 0]) - integral(columns[:, 1])
+    # Laplace's method, and the scale at its mode: a share of 1 / (FREEDOM + m).
+    assert found[0] - found[1] == pytest.approx(expected, abs=0.05)
+    assert found[0] - found[1] > 3.0
+    wide = fit_with_prior(ROWS, np.full(3, np.inf), np.zeros(3))
+    assert np.isnan(wide.log_evidence)
+
+
 def test_without_a_prior_it_is_least_squares():
     fit = fit_with_prior([ROWS[0]], np.full(3, np.inf), np.zeros(3))
     np.testing.assert_allclose(fit.values, np.linalg.lstsq(A[0], B[0], rcond=None)[0])

@@ -27,6 +27,7 @@ from wrenchsight.models.detection.contact_statistic import (
     WINDOW,
 )
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.torque_error_stage import TorqueError
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.contact_noise import ContactNoise
@@ -70,6 +71,13 @@ def detector_of(model, robot, rate=1.0, method="force_only"):
     return ContactDetector.of(estimator, ContactDetectionConfig(rate))
 
 
+def judge(detector, state, q, v, transmitted, momentum, J, tau_ext, fresh):
+    """What the detector says of samples whose torque error begins with the first of them."""
+    stage = detector.stage
+    error = stage.run(stage.initial_state(), q, v, transmitted, J)
+    return detector.judge(state, error, v, transmitted, momentum, tau_ext, fresh)
+
+
 def still(model, robot, samples):
     """q, v, transmitted, momentum and J of an arm that holds its home posture."""
     q = np.tile(robot.home, (samples, 1))
@@ -80,8 +88,12 @@ def still(model, robot, samples):
 
 def judged(detector, model, robot, tau_ext):
     samples = len(tau_ext)
-    out = detector.judge(
-        detector.initial_state(), *still(model, robot, samples), tau_ext, np.ones(samples, bool)
+    out = judge(
+        detector,
+        detector.initial_state(),
+        *still(model, robot, samples),
+        tau_ext,
+        np.ones(samples, bool),
     )
     return out, Detection.of(out)
 
@@ -180,9 +192,9 @@ def test_the_sample_that_follows_a_contact_is_no_mean(sts, model):
     tau_ext[200:205] = 30.0 * direction * SD
     _, found = judged(detector, model, sts, tau_ext)
     end = np.flatnonzero(found.contact)[-1] + 1
-    size = 0.98 * detector._settings[SAMPLE_RELEASE]
+    size = 0.98 * detector.settings[SAMPLE_RELEASE]
     scale = np.sqrt(CORRELATION_TIME / (CORRELATION_TIME + WINDOW))
-    assert size / scale > 1.1 * detector._settings[MEAN_LEVEL]
+    assert size / scale > 1.1 * detector.settings[MEAN_LEVEL]
     tau_ext[end] = -size * direction * SD  # nothing of the contact is left
     _, found = judged(detector, model, sts, tau_ext)
     assert found.contact[end - 1]
@@ -213,7 +225,7 @@ def test_what_no_force_at_e_explains_is_told_soon(sts, model):
         tau_ext[start : start + 100] += onto * SD
     detector = detector_of(own, sts)
     level = OTHER_DAYS * own.contact_noise.misfit.level_at(MISFIT_RATE)
-    assert detector._settings[MISFIT_LEVEL] == pytest.approx(level)
+    assert detector.settings[MISFIT_LEVEL] == pytest.approx(level)
     _, found = judged(detector, own, sts, tau_ext)
     late = [np.flatnonzero(found.misfit[start : start + 100])[0] for start in starts]
     # 1 - exp(-t / .1) = (level / 7)^2 = .3 at .04 s; over .3 s it would be .11 s.
@@ -227,7 +239,7 @@ def test_what_no_force_at_e_explains_is_told_soon(sts, model):
     # A second of contact is misread once in a hundred times: 16 seconds here.
     assert found.misfit[found.contact].mean() < 0.02
     older = replace(own, contact_noise=replace(own.contact_noise, misfit=None))
-    settings = detector_of(older, sts)._settings
+    settings = detector_of(older, sts).settings
     assert settings[MISFIT_LEVEL] == settings[POWER_LEVEL]
 
 
@@ -310,7 +322,7 @@ def test_what_a_jump_of_motor_torque_reads_as_is_no_contact(sts, model, torque_s
     rest = transmitted.copy()
     transmitted[200, 1] += 200.0
     out = [
-        detector.judge(detector.initial_state(), q, v, torque, momentum, J, read, fresh)
+        judge(detector, detector.initial_state(), q, v, torque, momentum, J, read, fresh)
         for torque in (rest, transmitted)
     ]
     assert Detection.of(out[0]).contact[first]
@@ -351,8 +363,9 @@ def test_a_joint_that_comes_to_rest_lets_go_and_nothing_touched_it(sts, model):
     for after, touched in ((0.0, False), (0.1, True)):  # stops, and moves on
         v[:, 0] = np.where(np.arange(300) < 200, 0.5, after)
         q[:, 0] = sts.home[0] + T * np.cumsum(v[:, 0])
-        out = detector.judge(
-            *(detector.initial_state(), q, v, transmitted, momentum, J, read, np.ones(300, bool))
+        out = judge(
+            detector,
+            *(detector.initial_state(), q, v, transmitted, momentum, J, read, np.ones(300, bool)),
         )
         assert Detection.of(out).contact.any() == touched
 
@@ -370,8 +383,9 @@ def test_a_joint_that_starts_lets_go_of_what_it_carried_and_nothing_touched_it(s
         v[:, 0] = np.where(np.arange(300) < 200, before, 0.2)
         v[:, 1] = 0.3
         q = sts.home + T * np.cumsum(v, axis=0)
-        out = detector.judge(
-            *(detector.initial_state(), q, v, transmitted, momentum, J, read, np.ones(300, bool))
+        out = judge(
+            detector,
+            *(detector.initial_state(), q, v, transmitted, momentum, J, read, np.ones(300, bool)),
         )
         assert Detection.of(out).contact.any() == touched
 
@@ -383,7 +397,7 @@ def test_held_readings_leave_everything_as_it_was(sts, model):
     fresh[195:300] = False
     detector = detector_of(model, sts)
     state = detector.initial_state()
-    found = Detection.of(detector.judge(state, *still(model, sts, 400), tau_ext, fresh))
+    found = Detection.of(judge(detector, state, *still(model, sts, 400), tau_ext, fresh))
     assert not found.contact[:300].any()
     assert found.contact[300:].all()
     assert np.unique(found.statistic[195:300]).size == 1
@@ -394,10 +408,17 @@ def test_chunk_by_chunk_is_one_pass(sts, model):
     tau_ext[300:400] += 10.0
     detector = detector_of(model, sts)
     signals = (*still(model, sts, 900), tau_ext, np.ones(900, bool))
-    whole = detector.judge(detector.initial_state(), *signals)
+    whole = judge(detector, detector.initial_state(), *signals)
     state = detector.initial_state()
+    q, v, transmitted, momentum, J, *seen = signals
+    stage = detector.stage
+    error = stage.run(stage.initial_state(), q, v, transmitted, J)
     parts = [
-        detector.judge(state, *(x[rows] for x in signals))
+        detector.judge(
+            state,
+            TorqueError(*(part[rows] for part in error)),
+            *(x[rows] for x in (v, transmitted, momentum, *seen)),
+        )
         for rows in (slice(0, 1), slice(1, 350), slice(350, 900))
     ]
     np.testing.assert_array_equal(np.concatenate(parts), whole)
@@ -410,7 +431,8 @@ def test_rest_and_range(sts, model):
     transmitted[150, 2] = -60.0
     detector = detector_of(model, sts)
     found = Detection.of(
-        detector.judge(
+        judge(
+            detector,
             detector.initial_state(),
             *(q, v, transmitted, momentum, J, np.zeros_like(q), np.ones(200, bool)),
         )
@@ -428,7 +450,8 @@ def test_a_model_without_torque_error_tells_rest_and_range_alone(sts):
     v[60:, 0] = 2.0
     detector = detector_of(model, sts)
     assert not detector.knows_error
-    out = detector.judge(
+    out = judge(
+        detector,
         detector.initial_state(),
         *(q, v, transmitted, momentum, J, np.full_like(q, 1e4), np.ones(100, bool)),
     )

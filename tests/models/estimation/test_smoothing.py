@@ -17,7 +17,6 @@ from wrenchsight.models.estimation.smoothing import DRIFT_TIME, WrenchSmoother, 
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.identification.torque_error_model import TORQUE_ERROR_ROWS
 from wrenchsight.models.observers.fixed_interval import BLOW_GAIN, LIKELIER
 from wrenchsight.models.observers.force_changes import IntervalSmoother
 from wrenchsight.models.observers.kalman_observer import (
@@ -191,12 +190,8 @@ def test_it_is_the_posterior_given_the_whole_log(
 
 
 def interval_smoother(own: WrenchEstimator) -> IntervalSmoother:
-    error = own.model.torque_error
-    assert error is not None
-    rows = np.zeros((TORQUE_ERROR_ROWS + 1, own.num_joints))
-    rows[:TORQUE_ERROR_ROWS] = error.initial_state()
     observer = KalmanObserver(own.config.observer, own.num_joints).informed(own.knowledge)
-    return IntervalSmoother(observer.table, rows, float(np.exp(-STEP / DRIFT_TIME)))
+    return IntervalSmoother(observer.table, own.num_joints, float(np.exp(-STEP / DRIFT_TIME)))
 
 
 @pytest.mark.parametrize("method", ["bayesian", "force_only"])

@@ -11,8 +11,8 @@ from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiPa
 from wrenchsight.models.identification.torque_error_model import (
     TORQUE_ERROR_ROWS,
     TorqueErrorModel,
-    add_read_load,
     averaged_share,
+    take_transmitted,
     torque_sd_tick,
 )
 
@@ -111,9 +111,10 @@ def test_tick_by_tick_is_the_log() -> None:
     sd, stiction = own.along(friction, q, v, load, STEP)
     table, state = own.table(friction, STEP, 20.0), own.initial_state()
     assert state.shape == (TORQUE_ERROR_ROWS, N)
-    one, held = np.empty(N), np.empty(N)
+    one, held, drift = np.empty(N), np.empty(N), np.empty(N)
     for k in range(200):
-        torque_sd_tick(table, state, q[k], v[k], load[k], one, held)
+        torque_sd_tick(table, state, q[k], v[k], one, held, drift)
+        take_transmitted(state, load[k], np.zeros(N))
         np.testing.assert_array_equal(one, sd[k])
         np.testing.assert_array_equal(held, stiction[k])
 
@@ -168,13 +169,6 @@ def test_a_joint_that_creeps_rests_at_any_speed_or_only_at_rest() -> None:
     assert 0.15 < 3.0 * (at_any_speed[0] / level[0]) ** 2 < 0.2
     assert resting_only[0] < 1e-3 * level[0]
     assert at_any_speed[1] == resting_only[1] == pytest.approx(level[1] / np.sqrt(3.0), rel=0.01)
-
-
-def test_the_load_that_is_read_adds_its_share() -> None:
-    sd = np.array([0.3, 0.4])
-    table = model(read_load=0.1).table(law(), STEP, 20.0)
-    add_read_load(table, np.array([-4.0, np.nan]), sd)
-    np.testing.assert_allclose(sd, [0.5, 0.4], rtol=1e-12)
 
 
 def test_a_reversal_is_remembered_as_long_as_the_observer_remembers_it() -> None:

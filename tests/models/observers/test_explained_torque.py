@@ -10,7 +10,6 @@ from wrenchsight.models.observers.explained_torque import (
     BEYOND,
     QUIET,
     WITHIN,
-    explained_log,
     explained_table,
     is_explained,
     unexplained,
@@ -91,6 +90,14 @@ def test_doubt_lasts_until_the_torque_has_been_explained_for_a_while() -> None:
     assert abs(first - (6 + quiet)) <= 1  # a tick of rounding
     assert all(seen[first:])
     assert is_explained(table(), np.nan, np.nan)[0]
+
+
+def explained_log(table, state, J, tau, sd, explained):
+    """`is_explained` of samples, one after another."""
+    for k in range(len(tau)):
+        explained[k], state[0] = is_explained(
+            table, state[0], unexplained(table, J[k], tau[k], sd[k])
+        )
 
 
 def test_a_log_goes_on_where_it_was_left() -> None:

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from wrenchsight.models.identification.torque_error_model import TORQUE_ERROR_ROWS
 from wrenchsight.models.observers.fixed_interval import (
     BLOW_GAIN,
     FORCE_GAIN,
@@ -37,12 +35,10 @@ STILL = np.array([10.0, -20.0, 5.0])  # N
 
 
 def smoother(step: float) -> IntervalSmoother:
-    law = SemiParametricFriction(CoulombViscous(np.zeros(N), np.zeros(N), np.zeros(N)))
-    knowledge = ModelKnowledge(None, np.ones(N), law, None, FORCE_ONLY)
+    knowledge = ModelKnowledge(None, np.ones(N), np.ones(N), FORCE_ONLY)
     config = KalmanObserverConfig(0.002, step, "trapezoidal")
     table = KalmanObserver(config, N).informed(knowledge).table
-    rows = np.zeros((TORQUE_ERROR_ROWS + 1, N))
-    return IntervalSmoother(table, rows, float(np.exp(-step / 600.0)))
+    return IntervalSmoother(table, N, float(np.exp(-step / 600.0)))
 
 
 def observed(forces: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:

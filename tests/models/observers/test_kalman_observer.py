@@ -20,9 +20,11 @@ from wrenchsight.models.observers.kalman_observer import (
 )
 from wrenchsight.models.observers.observer import (
     CTV,
+    DRIFT,
     GRAVITY,
     MOMENTUM,
     NUM_SIGNALS,
+    STICTION,
     TAU_EXT,
     TAU_F,
     TAU_J,
@@ -66,7 +68,8 @@ def friction(n: int = N) -> SemiParametricFriction:
 def knowledge(
     prior: WrenchPrior, error: TorqueErrorModel | None = None, n: int = N
 ) -> ModelKnowledge:
-    return ModelKnowledge(error, np.linspace(1.0, 0.2, n), friction(n), None, prior)
+    rates = np.ones(n) if error is None else error.K_0
+    return ModelKnowledge(error, np.linspace(1.0, 0.2, n), rates, prior)
 
 
 def log(rows: int, n: int = N) -> tuple[np.ndarray, np.ndarray]:
@@ -87,7 +90,17 @@ def log(rows: int, n: int = N) -> tuple[np.ndarray, np.ndarray]:
 def read(
     observer: KalmanObserver, signals: np.ndarray, J: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Wrench (rows, 6), its covariance, and which rows are fresh; tau_ext into `signals`."""
+    """Wrench (rows, 6), its covariance, and which rows are fresh; tau_ext into `signals`.
+
+    The sds of an observer's torque error, if it knows one, are put into `signals`, too.
+    """
+    known = observer._knowledge
+    if known is not None and known.torque_error is not None:
+        n, load = signals.shape[2], signals[:, TAU_J] - signals[:, TAU_F]
+        sds = known.torque_error.along(friction(n), signals[:, Q], signals[:, V], load, STEP)
+        signals[:, TORQUE_SD], signals[:, STICTION] = sds
+        viscous = friction(n).coulomb_viscous.viscous
+        signals[:, DRIFT] = known.torque_error.drifts * viscous * signals[:, V]
     state, rows = observer.initial_state(), len(signals)
     wrench, covariance = np.empty((rows, 6)), np.empty((rows, 6, 6))
     fresh = np.empty(rows, bool)
@@ -415,4 +428,4 @@ def test_bad_settings(change: dict[str, float | str], problem: str) -> None:
 
 def test_a_method_without_a_prior() -> None:
     with pytest.raises(ValueError, match="bayesian, force_only or inverse"):
-        KalmanObserver(CONFIG, N).informed(ModelKnowledge(None, np.ones(N), friction(), None, None))
+        KalmanObserver(CONFIG, N).informed(ModelKnowledge(None, np.ones(N), np.ones(N), None))

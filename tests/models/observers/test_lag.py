@@ -3,11 +3,24 @@
 import numpy as np
 import pytest
 
-from wrenchsight.models.observers.lag import LagModel, jacobian_seen, jacobian_seen_log, lag_log
+from wrenchsight.models.observers.lag import (
+    LagModel,
+    jacobian_seen,
+    jacobian_seen_log,
+    lag_tick,
+    lag_update,
+)
 from wrenchsight.models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
 
 STEP = 0.01
 N = 4
+
+
+def lag_log(settings, state, wrench, valid, covariance):
+    """Lag and scale of samples, one after another."""
+    for k in range(len(wrench)):
+        lag_tick(settings, state, wrench[k], covariance[k], np.empty(6))
+        lag_update(settings, state, wrench[k], valid[k])
 
 
 def motion(samples: int = 400) -> np.ndarray:

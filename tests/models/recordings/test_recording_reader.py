@@ -257,7 +257,7 @@ def test_broken_parquet_is_one_line(tmp_path: Path) -> None:
     _refused(_parquet(tmp_path, q2=bad), "row 18, column q2", "not finite")
     _refused(_parquet(tmp_path, t=_empty_cell(table[:, 0])), "row 21, column t", "is empty")
     _refused(_parquet(tmp_path, q2=["a"] * _NUM_ROWS), "column q2", "holds string")
-    _refused(_parquet(tmp_path, q2=[[1.0]] * _NUM_ROWS), "column q2", "holds list")
+    _refused(_parquet(tmp_path, q2=[["a"]] * _NUM_ROWS), "column q2", "holds list")
 
     path = _parquet(tmp_path)
     whole = path.read_bytes()
@@ -329,7 +329,6 @@ def test_a_file_without_permission(tmp_path: Path) -> None:
     [
         ("t,q1,q2,v1,i1,i2,tau1", ["lacks the columns v2, tau2"]),
         ("t,q1,q2,v1,v3,i1,i2", ["lacks the column", "v2"]),
-        ("time,q1,q2,v1,v2,i1,i2", ['unknown column "time"', 'name the time "t"']),
         ("t,q0,q1,v0,v1,i0,i1", ['unknown column "q0"', "numbered from 1"]),
         ("t,q_1,q2,v1,v2,i1,i2", ['unknown column "q_1"', 'did you mean "q1"?']),
         ("t,q1,q2,v1,v2,i1,temperature", ['unknown column "temperature"', "--log-format"]),

@@ -11,6 +11,8 @@ from wrenchsight.models.recordings.recording_reader import read_recording
 
 _ROWS = 30
 _ROBOT = SimpleNamespace(
+    has_inertias=False,
+    is_coupled=False,
     name="two",
     num_joints=2,
     joint_names=("shoulder", "elbow"),

@@ -25,6 +25,8 @@ from wrenchsight.models.recordings.rosbag import table as rosbag_table
 _TYPES = get_typestore(Stores.ROS2_HUMBLE)
 _JOINTS = ["elbow", "finger", "shoulder"]
 _ROBOT: Any = SimpleNamespace(
+    has_inertias=False,
+    is_coupled=False,
     name="two",
     num_joints=2,
     joint_names=("shoulder", "elbow"),

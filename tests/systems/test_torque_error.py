@@ -9,12 +9,11 @@ from played_logs import played
 from sample_models import knowing_model
 
 from wrenchsight.diagrams.estimator import make_estimator
-from wrenchsight.models.detection.contact_detector import ContactDetector
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.estimation.wrench_kernels import METHODS
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
-from wrenchsight.systems.trusted_wrench_reading import TrustedWrenchReading
+from wrenchsight.systems.torque_error import TorqueErrorSystem
 
 T, N, ROWS = 1e-3, 6, 300
 
@@ -40,10 +39,10 @@ def log(sts):
 
 def test_ports(sts, model):
     estimator = WrenchEstimator(sts, model, WrenchEstimatorConfig())
-    system = TrustedWrenchReading(estimator.trusted, T)
+    system = TorqueErrorSystem(estimator.error, T)
     names = [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
-    assert names == ["q", "v", "terms", "tau_ext", "tau_ext_valid", "tau_J", "tau_f", "observed"]
-    assert system.GetOutputPort("reading").size() == 44
+    assert names == ["q", "v", "terms", "tau_J", "tau_f", "pole", "law"]
+    assert system.GetOutputPort("torque_error").size() == 16 * N
     for late in ("tau_J", "tau_f"):
         port = system.GetInputPort(late).get_index()
         assert not system.HasDirectFeedthrough(int(port), 0)
@@ -84,7 +83,7 @@ def test_the_load_that_is_read_widens_the_band_alike(sts, model, log, fused):
     np.testing.assert_allclose(
         found["covariance"], batch.covariance.reshape(ROWS, 36), rtol=0.0, atol=1e-12 * scale
     )
-    assert not np.allclose(batch.torque_sd, plain.run(plain.initial_state(), *log).torque_sd)
+    assert not np.allclose(batch.covariance, plain.run(plain.initial_state(), *log).covariance)
 
 
 @pytest.mark.parametrize("method", ["bayesian", "force_only"])
@@ -139,22 +138,6 @@ def test_the_encoders_step_comes_from_robot_yaml_unless_the_configuration_says_i
     said = WrenchEstimatorConfig(position_resolution=[2e-4] * N)
     by_robot, by_configuration, by_model = (
         one.run(one.initial_state(), *log).torque_sd
-        for one in (
-            WrenchEstimator(own, model, WrenchEstimatorConfig()),
-            WrenchEstimator(sts, model, said),
-            WrenchEstimator(sts, model, WrenchEstimatorConfig()),
-        )
-    )
-    np.testing.assert_array_equal(by_robot, by_configuration)
-    assert not np.array_equal(by_robot, by_model)
-
-
-def test_the_contact_detector_takes_the_same_encoders_step(sts, model):
-    own = copy(sts)
-    own.position_resolution = np.full(N, 2e-4)
-    said = WrenchEstimatorConfig(position_resolution=[2e-4] * N)
-    by_robot, by_configuration, by_model = (
-        ContactDetector.of(one)._error
         for one in (
             WrenchEstimator(own, model, WrenchEstimatorConfig()),
             WrenchEstimator(sts, model, said),

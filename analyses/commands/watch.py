@@ -1,0 +1,47 @@
+"""The command `watch`: the wrench at the tool while the robot runs."""
+
+from wrenchsight.analyses.commands.options import Option, with_settings
+from wrenchsight.analyses.methods.live.watch_config import WatchSettings
+from wrenchsight.analyses.output.console import new_console, say
+
+ORDER = 35
+ESTIMATOR = "watch.live.estimator"
+OPTIONS = (
+    Option("source", required=True, argument=True, metavar="SOURCE"),
+    Option("robot"),
+    Option("model"),
+    Option("duration_s", "duration"),
+    Option("record", metavar="DIR"),
+    Option("record_format"),
+    Option("publish"),
+    Option("view"),
+    Option("watch.prior"),
+    Option("watch.tool"),
+    Option("watch.check", shown=False),
+    Option("watch.accept_signs", shown=False),
+    Option("watch.other_robot", shown=False),
+    Option("watch.live.late", shown=False),
+    Option("watch.live.max_gap", shown=False),
+    Option("watch.live.detection.false_alarms_per_hour", shown=False),
+    Option(f"{ESTIMATOR}.observer.K_0", "k0", shown=False),
+    Option(
+        f"{ESTIMATOR}.observer.time_step",
+        "step",
+        help="time step of the grid that samples are put on, s; 0: the stream's own",
+        shown=False,
+    ),
+    Option(f"{ESTIMATOR}.reconstruction.method", shown=False),
+    Option(f"{ESTIMATOR}.reconstruction.max_force_sd", shown=False),
+)
+
+
+@with_settings(WatchSettings, OPTIONS)
+def command(settings: WatchSettings) -> None:
+    """Tell the wrench at the tool while the robot runs: from a controller, or a log played."""
+    from wrenchsight.analyses.methods.live.watching import watch
+
+    console = new_console()
+    count = watch(settings, console)
+    say(console, f"{count} readings")
+    if settings.record is not None:
+        say(console, f"recorded in {settings.record}")

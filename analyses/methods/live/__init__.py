@@ -1,0 +1,1 @@
+"""Live robots: sources, the process that reads them, and who gets its readings."""

@@ -1,0 +1,184 @@
+"""Readings into files that are whole at any time: a folder of short ones, the newest written anew.
+
+`mcap` is a ROS 2 bag (a folder with metadata.yaml) whose files hold what `estimate --mcap` writes;
+`parquet` tables hold the columns of `estimate`'s. A file holds SEGMENT_TIME; the newest is
+replaced, whole, once a second: a kill costs no more than what came since.
+"""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.wrench_bag import COVARIANCE_TOPIC, TOPIC, WrenchBagWriter
+from wrenchsight.models.estimation.wrench_table import FLAGS, WrenchTableWriter
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.whole_file import whole_file, writing_to
+from wrenchsight.models.live.reading import Reading
+from wrenchsight.models.recordings.rosbag.messages import WRENCH
+from wrenchsight.models.robot.robot import Robot
+
+SEGMENT_TIME = 10.0  # s, of the readings in one file
+SAVE_TIME = 1.0  # s between two writings of the newest
+LAST_STAMP = 2.0**32  # s, that a stamp of ROS holds
+MOST_ROWS = 1 << 16  # that are held where a disk takes none
+_TOPICS = (
+    (TOPIC, WRENCH),
+    (COVARIANCE_TOPIC, "std_msgs/msg/Float64MultiArray"),
+    ("/tf", "tf2_msgs/msg/TFMessage"),
+)
+
+
+class Recorder:
+    """Writes one recording; `take` may take its time.
+
+    Args:
+        folder: a new one, or an empty one.
+        robot: whose readings they are.
+        form: "mcap" or "parquet".
+
+    Attributes:
+        lost: readings that no disk took.
+
+    Raises:
+        InputError: the folder holds something, or cannot be made.
+    """
+
+    period = 0.25  # s between two calls of `take`
+
+    def __init__(self, folder: Path, robot: Robot, form: str = "mcap") -> None:
+        with writing_to(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+            if any(folder.iterdir()):
+                raise InputError(folder, "", "is not empty", "give a new folder to --record")
+        self._folder, self._robot, self._form = folder, robot, form
+        self._rows: list[Array] = []
+        self._files: list[tuple[str, int, float, float]] = []  # name, readings, first and last time
+        self._segment = 0
+        self._saved = time.monotonic()
+        self._failed = False
+        self._last = -np.inf
+        self.lost = 0
+
+    def take(self, rows: list[Array]) -> str:
+        """Takes the rows of readings; returns a sentence where something is to be said."""
+        said = ""
+        for row in rows:
+            if row[0] == self._last:  # the same reading, no longer valid
+                continue
+            self._last = row[0]
+            if self._form == "mcap" and not 0.0 <= row[0] < LAST_STAMP:
+                if not self.lost:
+                    said = "a stamp of ROS holds no time before 0: such readings are left out"
+                self.lost += 1
+                continue
+            over = self._rows and not 0.0 <= row[0] - self._rows[0][0] < SEGMENT_TIME
+            if over and not self._failed:
+                said = self._save() or said
+                if not self._failed:
+                    self._segment += 1
+                    self._rows.clear()
+            self._rows.append(row)
+        if time.monotonic() - self._saved < SAVE_TIME:
+            return said
+        was_failed = self._failed
+        said = self._save() or said
+        if was_failed and not self._failed:  # a segment that has become long ends here
+            self._segment += 1
+            self._rows.clear()
+        return said
+
+    def close(self) -> str:
+        """Writes what is left; returns a sentence where something is to be said."""
+        said = self._save()
+        self.lost += len(self._rows) if self._failed else 0
+        return said
+
+    def _save(self) -> str:
+        self._saved = time.monotonic()
+        if not self._rows:
+            return ""
+        try:
+            self._write(np.array(self._rows))
+        except InputError as error:
+            first, self._failed = not self._failed, True
+            if len(self._rows) > MOST_ROWS:
+                self.lost += len(self._rows)
+                self._rows.clear()
+            return f"{error}; it is tried again" if first else ""
+        again, self._failed = self._failed, False
+        return "the recording goes on" if again else ""
+
+    def _write(self, rows: Array) -> None:
+        name = f"wrench_{self._segment:05d}.{self._form}"
+        path = self._folder / name
+        readings = [Reading(row) for row in rows]
+        wrench = np.array([reading.wrench for reading in readings])
+        covariance = np.array([reading.covariance for reading in readings])
+        t = rows[:, 0]
+        if self._form == "mcap":
+            _, p_WE = self._robot.chain.pose(np.array([reading.q for reading in readings]))
+            with WrenchBagWriter(path, self._robot.config.base_link) as bag:
+                bag.write(t, wrench, covariance, p_WE)
+        else:
+            flags = {
+                flag: np.array([getattr(reading, flag) for reading in readings]) for flag in FLAGS
+            }
+            with WrenchTableWriter(path, self._robot.num_joints) as table:
+                table.write(
+                    *(t, wrench, np.array([reading.sd for reading in readings])),
+                    np.array([reading.condition_number for reading in readings]),
+                    np.array([reading.valid for reading in readings]),
+                    np.array([reading.tau_ext for reading in readings]),
+                    np.array([reading.statistic for reading in readings]),
+                    flags,
+                )
+        self._files = [one for one in self._files if one[0] != name]
+        self._files.append((name, len(rows), float(t[0]), float(t[-1])))
+        if self._form == "mcap":
+            self._write_metadata()
+
+    def _write_metadata(self) -> None:
+        """What makes a ROS 2 bag of the folder."""
+        first, last = min(f[2] for f in self._files), max(f[3] for f in self._files)
+        count = sum(readings for _, readings, _, _ in self._files)
+        topics = [
+            {
+                "topic_metadata": {
+                    "name": name,
+                    "type": kind,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": "",
+                },
+                "message_count": count,
+            }
+            for name, kind in _TOPICS
+        ]
+        information = {
+            "version": 5,
+            "storage_identifier": "mcap",
+            **_span(first, last),
+            "message_count": len(_TOPICS) * count,
+            "topics_with_message_count": topics,
+            "compression_format": "",
+            "compression_mode": "",
+            "relative_file_paths": [name for name, *_ in self._files],
+            "files": [
+                {"path": name, **_span(begin, end), "message_count": len(_TOPICS) * readings}
+                for name, readings, begin, end in self._files
+            ],
+        }
+        text = yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False)
+        path = self._folder / "metadata.yaml"
+        with whole_file(path) as partial, writing_to(path):
+            partial.write_text(text, encoding="utf-8")
+
+
+def _span(first: float, last: float) -> dict[str, dict[str, int]]:
+    """As rosbag2 writes a stretch of time."""
+    return {
+        "duration": {"nanoseconds": round(1e9 * (last - first))},
+        "starting_time": {"nanoseconds_since_epoch": round(1e9 * first)},
+    }

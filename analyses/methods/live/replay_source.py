@@ -1,0 +1,97 @@
+"""A log as a source, at the pace of its own clock: `replay://FILE`.
+
+Options: `rate`, seconds of the log in one of this computer's (1; 0: as fast as it is read);
+`log_format`, as `estimate --log-format`. The file is any log that `estimate` reads.
+"""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import unquote
+
+import numpy as np
+
+from wrenchsight.models.files.input_error import InputError, printable
+from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
+from wrenchsight.models.live.source import MOST_ITEMS, SourceAddress
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import RecordingReader
+from wrenchsight.models.robot.robot import Robot
+
+_AT_ONCE = 64  # samples of one call without a rate
+
+
+class ReplaySource:
+    """Plays a log once.
+
+    Args:
+        path: of the log.
+        robot: as `RecordingReader`.
+        rate: as `Source`.
+        log_format: description of its columns.
+
+    Raises:
+        InputError: as `RecordingReader`.
+    """
+
+    def __init__(
+        self, path: Path, robot: Robot, rate: float = 1.0, log_format: str | None = None
+    ) -> None:
+        self.rate, self.step = rate, None
+        reader = RecordingReader(path, log_format, robot, check=False)
+        reader.require_joint_signals()
+        self._name = printable(path.name)
+        self._samples = _samples(reader.chunks())
+        self._next: Sample | None = next(self._samples)
+        self._begin: float | None = None
+
+    @classmethod
+    def open(cls, address: SourceAddress, robot: Robot) -> "ReplaySource":
+        """As `SourceOpener`."""
+        address.require_known("rate", "log_format")
+        rate = address.number("rate", 1.0, 0.0, 1e6)
+        path = Path(unquote(address.place))
+        return cls(path, robot, rate, address.options.get("log_format"))
+
+    def read(self, timeout: float) -> list[Sample | StreamEvent]:
+        """As the protocol."""
+        if self._next is None:
+            time.sleep(timeout)
+            return []
+        now = time.monotonic()
+        found: list[Sample | StreamEvent] = []
+        if self._begin is None:
+            self._begin = now - (self._next.t / self.rate if self.rate else 0.0)
+            text = f"{self._name} is played at {self.rate:g} times its pace"
+            found.append(StreamEvent(EventKind.CONNECTED, text, now))
+        elif self.rate and (wait := self._due(self._next) - now) > 0.0:
+            time.sleep(min(wait, timeout))
+            now = time.monotonic()
+        most = MOST_ITEMS if self.rate else _AT_ONCE
+        try:
+            while self._next is not None and len(found) < most and self._due(self._next) <= now:
+                sample = self._next
+                found.append(
+                    Sample(sample.t, now, sample.q, sample.v, sample.effort, more=sample.more)
+                )
+                self._next = next(self._samples, None)
+        except InputError as error:
+            self._next = None
+            found.append(StreamEvent(EventKind.GARBAGE, str(error), now))
+        if self._next is None:
+            found.append(StreamEvent(EventKind.ENDED, f"{self._name} is over", now))
+        return found
+
+    def close(self) -> None:
+        """As the protocol."""
+        self._next = None
+
+    def _due(self, sample: Sample) -> float:
+        assert self._begin is not None
+        return self._begin + sample.t / self.rate if self.rate else -np.inf
+
+
+def _samples(chunks: Iterator[Recording]) -> Iterator[Sample]:
+    for chunk in chunks:
+        for k, t in enumerate(chunk.t.tolist()):
+            yield Sample(t, 0.0, chunk.q[k], chunk.v[k], chunk.current[k])

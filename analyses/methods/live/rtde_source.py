@@ -1,0 +1,256 @@
+"""A Universal Robots controller as a source, by RTDE: `rtde://HOST[:PORT]`.
+
+Options: `frequency` in Hz (500; an older controller gives 125 at most), `effort` (current, or
+torque: the controller's own `actual_current_as_torque`). Nothing is written to the robot: no input
+is ever set up.
+
+Standard library alone. Each packet is a sample: the official client keeps the newest one only.
+"""
+
+import select
+import socket
+import struct
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+from wrenchsight.models.files.input_error import printable
+from wrenchsight.models.live.rtde import (
+    PORT,
+    ROBOT_MODES,
+    ROBOT_RUNS,
+    SAFE_TO_READ,
+    SAFETY_MODES,
+    PacketReader,
+    PacketType,
+    ProtocolError,
+    Recipe,
+    accepted,
+    outputs_request,
+    packet,
+    read_control_version,
+    version_request,
+)
+from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
+from wrenchsight.models.live.source import MOST_ITEMS, SourceAddress
+from wrenchsight.models.robot.robot import Robot
+
+ANSWER_TIME = 1.0  # s, longest wait for a connection or an answer
+QUIET_TIME = 1.0  # s without a packet after which the connection counts as lost
+RETRY_TIME = 0.25  # s between two tries
+_CHUNK = 1 << 16  # bytes that are taken at once
+_NUM_JOINTS = 6
+_FIRST_OF_500_HZ = 5  # major version of the controller's software
+_NEEDED = ("timestamp", "actual_q", "actual_qd")
+_TORQUE, _CURRENT = "actual_current_as_torque", "actual_current"
+_MODES = ("robot_mode", "safety_mode")
+_MORE = (
+    "target_current",
+    "target_moment",
+    "joint_temperatures",
+    "actual_TCP_force",
+    "payload",
+)
+
+
+class RtdeSource:
+    """Reads a controller's stream, connects again where it is lost, and says what happens.
+
+    Args:
+        host, port: of the controller.
+        frequency: Hz that is asked for.
+        effort: "current" or "torque".
+    """
+
+    rate = 1.0
+
+    def __init__(self, host: str, port: int, frequency: float, effort: str) -> None:
+        self._address = host, port
+        self._where = printable(f"{host}:{port}")
+        self._frequency = frequency
+        self._effort = _CURRENT if effort == "current" else _TORQUE
+        self._socket: socket.socket | None = None
+        self._packets = PacketReader()
+        self._recipe: Recipe | None = None
+        self._next_try = 0.0
+        self._refusal = ""
+        self._was_connected = False
+        self._last_packet = 0.0
+        self._strangers = 0
+        self._closed = False
+        self.step: float | None = 1.0 / frequency
+
+    @classmethod
+    def open(cls, address: SourceAddress, robot: Robot) -> "RtdeSource":
+        """As `SourceOpener`."""
+        address.require_known("frequency", "effort")
+        frequency = address.number("frequency", 500.0, 1.0, 500.0)
+        return cls(*address.host(PORT), frequency, address.choice("effort", ("current", "torque")))
+
+    def read(self, timeout: float) -> list[Sample | StreamEvent]:
+        """As the protocol."""
+        if self._closed:
+            return []
+        if self._socket is None:
+            return self._connect(timeout)
+        try:
+            ready, _, _ = select.select([self._socket], [], [], timeout)
+            now = time.monotonic()
+            if not ready:
+                if now - self._last_packet < QUIET_TIME:
+                    return []
+                return [self._lost(EventKind.LOST, f"has said nothing for {QUIET_TIME:g} s")]
+            data = self._socket.recv(_CHUNK)
+        except OSError as error:
+            return [self._lost(EventKind.LOST, error.strerror or str(error))]
+        if not data:
+            return [self._lost(EventKind.LOST, "closed the connection")]
+        found: list[Sample | StreamEvent] = []
+        try:
+            found.extend(self._items(data, now))
+        except ProtocolError as error:
+            found.append(self._lost(EventKind.GARBAGE, f"sent {error}"))
+        return found[:MOST_ITEMS]
+
+    def close(self) -> None:
+        """As the protocol."""
+        self._closed = True
+        self._disconnect()
+
+    def _items(self, data: bytes, now: float) -> Iterator[Sample | StreamEvent]:
+        recipe = self._recipe
+        assert recipe is not None
+        for kind, payload in self._packets.feed(data):
+            self._last_packet = now
+            if kind is PacketType.TEXT:
+                continue
+            numbers = recipe.decode(payload) if kind is PacketType.DATA else None
+            if numbers is None:
+                self._strangers += 1
+                text = f"{self._where} sent a packet that was not asked for; it is left out"
+                yield StreamEvent(EventKind.RECIPE, text, now, self._strangers)
+                continue
+            yield self._sample(recipe, numbers, now)
+
+    def _sample(self, recipe: Recipe, numbers: "np.ndarray", now: float) -> Sample:
+        running, state = True, ""
+        if "robot_mode" in recipe.names:
+            mode = int(recipe.part(numbers, "robot_mode")[0])
+            running, state = mode == ROBOT_RUNS, ROBOT_MODES.get(mode, f"robot mode {mode}")
+        if running and "safety_mode" in recipe.names:
+            mode = int(recipe.part(numbers, "safety_mode")[0])
+            running = mode in SAFE_TO_READ
+            state = state if running else SAFETY_MODES.get(mode, f"safety mode {mode}")
+        return Sample(
+            t=float(recipe.part(numbers, "timestamp")[0]),
+            received=now,
+            q=recipe.part(numbers, "actual_q"),
+            v=recipe.part(numbers, "actual_qd"),
+            effort=recipe.part(numbers, self._effort),
+            is_torque=self._effort == _TORQUE,
+            running=running,
+            state=state,
+            more={
+                name: recipe.part(numbers, name)
+                for name in (*_MORE, _TORQUE)
+                if name in recipe.names
+            },
+        )
+
+    # Connecting ---------------------------------------------------------------------------------
+
+    def _connect(self, timeout: float) -> list[Sample | StreamEvent]:
+        now = time.monotonic()
+        if now < self._next_try:
+            time.sleep(min(timeout, self._next_try - now))
+            return []
+        self._next_try = now + RETRY_TIME
+        try:
+            return [self._started()]
+        except OSError as error:
+            reason = error.strerror or str(error) or "no answer"
+        except ProtocolError as error:
+            reason = f"is no controller that speaks RTDE: it sent {error}"
+        self._disconnect()
+        self._next_try = time.monotonic() + RETRY_TIME
+        if reason == self._refusal:
+            return []  # said already
+        self._refusal = reason
+        text = f"{self._where}: {reason}; it is tried again"
+        return [StreamEvent(EventKind.REFUSED, text, time.monotonic())]
+
+    def _started(self) -> StreamEvent:
+        self._packets = PacketReader()
+        self._socket = socket.create_connection(self._address, ANSWER_TIME)
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        if not accepted(self._ask(version_request(), PacketType.PROTOCOL_VERSION)):
+            raise ProtocolError("a no to version 2")
+        answer = self._ask(packet(PacketType.CONTROL_VERSION), PacketType.CONTROL_VERSION)
+        major, minor, *_ = read_control_version(answer)
+        frequency = min(self._frequency, 500.0 if major >= _FIRST_OF_500_HZ else 125.0)
+        self.step = 1.0 / frequency
+        wanted = [*_NEEDED, self._effort, *_MODES, *_MORE]
+        wanted += [_TORQUE] if self._effort != _TORQUE else []
+        recipe = self._set_up(frequency, wanted)
+        if recipe.missing:
+            lacking = {*_NEEDED, self._effort} & {*recipe.missing}
+            if lacking:
+                raise ProtocolError(f"no {', '.join(sorted(lacking))}")
+            recipe = self._set_up(frequency, [n for n in wanted if n not in recipe.missing])
+        if not accepted(self._ask(packet(PacketType.START), PacketType.START)):
+            raise ProtocolError("a no to the start")
+        self._recipe, self._refusal = recipe, ""
+        self._last_packet = time.monotonic()
+        again = " again" if self._was_connected else ""
+        self._was_connected = True
+        text = f"{self._where}: connected{again}, {frequency:g} Hz, software {major}.{minor}"
+        return StreamEvent(EventKind.CONNECTED, text, self._last_packet)
+
+    def _set_up(self, frequency: float, names: list[str]) -> Recipe:
+        return Recipe.read(self._ask(outputs_request(frequency, names), PacketType.OUTPUTS), names)
+
+    def _ask(self, request: bytes, kind: PacketType) -> bytes:
+        """Sends a request and returns the payload of its answer.
+
+        Raises:
+            OSError: none came in time.
+            ProtocolError: what came is no packet.
+        """
+        assert self._socket is not None
+        self._socket.settimeout(ANSWER_TIME)
+        self._socket.sendall(request)
+        deadline = time.monotonic() + ANSWER_TIME
+        while (left := deadline - time.monotonic()) > 0.0:
+            self._socket.settimeout(left)
+            # Byte by byte of the header's size, so that nothing of the data after it is taken.
+            size, code = struct.unpack(">HB", self._exactly(3))
+            if size < 3:
+                raise ProtocolError(f"a packet of {size} bytes")
+            payload = self._exactly(size - 3)
+            if code == kind:
+                return payload
+        raise TimeoutError("no answer")
+
+    def _exactly(self, size: int) -> bytes:
+        assert self._socket is not None
+        data = bytearray()
+        deadline = time.monotonic() + ANSWER_TIME
+        while len(data) < size:
+            part = self._socket.recv(size - len(data))
+            if not part:
+                raise ConnectionError("closed the connection")
+            data += part
+            if time.monotonic() > deadline:
+                raise TimeoutError("no answer")
+        return bytes(data)
+
+    def _lost(self, kind: EventKind, reason: str) -> StreamEvent:
+        self._disconnect()
+        self._next_try = time.monotonic() + 0.1 * RETRY_TIME
+        return StreamEvent(kind, f"{self._where} {reason}; connecting again", time.monotonic())
+
+    def _disconnect(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+        self._socket, self._recipe = None, None

@@ -1,0 +1,166 @@
+"""A live robot, watched: who gets its readings besides those that the reading process sends."""
+
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Protocol
+
+from rich.console import Console
+from rich.live import Live
+
+from wrenchsight.analyses.methods.live.live_display import LiveSummary, say_event
+from wrenchsight.analyses.methods.live.recorder import Recorder
+from wrenchsight.analyses.methods.live.ring import RingReader
+from wrenchsight.analyses.methods.live.session import LiveSession
+from wrenchsight.analyses.methods.live.watch_config import WatchSettings
+from wrenchsight.analyses.output.console import say
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.live.samples import EventKind, StreamEvent
+
+FRAME_TIME = 0.2  # s between two pictures of a terminal
+LINE_TIME = 1.0  # s between two lines where there is none
+
+
+class Sink(Protocol):
+    """Gets readings at its own pace; it may be slow.
+
+    Attributes:
+        period: s between two calls.
+    """
+
+    period: float
+
+    def take(self, rows: list[Array]) -> str:
+        """Takes rows of `Reading`; returns a sentence where something is to be said."""
+        ...
+
+    def close(self) -> str:
+        """Ends it; returns likewise."""
+        ...
+
+
+class SinkThread(threading.Thread):
+    """Feeds one sink, so that no other waits for it.
+
+    Attributes:
+        reader: its place among the readings, with what it was too slow for.
+    """
+
+    def __init__(self, sink: Sink, reader: RingReader, tell: Callable[[str], None]) -> None:
+        super().__init__(daemon=True)
+        self._sink, self.reader, self._tell = sink, reader, tell
+        self._over = threading.Event()
+        self.start()
+
+    def run(self) -> None:
+        """Until `finish`."""
+        while not self._over.wait(self._sink.period):
+            self._say(self._sink.take(list(self.reader.read())))
+        while len(rows := self.reader.read()):
+            self._say(self._sink.take(list(rows)))
+        self._say(self._sink.close())
+
+    def finish(self) -> None:
+        """Ends the sink with all that was read."""
+        self._over.set()
+        self.join()
+
+    def _say(self, text: str) -> None:
+        if text:
+            self._tell(text)
+
+
+def watch(settings: WatchSettings, console: Console) -> int:
+    """The command `watch`: reads a robot until it ends, or its time is over.
+
+    Args:
+        settings: all of it.
+        console: to show readings on.
+
+    Returns:
+        How many readings there were.
+
+    Raises:
+        InputError: as `LiveSession` and `Recorder`.
+    """
+    with LiveSession(settings) as session:
+        told: list[StreamEvent] = []
+
+        def tell(text: str) -> None:
+            told.append(StreamEvent(EventKind.SINK, text, time.monotonic()))
+
+        sinks: list[Sink] = []
+        if settings.record is not None:
+            folder = Path(settings.record)
+            sinks.append(Recorder(folder, session.robot, settings.record_format))
+            OutputFolder(folder).write_settings("config.yaml", settings)
+        if settings.view == "meshcat":
+            from wrenchsight.analyses.methods.live.meshcat_view import MeshcatView
+
+            view = MeshcatView(session.robot)
+            sinks.append(view)
+            tell(f"the arm and its force are at {view.url}")
+        threads = [SinkThread(sink, session.follow(), tell) for sink in sinks]
+        summary, timer = LiveSummary(settings.source), _Timer(settings.duration_s)
+        plain = settings.view == "lines" or not console.is_terminal
+        reader = session.follow()
+
+        def step() -> bool:
+            over = session.ended or timer.is_over(summary)
+            events = session.new_events() + [told.pop(0) for _ in range(len(told))]
+            summary.add(reader.read(), events)
+            summary.dropped = sum(thread.reader.dropped for thread in threads) + reader.dropped
+            if plain and settings.view != "none":
+                for event in events:
+                    say_event(console, event)
+            return not over
+
+        try:
+            if plain or settings.view == "none":
+                _lines(console, settings, summary, step)
+            else:
+                with Live(console=console, auto_refresh=False) as picture:
+                    while step():
+                        picture.update(summary.picture(), refresh=True)
+                        time.sleep(FRAME_TIME)
+                    picture.update(summary.picture(), refresh=True)
+        finally:
+            for thread in threads:
+                thread.finish()
+            for event in told:
+                say_event(console, event)
+        session.check()
+        return summary.count
+
+
+def _lines(
+    console: Console, settings: WatchSettings, summary: LiveSummary, step: Callable[[], bool]
+) -> None:
+    shown = time.monotonic()
+    while step():
+        if time.monotonic() - shown >= LINE_TIME:
+            shown = time.monotonic()
+            _say_line(console, settings, summary)
+        time.sleep(0.05)
+    _say_line(console, settings, summary)
+
+
+def _say_line(console: Console, settings: WatchSettings, summary: LiveSummary) -> None:
+    if settings.view != "none" and summary.last is not None:
+        say(console, summary.line())
+
+
+class _Timer:
+    """Ends a watch some time after its first reading; never for a time of zero."""
+
+    def __init__(self, duration: float) -> None:
+        self._duration = duration
+        self._end: float | None = None
+
+    def is_over(self, summary: LiveSummary) -> bool:
+        now = time.monotonic()
+        if self._end is None and summary.last is not None and self._duration:
+            self._end = now + self._duration
+        return self._end is not None and now >= self._end

@@ -1,0 +1,85 @@
+"""A LeRobot data set read as one log, and its copy with the wrench of every frame."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow.csv as pa_csv
+import pyarrow.parquet as pq
+
+from wrenchsight.models.recordings.episodes_reader import EpisodesReader
+from wrenchsight.models.recordings.lerobot.data_set import (
+    DataSet,
+    episode_index,
+    episode_paths,
+    root_of,
+)
+from wrenchsight.models.recordings.lerobot.data_set_copy import NewFeature, write_copy
+from wrenchsight.models.recordings.lerobot.episode_table import loaded
+from wrenchsight.models.recordings.parquet_table import ParquetTable
+from wrenchsight.models.recordings.recording_reader import RecordingReader
+from wrenchsight.models.rigid_body.spatial_vectors import WRENCH_AXES
+
+if TYPE_CHECKING:
+    from wrenchsight.analyses.output.outputs import OutputFolder
+
+FOLDER = "data_set"
+WRENCH, SD, VALID = "observation.wrench", "observation.wrench_sd", "observation.wrench_valid"
+_LATE = 1.5  # steps of the table that a frame may be later than its reading
+
+
+def data_set_of(log: Path) -> DataSet | None:
+    """The data set that a log names as a whole; None: it names none, or one episode."""
+    root = root_of(log)
+    return None if root is None or episode_index(log) is not None else loaded(root)
+
+
+def episodes_reader(log: Path, opened: Callable[[Path], RecordingReader]) -> EpisodesReader:
+    """Reads all episodes of the data set that a log names.
+
+    Args:
+        opened: opens one episode by its path.
+    """
+    return EpisodesReader([lambda path=path: opened(path) for path in episode_paths(log)])  # type: ignore[misc]
+
+
+def write_data_set(
+    data_set: DataSet, out: "OutputFolder", table: Path, begins: list[float], prior: dict[str, Any]
+) -> None:
+    """Writes FOLDER in `out`: the data set with wrench, sd and `valid` of each frame.
+
+    A frame without a reading has a wrench of zero, the prior's sd, and is not valid.
+
+    Args:
+        table: of wrenches, over the time of `EpisodesReader`.
+        begins: s, of that reader.
+        prior: sds of force and moment, as in metrics.json.
+    """
+    names = ("t", *WRENCH_AXES, *(f"sd_{axis}" for axis in WRENCH_AXES), "valid")
+    if table.suffix == ".parquet":
+        rows = pq.read_table(table, columns=[*names])
+    else:
+        options = pa_csv.ConvertOptions(include_columns=[*names])
+        rows = pa_csv.read_csv(table, convert_options=options)
+    t = rows.column("t").to_numpy()
+    numbers = np.stack([rows.column(name).to_numpy().astype(float) for name in names[1:]], axis=1)
+    step = float(np.median(np.diff(t)))
+    sd = np.repeat([prior["force_sd_n"], prior["moment_sd_nm"]], 3)
+    nothing = np.concatenate([np.zeros(6), sd, [0.0]])
+    found: dict[int, np.ndarray[Any, Any]] = {}
+    for episode, begin in zip(data_set.episodes, begins, strict=True):
+        frames = ParquetTable(episode.file, (episode.begin, episode.length))
+        column = (frames.names or ()).index("timestamp")
+        stamps = np.concatenate([values[:, 0] for values, _ in frames.blocks([column])]) + begin
+        k = np.maximum(np.searchsorted(t, stamps + 0.25 * step, side="right") - 1, 0)
+        values = numbers[k]
+        lacks = ~(np.isfinite(values).all(axis=1) & (np.abs(stamps - t[k]) < _LATE * step))
+        values[lacks] = nothing
+        found[episode.index] = values
+    features = [
+        NewFeature(WRENCH, WRENCH_AXES, {e: x[:, :6].astype("f4") for e, x in found.items()}),
+        NewFeature(SD, WRENCH_AXES, {e: x[:, 6:12].astype("f4") for e, x in found.items()}),
+        NewFeature(VALID, ("valid",), {e: x[:, 12] > 0.5 for e, x in found.items()}),
+    ]
+    write_copy(data_set, out / FOLDER, features)

@@ -1,0 +1,111 @@
+"""What is asked of a whole log before it is read: a load or drifted friction, and the prior."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from wrenchsight.analyses.methods.reading.engines import BatchEngine
+from wrenchsight.analyses.methods.reading.estimate_config import FLOOR_SHARE, EstimateConfig
+from wrenchsight.analyses.methods.reading.friction_watch import FrictionWatch
+from wrenchsight.analyses.methods.reading.uniform_log import (
+    Part,
+    fault_of,
+    screen_of,
+    there,
+    timed,
+    uniform_chunks,
+)
+from wrenchsight.analyses.output.stream_summary import EvenSample
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.evidence_prior import evidence_prior
+from wrenchsight.models.estimation.wrench import live_prior
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.observers.observer_kinds import kind_of, make_observer
+from wrenchsight.models.recordings.episodes_reader import LogReader
+from wrenchsight.models.robot.robot import Robot
+
+_PRIOR_SAMPLES = 1 << 12
+
+
+def friction_of(
+    reader: LogReader,
+    robot: Robot,
+    model: IdentifiedModel,
+    config: WrenchEstimatorConfig,
+    settings: EstimateConfig,
+    part: Part,
+) -> FrictionWatch | None:
+    """What a log's contact-free stretches say of its friction, and of a load; None: no sample."""
+    watch: FrictionWatch | None = None
+    plain = _plain(config)
+    chunks = uniform_chunks(reader, screen_of(robot, config), config, settings.max_gap, part)
+    for chunk in chunks:
+        if watch is None:
+            own = timed(plain, chunk)
+            engine = BatchEngine(robot, model, own, settings.detection)
+            observer = make_observer(own.observer, robot.num_joints)
+            begin = chunk.t[0] + observer.settling_time
+            step = own.observer.time_step
+            watch = FrictionWatch(model, model.chain(robot), observer.pole, step, robot)
+        batch, found = engine.run(chunk.q, chunk.v, chunk.current)
+        fault = fault_of(chunk, batch)
+        free = ~found.without(chunk.dropout | (fault != 0)).contact
+        known = there(chunk, fault, batch.tau_ext, int(np.searchsorted(chunk.t, begin)))
+        watch.add(chunk.t, chunk.q, chunk.v, batch.tau_ext, known, free)
+    return watch
+
+
+def with_evidence(
+    reader: LogReader,
+    robot: Robot,
+    model: IdentifiedModel,
+    config: WrenchEstimatorConfig,
+    max_gap: float,
+    part: "Part",
+    warnings: list[str],
+) -> tuple[WrenchEstimatorConfig, str]:
+    """The configuration with the prior that explains the log best, and the rule's name."""
+    J, tau_ext = EvenSample(_PRIOR_SAMPLES), EvenSample(_PRIOR_SAMPLES)
+    estimator: WrenchEstimator | None = None
+    plain = _plain(config)
+    for chunk in uniform_chunks(reader, screen_of(robot, config), config, max_gap, part):
+        if estimator is None:
+            estimator = WrenchEstimator(robot, model, timed(plain, chunk))
+            state = estimator.initial_state()
+        batch = estimator.run(state, chunk.q, chunk.v, chunk.current)
+        measured = ~chunk.dropout & (batch.fault == 0)
+        sd = np.ones_like(batch.tau_ext) if model.torque_error is None else batch.torque_sd
+        J.add((batch.J / sd[:, None, :])[measured])
+        tau_ext.add((batch.tau_ext / sd)[measured])
+    noise = model.residual_covariance
+    if model.torque_error is not None:
+        noise = model.torque_error.correlation
+    force_sd, moment_sd = evidence_prior(J.values(), tau_ext.values(), noise)
+    prior = config.reconstruction
+    live_force, live_moment = live_prior(robot.payload)
+    if force_sd < FLOOR_SHARE * live_force and prior.prior_force_sd is None:
+        warnings.append(
+            f"the prior that explains the log best is {force_sd:.3g} N; "
+            f"{FLOOR_SHARE * live_force:.3g} N are taken, so that a short contact still reads"
+        )
+    force_sd = max(force_sd, FLOOR_SHARE * live_force)
+    moment_sd = max(moment_sd, FLOOR_SHARE * live_moment)
+    given = [
+        name
+        for name, value in (("force", prior.prior_force_sd), ("moment", prior.prior_moment_sd))
+        if value is not None
+    ]
+    rule = "evidence of the log" + (f", {given[0]} given" if given else "")
+    return replace(config, reconstruction=prior.with_prior(float(force_sd), float(moment_sd))), rule
+
+
+def _plain(config: WrenchEstimatorConfig) -> WrenchEstimatorConfig:
+    """The configuration with an observer that leaves friction, and all that a prior is asked of,
+    in tau_ext: one that reads the wrench itself does not."""
+    kind = kind_of(config.observer)
+    if kind is None or kind.kernels.wrench is None:
+        return config
+    own = config.observer
+    observer = MomentumObserverConfig(time_step=own.time_step, torque_samples=own.torque_samples)
+    return replace(config, observer=observer)

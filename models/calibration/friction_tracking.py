@@ -1,0 +1,320 @@
+"""Friction's drift, followed while the arm moves: a Kalman filter on what the observer reads.
+
+Coulomb, viscous and offset of each joint are states x; so is what else a reading may hold, that
+none of it be learnt as friction. With columns S of the three terms and J, both through the
+observer's own pole,
+
+    tau_ext = -S x + J^T F + s w + white
+
+F      a force and moment at E that change over FORCE_TIME: a push too slow for the contact
+       detector, or an unknown load. It does not turn with the joint; S x does
+w      errors that last for half a second, s their size (`models.calibration.residual_noise`)
+x      a random walk that is pulled back to the model within `time`, sd that of a month's drift
+
+Learnt is every PERIOD seconds, from joints that move, where nothing touches the arm: no contact
+since MARGIN seconds. A joint at rest carries any torque and tells nothing. |x| stays within `bound`
+of its prior's sds; where that is reached, the model is of another state than today's.
+
+The correction S x is that of the sample, so that tau_ext + S x has no delay of its own.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.calibration.friction_refresh import FrictionDrift
+from wrenchsight.models.calibration.residual_noise import V_REST, ResidualNoise
+from wrenchsight.models.friction.coupled_friction import CoupledFriction
+from wrenchsight.models.friction.extended_friction import ExtendedFriction
+from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.models.friction.sliding_friction import TERMS, with_sliding
+from wrenchsight.models.friction.slip_elements import add_slip_torque, update_slip
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.signals.first_order import low_pass
+
+PERIOD = 0.1  # s between two steps of the filter
+MARGIN = 0.5  # s after a contact that are not learnt from
+FORCE_TIME = 10.0  # s over which a force that no detector sees changes
+LEVER = 0.2  # m; what such a force may act off E, as a load's centre of mass does
+CLEAR = 4.0  # standard errors
+OFTEN = 2.0  # prior sds, beyond which a change is more than a month's drift
+UNEXPLAINED = 9.0  # times the expected mean square of what a step did not foresee
+_UNEXPLAINED_TIME = 10.0  # s, that this mean is taken over
+_UNITS = ("N m", "N m s/rad", "N m")
+
+
+@dataclass
+class FrictionTrackingConfig:
+    """How friction's drift is followed.
+
+    Attributes:
+        drift: standard deviations of the coefficients about the model's.
+        time: s, over which they change by that much.
+        force_share: sd of a slow force, share of that of a task's.
+        bound: prior sds that a coefficient may move by.
+    """
+
+    drift: FrictionDrift = field(default_factory=FrictionDrift)
+    time: float = 3600.0
+    force_share: float = 0.25
+    bound: float = 3.0
+
+
+class FrictionTracker:
+    """Follows the friction of one arm, from one thread.
+
+    Args:
+        model: that reads the arm; its friction law is not one of coupled joints.
+        pole: (n,) 1/s of the observer; None for one without such a lag.
+        time_step: s.
+        force_sd: N, of the forces that tasks have (`models.estimation.wrench.live_prior`).
+        resolution: (n,) rad of the encoders; None: those that the law was fitted with.
+        config: see there.
+
+    Attributes:
+        learning: whether `learn` changes anything; `freeze` and `resume` set it.
+        seconds: of contact-free motion learnt from since the start or `reset`.
+
+    Raises:
+        ValueError: coupled joints, a time step that is not positive.
+    """
+
+    def __init__(
+        self,
+        model: IdentifiedModel,
+        pole: Array | None,
+        time_step: float,
+        force_sd: float,
+        resolution: ArrayLike | None = None,
+        config: FrictionTrackingConfig | None = None,
+    ) -> None:
+        if isinstance(model.friction, CoupledFriction):
+            raise ValueError("friction of coupled joints is that of several motors: not tracked")
+        if not time_step > 0.0:
+            raise ValueError(f"time_step must be positive, not {time_step}")
+        self.config = config if config is not None else FrictionTrackingConfig()
+        self.time_step = time_step
+        self._law = _bare(model.friction).sampled(time_step, resolution)
+        here = self._law.coulomb_viscous
+        more = with_sliding(self._law, replace(here, coulomb=here.coulomb + 1.0))
+        self._tables = self._law.slip_table, more.slip_table
+        self._velocity_laws = self._law.velocity_law, more.velocity_law
+        self._n = n = self._law.num_joints
+        self._keep = np.zeros(n) if pole is None else np.exp(-pole * time_step)
+        self._every = max(1, round(PERIOD / time_step))
+        self._residual_sd = sd = np.sqrt(np.diag(model.residual_covariance))
+        self._coulomb = np.maximum(np.abs(here.coulomb), sd)
+        self._viscous = np.maximum(np.abs(here.viscous), sd)
+        drift = self.config.drift
+        self._prior_sd = np.stack(
+            [
+                drift.coulomb * self._coulomb,
+                drift.viscous * self._viscous,
+                drift.offset * self._coulomb,
+            ],
+            axis=1,
+        )
+        slow_force = self.config.force_share * force_sd
+        noise, period = ResidualNoise(), self._every * time_step
+        self._noise = noise
+        spread = np.concatenate(
+            [
+                self._prior_sd.ravel(),
+                np.ones(n),
+                np.full(3, LEVER * slow_force),
+                np.full(3, slow_force),
+            ]
+        )
+        times = (self.config.time, noise.correlation_time, FORCE_TIME)
+        fade = np.repeat(np.exp(-period / np.array(times)), [3 * n, n, 6])
+        self._spread, self._fade = spread**2, fade
+        self._advance = self._spread * (1.0 - fade**2)
+        self.reset()
+        self.learning = True
+
+    def reset(self) -> None:
+        """Forgets all: the model's friction, and the prior about it."""
+        n = self._n
+        self._x, self._P = np.zeros(4 * n + 6), np.diag(self._spread)
+        self._blocks = self._own_blocks()
+        self._surprise = np.ones(n)
+        self.seconds = 0.0
+        self.restart()
+
+    def restart(self) -> None:
+        """The next sample does not follow the last one; what has been learnt stays."""
+        n = self._n
+        self._slip = self._law.initial_state()
+        self._seen = np.full((n, 3), np.nan)  # columns as the observer saw them
+        self._since, self._left = 0.0, self._every
+        self._v = np.zeros(n)
+
+    def freeze(self) -> None:
+        """Keeps the coefficients, as for a task in which contact is certain; their sds grow."""
+        self.learning = False
+
+    def resume(self) -> None:
+        """Learns again."""
+        self.learning = True
+
+    @property
+    def change(self) -> Array:
+        """(n, 3) of Coulomb (N m), viscous (N m s/rad) and offset (N m), today's less model's."""
+        return self._x[: 3 * self._n].reshape(-1, 3).copy()
+
+    @property
+    def standard_deviation(self) -> Array:
+        """(n, 3) of `change`."""
+        return np.asarray(np.sqrt(np.diag(self._P)[: 3 * self._n]).reshape(-1, 3))
+
+    @property
+    def until_step(self) -> int:
+        """Samples until the next step of the filter: more are not taken at once."""
+        return self._left
+
+    def correction(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Takes the motion of the next samples.
+
+        Args:
+            q, v: (N, n) rad and rad/s, N at most `until_step`.
+
+        Returns:
+            What is to be added to tau_ext, and its variance: (N, n) in N m and (N m)^2.
+
+        Raises:
+            ValueError: too many samples at once.
+        """
+        if len(q) > self._left:
+            raise ValueError(f"{self._left} samples at most before the next step, not {len(q)}")
+        columns = np.zeros((len(q), self._n, 3))
+        if self._slip.shape[0]:
+            _slip_columns(*self._tables, self._slip, q, v, columns[:, :, 0])
+        else:
+            one, other = self._velocity_laws
+            columns[:, :, 0] = other.torque(v) - one.torque(v)
+        columns[:, :, 1], columns[:, :, 2] = v, 1.0
+        low_pass(self._keep, self._seen, columns)
+        self._v = np.where(np.isfinite(v[-1]), v[-1], 0.0) if len(v) else self._v
+        x = self._x[: 3 * self._n].reshape(-1, 3)
+        variance = ((columns[:, :, None] @ self._blocks)[:, :, 0] * columns).sum(axis=2)
+        return (columns * x).sum(axis=2), variance
+
+    def learn(self, tau_ext: Array, J_seen: Array, free: Flags) -> None:
+        """Takes what was read of the samples of `correction`.
+
+        Args:
+            tau_ext: (N, n) N m, without the correction.
+            J_seen: (N, 6, n) at E in axes of W, through the observer's poles.
+            free: (N,) whether it counts, and nothing touches the arm.
+        """
+        if not len(tau_ext):
+            return
+        touched = np.flatnonzero(~free)
+        last = len(free) - 1 - touched[-1] if len(touched) else len(free)
+        self._since = last * self.time_step + (0.0 if len(touched) else self._since)
+        self._left -= len(free)
+        if self._left > 0:
+            return
+        self._left = self._every
+        self._x *= self._fade
+        self._P *= np.outer(self._fade, self._fade)
+        self._P[np.diag_indices_from(self._P)] += self._advance
+        if self.learning and self._since >= MARGIN and np.isfinite(self._seen).all():
+            self._step(tau_ext[-1], J_seen[-1])
+        self._blocks = self._own_blocks()
+
+    def _own_blocks(self) -> Array:
+        """(n, 3, 3) covariance of each joint's coefficients."""
+        n = self._n
+        joints = np.arange(n)
+        return self._P[: 3 * n, : 3 * n].reshape(n, 3, n, 3)[joints, :, joints]
+
+    def _step(self, tau_ext: Array, J: Array) -> None:
+        """The filter's update with one sample."""
+        n, noise, sd = self._n, self._noise, self._residual_sd
+        known = np.isfinite(tau_ext) & np.isfinite(J).all(axis=0)
+        moving = np.flatnonzero((np.abs(self._v) >= V_REST) & known)
+        if not len(moving):
+            return
+        columns = self._seen
+        slow = (noise.slow * sd) ** 2 + (noise.coulomb * self._coulomb * columns[:, 0]) ** 2
+        slow += (noise.viscous * self._viscous * columns[:, 1]) ** 2
+        turning = 1.0 + noise.reversal * np.exp(-((self._v / noise.reversal_velocity) ** 2))
+        H = np.zeros((n, len(self._x)))
+        for j in moving:
+            H[j, 3 * j : 3 * j + 3] = -columns[j]
+            H[j, 3 * n + j] = np.sqrt(slow[j])
+            H[j, 4 * n :] = J[:, j]
+        H, white = H[moving], (noise.white * sd * turning)[moving] ** 2
+        HP = H @ self._P
+        S = HP @ H.T + np.diag(white)
+        gain = np.linalg.solve(S, HP).T
+        surprise = tau_ext[moving] - H @ self._x
+        self._x += gain @ surprise
+        self._P -= gain @ HP
+        self._P = 0.5 * (self._P + self._P.T)
+        reach = self.config.bound * self._prior_sd.ravel()
+        self._x[: 3 * n] = np.clip(self._x[: 3 * n], -reach, reach)
+        step = self._every * self.time_step
+        share = step / _UNEXPLAINED_TIME
+        self._surprise[moving] += share * (surprise**2 / np.diag(S) - self._surprise[moving])
+        self.seconds += step
+
+    def metrics(self) -> dict[str, object]:
+        """What has been learnt; lists per joint."""
+        change, sd = self.change, self.standard_deviation
+        units = ("nm", "nms_per_rad", "nm")
+        found: dict[str, object] = {"seconds": self.seconds}
+        for k, (term, unit) in enumerate(zip(TERMS, units, strict=True)):
+            found[term] = {f"change_{unit}": change[:, k], f"sd_{unit}": sd[:, k]}
+        return found
+
+    def advice(self, joint_names: Sequence[str]) -> list[str]:
+        """Where a refresh of the model would do better than following it: one line each."""
+        change, sd = self.change, self.standard_deviation
+        lines = []
+        for j, name in enumerate(joint_names):
+            far = np.abs(change[j]) > OFTEN * self._prior_sd[j]
+            lines += [
+                f"{TERMS[k]} friction of {name} is {change[j, k]:+.2g} +- {sd[j, k]:.1g} "
+                f"{_UNITS[k]} off the model, more than a month's drift: identify --refresh"
+                for k in np.flatnonzero(far & (np.abs(change[j]) > CLEAR * sd[j]))
+            ]
+            if self._surprise[j] > UNEXPLAINED:
+                lines.append(
+                    f"drift of friction does not explain what {name} reads in free motion: "
+                    "identify --refresh tells whether friction or a load has changed"
+                )
+        return lines
+
+
+def _bare(law: FrictionLaw) -> FrictionLaw:
+    """The law without further terms, which Coulomb, viscous and offset do not change."""
+    return _bare(law.law) if isinstance(law, ExtendedFriction) else law
+
+
+@kernel
+def _slip_columns(
+    table: Array, more: Array, state: Array, q: Array, v: Array, column: Array
+) -> None:
+    """Adds to column (N, n) what one unit more of Coulomb friction adds to the slip's torque.
+
+    Args:
+        table, more: of the law, and of that with the unit more.
+        state: of the law, changed.
+        q, v: (N, n).
+        column: (N, n), changed.
+    """
+    n = q.shape[1]
+    one, other, load = np.empty(n), np.empty(n), np.zeros(n)
+    for k in range(q.shape[0]):
+        one[:], other[:] = 0.0, 0.0
+        add_slip_torque(table, state, q[k], v[k], one)
+        add_slip_torque(more, state, q[k], v[k], other)
+        for i in range(n):
+            column[k, i] += other[i] - one[i]
+        update_slip(table, state, q[k], v[k], load)

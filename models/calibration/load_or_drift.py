@@ -1,0 +1,166 @@
+"""A constant load, friction that has drifted, both or none: what a log's residual is weighed for.
+
+Four fits of the same rows, with a load's ten parameters, with three changes of friction a joint,
+with both and with none; errors of the arm's own inertial parameters are unknowns of all four. Their
+evidence (`models.calibration.prior_least_squares`) says which is how probable, each of the four
+being as likely beforehand. A load is taken to be there where
+
+- load, or both, have all but UNLIKELY of the probability;
+- its mass is `SURE` standard errors above zero, errors of gains and of the arm's model included;
+- both halves of the log show the same mass, within SAME of its standard errors: what comes or goes,
+  or presses from another side, is a contact.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.calibration.load_identification import (
+    LoadEstimate,
+    LoadPrior,
+    LoadRows,
+    estimate_load,
+    wide_spread,
+)
+from wrenchsight.models.calibration.prior_least_squares import fit_with_prior
+from wrenchsight.models.calibration.residual_noise import ResidualNoise
+from wrenchsight.models.friction.velocity_friction import CoulombViscous
+
+UNLIKELY = 0.01
+SAME = 3.0  # standard errors of the difference
+FEWEST = 40  # rows
+COM_TOLD = 0.02  # m, sd; beyond it the motion has not determined the centre of mass
+_NAMES = {(False, False): "none", (True, False): "load", (False, True): "drift"}
+
+
+@dataclass(frozen=True, eq=False)
+class LoadOrDrift:
+    """What a log says.
+
+    Attributes:
+        load: as found beside friction's drift.
+        probability: of "none", "load", "drift" and "both".
+        is_steady: whether both halves of the log show the same mass.
+    """
+
+    load: LoadEstimate
+    probability: dict[str, float]
+    is_steady: bool
+
+    @property
+    def is_told(self) -> bool:
+        """Whether the log shows a load."""
+        loaded = self.probability["load"] + self.probability["both"]
+        return self.is_steady and self.load.is_there and loaded > 1.0 - UNLIKELY
+
+    def sentence(self) -> str:
+        """For the user."""
+        load, sd = self.load, self.load.standard_deviation
+        place = ""
+        if (sd[1:4] < COM_TOLD).all():
+            com, errors = (
+                ", ".join(f"{1e3 * x:.0f}" for x in values) for values in (load.com, sd[1:4])
+            )
+            place = f" at ({com}) +- ({errors}) mm from the flange"
+        how = "together with friction that has drifted"
+        if self.probability["load"] > self.probability["both"]:
+            how = "with the model's friction"
+        return (
+            f"a load of {load.mass:.3g} +- {sd[0]:.2g} kg{place}, since the log's start, {how}: "
+            f"odds of a load against none {_odds(self.probability)}; payload finds a tool for it"
+        )
+
+    def metrics(self) -> dict[str, object]:
+        """As metrics.json holds them under `load`."""
+        sd = self.load.standard_deviation
+        return {
+            "told": self.is_told,
+            "mass_kg": self.load.mass,
+            "mass_sd_kg": sd[0],
+            "com_m": self.load.com,
+            "com_sd_m": sd[1:4],
+            "steady": self.is_steady,
+            "probability": self.probability,
+        }
+
+
+def _odds(probability: dict[str, float]) -> str:
+    against = probability["none"] + probability["drift"]
+    odds = (probability["load"] + probability["both"]) / max(against, 1e-300)
+    return "over 1e6:1" if odds > 1e6 else f"{odds:.3g}:1"
+
+
+def weigh(
+    log: LoadRows,
+    law: CoulombViscous,
+    prior: LoadPrior,
+    noise: ResidualNoise | None = None,
+) -> LoadOrDrift | None:
+    """Weighs the four; None for a log with too few rows to tell.
+
+    Args:
+        log: the model's residual, with a load's and the model's own columns.
+        law: the friction coefficients behind the rows.
+        prior: of the load and of the drift.
+        noise: of the residual.
+    """
+    if len(log.rows.t) < FEWEST:
+        return None
+    noise = noise or ResidualNoise()
+    load = estimate_load(log, law, prior, noise=noise)
+    # Of a body of that size, wherever it may be; its mass may be any up to the payload.
+    spread = wide_spread(max(abs(load.mass), load.standard_deviation[0]))
+    spread[0] = prior.mass
+    evidence = _evidence(log, law, prior, spread, noise)
+    largest = max(evidence.values())
+    weights = {name: float(np.exp(value - largest)) for name, value in evidence.items()}
+    whole = sum(weights.values())
+    return LoadOrDrift(
+        load,
+        {name: weight / whole for name, weight in weights.items()},
+        _is_steady(log, law, prior, noise),
+    )
+
+
+def without_load(log: LoadRows, load: LoadEstimate) -> LoadRows:
+    """The rows with the load's torque taken off the residual."""
+    residual = log.rows.residual - log.load @ load.parameters
+    return replace(log, rows=replace(log.rows, residual=residual))
+
+
+def _evidence(
+    log: LoadRows, law: CoulombViscous, prior: LoadPrior, load_sd: Array, noise: ResidualNoise
+) -> dict[str, float]:
+    """Of the four, by name; load_sd (10,) of the load's parameters in the flange's frame."""
+    rows = log.rows
+    n, model = rows.num_joints, log.model.shape[2]
+    sd = np.concatenate([load_sd, prior.drift.deviation(rows, law).ravel(), log.model_sd])
+    blocks = []
+    for j in range(n):
+        drift = np.zeros((len(rows.t), 3 * n))
+        drift[:, 3 * j : 3 * j + 3] = rows.drift[:, j]
+        blocks.append(rows.whitened(j, np.hstack([log.load[:, j], drift, log.model[:, j]]), noise))
+    found = {}
+    for loaded in (False, True):
+        for drifted in (False, True):
+            kept = np.repeat([loaded, drifted, True], [len(load_sd), 3 * n, model])
+            if not kept.any():  # a prior that nothing rests on
+                kept[0] = True
+            use = np.append(np.flatnonzero(kept), -1)
+            own_sd = sd[kept] if (loaded or drifted or model) else np.full(1, 1e-9)
+            fit = fit_with_prior([own[:, use] for own in blocks], own_sd, np.zeros(kept.sum()))
+            found[_NAMES.get((loaded, drifted), "both")] = fit.log_evidence
+    return found
+
+
+def _is_steady(log: LoadRows, law: CoulombViscous, prior: LoadPrior, noise: ResidualNoise) -> bool:
+    """Whether both halves of the rows show the same mass."""
+    middle = len(log.rows.t) // 2
+    masses, variances = [], []
+    for part in (slice(0, middle), slice(middle, None)):
+        half = estimate_load(log[part], law, prior, noise=noise)
+        masses.append(half.mass)
+        # Gains and errors of the arm's model are the same in both.
+        variances.append(half.covariance[0, 0])
+    return bool(abs(masses[0] - masses[1]) < SAME * np.sqrt(sum(variances)))

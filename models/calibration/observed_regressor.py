@@ -1,0 +1,66 @@
+"""The torque of a load and of the arm's uncertain parameters, as an observer's pole shows it.
+
+Acceleration is the difference of velocities of two samples; the pole smooths it.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.calibration.load_parameters import flange_map
+from wrenchsight.models.calibration.model_uncertainty import uncertain_parameters
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.first_order import low_pass
+
+_BLOCK = 2048  # samples whose regressor is held at once
+
+
+class ObservedRegressor:
+    """Takes a log chunk by chunk.
+
+    Args:
+        robot: kinematics and gravity.
+        model: of it; its own parameters are the uncertain ones.
+        pole: (n,) 1/s of the observer; None for one without such a lag.
+        time_step: s.
+
+    Attributes:
+        model_sd: (c,) of the uncertain parameters.
+    """
+
+    def __init__(
+        self, robot: Robot, model: IdentifiedModel, pole: Array | None, time_step: float
+    ) -> None:
+        self._chain, self._time_step = robot.chain, time_step
+        self._flange = flange_map(robot)
+        self._places, self.model_sd = uncertain_parameters(model)
+        n = robot.num_joints
+        self._keep = np.zeros(n) if pole is None else np.exp(-pole * time_step)
+        self._memory = np.full((n, 10 + len(self._places)), np.nan)
+        self._v = np.full((1, n), np.nan)
+
+    def along(self, q: Array, v: Array, at: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Takes the next samples; torque per parameter of those at the indices `at` (m,).
+
+        Args:
+            q, v: (N, n).
+            at: rising.
+
+        Returns:
+            (m, n, 10) of a load in the flange's frame, (m, n, c) of the model's own.
+        """
+        parts = [np.empty((0, *self._memory.shape))]
+        for begin in range(0, len(q), _BLOCK):
+            rows = slice(begin, min(len(q), begin + _BLOCK))
+            before = np.vstack([self._v, v[rows]])
+            vdot = np.diff(before, axis=0) / self._time_step
+            self._v = before[-1:]
+            vdot = np.where(np.isfinite(vdot), vdot, 0.0)
+            Y = np.asarray(self._chain.regressor(q[rows], v[rows], vdot))
+            columns = np.concatenate([Y[:, :, -10:] @ self._flange, Y[:, :, self._places]], axis=2)
+            low_pass(self._keep, self._memory, columns)
+            wanted = at[(at >= begin) & (at < rows.stop)] - begin
+            parts.append(columns[wanted])
+        whole = np.concatenate(parts)
+        return whole[:, :, :10], whole[:, :, 10:]

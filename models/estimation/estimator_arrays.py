@@ -1,0 +1,259 @@
+"""What the estimator's kernels read and write, by name; to Python each is one stretch of memory.
+
+Handing an array to a kernel costs half a microsecond, so constants, state and result of a tick
+cross that border as flat arrays. Inside, `parameters_of`, `state_of` and `tick_of` give their parts
+their names, as pinocchio's Model and Data do.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.torque_error_stage import (
+    ERROR_ROWS,
+    STAGE_ROWS,
+    TorqueError,
+    torque_error_views,
+)
+from wrenchsight.models.estimation.wrench_reading import (
+    OBSERVED,
+    READING,
+    READING_MEMORY,
+    READING_WORK_ROWS,
+)
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.observers.observer import NUM_SIGNALS, TORQUE_SD
+from wrenchsight.models.observers.sample_check import CHECK_ROWS
+from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
+from wrenchsight.models.views import view_2d
+
+Layout = NDArray[np.int64]
+
+
+class Parameters(NamedTuple):
+    """The constants of the stages, (rows, columns) each.
+
+    Attributes:
+        chain: SerialChain.table.
+        drives: signed gain, N m/A; behind it the `motor_rates` of coupled joints.
+        friction: table of the friction law's velocity_law.
+        slip: FrictionLaw.slip_table.
+        error, poles: of TorqueErrorStage; poles in one row.
+        read_load, lag, explained, wrench: WrenchReading.tables; all but the last in one row each.
+        check: SampleCheck.table; without rows samples are not checked.
+        period: (1, 1) s between samples.
+    """
+
+    chain: Array
+    drives: Array
+    friction: Array
+    slip: Array
+    error: Array
+    poles: Array
+    read_load: Array
+    lag: Array
+    explained: Array
+    wrench: Array
+    check: Array
+    period: Array
+
+
+class Packed(NamedTuple):
+    """Parameters as they are handed to a kernel.
+
+    Attributes:
+        values: all numbers, flat.
+        layout: (parts + 1, 3) first entry, rows and columns of each; last the rows of the state
+            that are the observer's and the friction law's, and 0.
+        observer: Observer.table, which keeps its shape.
+    """
+
+    values: Array
+    layout: Layout
+    observer: Array
+
+    def part(self, name: str) -> Array:
+        """One of the Parameters, as a view."""
+        start, rows, columns = self.layout[Parameters._fields.index(name)]
+        return self.values[start : start + rows * columns].reshape(rows, columns)
+
+
+def packed(
+    parameters: Parameters, observer: Array, observer_rows: int, friction_rows: int
+) -> Packed:
+    """Returns parameters as kernels take them, with what else a tick's memory asks for."""
+    parts = [np.atleast_2d(np.asarray(part, float)) for part in parameters]
+    starts = np.cumsum([0] + [part.size for part in parts]).tolist()
+    layout = [[start, *part.shape] for start, part in zip(starts, parts, strict=False)]
+    layout.append([observer_rows, friction_rows, 0])
+    values = np.concatenate([part.ravel() for part in parts])
+    return Packed(values, np.array(layout, np.int64), np.ascontiguousarray(observer))
+
+
+@kernel(forceinline=True)
+def _part(values: Array, layout: Layout, k: int) -> Array:
+    part: Array = view_2d(values, layout[k, 0], layout[k, 1], layout[k, 2])
+    return part
+
+
+@kernel(forceinline=True)
+def parameters_of(values: Array, layout: Layout) -> Parameters:
+    """The parts of `packed`."""
+    return Parameters(
+        _part(values, layout, 0),
+        _part(values, layout, 1),
+        _part(values, layout, 2),
+        _part(values, layout, 3),
+        _part(values, layout, 4),
+        _part(values, layout, 5),
+        _part(values, layout, 6),
+        _part(values, layout, 7),
+        _part(values, layout, 8),
+        _part(values, layout, 9),
+        _part(values, layout, 10),
+        _part(values, layout, 11),
+    )
+
+
+class State(NamedTuple):
+    """What the stages remember.
+
+    Attributes:
+        observer, friction: (rows, n) of the observer and of the friction law.
+        error: (STAGE_ROWS, n) of the torque error.
+        reading: (READING_MEMORY,).
+        check: (CHECK_ROWS, n) of the check of samples.
+    """
+
+    observer: Array
+    friction: Array
+    error: Array
+    reading: Array
+    check: Array
+
+
+def state_size(num_joints: int, observer_rows: int, friction_rows: int) -> int:
+    """Entries of the state."""
+    rows = observer_rows + friction_rows + STAGE_ROWS + CHECK_ROWS
+    return rows * num_joints + READING_MEMORY
+
+
+@kernel(forceinline=True)
+def state_of(state: Array, layout: Layout, n: int) -> State:
+    """The parts of a flat state."""
+    rows = layout[layout.shape[0] - 1]
+    a = rows[0] * n
+    b = a + rows[1] * n
+    c = b + STAGE_ROWS * n
+    d = c + CHECK_ROWS * n
+    return State(
+        view_2d(state, 0, rows[0], n),
+        view_2d(state, a, rows[1], n),
+        view_2d(state, b, STAGE_ROWS, n),
+        state[d : d + READING_MEMORY],
+        view_2d(state, c, CHECK_ROWS, n),
+    )
+
+
+class Tick(NamedTuple):
+    """What a tick reads and leaves for its second half.
+
+    Attributes:
+        tau_ext: (n,) N m.
+        reading: (READING,) wrench, covariance, condition number, valid.
+        flags: (2,) what is wrong with the sample; 1 where tau_ext counts, else 0.
+        J: (6, n).
+        signals: (NUM_SIGNALS, n), see `models.observers.observer`.
+        error: of the sample; its sds are rows of `signals`.
+        error_state: (STAGE_ROWS, n) after the sample.
+        reading_state: (READING_MEMORY,) after the sample.
+        observed: (OBSERVED,) wrench that the observer reads itself, and its covariance.
+    """
+
+    tau_ext: Array
+    reading: Array
+    flags: Array
+    J: Array
+    signals: Array
+    error: TorqueError
+    error_state: Array
+    reading_state: Array
+    observed: Array
+
+
+def tick_sizes(num_joints: int) -> dict[str, int]:
+    """Entries of a tick's memory, part by part; those of `signals` before the torque error's."""
+    n = num_joints
+    return {
+        "tau_ext": n,
+        "wrench": 6,
+        "covariance": 36,
+        "condition_number": 1,
+        "valid": 1,
+        "fault": 1,
+        "counts": 1,
+        "J": 6 * n,
+        "signals": TORQUE_SD * n,
+        "torque_error": ERROR_ROWS * n,
+        "rest": STAGE_ROWS * n + READING_MEMORY + OBSERVED,
+    }
+
+
+@kernel(forceinline=True)
+def tick_of(out: Array, n: int) -> Tick:
+    """The parts of a tick's memory."""
+    a = n + READING
+    b = a + 2
+    c = b + 6 * n
+    d = c + TORQUE_SD * n
+    e = d + ERROR_ROWS * n
+    f = e + STAGE_ROWS * n
+    g = f + READING_MEMORY
+    return Tick(
+        out[:n],
+        out[n:a],
+        out[a:b],
+        view_2d(out, b, 6, n),
+        view_2d(out, c, NUM_SIGNALS, n),
+        torque_error_views(out[d:e], n),
+        view_2d(out, e, STAGE_ROWS, n),
+        out[f:g],
+        out[g : g + OBSERVED],
+    )
+
+
+class Workspace(NamedTuple):
+    """Memory that a tick works in; nothing in it outlives a call.
+
+    Attributes:
+        X: (4, 3) a pose.
+        bodies: (n, SCRATCH_COLUMNS) of the chain.
+        reading: (READING_WORK_ROWS, max(n, 6)).
+        checked: (3, n) a sample.
+    """
+
+    X: Array
+    bodies: Array
+    reading: Array
+    checked: Array
+
+
+def workspace_size(num_joints: int) -> int:
+    """Entries of the memory that a tick works in."""
+    n = num_joints
+    return 12 + n * SCRATCH_COLUMNS + READING_WORK_ROWS * max(n, 6) + 3 * n
+
+
+@kernel(forceinline=True)
+def workspace_of(scratch: Array, n: int) -> Workspace:
+    """The parts of that memory."""
+    a = 12 + n * SCRATCH_COLUMNS
+    b = a + READING_WORK_ROWS * max(n, 6)
+    return Workspace(
+        view_2d(scratch, 0, 4, 3),
+        view_2d(scratch, 12, n, SCRATCH_COLUMNS),
+        view_2d(scratch, a, READING_WORK_ROWS, max(n, 6)),
+        view_2d(scratch, b, 3, n),
+    )

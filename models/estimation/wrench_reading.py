@@ -1,0 +1,284 @@
+"""The reading of tau_ext that takes the observer's error of each sample into account.
+
+    sds of the torque error, J as the observer saw it (`torque_error_stage`) -+
+    tau_ext ------------------------------------------------------------------+-> wrench, covariance
+                                                                      + lag, scale; valid
+
+Not valid is what no wrench at E explains (`wrenchsight.models.observers.explained_torque`). A model
+that learnt no torque error is read the same way, with an error of one covariance and no more said
+of lag and scale.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.estimation.torque_error_stage import TorqueError, torque_error_views
+from wrenchsight.models.estimation.wrench import (
+    WrenchEstimate,
+    WrenchReconstruction,
+    WrenchReconstructionConfig,
+)
+from wrenchsight.models.estimation.wrench_kernels import (
+    WORK_ROWS,
+    reconstruct_log,
+    reconstruct_with,
+)
+from wrenchsight.models.identification.torque_error_model import (
+    ConstantTorqueError,
+    TorqueErrorModel,
+)
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.observers.explained_torque import (
+    BEYOND,
+    explained_table,
+    is_explained,
+    unexplained,
+)
+from wrenchsight.models.observers.lag import LagModel, lag_tick, lag_update
+from wrenchsight.models.views import view_2d
+
+READING = 44  # entries of a reading: wrench, covariance, condition number, valid
+OBSERVED = 42  # of a wrench that an observer reads itself, and its covariance
+
+READING_WORK_ROWS = WORK_ROWS + 2  # rows of max(n, 6) in which a sample is read
+_SD, _LATENESS = WORK_ROWS, WORK_ROWS + 1
+
+READING_MEMORY = 7  # entries of the state: a slow wrench, and s of doubt
+_DOUBT = 6
+
+
+class WrenchReading:
+    """The constants of this module for one model, read by one observer.
+
+    Args:
+        error: of the model.
+        config: method and prior, and the live prior that `valid` rests on.
+        K_0: (n,) 1/s of the observer; None for one without such a lag.
+        time_step: s.
+        force_bandwidth_hz: see `wrenchsight.models.observers.lag`.
+        usual_sd: see `WrenchReconstruction`.
+
+    Raises:
+        ValueError: as `WrenchReconstruction` and `LagModel`.
+    """
+
+    def __init__(
+        self,
+        error: TorqueErrorModel,
+        config: WrenchReconstructionConfig,
+        K_0: ArrayLike | None,
+        time_step: float,
+        force_bandwidth_hz: float,
+        usual_sd: ArrayLike | None = None,
+    ) -> None:
+        learnt = not isinstance(error, ConstantTorqueError)
+        self.error, self._usual_sd = error, usual_sd
+        self._time_step, self._force_bandwidth_hz = time_step, force_bandwidth_hz
+        self.config = config
+        self.num_joints = n = error.num_joints
+        self.reconstruction = WrenchReconstruction(config, error.correlation, usual_sd)
+        rates = K_0 if learnt else None
+        self.lag = LagModel.of(rates, n, time_step, force_bandwidth_hz, error.scale).settings
+        live = config.live_moment_sd, config.live_force_sd
+        beyond = BEYOND if learnt else np.inf
+        self.explained = explained_table(error.correlation, *live, error.scale, time_step, beyond)
+        self.read_load = np.array([error.read_load])
+
+    @property
+    def tables(self) -> tuple[Array, Array, Array, Array]:
+        """The constants of `read_wrench`."""
+        return self.read_load, self.lag, self.explained, self.reconstruction.table
+
+    @classmethod
+    def constant(
+        cls, config: WrenchReconstructionConfig, torque_covariance: ArrayLike
+    ) -> "WrenchReading":
+        """Returns the reading of errors of one covariance (n, n) N^2 m^2, without a lag.
+
+        Raises:
+            ValueError: as `WrenchReconstruction`.
+        """
+        Sigma = WrenchReconstruction(config, torque_covariance).torque_covariance
+        return cls(ConstantTorqueError.of(Sigma), config, None, 1.0, 0.0)
+
+    def retuned(
+        self,
+        config: WrenchReconstructionConfig,
+        K_0: ArrayLike | None,
+        torque_covariance: Array | None = None,
+    ) -> "WrenchReading":
+        """Returns the reading with settings and an observer that were changed while they run.
+
+        Args:
+            config: as the constructor's.
+            K_0: as the constructor's.
+            torque_covariance: (n, n) N^2 m^2, of a constant error; None: as it was.
+        """
+        error = self.error
+        if isinstance(error, ConstantTorqueError) and torque_covariance is not None:
+            same = np.array_equal(torque_covariance, error.covariance)
+            error = error if same else ConstantTorqueError.of(torque_covariance)
+        return WrenchReading(
+            *(error, config, K_0, self._time_step, self._force_bandwidth_hz, self._usual_sd)
+        )
+
+    def initial_state(self) -> Array:
+        """Returns the (READING_MEMORY,) state before the first sample."""
+        return np.full(READING_MEMORY, np.nan)
+
+    def run(
+        self,
+        state: Array,
+        error: TorqueError,
+        J: Array,
+        tau_ext: Array,
+        counts: Flags,
+        observed: Array,
+        conditions: bool = True,
+    ) -> WrenchEstimate:
+        """Reads N samples.
+
+        Args:
+            state: (READING_MEMORY,), changed in place.
+            error: of N samples.
+            J: (N, 6, n) at E in axes of W.
+            tau_ext: (N, n) N m.
+            counts: (N,) whether tau_ext is of its sample, so that the reading may be valid.
+            observed: (N, OBSERVED) wrench and covariance that the observer reads itself, which then
+                take the place of the reading's; (N, 0): it does not.
+            conditions: whether condition numbers are wanted; NaN where not.
+        """
+        N = len(tau_ext)
+        sd = error.sd
+        if self.error.read_load > 0.0:
+            sd = np.sqrt(sd**2 + (self.error.read_load * np.nan_to_num(tau_ext)) ** 2)
+        wrench, covariance, quality = np.empty((N, 6)), np.empty((N, 6, 6)), np.empty((N, 2))
+        reconstruct_log(
+            *(self.reconstruction.table, J if conditions else J[:0], error.J_seen),
+            *(tau_ext, sd, error.stiction, wrench, covariance, quality),
+        )
+        if observed.shape[1] > 0:
+            wrench, covariance = observed[:, :6].copy(), observed[:, 6:].reshape(N, 6, 6).copy()
+        _judge_log(
+            *(self.lag, self.explained, state, error.J_seen, tau_ext, sd, np.asarray(counts, bool)),
+            *(wrench, covariance, quality),
+        )
+        return WrenchEstimate(wrench, covariance, quality[:, 0], quality[:, 1] == 1.0)
+
+
+@kernel(forceinline=True)
+def judge_reading(
+    lag: Array,
+    explained: Array,
+    state: Array,
+    seen: Array,
+    tau_ext: Array,
+    sd: Array,
+    counts: bool,
+    wrench: Array,
+    covariance: Array,
+    quality: Array,
+    lateness: Array,
+) -> None:
+    """Single-sample kernel: adds lag and scale to a reading, and settles whether it is valid.
+
+    Args:
+        lag, explained: of WrenchReading.
+        state: (READING_MEMORY,), changed.
+        seen: (6, n) J as tau_ext saw it.
+        tau_ext, sd: (n,) N m.
+        counts: whether tau_ext is of this sample.
+        wrench: (6,).
+        covariance: (6, 6), changed.
+        quality: (2,) condition number and valid, the latter changed.
+        lateness: (6,), overwritten.
+    """
+    D = unexplained(explained, seen, tau_ext, sd)
+    at_E, state[_DOUBT] = is_explained(explained, state[_DOUBT], D)
+    valid = counts and quality[1] == 1.0 and at_E
+    quality[1] = 1.0 if valid else 0.0
+    lag_tick(lag, state[:6], wrench, covariance, lateness)
+    lag_update(lag, state[:6], wrench, valid)
+
+
+@kernel(forceinline=True)
+def read_wrench(
+    tables: tuple[Array, Array, Array, Array],
+    state: Array,
+    error: TorqueError,
+    J: Array,
+    tau_ext: Array,
+    counts: bool,
+    observed: Array,
+    reading: Array,
+    work: Array,
+) -> None:
+    """Single-sample kernel of `WrenchReading.run`.
+
+    Args:
+        tables: of WrenchReading.
+        state: (READING_MEMORY,), changed.
+        error: of the sample.
+        J: (6, n).
+        tau_ext: (n,).
+        counts: whether tau_ext is of this sample, so that the reading may be valid.
+        observed: (OBSERVED,) as `WrenchReading.run`, or (0,).
+        reading: (READING,), written.
+        work: (READING_WORK_ROWS, max(n, 6)), overwritten.
+    """
+    read_load, lag, explained, wrench = tables
+    n = J.shape[1]
+    sd, covariance, quality = work[_SD, :n], view_2d(reading, 6, 6, 6), reading[42:READING]
+    for j in range(n):
+        sd[j] = error.sd[j]
+        if read_load[0] > 0.0 and np.isfinite(tau_ext[j]):
+            sd[j] = np.sqrt(sd[j] ** 2 + (read_load[0] * tau_ext[j]) ** 2)
+    reconstruct_with(
+        *(wrench, J, error.J_seen, tau_ext, sd, error.stiction),
+        *(reading[:6], covariance, quality, work[:WORK_ROWS]),
+    )
+    for k in range(observed.shape[0]):
+        reading[k] = observed[k]
+    judge_reading(
+        *(lag, explained, state, error.J_seen, tau_ext, sd, counts),
+        *(reading[:6], covariance, quality, work[_LATENESS]),
+    )
+
+
+@kernel
+def read_sample(
+    tables: tuple[Array, Array, Array, Array],
+    state: Array,
+    error: Array,
+    J: Array,
+    tau_ext: Array,
+    counts: bool,
+    observed: Array,
+    reading: Array,
+    work: Array,
+) -> None:
+    """`read_wrench` with the torque error in (ERROR_ROWS n,) memory."""
+    views = torque_error_views(error, J.shape[1])
+    read_wrench(tables, state, views, J, tau_ext, counts, observed, reading, work)
+
+
+@kernel
+def _judge_log(
+    lag: Array,
+    explained: Array,
+    state: Array,
+    seen: Array,
+    tau_ext: Array,
+    sd: Array,
+    counts: Flags,
+    wrench: Array,
+    covariance: Array,
+    quality: Array,
+) -> None:
+    lateness = np.empty(6)
+    for k in range(tau_ext.shape[0]):
+        judge_reading(
+            *(lag, explained, state, seen[k], tau_ext[k], sd[k], counts[k]),
+            *(wrench[k], covariance[k], quality[k], lateness),
+        )

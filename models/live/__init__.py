@@ -1,0 +1,1 @@
+"""Live streams of a robot: samples, sources, wire formats, and what is read of each."""

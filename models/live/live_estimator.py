@@ -1,0 +1,318 @@
+"""From live samples to readings, one by one: what `estimate` does with a log.
+
+    order -> check of samples -> uniform grid -> estimator -> contact -> stages -> reading
+
+The numbers are those of `estimate` on the log of the same stream. A stream that was interrupted is
+begun anew: the observer settles before a reading is valid again.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.detection.contact_detector import (
+    ContactDetectionConfig,
+    ContactDetector,
+    Detection,
+)
+from wrenchsight.models.estimation.estimator import (
+    EstimateBatch,
+    WrenchEstimator,
+    WrenchEstimatorConfig,
+)
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.live.reading import Reading
+from wrenchsight.models.live.sample_grid import GridSample, SampleGrid
+from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
+from wrenchsight.models.live.stream_order import StreamOrder
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.observers.sample_check import BEYOND, SampleCheck
+from wrenchsight.models.recordings.resampling import (
+    UNIFORM_TOLERANCE,
+    default_max_gap,
+)
+from wrenchsight.models.robot.robot import Robot
+
+STEP_TIME = 0.5  # s, over which the step of a stream is measured
+STEP_SAMPLES = 8  # at least
+SILENT_TIME = 0.05  # s without a sample, or
+SILENT_STEPS = 4.0  # steps, whichever is longer
+_LEAST_PERIOD = 1e-9  # s
+
+
+def _estimator_of_streams() -> WrenchEstimatorConfig:
+    return WrenchEstimatorConfig(observer=MomentumObserverConfig(time_step=0.0))
+
+
+@dataclass
+class LiveConfig:
+    """How a stream becomes wrenches."""
+
+    estimator: WrenchEstimatorConfig = field(default_factory=_estimator_of_streams)
+    """The estimator's own configuration; a time step of zero is the stream's, a prior of None the
+    live one."""
+    detection: ContactDetectionConfig = field(default_factory=ContactDetectionConfig)
+    max_gap: float = 0.0  # s, longest gap that is bridged; 0: the longer of 0.1 s and three steps
+    late: float = 0.05  # s by which a sample may come later than the quickest, and be valid
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """One sample of the grid and what was read of it, before it becomes a reading.
+
+    Attributes:
+        t: s.
+        q, v, current: (n,) rad, rad/s and A.
+        batch: of this one sample.
+        found: likewise.
+        usable: whether the sample was measured, in time, of a robot that runs.
+    """
+
+    t: float
+    q: Array
+    v: Array
+    current: Array
+    batch: EstimateBatch
+    found: Detection
+    usable: bool
+
+
+class Stage(Protocol):
+    """Something between the estimator and those who get its readings: it may change them."""
+
+    def take(self, moment: Moment) -> Moment:
+        """Returns what is to be read in the place of `moment`."""
+        ...
+
+    def restart(self) -> None:
+        """The stream was interrupted: the next moment does not follow the last one."""
+        ...
+
+
+class LiveEstimator:
+    """Reads the samples of one stream.
+
+    Args:
+        robot, model: as `WrenchEstimator`.
+        config: how.
+        step, rate: of the source.
+        stages: what readings pass through, in this order.
+
+    Raises:
+        InputError: the model belongs to another robot.
+        ValueError: as `WrenchEstimator`.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        model: IdentifiedModel,
+        config: LiveConfig | None = None,
+        step: float | None = None,
+        rate: float = 1.0,
+        stages: Sequence[Stage] = (),
+    ) -> None:
+        self._config = config if config is not None else LiveConfig()
+        self._robot, self._model, self._stages = robot, model, stages
+        self._n = robot.num_joints
+        self._stated_step = step
+        self._estimator: WrenchEstimator | None = None
+        self._order = StreamOrder(self._config.late, rate)
+        self._check: SampleCheck | None = None
+        if self._config.estimator.check_samples:
+            self._check = SampleCheck(robot, jitter=True)
+        self._waiting: list[Sample] = []  # until the step is known
+        self._running: bool | None = None
+        self._silent = False
+        self._last_received = math.inf
+        self._reading: Reading | None = None
+        self.contradicted = False
+        """Whether the first seconds contradict the model: no reading is valid."""
+        self.step = 0.0
+        """s, of the grid; 0: not known yet."""
+        if given := self._config.estimator.observer.time_step:
+            self._begin(given)
+        elif step is not None:
+            self._prepare(step)  # what takes time; the stream is likely to keep to it
+
+    @property
+    def estimator(self) -> WrenchEstimator:
+        """The estimator, once the step is known."""
+        assert self._estimator is not None, "the step is not known yet"
+        return self._estimator
+
+    def take(self, sample: Sample) -> list[Reading | StreamEvent]:
+        """Takes the next sample of the stream: readings and events, in their order."""
+        out: list[Reading | StreamEvent] = []
+        if not self.step:
+            self._waiting.append(sample)
+            if not self._step_is_known():
+                return out
+            waiting, self._waiting = self._waiting, []
+            self._begin(self._measured_step(waiting))
+            for held in waiting:
+                self._take(held, out, stale=sample.received - held.received > self._config.late)
+            return out
+        self._take(sample, out)
+        return out
+
+    def interrupt(self, received: float) -> list[Reading | StreamEvent]:
+        """The stream ended, or was lost: what is read last is not valid any more."""
+        self._order.forget()
+        self._restart()
+        self._waiting.clear()
+        self._last_received = math.inf
+        return self._unusable(received)
+
+    def idle(self, now: float) -> list[Reading | StreamEvent]:
+        """Nothing came: says so once it is overdue.
+
+        Args:
+            now: s, monotonic clock.
+        """
+        longest = max(SILENT_TIME, SILENT_STEPS * self.step)
+        if self._silent or not self.step or now - self._last_received <= longest:
+            return []
+        self._silent = True
+        text = f"no sample for {1e3 * (now - self._last_received):.0f} ms"
+        return [StreamEvent(EventKind.SILENT, text, now), *self._unusable(now)]
+
+    def _unusable(self, now: float) -> list[Reading | StreamEvent]:
+        if self._reading is None or not self._reading.valid:
+            return []
+        self._reading = self._reading.unusable(now)
+        return [self._reading]
+
+    # The step -----------------------------------------------------------------------------------
+
+    def _step_is_known(self) -> bool:
+        held = self._waiting
+        return len(held) >= STEP_SAMPLES and (
+            abs(held[-1].t - held[0].t) >= STEP_TIME
+            or held[-1].received - held[0].received >= STEP_TIME
+        )
+
+    def _measured_step(self, samples: Sequence[Sample]) -> float:
+        steps = np.diff([sample.t for sample in samples])
+        steps = steps[np.isfinite(steps) & (steps > 0.0)]
+        median = float(f"{np.median(steps):.9g}") if len(steps) else 0.0
+        stated = self._stated_step
+        if stated is not None and abs(median - stated) <= UNIFORM_TOLERANCE * stated:
+            return stated
+        return min(max(median, 1e-4), 0.25)
+
+    def _prepare(self, step: float) -> None:
+        config = self._config.estimator
+        config = replace(config, observer=replace(config.observer, time_step=step))
+        error, known = self._model.torque_error, np.isfinite(self._robot.position_resolution)
+        if config.position_resolution is None and error is not None and not known.all():
+            # Of the logs that were fitted; `estimate` finds it in the log that it reads.
+            config = replace(config, position_resolution=error.resolution.tolist())
+        self._estimator = WrenchEstimator(self._robot, self._model, config)
+        self._detector = ContactDetector.of(self._estimator, self._config.detection)
+
+    def _begin(self, step: float) -> None:
+        if self._estimator is None or self._estimator.observer.time_step != step:
+            self._prepare(step)
+        self.step = step
+        self._order.step = step
+        self._order.max_gap = self._config.max_gap or default_max_gap(step)
+        self._restart()
+
+    def _restart(self) -> None:
+        if not self.step:
+            return
+        self._grid = SampleGrid(self.step)
+        self._state = self.estimator.initial_state()
+        self._detector_state = self._detector.initial_state()
+        if self._check is not None:
+            self._check_state = self._check.initial_state()
+        self._last_t: float | None = None
+        for stage in self._stages:
+            stage.restart()
+
+    # A sample -----------------------------------------------------------------------------------
+
+    def _take(self, sample: Sample, out: list[Reading | StreamEvent], stale: bool = False) -> None:
+        events: list[StreamEvent] = []
+        if sample.q.shape != (self._n,) or sample.v.shape != (self._n,):
+            text = f"a sample of {sample.q.size} joints, expected {self._n}; it is left out"
+            out.append(StreamEvent(EventKind.RECIPE, text, sample.received))
+            return
+        counts, anew = self._order.take(sample, events)
+        if counts:
+            self._last_received, self._silent = sample.received, False
+            self._note_running(sample, events)
+        out += events
+        if not counts:
+            return
+        if anew:
+            self._restart()
+        if not sample.running:
+            out += self._unusable(sample.received)
+            return
+        for point in self._grid.take(self._checked(sample)):
+            out.append(self._read(point, sample, stale or self._order.is_late))
+
+    def _note_running(self, sample: Sample, events: list[StreamEvent]) -> None:
+        before, self._running = self._running, sample.running
+        if sample.running and before is False:
+            self._restart()
+            events.append(StreamEvent(EventKind.RUNNING, "the robot runs again", sample.received))
+        elif not sample.running and before is not False:
+            text = f"the robot does not run ({sample.state or 'stopped'}): no reading is valid"
+            events.append(StreamEvent(EventKind.STOPPED, text, sample.received))
+
+    def _checked(self, sample: Sample) -> GridSample:
+        """Position, speed, current and whether it was impossible, 1 or 0, one after another."""
+        effort = self._robot.motor_current(sample.effort) if sample.is_torque else sample.effort
+        x = np.concatenate([sample.q, sample.v, effort, [0.0]])
+        x[~np.isfinite(x)] = np.nan
+        dropout = bool(np.isnan(x).any())
+        if self._check is not None:
+            period = 0.0 if self._last_t is None else sample.t - self._last_t
+            rows = x[:-1].reshape(3, 1, self._n)
+            period = max(period, _LEAST_PERIOD)
+            checked, _ = self._check.run(self._check_state, rows[0], rows[1], rows[2], period)
+            lost = bool((np.isnan(checked) & ~np.isnan(rows)).any())
+            x[:-1], x[-1] = checked.ravel(), float(lost)
+            dropout = dropout or lost
+        self._last_t = sample.t
+        return GridSample(sample.t, x, dropout)
+
+    def _read(self, point: GridSample, sample: Sample, stale: bool) -> Reading:
+        n = self._n
+        q, v, current = point.x[:n], point.x[n : 2 * n], point.x[2 * n : 3 * n]
+        batch = self.estimator.run(self._state, q[None], v[None], current[None])
+        missing = bool(np.isnan(batch.J[:, :1]).any())
+        seen = np.full((2, n), np.nan) if missing else (q, v)
+        found = self._detector.run(self._detector_state, seen[0][None], seen[1][None], batch)
+        impossible = 0 if point.x[-1] == 0.0 else BEYOND
+        usable = not (point.dropout or stale or self.contradicted)
+        moment = Moment(point.t, q, v, current, batch, found, usable)
+        for stage in self._stages:
+            moment = stage.take(moment)
+        batch, found = moment.batch, moment.found
+        fault = int(batch.fault[0]) | impossible
+        known = not point.dropout and fault == 0
+        self._reading = Reading.of(
+            *(batch.wrench[0], batch.covariance[0], batch.tau_ext[0], np.nan_to_num(q)),
+            t=point.t,
+            received=sample.received,
+            valid=float(batch.valid[0] and moment.usable),
+            contact=float(known and found.contact[0]),
+            misfit=float(known and found.misfit[0]),
+            link=float(found.link[0] if known else 0),
+            rest=float(found.rest[0]),
+            out_of_range=float(found.out_of_range[0]),
+            fault=float(fault),
+            dropout=float(point.dropout),
+            running=1.0,
+            statistic=float(found.statistic[0]),
+            condition_number=float(batch.condition_number[0]),
+        )
+        return self._reading

@@ -1,0 +1,81 @@
+"""What a live source gives: samples, and events in the place of errors."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from types import MappingProxyType
+
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import one_line
+
+_NOTHING: Mapping[str, Array] = MappingProxyType({})
+LONGEST_TEXT = 300  # characters of an event
+
+
+class EventKind(StrEnum):
+    """What can happen to a stream; see `StreamEvent`."""
+
+    CONNECTED = "connected"
+    REFUSED = "refused"  # nobody answers, or it is no such controller; it is tried again
+    LOST = "lost"  # the connection ended, or fell silent; it is tried again
+    GARBAGE = "garbage"  # bytes of no packet; the connection is made anew
+    RECIPE = "recipe"  # a packet that was not asked for; it is left out
+    SILENT = "silent"  # samples are overdue
+    STOPPED = "stopped"  # the robot does not run: protective stop, brakes, no power
+    RUNNING = "running"  # it does again
+    GAP = "gap"  # samples are missing
+    DOUBLED = "doubled"  # a sample came twice; the second is left out
+    DISORDERED = "disordered"  # a sample came after a later one; it is left out
+    CLOCK = "clock"  # the controller's clock jumped; reading begins anew
+    LATE = "late"  # samples come later than they should
+    ON_TIME = "on time"  # they do no longer
+    CHECK = "check"  # what the first seconds say of units, signs, gravity and payload
+    CONTRADICTION = "contradiction"  # they contradict the model; no reading is valid
+    SINK = "sink"  # a recorder or publisher has something to say
+    ENDED = "ended"  # the stream is over
+
+
+@dataclass(frozen=True)
+class StreamEvent:
+    """Something that happened to a stream.
+
+    Attributes:
+        kind: which.
+        text: one sentence for a person, one printable line.
+        received: s, monotonic clock of this computer.
+        count: how many such there were since the stream began, where they are counted.
+    """
+
+    kind: EventKind
+    text: str
+    received: float
+    count: int = 1
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "text", one_line(self.text)[:LONGEST_TEXT])
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """What a controller says of one instant, whole.
+
+    Attributes:
+        t: s, the controller's own clock.
+        received: s, monotonic clock of this computer.
+        q, v: (n,) rad and rad/s (m and m/s).
+        effort: (n,) A of the motors, with the drives' sign; or N m on the joint side.
+        is_torque: whether it is N m.
+        running: whether the robot is powered, its brakes open, and not in a protective stop.
+        state: the controller's word for that.
+        more: what else it says, by name.
+    """
+
+    t: float
+    received: float
+    q: Array
+    v: Array
+    effort: Array
+    is_torque: bool = False
+    running: bool = True
+    state: str = ""
+    more: Mapping[str, Array] = field(default_factory=lambda: _NOTHING)

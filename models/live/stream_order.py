@@ -1,0 +1,126 @@
+"""Whether a live sample comes in its order and in time; what does not is said, and left out."""
+
+import math
+from dataclasses import dataclass, field
+
+from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
+from wrenchsight.models.recordings.resampling import DROPOUT_STEPS
+
+SAY_AGAIN = 1.0  # s between two events of one kind
+RECENT = 1.0  # s; a sample further back than this is no late one: the clock jumped
+BEHIND = 3  # samples in a row before the latest one that are a clock that jumped
+CLOCK_SLACK = 0.5  # s by which a gap of the controller's clock may exceed that of ours
+_DRIFT = 2e-4  # s/s by which two clocks may drift apart
+
+
+@dataclass
+class StreamOrder:
+    """The order of one stream.
+
+    Attributes:
+        step: s, of the stream.
+        max_gap: s, longest gap that is bridged.
+        late: s, by which a sample may come later than the quickest one.
+        rate: as `Source`.
+    """
+
+    late: float
+    rate: float
+    step: float = math.inf
+    max_gap: float = math.inf
+    is_late: bool = False
+    _last: Sample | None = None
+    _behind: list[float] = field(default_factory=list)
+    _offset: float = math.inf
+    _told: dict[EventKind, float] = field(default_factory=dict)
+    _counts: dict[EventKind, int] = field(default_factory=dict)
+
+    def forget(self) -> None:
+        """Begins anew: the connection was lost."""
+        self._last, self._behind, self._offset, self.is_late = None, [], math.inf, False
+
+    def take(self, sample: Sample, events: list[StreamEvent]) -> tuple[bool, bool]:
+        """Judges the next sample.
+
+        Args:
+            sample: as it came.
+            events: what is to be said is added.
+
+        Returns:
+            Whether the sample counts, and whether reading begins anew with it.
+        """
+        last, t = self._last, sample.t
+        if not math.isfinite(t):
+            self._say(
+                EventKind.GARBAGE, "a sample's time is no number; it is left out", sample, events
+            )
+            return False, False
+        anew = False
+        if last is not None:
+            step = t - last.t
+            if step == 0.0:
+                self._say(EventKind.DOUBLED, "a sample came twice; one is left out", sample, events)
+                return False, False
+            if step < 0.0:
+                if not self._jumped_back(t):
+                    text = f"a sample came {-step:.4g} s after its time; it is left out"
+                    self._say(EventKind.DISORDERED, text, sample, events)
+                    return False, False
+                text = f"the clock jumped back by {-step:.4g} s; reading begins anew"
+                self._say(EventKind.CLOCK, text, sample, events, always=True)
+                anew = True
+            elif step > self.max_gap:
+                anew = True
+                passed = (sample.received - last.received) * self.rate
+                if self.rate and step > passed + CLOCK_SLACK * self.rate:
+                    text = f"the clock jumped on by {step:.4g} s; reading begins anew"
+                    self._say(EventKind.CLOCK, text, sample, events, always=True)
+                else:
+                    text = f"{step:.4g} s are missing; reading begins anew"
+                    self._say(EventKind.GAP, text, sample, events)
+            elif step > DROPOUT_STEPS * self.step:
+                text = f"{1e3 * (step - self.step):.4g} ms are missing, and bridged"
+                self._say(EventKind.GAP, text, sample, events)
+        self._behind.clear()
+        if anew:
+            self._offset = math.inf
+        self._last = sample
+        self._judge_lateness(sample, events)
+        return True, anew
+
+    def _jumped_back(self, t: float) -> bool:
+        assert self._last is not None
+        if self._behind and t <= self._behind[-1]:
+            self._behind.clear()
+        self._behind.append(t)
+        return len(self._behind) >= BEHIND
+
+    def _judge_lateness(self, sample: Sample, events: list[StreamEvent]) -> None:
+        if not self.rate:
+            return
+        offset = sample.received - sample.t / self.rate
+        self._offset = min(offset, self._offset)
+        lateness = offset - self._offset
+        self._offset += _DRIFT * self.late * min(lateness / self.late, 1.0)
+        if lateness > self.late:
+            if not self.is_late:
+                text = f"samples come {1e3 * lateness:.0f} ms late: they are read, but not valid"
+                self._say(EventKind.LATE, text, sample, events)
+            self.is_late = True
+        elif self.is_late and lateness < 0.5 * self.late:
+            self.is_late = False
+            self._say(EventKind.ON_TIME, "samples are on time again", sample, events)
+
+    def _say(
+        self,
+        kind: EventKind,
+        text: str,
+        sample: Sample,
+        events: list[StreamEvent],
+        always: bool = False,
+    ) -> None:
+        count = self._counts[kind] = self._counts.get(kind, 0) + 1
+        before = self._told.get(kind, -math.inf)
+        if always or sample.received - before >= SAY_AGAIN:
+            self._told[kind] = sample.received
+            events.append(StreamEvent(kind, text, sample.received, count))

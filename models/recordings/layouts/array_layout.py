@@ -1,0 +1,57 @@
+"""Logs of arrays with usual names: npz files of other tools, Parquet files with lists.
+
+`times` (T,), `positions` (T, n), `velocities` (T, n), `torques` (T, n) and the like. Their columns
+are numbered (`positions.1`..), as `npz_table` and `parquet_table` name them.
+"""
+
+import re
+from collections.abc import Sequence
+
+from wrenchsight.models.recordings.layouts.header_layouts import KnownLayout
+from wrenchsight.models.recordings.layouts.plain_header import TIME_WORDS
+from wrenchsight.models.recordings.recording_format import RecordingFormat, SignalColumns
+
+_ARRAYS = {
+    "position": ("q", "qpos", "position", "positions", "joint_position", "joint_positions"),
+    "velocity": ("v", "dq", "qd", "qdot", "qvel", "velocity", "velocities", "joint_velocity",
+                 "joint_velocities"),
+    "current": ("i", "current", "currents", "motor_current", "motor_currents", "joint_current",
+                "joint_currents"),
+    "motor_torque": ("tau", "tau_J", "torque", "torques", "motor_torque", "motor_torques",
+                     "joint_torque", "joint_torques", "effort", "efforts"),
+}  # fmt: skip
+
+
+def array_layout(names: Sequence[str]) -> KnownLayout | None:
+    """The description of a log of such arrays; None where time or positions are called otherwise.
+
+    Args:
+        names: of the columns.
+    """
+    arrays: dict[str, list[int]] = {}
+    for column, name in enumerate(names):
+        match = re.fullmatch(r"(q|v|i|tau)(\d{1,4})", name) or re.fullmatch(
+            r"(.+)\.(\d{1,4})", name
+        )
+        if match and int(match[2]) == len(arrays.get(match[1], [])) + 1:
+            arrays.setdefault(match[1], []).append(column)
+    time = next((list(names).index(word) for word in TIME_WORDS if word in names), None)
+    if time is None:
+        return None
+    form = RecordingFormat(time=_numbered([time]))
+    said = [f"{names[time]} as time"]
+    for key, words in _ARRAYS.items():
+        word = next((word for word in words if word in arrays), None)
+        if word is not None:
+            setattr(form, key, _numbered(arrays.pop(word)))
+            said.append(f"{word} as {key.replace('_', ' ')}")
+    if form.position is None:
+        return None
+    form.extra = {name: _numbered(columns) for name, columns in arrays.items()}
+    effort = form.motor_torque is not None and any("effort" in text for text in said)
+    notices = (f"arrays read by their names: {', '.join(said)}",)
+    return KnownLayout(form, notices, effort=effort)
+
+
+def _numbered(columns: Sequence[int]) -> SignalColumns:
+    return SignalColumns(", ".join(str(column + 1) for column in columns))

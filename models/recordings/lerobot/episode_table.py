@@ -1,0 +1,88 @@
+"""An episode of a LeRobot data set as a table of numbers."""
+
+from collections.abc import Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from wrenchsight.models.files.files_read import about_to_read
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.layouts.header_layouts import KnownLayout
+from wrenchsight.models.recordings.lerobot.data_set import (
+    INFO,
+    DataSet,
+    episode_index,
+    load_data_set,
+    root_of,
+)
+from wrenchsight.models.recordings.lerobot.feature_layout import feature_layout
+from wrenchsight.models.recordings.parquet_table import ParquetTable
+from wrenchsight.models.recordings.recording_format import RecordingFormat
+from wrenchsight.models.robot.robot import Robot
+
+
+class EpisodeTable(ParquetTable):
+    """The frames of one episode; implements `log_container.LogTable`.
+
+    Attributes:
+        data_set: whose episode it is.
+    """
+
+    row_word = "frame"
+
+    def __init__(self, data_set: DataSet, index: int) -> None:
+        episode = data_set.episode(index)
+        about_to_read(episode.file)
+        super().__init__(episode.file, (episode.begin, episode.length))
+        self.data_set = data_set
+
+    def layout(self, robot: Robot | None, angle: str) -> KnownLayout:
+        """Which columns hold the robot's joints; as `feature_layout`."""
+        assert self.names is not None
+        if robot is None:
+            return feature_layout(self.data_set, self.names, None, None, angle)
+        slides = [bool(one) for one in robot.chain.prismatic]
+        return feature_layout(self.data_set, self.names, robot.joint_names, slides, angle)
+
+
+class LeRobotContainer:
+    """Episodes of LeRobot's data sets; implements `log_container.LogContainer`."""
+
+    suffixes: tuple[str, ...] = ()
+
+    def open(self, path: Path, form: RecordingFormat | None) -> EpisodeTable:
+        """As the protocol; a data set of one episode stands for it."""
+        root = root_of(path)
+        assert root is not None
+        data_set = loaded(root)
+        index = episode_index(path)
+        if index is None:
+            if len(data_set.episodes) > 1:
+                first = data_set.episodes[0].index
+                problem = (
+                    f"is a data set of {len(data_set.episodes)} episodes, of which one is read"
+                )
+                remedy = f"name one, such as {root / f'episode_{first:06d}'}"
+                raise InputError(path, "", problem, remedy)
+            index = data_set.episodes[0].index
+        return EpisodeTable(data_set, index)
+
+    def write(self, path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
+        """Raises InputError: a data set is not written from one log."""
+        raise InputError(path, "", "lies in a LeRobot data set", "give the log another name")
+
+
+DATA_SETS = LeRobotContainer()
+
+
+def loaded(root: Path) -> DataSet:
+    """`load_data_set`, once for all episodes as long as info.json stays as it is."""
+    about_to_read(root / INFO)
+    return _loaded(root, (root / INFO).stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=4)
+def _loaded(root: Path, changed: int) -> DataSet:
+    return load_data_set(root)

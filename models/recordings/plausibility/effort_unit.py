@@ -1,0 +1,115 @@
+"""Whether what a log calls effort is torque in N m or current in A: gravity says.
+
+ROS' JointState says N m, and drivers of some arms (Universal Robots', by version) put amperes
+there. Held still or moved slowly, a joint's motor torque is about its gravity torque G. The ratio
+of effort to G, by least squares a joint, is
+
+    about 1      the effort is in N m
+    about 1 / K  it is in A, with K the torque per ampere of robot.yaml
+
+A joint is asked if K is FACTOR from one, gravity loads it and the effort follows gravity.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
+
+FACTOR = 2.5  # of K or 1 / K: with less the two ratios are too near to each other
+SLOW = 0.25  # of the speed limit, all joints: gravity prevails over dynamics
+LEAST_GRAVITY = 1.0  # N m
+FOLLOWS = 0.7  # cosine between effort and gravity torque
+NEARER = 0.7  # natural logarithm by which one ratio must be nearer than the other, joints' mean
+_SAMPLES = 500  # of a recording
+_LEAST_SAMPLES = 20
+NAMES = {"N m": "effort-in-newton-metres", "A": "effort-in-amperes"}
+"""Words of --log-format that decide it, by unit."""
+
+
+@dataclass(frozen=True, eq=False)
+class EffortUnit:
+    """What gravity says of a log's effort.
+
+    Attributes:
+        unit: "N m", "A", or "" where it cannot be told.
+        ratio: (n,) effort over gravity torque.
+        asked: (n,) the joints that were asked.
+    """
+
+    unit: str
+    ratio: Array
+    asked: Flags
+
+    def sentence(self, robot: Robot) -> str:
+        """What the effort is read as, why, and how to have it otherwise."""
+        other = NAMES["N m" if self.unit == "A" else "A"]
+        if not self.unit:
+            why = "gravity does not tell in this log whether it is amperes"
+            if robot.has_inertias and not _telling(robot).any():
+                why = "torque_per_ampere is near 1 in robot.yaml, so that gravity cannot tell"
+            return (
+                f"effort is read as joint torque in N m: {why}; of a driver that reports amperes "
+                f"add --log-format {other}"
+            )
+        joints = np.flatnonzero(self.asked)
+        shown = ", ".join(f"{robot.joint_names[j]} {self.ratio[j]:.2g}" for j in joints)
+        if self.unit == "A":
+            return (
+                f"effort is read as motor current in A: it is {shown} of the gravity torque, as "
+                f"robot.yaml's torque_per_ampere has it; --log-format {other} reads it as N m"
+            )
+        return (
+            f"effort is read as joint torque in N m: it is {shown} of the gravity torque; "
+            f"--log-format {other} reads it as motor current"
+        )
+
+
+def effort_unit(recordings: Iterable[Recording], robot: Robot) -> EffortUnit:
+    """Decides by logs whose `tau_J` holds their effort.
+
+    Args:
+        recordings: parts of the logs; samples that lack a number are passed over.
+        robot: whose gravity torque and torque per ampere count.
+    """
+    n = robot.num_joints
+    unknown = EffortUnit("", np.full(n, np.nan), np.zeros(n, np.bool_))
+    if not robot.has_inertias or robot.is_coupled:
+        return unknown
+    xx, xy, yy, count = np.zeros(n), np.zeros(n), np.zeros(n), 0
+    for recording in recordings:
+        if recording.tau_J is None:
+            continue
+        slow = np.all(np.abs(recording.v) < SLOW * robot.velocity_limit, axis=1)
+        slow &= np.isfinite(recording.q).all(axis=1) & np.isfinite(recording.tau_J).all(axis=1)
+        rows = np.flatnonzero(slow)
+        rows = rows[:: max(1, len(rows) // _SAMPLES)]
+        if not len(rows):
+            continue
+        gravity = robot.chain.gravity_torque(np.ascontiguousarray(recording.q[rows]))
+        effort = recording.tau_J[rows]
+        xx += (gravity**2).sum(axis=0)
+        xy += (gravity * effort).sum(axis=0)
+        yy += (effort**2).sum(axis=0)
+        count += len(rows)
+    if count < _LEAST_SAMPLES:
+        return unknown
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio, cosine = np.abs(xy / xx), np.abs(xy) / np.sqrt(xx * yy)
+        loaded = np.sqrt(xx / count) > LEAST_GRAVITY
+    asked = np.asarray(loaded & _telling(robot) & (cosine > FOLLOWS))
+    if not asked.any():
+        return unknown
+    K = robot.torque_per_ampere
+    # How much nearer, by factors, the ratio is to that of N m than to that of A.
+    nearer = (np.abs(np.log(ratio * K)) - np.abs(np.log(ratio)))[asked].mean()
+    unit = "" if abs(nearer) < NEARER else "N m" if nearer > 0.0 else "A"
+    return EffortUnit(unit, ratio, asked)
+
+
+def _telling(robot: Robot) -> Flags:
+    K = robot.torque_per_ampere
+    return np.asarray(np.maximum(K, 1.0 / K) > FACTOR)

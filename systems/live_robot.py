@@ -1,0 +1,116 @@
+"""A live robot as a source of signals."""
+
+import time
+from collections import deque
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.live.sample_grid import GridSample, SampleGrid
+from wrenchsight.models.live.samples import Sample, StreamEvent
+from wrenchsight.models.live.source import Source
+from wrenchsight.models.live.stream_order import StreamOrder
+from wrenchsight.models.recordings.resampling import default_max_gap
+from wrenchsight.models.robot.robot import Robot
+
+MOST_EVENTS = 100
+
+
+class LiveRobot(LeafSystem):
+    """Plays a live source, one sample a tick: a robot in the place of a simulated one.
+
+                    +-----------+ --> q
+                    | LiveRobot | --> v
+                    +-----------+ --> current
+
+    Outputs:    q        (n,) rad (m for a prismatic joint)
+                v        (n,) rad/s (m/s)
+                current  (n,) A, as the drive reports it
+    State:      none in the Context: the robot's is its own
+
+    The samples are put on a uniform grid of `time_step`, see
+    `wrenchsight.models.recordings.resampling`. At each tick the block waits for the next one, so
+    that the robot sets the diagram's pace; leave the simulator's target rate at zero. Where none
+    comes in time, where samples are missing, come late or the robot does not run, the signals are
+    NaN: unknown, so that an estimator reads nothing valid. A robot is there once: simulate one
+    context, and forwards.
+
+    Args:
+        source: of the samples; whoever opened it closes it.
+        robot: whose joints they are.
+        time_step: s, period of the ticks: the source's.
+        timeout: s, longest wait for a sample.
+        late: s by which a sample may come later than the quickest one.
+
+    Attributes:
+        events: of the stream, the newest MOST_EVENTS.
+
+    Raises:
+        ValueError: a time step that is not positive.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        robot: Robot,
+        time_step: float,
+        timeout: float = 0.1,
+        late: float = 0.05,
+    ) -> None:
+        LeafSystem.__init__(self)
+        if not time_step > 0.0:
+            raise ValueError(f"time_step must be positive, not {time_step}")
+        self._source, self._robot = source, robot
+        self._time_step, self._timeout = time_step, timeout
+        self._order = StreamOrder(late, source.rate, time_step, default_max_gap(time_step))
+        self._grid = SampleGrid(time_step)
+        self._waiting: deque[Array] = deque()
+        self._tick = -1
+        self._unknown = np.full(3 * robot.num_joints, np.nan)
+        self._row = self._unknown
+        self.events: deque[StreamEvent] = deque(maxlen=MOST_EVENTS)
+        n = robot.num_joints
+        for k, signal in enumerate(("q", "v", "current")):
+            part = slice(k * n, (k + 1) * n)
+
+            def calc(context: Context, output: BasicVector, part: slice = part) -> None:
+                output.SetFromVector(self._sample(context)[part])
+
+            self.DeclareVectorOutputPort(signal, n, calc, {self.time_ticket()})
+
+    def _sample(self, context: Context) -> Array:
+        """The signals of the tick that `context` is at, one after another."""
+        # A thousandth of a tick absorbs the rounding of t = k time_step.
+        tick = int(context.get_time() / self._time_step + 1e-3)
+        while self._tick < tick:
+            self._tick += 1
+            self._row = self._next()
+        return self._row
+
+    def _next(self) -> Array:
+        deadline = time.monotonic() + self._timeout
+        while not self._waiting:
+            left = deadline - time.monotonic()
+            if left <= 0.0:
+                return self._unknown
+            for item in self._source.read(left):
+                if isinstance(item, Sample):
+                    self._take(item)
+                else:
+                    self.events.append(item)
+        return self._waiting.popleft()
+
+    def _take(self, sample: Sample) -> None:
+        events: list[StreamEvent] = []
+        counts, anew = self._order.take(sample, events)
+        self.events.extend(events)
+        if not counts or sample.q.shape != (self._robot.num_joints,):
+            return
+        if anew:
+            self._grid = SampleGrid(self._time_step)
+        effort = self._robot.motor_current(sample.effort) if sample.is_torque else sample.effort
+        x = np.concatenate([sample.q, sample.v, effort])
+        unknown = not sample.running or self._order.is_late
+        for point in self._grid.take(GridSample(sample.t, x, unknown)):
+            self._waiting.append(self._unknown if point.dropout else point.x)

@@ -1,0 +1,148 @@
+"""A log of an arm that carries something: a load is told, and no drift for it; friction tracked."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wrenchsight.analyses.methods.learning.identification import identify
+from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.reading.estimate_config import (
+    EstimateConfig,
+    checked_config,
+    with_observer,
+)
+from wrenchsight.analyses.methods.reading.estimate_summary import EstimateSummary
+from wrenchsight.analyses.methods.reading.estimation import EstimateResult, estimate_log
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.estimation.wrench_table import columns_of
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.robot.robot import Robot
+
+
+@pytest.fixture(autouse=True)
+def _no_figure(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(OutputFolder, "write_figure", lambda self, name, figure: None)
+    monkeypatch.setattr(EstimateSummary, "figure", lambda self, *given: None)
+
+
+@pytest.fixture(scope="module")
+def model_file(
+    ur10e: Robot, data: Callable[[str], Path], tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """Of the two longer runs; the law that is found fastest and knows load."""
+    names = ("12-40sec", "12-50sec")
+    logs = [read_recording(data(f"ur10e/ur-20_02_{n}_12harm.csv"), robot=ur10e) for n in names]
+    config = IdentificationConfig(friction="load-dependent")
+    path = tmp_path_factory.mktemp("model") / "model.yaml"
+    identify(logs, ur10e, config=config).model.save(path)
+    return path
+
+
+def read(
+    log: Path, model_file: Path, out: Path, config: EstimateConfig
+) -> tuple[EstimateResult, Array]:
+    result = estimate_log(log, "ur10e", model_file, out, config=replace(config, prior="live"))
+    return result, np.genfromtxt(result.table, delimiter=",", skip_header=1)
+
+
+def inside(table: Array, begin: float = 1.0) -> Array:
+    t = table[:, 0] - table[0, 0]
+    rows = (t > begin) & (t < t[-1] - 1.0)
+    return np.asarray(np.mean(np.abs(table[rows, 1:4]) <= 1.96 * table[rows, 7:10], axis=0))
+
+
+@pytest.mark.parametrize(
+    ("name", "mass"),
+    [("ur10e/ur-20_02_19_14harm50secLoad", 2.805), ("ur10e_more/ur-19_12_23_load", 1.069)],
+)
+def test_a_real_load_is_weighed(
+    data: Callable[[str], Path], model_file: Path, tmp_path: Path, name: str, mass: float
+) -> None:
+    result, _ = read(data(f"{name}.csv"), model_file, tmp_path / "out", EstimateConfig())
+    load: Any = result.metrics()["load"]
+    assert load["told"]
+    # Two standard errors: the goal; three cover this quicker law.
+    assert abs(load["mass_kg"] - mass) < 3.0 * load["mass_sd_kg"]
+    assert load["mass_sd_kg"] < 0.1
+    assert result.contacts[0].startswith(f"a load of {load['mass_kg']:.3g} +- ")
+    refresh = [line for line in result.warnings if line.startswith("friction of today")]
+    assert all("without the load" in line for line in refresh)
+
+
+def test_an_empty_arm_carries_nothing(
+    data: Callable[[str], Path], model_file: Path, tmp_path: Path
+) -> None:
+    log = data("ur10e_more/ur-19_12_23_free.csv")
+    result, _ = read(log, model_file, tmp_path / "out", EstimateConfig())
+    load: Any = result.metrics()["load"]
+    assert not load["told"]
+    assert load["probability"]["drift"] > 0.9
+    assert result.contacts == ("no contact found",)
+    shown: Any = result.metrics()["drift_shown"]
+    assert shown[1] > 0.15
+
+
+def test_the_kalman_observers_band_holds_a_drifted_log(
+    data: Callable[[str], Path], model_file: Path, tmp_path: Path
+) -> None:
+    """Its band knew of no drift, and held 36 to 94 % of such logs."""
+    kalman = with_observer(EstimateConfig(), "kalman")
+    log = data("ur10e_more/ur-19_12_23_free.csv")
+    _, table = read(log, model_file, tmp_path / "out", kalman)
+    _, usual = read(log, model_file, tmp_path / "told", replace(kalman, drift=0.05))
+    assert inside(table).min() > 0.9
+    assert inside(usual).min() < 0.85
+
+
+def test_tracked_a_drifted_log_reads_better_within_its_band(
+    data: Callable[[str], Path], model_file: Path, tmp_path: Path
+) -> None:
+    log = data("ur10e_more/ur-19_12_23_free.csv")
+    result, table = read(log, model_file, tmp_path / "out", EstimateConfig(track=True))
+    _, usual = read(log, model_file, tmp_path / "told", EstimateConfig(drift=0.05))
+    assert inside(table).min() > 0.9
+    assert inside(usual).min() < 0.85
+    late = table[:, 0] - table[0, 0] > 5.0
+    rms = [np.sqrt(np.mean(own[late, 1:4] ** 2)) for own in (table, usual)]
+    assert rms[0] < 0.7 * rms[1]
+    tracked: Any = result.metrics()["friction_tracked"]
+    assert tracked["viscous"]["change_nms_per_rad"][1] == pytest.approx(4.5, abs=1.5)
+    assert tracked["seconds"] > 10.0
+    assert result.metrics()["load"] is None
+    assert columns_of(6)[1] == "fx"
+
+
+@pytest.mark.parametrize(
+    ("changes", "what"),
+    [
+        ({"smooth": True}, "smooth"),
+        ({"engine": "diagram"}, "engine"),
+        ({"drift": 0.1}, "drift"),
+    ],
+)
+def test_what_does_not_go_with_tracking_is_refused(
+    ur10e: Robot, changes: dict[str, Any], what: str
+) -> None:
+    with pytest.raises(InputError, match=what):
+        checked_config(EstimateConfig(track=True, **changes), ur10e)
+
+
+def test_an_observer_or_a_method_that_cannot_be_tracked_is_refused(
+    ur10e: Robot, coupled_wrist: Robot
+) -> None:
+    with pytest.raises(InputError, match="reads the wrench itself"):
+        checked_config(with_observer(EstimateConfig(track=True), "kalman"), ur10e)
+    config = EstimateConfig(track=True)
+    reading = WrenchReconstructionConfig("damped")
+    config = replace(config, estimator=replace(config.estimator, reconstruction=reading))
+    with pytest.raises(InputError, match="under which friction is not followed"):
+        checked_config(config, ur10e)
+    with pytest.raises(InputError, match="coupled joints"):
+        checked_config(EstimateConfig(track=True), coupled_wrist)

@@ -1,0 +1,43 @@
+"""A part of `make arms`: one arm with fingers from URDF to `estimate`, and one that is refused."""
+
+import json
+from pathlib import Path
+
+import pytest
+from arm_table import ARMS, Arm, is_wrong, page, run_arm
+
+from wrenchsight.analyses.methods.planning.excitation_config import ExcitationConfig
+
+_QUICK = ExcitationConfig(num_starts=1, iterations=2)
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_an_arm_of_the_wheel_goes_through(tmp_path: Path) -> None:
+    (arm,) = (arm for arm in ARMS if arm.name == "ur3_gripper")
+    row = run_arm(arm, tmp_path / "arm", _QUICK)
+    assert row["stage"] == "through", row
+    assert row["joints"] == 6
+    assert row["collisions"] == {}
+    assert row["closest_mm"] > 0.0
+    assert row["valid_pct"] > 50.0
+    assert 88.0 < row["band_pct"] <= 100.0
+    assert not is_wrong(row)
+    text = page([json.loads(json.dumps(row))])
+    assert "1 of 1 go through; wrong: none" in text
+    assert "| ur3_gripper | wheel | 6 |" in text
+
+
+def test_a_refused_arm_is_a_sentence(tmp_path: Path) -> None:
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text('<robot name="none"><link name="base"/></robot>')
+    row = run_arm(Arm("none", "wheel", str(urdf)), tmp_path / "arm")
+    assert row["stage"] == "robot"
+    assert not row.get("defect")
+    assert f"| none | wheel | `robot` | {row['refused']} |" in page([row])
+
+
+def test_a_collision_that_nothing_says_is_wrong() -> None:
+    row = {"arm": "a", "stage": "through", "closest_mm": 20.0, "collisions": {"a and b": 3}}
+    assert is_wrong(row)
+    assert not is_wrong(row | {"closest_mm": None})  # no clearance was claimed
+    assert is_wrong({"arm": "a", "stage": "identify", "refused": "KeyError: 1", "defect": True})

@@ -1,0 +1,100 @@
+"""A load is told from friction that has drifted, and from neither."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sample_models import harmonic_motion
+
+from wrenchsight.models.calibration.friction_refresh import FrictionDrift
+from wrenchsight.models.calibration.load_identification import LoadPrior, LoadRows
+from wrenchsight.models.calibration.load_or_drift import FEWEST, weigh, without_load
+from wrenchsight.models.calibration.load_parameters import body_parameters, load_columns
+from wrenchsight.models.calibration.residual_noise import ResidualNoise, ResidualRows
+from wrenchsight.models.friction.velocity_friction import CoulombViscous
+
+NOISE = ResidualNoise()
+SD = np.array([1.0, 1.0, 0.6, 0.2, 0.2, 0.15])
+LAW = CoulombViscous(
+    np.array([16.0, 16.0, 7.0, 2.8, 3.3, 2.7]),
+    np.array([22.0, 18.0, 10.0, 3.6, 2.4, 3.2]),
+    np.zeros(6),
+)
+PRIOR = LoadPrior(mass=12.5)
+LOAD = body_parameters(1.5, np.array([0.03, -0.06, 0.05]), 0.004 * np.eye(3))
+
+
+def log_of(robot, seed, load=None, drift=0.0, duration=25.0, since=0.0):
+    """Rows of 10 a second: a correlated residual, a load from `since` on, friction that drifted by
+    `drift` of the prior's sds."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, duration, 0.1)
+    q, v, vdot = harmonic_motion(rng, t, 0.9 * np.arange(1, 5), 0.5, least=0.5, moving=range(6))
+    q += robot.home
+    sliding = np.stack([np.sign(v), v, np.ones_like(v)], axis=2)
+    level = np.broadcast_to(LAW.coulomb, v.shape)
+    rows = ResidualRows(
+        t, v, np.zeros_like(v), LAW.coulomb * np.sign(v), LAW.viscous * v, level, sliding, SD
+    )
+    columns = load_columns(robot, q, v, vdot)
+    change = drift * FrictionDrift().deviation(rows, LAW) * rng.choice([-1.0, 1.0], (6, 3))
+    residual = np.einsum("mjk,jk->mj", rows.drift, change)
+    if load is not None:
+        residual += (columns @ load) * (t >= since)[:, None]
+    for j in range(6):
+        lower = np.linalg.cholesky(rows.covariance(j, NOISE))
+        residual[:, j] += lower @ rng.normal(size=len(t))
+    rows = replace(rows, residual=residual)
+    return LoadRows(rows, columns, np.zeros((*v.shape, 0)), np.zeros(0))
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    ("load", "drift", "expected"),
+    [(None, 0.0, "none"), (None, 1.5, "drift"), (LOAD, 0.0, "load"), (LOAD, 1.5, "both")],
+)
+def test_the_true_hypothesis_has_the_odds(ur10e, seed, load, drift, expected):
+    found = weigh(log_of(ur10e, seed, load, drift), LAW, PRIOR)
+    assert sum(found.probability.values()) == pytest.approx(1.0)
+    assert found.probability[expected] > 0.9
+    assert found.is_told == (load is not None)
+    if load is not None:
+        error = (found.load.mass - 1.5) / found.load.standard_deviation[0]
+        assert abs(error) < 3.0
+        line = found.sentence()
+        assert line.startswith(f"a load of {found.load.mass:.3g} +- ")
+        assert "mm from the flange, since the log's start" in line
+        assert ("friction that has drifted" in line) == (expected == "both")
+
+
+def test_what_comes_half_way_is_no_load(ur10e):
+    found = weigh(log_of(ur10e, 1, LOAD, since=12.5), LAW, PRIOR)
+    assert not found.is_steady
+    assert not found.is_told
+
+
+def test_what_lifts_the_arm_is_no_load(ur10e):
+    assert not weigh(log_of(ur10e, 2, -LOAD), LAW, PRIOR).is_told
+
+
+def test_without_the_load_its_torque_is_gone(ur10e):
+    log = log_of(ur10e, 3, LOAD)
+    bare = log_of(ur10e, 3)
+    left = without_load(log, weigh(log, LAW, PRIOR).load).rows.residual
+    size = [np.linalg.norm(own - bare.rows.residual) for own in (log.rows.residual, left)]
+    assert size[1] < 0.2 * size[0]
+
+
+def test_errors_of_the_arms_own_model_are_no_load(ur10e):
+    """The last link's mass is off by what the model's standard error states."""
+    log = log_of(ur10e, 4)
+    model, sd = log.load[:, :, :1], np.array([0.1])
+    rows = replace(log.rows, residual=log.rows.residual + 0.15 * model[:, :, 0])
+    loose = weigh(replace(log, rows=rows, model=model, model_sd=sd), LAW, PRIOR)
+    assert not loose.is_told
+    assert weigh(replace(log, rows=rows), LAW, PRIOR).is_told
+
+
+def test_a_log_of_seconds_says_nothing(ur10e):
+    log = log_of(ur10e, 5, LOAD)
+    assert weigh(log[: FEWEST - 1], LAW, PRIOR) is None

@@ -1,0 +1,83 @@
+"""The torque error of each sample, and J as the observer saw it, computed once."""
+
+import numpy as np
+import pytest
+from sample_models import knowing_model
+
+from wrenchsight.models.estimation.torque_error_stage import TorqueError, TorqueErrorStage
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.identification.torque_error_model import ConstantTorqueError
+from wrenchsight.models.observers.lag import jacobian_seen
+from wrenchsight.models.robot.robot import Robot
+
+T, ROWS, N = 2e-3, 400, 6
+Log = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+@pytest.fixture(scope="module")
+def model(sts: Robot) -> IdentifiedModel:
+    return knowing_model(sts, 5.0, 4.0)
+
+
+@pytest.fixture(scope="module")
+def log(sts: Robot) -> Log:
+    """q, v, transmitted torque and J of a motion that turns round."""
+    t = T * np.arange(ROWS)[:, None]
+    rate = np.linspace(3.0, 9.0, N)
+    q, v = sts.home + 0.1 * np.sin(rate * t), 0.1 * rate * np.cos(rate * t)
+    return q, v, 20.0 * np.sin(5.0 * t + np.arange(N)), sts.chain.jacobian(q)
+
+
+def stage_of(model: IdentifiedModel, K_0: float = 20.0) -> TorqueErrorStage:
+    assert model.torque_error is not None
+    law = model.friction.sampled(T)
+    return TorqueErrorStage(model.torque_error, law, np.full(N, K_0), T, None)
+
+
+def test_it_is_the_error_models_sd_and_the_low_passed_jacobian(
+    model: IdentifiedModel, log: Log
+) -> None:
+    stage, (q, v, load, J) = stage_of(model), log
+    found = stage.run(stage.initial_state(), *log)
+    error = stage.error
+    sd, stiction = error.along(model.friction.sampled(T), q, v, load, T, np.full(N, 20.0))
+    np.testing.assert_array_equal(found.sd, sd)
+    np.testing.assert_array_equal(found.stiction, stiction)
+    np.testing.assert_array_equal(found.J_seen, jacobian_seen(J, 20.0, T))
+    viscous = model.friction.feedforward.coulomb_viscous.viscous
+    np.testing.assert_allclose(found.drift, error.drifts * viscous * v, rtol=1e-12)
+
+
+def test_parts_are_the_whole(model: IdentifiedModel, log: Log) -> None:
+    stage = stage_of(model)
+    whole = stage.run(stage.initial_state(), *log)
+    state = stage.initial_state()
+    parts = [
+        stage.run(state, *(signal[rows] for signal in log))
+        for rows in (slice(0, 1), slice(1, 150), slice(150, None))
+    ]
+    for name in TorqueError._fields:
+        joined = np.concatenate([getattr(part, name) for part in parts])
+        np.testing.assert_array_equal(joined, getattr(whole, name))
+
+
+def test_another_gain_is_a_stage_built_with_it(model: IdentifiedModel, log: Log) -> None:
+    built = stage_of(model, 60.0)
+    tuned = stage_of(model).retuned(model.friction.sampled(T), np.full(N, 60.0))
+    one, other = (stage.run(stage.initial_state(), *log) for stage in (built, tuned))
+    np.testing.assert_array_equal(one.sd, other.sd)
+    np.testing.assert_array_equal(one.J_seen, other.J_seen)
+
+
+def test_an_error_that_nobody_learnt_is_constant(model: IdentifiedModel, log: Log) -> None:
+    """Of whatever friction, motion and gain; J is that of the present."""
+    spread = np.random.default_rng(1).normal(size=(N, N))
+    Sigma = spread @ spread.T + np.eye(N)
+    error = ConstantTorqueError.of(Sigma, 1.5, 30.0)
+    np.testing.assert_allclose(error.covariance, Sigma, rtol=1e-12)
+    for K_0 in (5.0, 80.0):
+        stage = TorqueErrorStage(error, model.friction.sampled(T), np.full(N, K_0), T, None)
+        found = stage.run(stage.initial_state(), *log)
+        np.testing.assert_allclose(found.sd, np.tile(np.sqrt(np.diag(Sigma)), (ROWS, 1)))
+        assert not found.stiction.any() and not found.drift.any()
+        np.testing.assert_array_equal(found.J_seen, log[3])

@@ -1,0 +1,181 @@
+"""Streams that are late, broken or out of order; what they read is held against the plain chain."""
+
+from dataclasses import replace
+
+import numba
+import numpy as np
+import pytest
+from sample_models import harmonic_motion, knowing_model
+
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.live.live_estimator import LiveConfig, LiveEstimator
+from wrenchsight.models.live.reading import Reading
+from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+
+H = 0.002
+CONFIG = LiveConfig(WrenchEstimatorConfig(MomentumObserverConfig(time_step=H)))
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)  # samples come one by one
+    yield
+    numba.set_num_threads(before)
+
+
+@pytest.fixture(scope="module")
+def model(ur10e):
+    return knowing_model(ur10e, 3.0, 5.0)
+
+
+@pytest.fixture(scope="module")
+def samples(ur10e, model):
+    """Two seconds without contact."""
+    t = H * np.arange(1000)
+    q, v, vdot = harmonic_motion(np.random.default_rng(2), t, [0.7, 1.9], 0.3)
+    q += ur10e.home
+    tau = model.chain(ur10e).inverse_dynamics(q, v, vdot) + model.friction.feedforward.torque(v)
+    current = ur10e.motor_current(tau)
+    return [Sample(100.0 + t[k], 5.0 + t[k], q[k], v[k], current[k]) for k in range(len(t))]
+
+
+def taken(live, samples):
+    out = [item for sample in samples for item in live.take(sample)]
+    events = [item for item in out if isinstance(item, StreamEvent)]
+    return [item for item in out if isinstance(item, Reading)], events
+
+
+def kinds(events):
+    return {event.kind for event in events}
+
+
+def test_a_stream_in_order_reads_as_the_estimator_does(ur10e, model, samples):
+    readings, events = taken(LiveEstimator(ur10e, model, CONFIG), samples)
+    assert not events
+    by = WrenchEstimator(ur10e, model, replace(CONFIG.estimator, position_resolution=[1e-4] * 6))
+    q, v, current = (np.array([getattr(s, n) for s in samples]) for n in ("q", "v", "effort"))
+    batch = by.run(by.initial_state(), q, v, current)
+    # The grid's interpolation on steps that are off by rounding is the identity to 1e-12.
+    found = np.array([reading.wrench for reading in readings])
+    np.testing.assert_allclose(found, batch.wrench, rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal([reading.valid for reading in readings], batch.valid)
+    assert batch.valid.any()
+
+
+def test_torque_reads_as_the_current_that_it_takes(ur10e, model, samples):
+    turned = [
+        replace(s, effort=ur10e.joint_torque(s.effort), is_torque=True) for s in samples[:200]
+    ]
+    readings, _ = taken(LiveEstimator(ur10e, model, CONFIG), turned)
+    plain, _ = taken(LiveEstimator(ur10e, model, CONFIG), samples[:200])
+    found, expected = (np.array([r.wrench for r in part]) for part in (readings, plain))
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize(("stated", "expected"), [(H, H), (None, H), (0.008, H)])
+def test_the_step_is_that_of_the_stream(ur10e, model, samples, stated, expected):
+    live = LiveEstimator(ur10e, model, LiveConfig(late=10.0), step=stated)
+    readings, _ = taken(live, samples[:300])
+    assert live.step == pytest.approx(expected, rel=1e-6)
+    assert len(readings) == 300  # none of those that were waited for is lost
+
+
+def test_doubled_and_disordered_samples_are_left_out(ur10e, model, samples):
+    mixed = list(samples)
+    mixed.insert(500, samples[499])
+    mixed[700], mixed[701] = mixed[701], mixed[700]
+    live = LiveEstimator(ur10e, model, CONFIG)
+    readings, events = taken(live, mixed)
+    assert kinds(events) == {EventKind.DOUBLED, EventKind.GAP, EventKind.DISORDERED}
+    plain, _ = taken(LiveEstimator(ur10e, model, CONFIG), samples)
+    assert len(readings) == len(plain)
+    # The sample that is left out is bridged, and said to be.
+    (bridged,) = [k for k, reading in enumerate(readings) if reading.dropout]
+    assert bridged in (699, 700)
+    assert not readings[bridged].valid
+
+
+@pytest.mark.parametrize(("jump", "kind"), [(30.0, EventKind.CLOCK), (-30.0, EventKind.CLOCK)])
+def test_a_clock_that_jumps_begins_anew(ur10e, model, samples, jump, kind):
+    jumped = samples[:500] + [replace(s, t=s.t + jump) for s in samples[500:]]
+    readings, events = taken(LiveEstimator(ur10e, model, CONFIG), jumped)
+    assert kinds(events) - {EventKind.DISORDERED} == {kind}
+    after = [r for r in readings if abs(r.t - samples[0].t - jump) < 10.0]
+    assert not after[0].valid
+    assert after[-1].valid
+
+
+def test_a_gap_begins_anew_and_is_said(ur10e, model, samples):
+    readings, events = taken(LiveEstimator(ur10e, model, CONFIG), samples[:500] + samples[700:])
+    assert kinds(events) == {EventKind.GAP}
+    assert not any(0.9985 < r.t - 100.0 < 1.3985 for r in readings)
+    assert not next(r for r in readings if r.t > 101.39).valid
+
+
+def test_a_robot_that_stops_is_not_read(ur10e, model, samples):
+    stopped = [
+        replace(s, running=not 500 <= k < 600, state="protective stop")
+        for k, s in enumerate(samples)
+    ]
+    readings, events = taken(LiveEstimator(ur10e, model, CONFIG), stopped)
+    assert [event.kind for event in events] == [EventKind.STOPPED, EventKind.RUNNING]
+    assert "protective stop" in events[0].text
+    assert not any(r.valid for r in readings if 100.998 < r.t < 101.2)
+    assert readings[-1].valid
+
+
+def test_late_samples_are_read_but_not_valid(ur10e, model, samples):
+    late = [replace(s, received=s.received + 0.3 * (500 <= k < 800)) for k, s in enumerate(samples)]
+    readings, events = taken(LiveEstimator(ur10e, model, CONFIG), late)
+    assert kinds(events) == {EventKind.LATE, EventKind.ON_TIME}
+    assert not any(r.valid for r in readings[500:800])
+    assert readings[-1].valid
+
+
+def test_silence_ends_validity_once(ur10e, model, samples):
+    live = LiveEstimator(ur10e, model, CONFIG)
+    readings, _ = taken(live, samples)
+    assert readings[-1].valid
+    last = samples[-1].received
+    assert live.idle(last + 0.01) == []
+    event, reading = live.idle(last + 0.2)
+    assert event.kind is EventKind.SILENT
+    assert not reading.valid
+    np.testing.assert_array_equal(reading.wrench, readings[-1].wrench)
+    assert live.idle(last + 0.4) == []
+
+
+def test_an_interruption_ends_validity_and_settles_anew(ur10e, model, samples):
+    live = LiveEstimator(ur10e, model, CONFIG)
+    taken(live, samples[:500])
+    (reading,) = live.interrupt(7.0)
+    assert not reading.valid
+    readings, _ = taken(live, samples[500:])
+    assert not readings[0].valid
+    assert readings[-1].valid
+
+
+def test_numbers_that_are_none_never_leave_it(ur10e, model, samples):
+    rng = np.random.default_rng(4)
+    spoilt = []
+    for s in samples:
+        q, v, effort = s.q.copy(), s.v.copy(), s.effort.copy()
+        if rng.uniform() < 0.1:
+            rng.choice([q, v, effort])
+            for part in (q, v, effort):
+                part[rng.integers(6)] = rng.choice([np.nan, np.inf, -np.inf, 1e300])
+        t = s.t if rng.uniform() > 0.02 else rng.choice([np.nan, np.inf, -np.inf])
+        spoilt.append(replace(s, t=float(t), q=q, v=v, effort=effort))
+    readings, events = taken(LiveEstimator(ur10e, model, CONFIG), spoilt)
+    assert EventKind.GARBAGE in kinds(events)
+    for reading in readings:
+        assert np.isfinite(reading.wrench).all()
+        assert not (reading.valid and (reading.dropout or reading.fault))
+
+
+def test_a_sample_of_another_arm_is_left_out(ur10e, model, samples):
+    live = LiveEstimator(ur10e, model, CONFIG)
+    (event,) = live.take(replace(samples[0], q=np.zeros(7)))
+    assert event.kind is EventKind.RECIPE

@@ -1,0 +1,45 @@
+"""Effort in N m or in A, as gravity says."""
+
+import numpy as np
+import pytest
+
+from wrenchsight.models.recordings.plausibility.effort_unit import effort_unit
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
+
+
+def _log(robot: Robot, unit: str, speed: float = 0.1) -> Recording:
+    t = np.linspace(0.0, 20.0, 400)
+    phase = np.outer(t, 0.3 + 0.05 * np.arange(robot.num_joints))
+    q = robot.home + 0.4 * np.sin(phase)
+    v = speed * np.cos(phase)
+    tau = np.asarray(robot.chain.gravity_torque(q)) + 0.03 * robot.effort_limit * np.sign(v)
+    effort = tau if unit == "N m" else robot.motor_current(tau)
+    return Recording(t, q, v, np.zeros_like(q), "log", tau_J=effort)
+
+
+@pytest.mark.parametrize("unit", ["N m", "A"])
+def test_gravity_tells_the_unit(bundled_arm: Robot, unit: str) -> None:
+    found = effort_unit([_log(bundled_arm, unit)], bundled_arm)
+    assert found.unit == unit
+    sentence = found.sentence(bundled_arm)
+    assert f"in {unit}" in sentence
+    other = "effort-in-newton-metres" if unit == "A" else "effort-in-amperes"
+    assert f"--log-format {other}" in sentence
+
+
+def test_where_gravity_cannot_tell_it_is_said(ur10e: Robot) -> None:
+    one = ur10e.with_torque_per_ampere([1.0] * 6)
+    found = effort_unit([_log(one, "A")], one)
+    assert found.unit == ""
+    assert "torque_per_ampere is near 1" in found.sentence(one)
+    fast = effort_unit([_log(ur10e, "A", speed=50.0)], ur10e)  # never slow
+    assert fast.unit == ""
+    assert "--log-format effort-in-amperes" in fast.sentence(ur10e)
+
+
+def test_effort_between_the_two_is_not_decided(ur10e: Robot) -> None:
+    log = _log(ur10e, "N m")
+    between = log.tau_J / np.sqrt(ur10e.torque_per_ampere)  # type: ignore[operator]
+    half = Recording(log.t, log.q, log.v, log.current, "log", tau_J=between)
+    assert effort_unit([half], ur10e).unit == ""

@@ -1,0 +1,80 @@
+"""Parquet files with columns of lists, as LeRobot has them."""
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.parquet_table import ParquetTable
+from wrenchsight.models.recordings.recording_reader import read_recording
+
+_ROWS = 40
+_Q = np.random.default_rng(3).normal(size=(_ROWS, 3))
+
+
+def _written(tmp_path: Path, kind: pa.DataType, rows: list[object], group: int = 7) -> Path:
+    path = tmp_path / "log.parquet"
+    columns = {"stamp": pa.array(0.01 * np.arange(len(rows))), "joints": pa.array(rows, kind)}
+    pq.write_table(pa.table(columns), path, row_group_size=group)
+    return path
+
+
+@pytest.mark.parametrize(
+    "kind", [pa.list_(pa.float64(), 3), pa.list_(pa.float64()), pa.large_list(pa.float64())]
+)
+def test_a_list_column_is_described_by_its_entries(tmp_path: Path, kind: pa.DataType) -> None:
+    path = _written(tmp_path, kind, _Q.tolist())
+    form = tmp_path / "form.yaml"
+    form.write_text(
+        "time: {columns: stamp}\nposition: {columns: 'joints.{1..3}'}\n"
+        "velocity: {columns: 'joints.{1..3}', gain: [0.1]}\nrows: {log.parquet: [5, 38]}\n"
+    )
+    log = read_recording(path, form)
+    np.testing.assert_array_equal(log.q, _Q[4:38])
+    np.testing.assert_allclose(log.v, 0.1 * _Q[4:38])
+    assert log.row is not None
+    assert log.row[0] == 5
+
+
+def test_lists_of_lists_row_by_row(tmp_path: Path) -> None:
+    kind = pa.list_(pa.list_(pa.float64(), 2), 2)
+    values = np.arange(4.0 * _ROWS).reshape(_ROWS, 2, 2)
+    table = ParquetTable(_written(tmp_path, kind, values.tolist()))
+    assert table.names == ("stamp", "joints.1", "joints.2", "joints.3", "joints.4")
+    found = np.concatenate([x for x, _ in table.blocks([2, 3])])
+    np.testing.assert_array_equal(found, values.reshape(_ROWS, 4)[:, 1:3])
+
+
+@pytest.mark.parametrize("part", [(0, 12), (6, 8), (7, 7), (30, 10)])
+def test_a_part_is_a_table_of_its_own(tmp_path: Path, part: tuple[int, int]) -> None:
+    """Whatever groups of rows the file has."""
+    path = _written(tmp_path, pa.list_(pa.float64(), 3), _Q.tolist())
+    table = ParquetTable(path, part)
+    blocks = list(table.blocks([1, 2, 3]))
+    begin, count = part
+    np.testing.assert_array_equal(np.concatenate([x for x, _ in blocks]), _Q[begin:][:count])
+    assert np.concatenate([rows for _, rows in blocks]).tolist() == list(range(1, count + 1))
+    assert table.progress <= 1.0
+    with pytest.raises(InputError, match="has 40 rows, expected 41"):
+        ParquetTable(path, (31, 10))
+
+
+@pytest.mark.parametrize(
+    ("entry", "what"),
+    [([1.0, 2.0], "a list of 2 numbers"), (None, "is empty"), ([1.0, np.nan, 2.0], "not finite")],
+)
+def test_a_row_of_another_length_is_named(tmp_path: Path, entry: object, what: str) -> None:
+    rows: list[object] = [*_Q.tolist()]
+    rows[16] = entry
+    table = ParquetTable(_written(tmp_path, pa.list_(pa.float64()), rows))
+    with pytest.raises(InputError, match=rf"row 17, column joints.*{what}"):
+        list(table.blocks([1, 2, 3]))
+
+
+def test_a_list_that_is_too_long_is_left_out(tmp_path: Path) -> None:
+    table = ParquetTable(_written(tmp_path, pa.list_(pa.float64()), [[0.0] * 5000] * 12))
+    assert table.names == ("stamp",)
+    assert "lists of 5000 numbers: left out" in table.notices[0]

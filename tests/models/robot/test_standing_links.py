@@ -1,0 +1,113 @@
+"""What stands around an arm, and what hangs on it without an inertia of its own."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from wrenchsight.diagrams.distances.clearance import Clearance
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.robot import Robot
+
+_INERTIAL = """<inertial><mass value="{m}"/><origin xyz="0 0 -.2"/>
+<inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/></inertial>"""
+
+
+def _machine(
+    tmp_path: Path, finger: str = "", base: str = "torso", column: float = 0.0, **config: object
+) -> Robot:
+    """A cart with a column, a torso that the column lifts, and a hanging arm of two links."""
+    whole = _INERTIAL.format(m=1, i=0.01)
+    ball = (
+        '<collision><origin xyz="0 0 -.4"/><geometry><sphere radius=".05"/></geometry></collision>'
+    )
+    limit = '<limit lower="-3" upper="3" velocity="2" effort="50"/>'
+
+    def joint(name: str, kind: str, parent: str, child: str, xyz: str, axis: str) -> str:
+        return (
+            f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+            f'<origin xyz="{xyz}" rpy="0 0 0"/><axis xyz="{axis}"/>{limit}</joint>'
+        )
+
+    urdf = f"""<robot name="machine">
+    <link name="cart"><collision><origin xyz=".6 0 0"/><geometry><box size=".4 .4 .4"/></geometry>
+    </collision></link><link name="column"/><link name="torso"/>
+    <link name="l1">{whole}</link><link name="l2">{whole}{ball}</link>
+    <link name="hand"/><link name="finger">{finger}</link>
+    {joint("turn", "revolute", "cart", "column", "0 0 0.1", "0 0 1")}
+    {joint("lift", "prismatic", "column", "torso", "0 0 0.7", "0 0 1")}
+    {joint("shoulder", "revolute", "torso", "l1", "0 0 0", "0 1 0")}
+    {joint("elbow", "revolute", "l1", "l2", "0 0 -.4", "1 0 0")}
+    {joint("wrist", "fixed", "l2", "hand", "0 0 -.4", "1 0 0")}
+    {joint("grip", "revolute", "hand", "finger", "0 0 0", "1 0 0")}</robot>"""
+    (tmp_path / "machine.urdf").write_text(urdf)
+    drives = [{"joint": name, "torque_per_ampere": 1.0, "rotor_inertia": 0.0}
+              for name in ("shoulder", "elbow")]  # fmt: skip
+    settings = {
+        "name": "machine",
+        "urdf": "machine.urdf",
+        "base_link": base,
+        "flange": "hand",
+        "payload": 1.0,
+        "home": [0.0, 0.0],
+        "drives": drives,
+        "locked_joints": {"grip": 0.0, "lift": column},
+    } | config
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(settings))
+    return Robot.load(tmp_path / "robot.yaml")
+
+
+def _hits(robot: Robot) -> bool:
+    """Whether the ball at the arm's end, .8 m from the shoulder, meets the cart's box."""
+    return Clearance(robot, floor=None).slack([-np.arctan2(0.6, 0.8), 0.0]) < 0.0
+
+
+def test_the_machine_around_the_arm_is_an_obstacle(tmp_path: Path) -> None:
+    """Where its joints stand: the box is 0.8 m below the torso, or 1.8 m."""
+    robot = _machine(tmp_path)
+    assert _hits(robot)
+    assert any("stand still around it" in text and "cart" in text for text in robot.notices)
+    assert "cart" not in robot.urdf_text  # of a simulation or a picture it is no part
+    assert not _hits(_machine(tmp_path, column=1.0))
+    turned = _machine(tmp_path, locked_joints={"grip": 0.0, "lift": 0.0, "turn": np.pi})
+    assert not _hits(turned)
+
+
+def test_the_obstacle_stands_where_the_urdf_has_it(tmp_path: Path) -> None:
+    """The distance straight down, by hand: from the hanging ball to the box."""
+    robot = _machine(tmp_path)
+    pairs = Clearance(robot, floor=None).slacks([0.0, 0.0], 2.0)
+    (pair,) = (pair for _, pair in pairs if "cart" in (pair.first, pair.second))
+    ball = np.array([0.0, 0.0, -0.8])
+    box = np.array([0.6, 0.0, -0.8])
+    outside = np.maximum(np.abs(ball - box) - 0.2, 0.0)
+    assert pair.distance == pytest.approx(np.linalg.norm(outside) - 0.05, abs=1e-6)
+
+
+def test_a_locked_finger_without_inertia_does_not_stop_the_arm(tmp_path: Path) -> None:
+    bad = _INERTIAL.format(m=0.1, i="1e-7").replace('izz="1e-7"', 'izz="1"')
+    robot = _machine(tmp_path, bad)
+    assert robot.has_inertias
+    (told,) = (text for text in robot.notices if "point mass" in text)
+    assert 'link "finger"' in told
+    with_mass = robot.chain.inertial_parameters[:, 0].sum()
+    assert with_mass == pytest.approx(2.1)
+
+
+def test_the_moving_link_itself_needs_one(tmp_path: Path) -> None:
+    robot = _machine(tmp_path)
+    text = (tmp_path / "machine.urdf").read_text().replace('izz="0.01"', 'izz="1"', 1)
+    (tmp_path / "machine.urdf").write_text(text)
+    robot = Robot.load(tmp_path / "robot.yaml")
+    with pytest.raises(InputError, match=r"l1.*correct the link's <inertial>"):
+        robot.require_inertias("excite")
+
+
+def test_the_world_need_not_be_declared(tmp_path: Path) -> None:
+    """Drake knows a link "world" in every URDF."""
+    _machine(tmp_path)
+    joint = '<joint name="w" type="fixed"><parent link="world"/><child link="cart"/></joint>'
+    path = tmp_path / "machine.urdf"
+    path.write_text(path.read_text().replace("</robot>", joint + "</robot>"))
+    assert _hits(Robot.load(tmp_path / "robot.yaml"))
