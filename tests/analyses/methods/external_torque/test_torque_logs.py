@@ -128,7 +128,6 @@ def test_logs_are_read_together_and_each_has_its_table(
     ("changes", "words"),
     [
         ({"smooth": True}, ("--smooth", "leave it out")),
-        ({"engine": "diagram"}, ("--engine",)),
         ({"prior": "live"}, ("--prior", "--robot")),
         ({"torque_sd": [0.1, 0.2]}, ("--torque-sd", "expected 1 or 7")),
         ({"torque_sd": [-0.1]}, ("torque_sd", "positive")),
