@@ -46,7 +46,6 @@ OPTIONS = (
     Option("estimate.torque", shown=False),
     Option("estimate.torque_sign", shown=False),
     Option("estimate.torque_sd", shown=False, default="what the logs' torques say"),
-    Option("estimate.engine", shown=False),
     Option(f"{OBSERVER}.bandwidth_hz", "bandwidth", shown=False),
     Option(f"{OBSERVER}.torque_samples", shown=False),
     Option(

@@ -162,7 +162,6 @@ def _checked(config: EstimateConfig, robot: Robot | None) -> EstimateConfig:
         option
         for option, entry, default in (
             ("--smooth", config.smooth, plain.smooth),
-            ("--engine", config.engine, plain.engine),
             ("--max-gap", config.max_gap, plain.max_gap),
             ("--observer", config.estimator.observer, plain.estimator.observer),
             ("--false-alarms-per-hour", config.detection, plain.detection),

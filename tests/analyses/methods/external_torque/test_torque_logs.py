@@ -130,7 +130,6 @@ def test_logs_are_read_together_and_each_has_its_table(
     ("changes", "words"),
     [
         ({"smooth": True}, ("--smooth", "leave it out")),
-        ({"engine": "diagram"}, ("--engine",)),
         ({"prior": "live"}, ("--prior", "--robot")),
         ({"torque_sign": "arm"}, ("torque sign", "robot or environment")),
         ({"torque_sd": [0.1, 0.2]}, ("--torque-sd", "expected 1 or 7")),
