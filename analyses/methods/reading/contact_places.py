@@ -88,7 +88,7 @@ def judge_places(
     N, n = tau.shape
     odds = np.zeros((N, n + 1))
     misfit, link = np.zeros(N, bool), np.zeros(N, np.int8)
-    known = np.isfinite(tau + sd).all(axis=1) & np.isfinite(J).all(axis=(1, 2))
+    known = np.asarray(np.isfinite(tau + sd).all(axis=1) & np.isfinite(J).all(axis=(1, 2)))
     size: NDArray[np.float64] = np.zeros(N)
     size[known] = np.linalg.norm(tau[known] / sd[known], axis=1)
     for whole in stretches(found.contact):

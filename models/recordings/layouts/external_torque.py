@@ -63,7 +63,7 @@ def external_torque_layout(names: Sequence[str], path: Path) -> KnownLayout | No
     form = RecordingFormat(time=times)
     n = len(torque)
     form.extra[TAU_EXT] = _columns(torque, range(min(torque), min(torque) + n), TAU_EXT, path)
-    notices = (f"read as a log of the external torque of {n} joints",)
+    notices: tuple[str, ...] = (f"read as a log of the external torque of {n} joints",)
     if all(_AGAINST.search(names[column]) for column in torque.values()):
         form.extra[TAU_EXT].exerted_on = ENVIRONMENT
         notices += (
