@@ -74,14 +74,13 @@ def read(log: Path, model_file: Path, out: Path, **settings: Any) -> tuple[Estim
     return result, np.genfromtxt(result.table, delimiter=",", skip_header=1)
 
 
-@pytest.mark.parametrize("engine", ["batch", "diagram"])
 def test_the_band_holds_what_the_log_shows_of_friction(
-    sts: Robot, model_file: Path, tmp_path: Path, engine: str
+    sts: Robot, model_file: Path, tmp_path: Path
 ) -> None:
     log = tmp_path / "log.csv"
     write_recording(free_motion(sts, MORE), log)
-    result, table = read(log, model_file, tmp_path / "out", engine=engine)
-    told, usual = read(log, model_file, tmp_path / "told", engine=engine, drift=0.05)
+    result, table = read(log, model_file, tmp_path / "out")
+    told, usual = read(log, model_file, tmp_path / "told", drift=0.05)
     shares = result.metrics()["drift_shown"]
     assert shares[1] == pytest.approx(MORE[1] / VISCOUS, rel=0.15)
     assert max(np.delete(shares, 1)) < 0.1
