@@ -6,8 +6,8 @@
 
 tau_ext is corrected before the wrench is read. The model's allowance for drift is replaced by the
 variance V of the correction, passed on through the reading's own gain. The model's torque error
-was learnt from logs held out, whose friction was another day's: of V it holds what is less than
-its own variance already, so V^2 / (V + sd^2) is added.
+was learnt from logs held out, whose friction was another day's: its sd holds such a drift already
+as far as it is less than twice that sd, so V^2 / (V + 4 sd^2) is added.
 
 A payload that was zeroed (`wrenchsight.models.calibration.payload_zero`) is taken off before the
 wrench is read and contact is looked for, and what is unknown of it is in the wrench's covariance.
@@ -37,6 +37,8 @@ from wrenchsight.models.estimation.wrench import live_prior
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.robot.robot import Robot
 
+HELD = 2.0  # sds of the model's own error, up to which it holds what friction drifts by
+
 
 class TrackedEstimator:
     """Reads one arm, sample by sample or chunk by chunk, from one thread; the result is the same.
@@ -50,6 +52,7 @@ class TrackedEstimator:
         tracking: of friction.
 
     Attributes:
+        estimator: that reads what is corrected.
         tracker: with `freeze`, `resume`, `reset` and what has been learnt.
         zero: the payload that is taken off; None: none. `start_zero` and `finish_zero` find it.
 
@@ -68,7 +71,7 @@ class TrackedEstimator:
         if model.torque_error is None:
             raise ValueError("the model states no torque error: its friction cannot be tracked")
         without = replace(model, torque_error=model.torque_error.with_drift(0.0))
-        self._estimator = own = WrenchEstimator(robot, without, config)
+        self.estimator = own = WrenchEstimator(robot, without, config)
         self._gain = ReadingGain(own)
         force_sd, _ = live_prior(robot.payload)
         # The levels of contact were learnt with the model's own allowance for drift.
@@ -86,12 +89,12 @@ class TrackedEstimator:
     def restart(self) -> None:
         """The next sample does not follow the last one; what has been learnt stays."""
         self._state, self._plain_state = (
-            self._estimator.initial_state(),
+            self.estimator.initial_state(),
             self._plain.initial_state(),
         )
         self._detector_state = self._detector.initial_state()
         self.tracker.restart()
-        observer = self._estimator.observer
+        observer = self.estimator.observer
         self._settling = round(observer.settling_time / observer.time_step)
 
     def start_zero(self) -> None:
@@ -167,7 +170,7 @@ class TrackedEstimator:
                     *(better.tau_ext, own.torque_sd, read[rows]),
                 )
         taught = Taught(correction, v, np.ones(len(q)))
-        batch = self._estimator.run(self._state, q, v, current, taught=taught)
+        batch = self.estimator.run(self._state, q, v, current, taught=taught)
         found = parts[0]
         if len(parts) > 1:
             joined: Any = zip(*parts, strict=True)
@@ -179,7 +182,7 @@ class TrackedEstimator:
         what is unknown of the payload whose `columns` (N, n, 4) were taken off.
         """
         sd = batch.torque_sd
-        added = variance**2 / (variance + sd**2)
+        added = variance**2 / (variance + (HELD * sd) ** 2)
         gain = self._gain.of(batch)
         more = (gain * added[:, None, :]) @ gain.transpose(0, 2, 1)
         if self.zero is not None:
