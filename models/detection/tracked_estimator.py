@@ -50,6 +50,8 @@ class TrackedEstimator:
             and an observer that does not read the wrench itself.
         detection: of contact.
         tracking: of friction.
+        follows_friction: whether friction is followed at all; without, the model's own allowance
+            for drift stays in the band, and a payload can be zeroed.
 
     Attributes:
         estimator: that reads what is corrected.
@@ -67,10 +69,14 @@ class TrackedEstimator:
         config: WrenchEstimatorConfig,
         detection: ContactDetectionConfig | None = None,
         tracking: FrictionTrackingConfig | None = None,
+        follows_friction: bool = True,
     ) -> None:
         if model.torque_error is None:
             raise ValueError("the model states no torque error: its friction cannot be tracked")
-        without = replace(model, torque_error=model.torque_error.with_drift(0.0))
+        self._follows = follows_friction
+        without = model
+        if follows_friction:
+            without = replace(model, torque_error=model.torque_error.with_drift(0.0))
         self.estimator = own = WrenchEstimator(robot, without, config)
         self._gain = ReadingGain(own)
         force_sd, _ = live_prior(robot.payload)
@@ -157,13 +163,14 @@ class TrackedEstimator:
             begin = rows.stop
             kept: Any = (x[rows] if len(x) else x for x in plain)
             own = EstimateBatch(*kept)
-            correction[rows], variance[rows] = self.tracker.correction(q[rows], v[rows])
+            correction[rows], variance[rows] = self._correction(q[rows], v[rows])
             correction[rows] -= weight[rows]
             better = own._replace(tau_ext=own.tau_ext + correction[rows])
             found = self._detector.run(self._detector_state, q_read[rows], v_read[rows], better)
             parts.append(found)
             free = read[rows] & ~found.contact
-            self.tracker.learn(own.tau_ext - weight[rows], own.J_seen, free)
+            if self._follows:
+                self.tracker.learn(own.tau_ext - weight[rows], own.J_seen, free)
             if self._zeroing is not None:
                 self._zeroing.add(
                     *(q[rows], v[rows], J_seen[rows], R_WE[rows]),
@@ -176,6 +183,12 @@ class TrackedEstimator:
             joined: Any = zip(*parts, strict=True)
             found = Detection(*(np.concatenate(x) for x in joined))
         return self._widened(batch, variance, columns), found
+
+    def _correction(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Of friction, and its variance."""
+        if self._follows:
+            return self.tracker.correction(q, v)
+        return np.zeros_like(q), np.zeros_like(q)
 
     def _widened(self, batch: EstimateBatch, variance: Array, columns: Array) -> EstimateBatch:
         """The batch with the part of the correction's variance that its model does not hold, and

@@ -232,10 +232,11 @@ class LiveEstimator:
         self.tracked = None
         self._reader: Reader = PlainReader(self._estimator, detection)
         if self._config.track or self._config.zero_s:
-            self.tracked = TrackedEstimator(self._robot, self._model, config, detection)
+            self.tracked = TrackedEstimator(
+                *(self._robot, self._model, config, detection),
+                follows_friction=self._config.track,
+            )
             self._reader = self.tracked
-            if not self._config.track:
-                self.tracked.tracker.freeze()
 
     def _begin(self, step: float) -> None:
         if self._estimator is None or self._estimator.observer.time_step != step:

@@ -189,6 +189,17 @@ def test_a_zeroed_payload_is_read_no_more(sts, model, log):
     assert wider.standard_deviation[-1, 5] > 1.1 * after.standard_deviation[-1, 5]
 
 
+def test_without_following_friction_it_reads_as_the_plain_estimator(sts, model, log):
+    _, q, v, current, _ = log
+    plain = WrenchEstimator(sts, model, config())
+    before = plain.run(plain.initial_state(), q, v, current)
+    own = TrackedEstimator(sts, model, config(), follows_friction=False)
+    batch, _ = own.run(q, v, current)
+    np.testing.assert_allclose(batch.wrench, before.wrench, atol=1e-9)
+    np.testing.assert_allclose(batch.covariance, before.covariance, atol=1e-9)
+    assert not own.tracker.change.any()
+
+
 def test_after_a_break_it_knows_what_it_had_learnt(sts, model, log):
     _, q, v, current, _ = log
     tracked = TrackedEstimator(sts, model, config())
