@@ -31,7 +31,7 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.recording_writer import write_recording
 from wrenchsight.models.robot.robot import Robot
 
-EXCITATION = ExcitationConfig(num_starts=2, iterations=8)
+EXCITATION = ExcitationConfig(num_starts=2, iterations=8, time_step=0.004)
 _CHECKED = 0.02  # s between the postures that are held against the package's meshes
 _BAND = 1.96
 
