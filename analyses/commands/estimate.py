@@ -44,8 +44,8 @@ OPTIONS = (
     Option("estimate.tool"),
     Option("estimate.mcap"),
     Option("estimate.torque", shown=False),
+    Option("estimate.torque_sign", shown=False),
     Option("estimate.torque_sd", shown=False, default="what the logs' torques say"),
-    Option("estimate.engine", shown=False),
     Option(f"{OBSERVER}.bandwidth_hz", "bandwidth", shown=False),
     Option(f"{OBSERVER}.torque_samples", shown=False),
     Option(
@@ -141,6 +141,8 @@ def _read_torque_logs(settings: EstimateSettings, out: Path) -> None:
                 f"{rows['sensor_above_n']:g} N: RMSE {rows['rmse_n']:.2f} N, stated sd "
                 f"{rows['stated_sd_n']:.2f} N",
             )
+        for line in log.contacts:
+            say(console, line if len(result.logs) == 1 else f"{log.name}: {line}")
     count = sum(log.num_samples for log in result.logs)
     valid = sum(log.num_samples * log.valid_share for log in result.logs) / count
     sds = " ".join(f"{x:.3g}" for x in result.config.torque_sd)

@@ -43,7 +43,7 @@ def command(settings: IdentifySettings, out: Out = Path("out/identify")) -> None
         _scale(settings, out)
         return
     if settings.refresh is not None:
-        _refresh(settings, logs, out)
+        _refresh(settings, out)
         return
     validation = [Path(log) for log in settings.validate]
     common, signs = (settings.log_format, settings.identification), settings.accept_signs
@@ -122,16 +122,19 @@ def _scale(settings: IdentifySettings, out: Path) -> None:
     say(console, f"robot with these torques per unit: {out / 'robot.yaml'}")
 
 
-def _refresh(settings: IdentifySettings, logs: list[Path], out: Path) -> None:
+def _refresh(settings: IdentifySettings, out: Path) -> None:
     from wrenchsight.analyses.methods.calibration.friction_refreshing import refresh_log
 
-    if len(logs) != 1 or settings.load or settings.validate:
-        problem = "takes one log, and neither --load nor --validate"
-        raise InputError("--refresh", "", problem, "give one log of today, some seconds long")
+    if settings.load or settings.validate:
+        problem = "takes neither --load nor --validate"
+        raise InputError("--refresh", "", problem, "give logs of today, some seconds long")
+    if settings.refreshing.part and len(settings.logs) > 1:
+        problem = "is of one log, and there are several"
+        raise InputError("--part", "", problem, "give LOG=BEGIN,END[,BEGIN,END...] each")
     with showing_progress("identify") as progress:
         result = refresh_log(
             Path(str(settings.refresh)),
-            logs[0],
+            settings.logs,
             settings.robot,
             out,
             settings.log_format,

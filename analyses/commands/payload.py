@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 ORDER = 35
 OPTIONS = (
-    Option("log", required=True, argument=True, metavar="LOG"),
+    Option("logs", required=True, argument=True, metavar="LOG"),
     Option("robot", required=True),
     Option("model", required=True),
     Option("empty", metavar="LOG"),
@@ -31,11 +31,11 @@ def command(settings: PayloadSettings, out: Out = Path("out/payload")) -> None:
 
     with showing_progress("payload") as progress:
         result = payload_log(
-            Path(settings.log),
+            settings.logs,
             settings.robot,
             Path(settings.model),
             out,
-            None if settings.empty is None else Path(settings.empty),
+            settings.empty,
             settings.log_format,
             settings.check,
             settings.payload,
@@ -54,7 +54,7 @@ def _print(result: "PayloadResult", out: Path) -> None:
         note = "" if result.com_observable[k] else "not observable"
         table.add_row(
             f"centre of mass {axis}",
-            f"{1e3 * load.com[k]:.1f}",
+            f"{1e3 * load.com[k]:.1f}" if result.com_observable[k] else "–",
             f"{1e3 * sd[1 + k]:.1f}",
             "mm",
             note,
@@ -63,7 +63,11 @@ def _print(result: "PayloadResult", out: Path) -> None:
     for k, (name, place) in enumerate(places.items()):
         note = "" if result.inertia_observable[k] else "not observable"
         table.add_row(
-            f"inertia {name}", f"{load.inertia[place]:.4f}", f"{sd[4 + k]:.4f}", "kg m^2", note
+            f"inertia {name}",
+            "–" if note else f"{load.inertia[place]:.4f}",
+            f"{sd[4 + k]:.4f}",
+            "kg m^2",
+            note,
         )
     console = new_console()
     console.print(table)

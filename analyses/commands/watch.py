@@ -17,6 +17,8 @@ OPTIONS = (
     Option("view"),
     Option("watch.prior"),
     Option("watch.tool"),
+    Option("watch.live.track"),
+    Option("watch.live.zero_s", "zero"),
     Option("watch.check", shown=False),
     Option("watch.accept_signs", shown=False),
     Option("watch.other_robot", shown=False),

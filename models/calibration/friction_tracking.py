@@ -140,12 +140,18 @@ class FrictionTracker:
         """Forgets all: the model's friction, and the prior about it."""
         n = self._n
         self._x, self._P = np.zeros(4 * n + 6), np.diag(self._spread)
+        self._blocks = self._own_blocks()
+        self._surprise = np.ones(n)
+        self.seconds = 0.0
+        self.restart()
+
+    def restart(self) -> None:
+        """The next sample does not follow the last one; what has been learnt stays."""
+        n = self._n
         self._slip = self._law.initial_state()
         self._seen = np.full((n, 3), np.nan)  # columns as the observer saw them
         self._since, self._left = 0.0, self._every
-        self._surprise = np.ones(n)
         self._v = np.zeros(n)
-        self.seconds = 0.0
 
     def freeze(self) -> None:
         """Keeps the coefficients, as for a task in which contact is certain; their sds grow."""
@@ -184,18 +190,17 @@ class FrictionTracker:
         """
         if len(q) > self._left:
             raise ValueError(f"{self._left} samples at most before the next step, not {len(q)}")
-        columns = np.empty((len(q), self._n, 3))
-        one, other = self._velocity_laws
-        columns[:, :, 0] = other.torque(v) - one.torque(v)
+        columns = np.zeros((len(q), self._n, 3))
         if self._slip.shape[0]:
             _slip_columns(*self._tables, self._slip, q, v, columns[:, :, 0])
+        else:
+            one, other = self._velocity_laws
+            columns[:, :, 0] = other.torque(v) - one.torque(v)
         columns[:, :, 1], columns[:, :, 2] = v, 1.0
         low_pass(self._keep, self._seen, columns)
         self._v = np.where(np.isfinite(v[-1]), v[-1], 0.0) if len(v) else self._v
         x = self._x[: 3 * self._n].reshape(-1, 3)
-        blocks = self._P[: 3 * self._n, : 3 * self._n].reshape(self._n, 3, self._n, 3)
-        own = np.einsum("jajb->jab", blocks)
-        variance = np.einsum("kja,jab,kjb->kj", columns, own, columns)
+        variance = ((columns[:, :, None] @ self._blocks)[:, :, 0] * columns).sum(axis=2)
         return (columns * x).sum(axis=2), variance
 
     def learn(self, tau_ext: Array, J_seen: Array, free: Flags) -> None:
@@ -220,6 +225,13 @@ class FrictionTracker:
         self._P[np.diag_indices_from(self._P)] += self._advance
         if self.learning and self._since >= MARGIN and np.isfinite(self._seen).all():
             self._step(tau_ext[-1], J_seen[-1])
+        self._blocks = self._own_blocks()
+
+    def _own_blocks(self) -> Array:
+        """(n, 3, 3) covariance of each joint's coefficients."""
+        n = self._n
+        joints = np.arange(n)
+        return self._P[: 3 * n, : 3 * n].reshape(n, 3, n, 3)[joints, :, joints]
 
     def _step(self, tau_ext: Array, J: Array) -> None:
         """The filter's update with one sample."""

@@ -13,7 +13,8 @@ they would bias: their effect on the result is added to its covariance ("conside
 Schmidt, "Application of state-space methods to navigation problems", 1966).
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,7 @@ SURE = 3.0  # standard errors, from which a load is taken to be there
 _LOAD = 10
 _DIAGONAL = (4, 6, 9)  # places of Ixx, Iyy, Izz in the ten parameters
 _ORDER = (4, 6, 9, 5, 7, 8)  # of Ixx, Iyy, Izz, Ixy, Ixz, Iyz
+_PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,14 @@ class LoadRows:
     load: Array
     model: Array
     model_sd: Array
+
+    @classmethod
+    def joined(cls, parts: Sequence["LoadRows"]) -> "LoadRows":
+        """Of several logs of one model."""
+        load, model = (
+            np.concatenate([getattr(own, name) for own in parts]) for name in ("load", "model")
+        )
+        return cls(ResidualRows.joined([own.rows for own in parts]), load, model, parts[0].model_sd)
 
     def __getitem__(self, part: slice | NDArray[np.bool_]) -> "LoadRows":
         """The chosen rows."""
@@ -111,6 +121,22 @@ class LoadEstimate:
     def is_there(self) -> bool:
         """Whether the log shows a load at all."""
         return bool(self.mass > SURE * self.standard_deviation[0])
+
+    def with_com_at_flange(self, unknown: NDArray[np.bool_]) -> "LoadEstimate":
+        """The load, had it been known that its centre of mass lies at the flange's origin along the
+        axes (3,) of `unknown`: the mean of the rest follows by its covariance with these.
+        """
+        if not unknown.any():
+            return self
+        given = 1 + np.flatnonzero(unknown)
+        own = np.r_[self.mass, self.com, [self.inertia[place] for place in _PLACES]]
+        answer = np.linalg.solve(self.covariance[np.ix_(given, given)], self.covariance[given])
+        own = own - answer.T @ own[given]
+        own[given] = 0.0
+        inertia = np.zeros((3, 3))
+        for place, value in zip(_PLACES, own[4:], strict=True):
+            inertia[place] = inertia[place[::-1]] = value
+        return replace(self, mass=float(own[0]), com=own[1:4], inertia=inertia)
 
     @property
     def inertia_told(self) -> Array:

@@ -15,6 +15,7 @@ slow, c and d are Ornstein-Uhlenbeck processes with one correlation time. What w
 to is stated in units of the model's own residual sd, so that a poorer model has wider errors.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +24,8 @@ from scipy.linalg import cholesky, solve_triangular
 
 from wrenchsight.models.arrays import Array
 
+GAP = 1.0  # s without a row, after which a joint rests anew
+BETWEEN_LOGS = 20.0  # s, far beyond any correlation
 V_REST = 0.01  # rad/s (m/s), below which a joint may rest
 BLOCK = 600  # rows that are taken as dependent; at 10 Hz a minute, far beyond any correlation
 
@@ -91,6 +94,17 @@ class ResidualRows:
             raise ValueError("residual rows: a number is not finite")
         if not (np.diff(self.t) > 0.0).all():
             raise ValueError("residual rows: t must rise")
+
+    @classmethod
+    def joined(cls, parts: Sequence["ResidualRows"]) -> "ResidualRows":
+        """Rows of several logs of one model, one after another, their errors independent."""
+        times: list[Array] = []
+        for own in parts:
+            begin = times[-1][-1] + BETWEEN_LOGS if times else 0.0
+            times.append(own.t - own.t[0] + begin if len(own.t) else own.t)
+        names = ("v", "residual", "dry", "viscous", "stiction", "sliding")
+        columns = {name: np.concatenate([getattr(own, name) for own in parts]) for name in names}
+        return cls(t=np.concatenate(times), sd=parts[0].sd, **columns)
 
     @property
     def num_joints(self) -> int:
@@ -169,7 +183,7 @@ class ResidualRows:
         fading = np.exp(-np.abs(t[:, None] - t) / noise.correlation_time)
         rest = np.abs(v) < V_REST
         # Successive samples at rest have one number; a motion in between begins another rest.
-        episode = np.cumsum(np.diff(rest, prepend=False))
+        episode = np.cumsum(np.diff(rest, prepend=False) | (np.diff(t, prepend=t[:1]) > GAP))
         same = np.outer(rest, rest) & (episode[:, None] == episode)
         held = np.where(same, np.outer(level, level) / 3.0, 0.0)
         white = np.diag((noise.white * sd * reversal) ** 2)

@@ -212,155 +212,234 @@ def detect_tick(
     """
     table, joints, settings, white = tables
     n = v.shape[0]
-    s, z, y, change, parts = work[0, :n], work[1, :n], work[2, :n], work[3, :n], work[4]
-    sd, stiction, rows = error.sd, error.stiction, error.rows
-    own = state[_SINGLE:].reshape(-1)
+    single = state[_SINGLE:].reshape(-1)
+    load, s = work[2, :n], work[0, :n]
     beyond = False
     for j in range(n):
-        y[j] = rows[TRANSMITTED_ROW, j]
+        load[j] = error.rows[TRANSMITTED_ROW, j]
         beyond = beyond or abs(v[j]) > joints[FITTED_SPEED, j]
-        beyond = beyond or abs(y[j]) > joints[FITTED_LOAD, j]
+        beyond = beyond or abs(load[j]) > joints[FITTED_LOAD, j]
     out[OUT_OF_RANGE] = 1.0 if beyond else 0.0
     keep = np.exp(-settings[PERIOD] / WINDOW)
+    _change_variance(table, joints, keep, state, error.rows, v, load, single, s, work[4])
+    _take_jolts(joints, settings, state, momentum, load, transmitted)
+    single[_RESTING] += settings[PERIOD]
+    finite = fresh
     for j in range(n):
-        variance_parts(table, rows, j, v[j], y[j], parts)
+        if not abs(v[j]) < REST_SPEED:
+            single[_RESTING] = 0.0
+        finite = finite and np.isfinite(tau_ext[j])
+    out[REST] = 1.0 if single[_RESTING] >= REST_TIME else 0.0
+    lengths = _Lengths(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    if finite:
+        _whiten(joints, settings, keep, state, single, error, tau_ext, work)
+        lengths = _lengths(white, joints, keep, state, work)
+        _decide(settings, state, single, lengths, work)
+    out[SAMPLE_LENGTH], out[MEAN_LENGTH] = lengths.sample, lengths.mean
+    out[POWER_LENGTH], out[CHANGE_LENGTH] = lengths.power, lengths.change
+    out[STATISTIC], out[CONTACT] = single[_RATIO], single[_CONTACT]
+    out[MISFIT], out[LINK] = 0.0, 0.0
+    if single[_CONTACT] == 1.0 and finite:
+        single[_MISFIT] += (1.0 - np.exp(-settings[PERIOD] / MISFIT_WINDOW)) * (
+            _unexplained(settings, white, error.J_seen, tau_ext, work) - single[_MISFIT]
+        )
+    if single[_CONTACT] == 1.0 and np.sqrt(single[_MISFIT]) > settings[MISFIT_LEVEL]:
+        out[MISFIT] = 1.0
+        out[LINK] = _link(state[_POWER], settings[POWER_LEVEL])
+
+
+class _Lengths(NamedTuple):
+    """Norms of one sample: of y, LP(z) scaled and plain, LP(y^2) and the change; y . U LP(z)."""
+
+    sample: float
+    mean: float
+    power: float
+    change: float
+    plain_mean: float  # squared
+    along: float
+
+
+@kernel
+def _change_variance(
+    table: Array,
+    joints: Array,
+    keep: float,
+    state: Array,
+    rows: Array,
+    v: Array,
+    load: Array,
+    single: Array,
+    s: Array,
+    parts: Array,
+) -> None:
+    """Writes s'^2 (n,), the variance of a change without its jolt."""
+    for j in range(v.shape[0]):
+        variance_parts(table, rows, j, v[j], load[j], parts)
         s[j] = 0.0
         for m in range(_STICTION):
             s[j] += joints[CHANGE + m, j] * parts[m]
+        # What a joint that stops lets go of, and what one that starts has carried.
         pole, slow = joints[JOLT_POLE, j], v[j] / REST_SPEED
         held = breakaway(table, rows, j) / np.sqrt(3.0)
         stop = held * np.exp(-slow * slow) if np.isfinite(slow) else held
         state[_STOP, j] = pole * state[_STOP, j] + (1.0 - pole) * stop
         rested = rows[UNKNOWN_SHARE_ROW, j] * held
         state[_START, j] = keep * state[_START, j] + (1.0 - keep) * rested
-        if own[_RESTING] < REST_TIME:
+        if single[_RESTING] < REST_TIME:
             part = joints[CHANGE + _STICTION, j] * parts[_STICTION]
             let_go = max(state[_STOP, j], state[_START, j])
             s[j] += max(part, let_go * let_go)
-    T = settings[PERIOD]
-    own[_RESTING] += T
-    finite = fresh
+
+
+@kernel
+def _take_jolts(
+    joints: Array,
+    settings: Array,
+    state: Array,
+    momentum: Array,
+    load: Array,
+    transmitted: Array,
+) -> None:
+    """Takes jumps of momentum and of motor torque into the jolt's square."""
+    for j in range(momentum.shape[0]):
+        if not np.isfinite(momentum[j]):
+            continue
+        pole, jump = joints[JOLT_POLE, j], 0.0
+        if np.isfinite(state[_BEFORE, j]):
+            jump = (momentum[j] - 2.0 * state[_LAST, j] + state[_BEFORE, j]) / settings[PERIOD]
+        square = jump * jump
+        first, last, share = state[_TORQUE, j], load[j], 1.0 / 3.0
+        if settings[PRESENT] != 0.0:
+            first, last, share = load[j], transmitted[j], 1.0 / 12.0
+        if np.isfinite(state[_TORQUE, j]) and np.isfinite(last):
+            square += share * (last - first) ** 2
+        gain = 1.0 - pole
+        state[_JOLT2, j] = pole * pole * state[_JOLT2, j] + gain * gain * square
+        if np.isfinite(state[_LAST, j]):
+            state[_TORQUE, j] = load[j]
+        state[_BEFORE, j], state[_LAST, j] = state[_LAST, j], momentum[j]
+
+
+@kernel
+def _whiten(
+    joints: Array,
+    settings: Array,
+    keep: float,
+    state: Array,
+    single: Array,
+    error: TorqueError,
+    tau_ext: Array,
+    work: Array,
+) -> None:
+    """Writes s, z, the change over its sd and the change in N m into rows 0 to 3 of `work`, whose
+    row 0 holds s'^2 before; takes the sample into both local scales and LP(z).
+    """
+    n, T = tau_ext.shape[0], settings[PERIOD]
+    s, z, y, change = work[0, :n], work[1, :n], work[2, :n], work[3, :n]
+    single[_SEEN] += T
+    pace = 1.0 - np.exp(-T / LOCAL_TIME)
+    early = 1.0 - np.exp(-T / min(max(single[_SEEN], FIRST), LOCAL_TIME))
+    begins = 1.0 - np.exp(-T / min(single[_SEEN], WINDOW))
+    # g stays in contact, but for an error whose mean over LOCAL_TIME vanishes.
+    follows = single[_CONTACT] == 0.0 or single[_TOUCHED] > LOCAL_TIME
+    if single[_CONTACT] == 1.0:
+        single[_TOUCHED] += T
+        for j in range(n):
+            square = state[_SLOW, j] * state[_SLOW, j]
+            follows = follows and square <= ONE_SIDED * max(state[_SQUARE, j], 1.0)
     for j in range(n):
-        if not abs(v[j]) < REST_SPEED:
-            own[_RESTING] = 0.0
-        finite = finite and np.isfinite(tau_ext[j])
-        if np.isfinite(momentum[j]):
-            pole = joints[JOLT_POLE, j]
-            jump = 0.0
-            if np.isfinite(state[_BEFORE, j]):
-                jump = (momentum[j] - 2.0 * state[_LAST, j] + state[_BEFORE, j]) / T
-            square = jump * jump
-            first, last, share = state[_TORQUE, j], y[j], 1.0 / 3.0
-            if settings[PRESENT] != 0.0:
-                first, last, share = y[j], transmitted[j], 1.0 / 12.0
-            if np.isfinite(state[_TORQUE, j]) and np.isfinite(last):
-                square += share * (last - first) ** 2
-            gain = 1.0 - pole
-            state[_JOLT2, j] = pole * pole * state[_JOLT2, j] + gain * gain * square
-            if np.isfinite(state[_LAST, j]):
-                state[_TORQUE, j] = y[j]
-            state[_BEFORE, j], state[_LAST, j] = state[_LAST, j], momentum[j]
-    out[REST] = 1.0 if own[_RESTING] >= REST_TIME else 0.0
+        sd, stiction, w = error.sd[j], error.stiction[j], error.rows[UNKNOWN_SHARE_ROW, j]
+        jolt = max(np.sqrt(state[_JOLT2, j]) - joints[USUAL_JOLT, j], 0.0)
+        square = max(sd * sd - w * stiction * stiction, 1e-6 * sd * sd)
+        change_sd = s[j] + joints[CHANGE + NUM_FEATURES, j] * state[_JOLT2, j] + jolt * jolt
+        change_sd = np.sqrt(change_sd)
+        s[j] = np.sqrt(square + jolt * jolt)
+        # What friction at rest does not carry.
+        left = max(abs(tau_ext[j]) - w * np.sqrt(3.0) * stiction, 0.0)
+        left = left if tau_ext[j] > 0.0 else -left
+        z[j] = left / s[j]
+        if not np.isfinite(state[_BASE, j]):
+            state[_BASE, j] = left
+        elif single[_CONTACT] == 0.0:
+            state[_BASE, j] += begins * (left - state[_BASE, j])
+        change[j] = left - state[_BASE, j]
+        state[_SLOW, j] += pace * (z[j] - state[_SLOW, j])
+        state[_SQUARE, j] += pace * (z[j] * z[j] - state[_SQUARE, j])
+        if follows:
+            local = max(state[_LOCAL2, j], 1.0)
+            new = min(z[j] * z[j], OUTLIER * OUTLIER * local)
+            state[_LOCAL2, j] += early * (new - state[_LOCAL2, j])
+        unit = change[j] / change_sd if change_sd > 0.0 else 0.0
+        usual = max(state[_CHANGE2, j], 1.0)
+        y[j] = unit / np.sqrt(usual)
+        if single[_CONTACT] == 0.0:
+            new = min(unit * unit, OUTLIER * OUTLIER * usual)
+            state[_CHANGE2, j] += early * (new - state[_CHANGE2, j])
+        local = np.sqrt(max(state[_LOCAL2, j], 1.0))
+        s[j] *= local
+        z[j] /= local
+        state[_MEAN, j] = keep * state[_MEAN, j] + (1.0 - keep) * z[j]
+
+
+@kernel
+def _lengths(white: Array, joints: Array, keep: float, state: Array, work: Array) -> _Lengths:
+    """The norms of what `_whiten` wrote; row 2 of `work` is left with y = U z."""
+    n = white.shape[0]
+    z, y = work[1, :n], work[2, :n]
     sample = power = mean = plain_mean = along = changed = 0.0
-    if finite:
-        pace = 1.0 - np.exp(-T / LOCAL_TIME)
-        own[_SEEN] += T
-        early = 1.0 - np.exp(-T / min(max(own[_SEEN], FIRST), LOCAL_TIME))
-        begins = 1.0 - np.exp(-T / min(own[_SEEN], WINDOW))
-        follows = own[_CONTACT] == 0.0 or own[_TOUCHED] > LOCAL_TIME
-        if own[_CONTACT] == 1.0:
-            own[_TOUCHED] += T
-            for j in range(n):
-                square = state[_SLOW, j] * state[_SLOW, j]
-                follows = follows and square <= ONE_SIDED * max(state[_SQUARE, j], 1.0)
-        for j in range(n):
-            w = rows[UNKNOWN_SHARE_ROW, j]
-            jolt = max(np.sqrt(state[_JOLT2, j]) - joints[USUAL_JOLT, j], 0.0)
-            square = max(sd[j] * sd[j] - w * stiction[j] * stiction[j], 1e-6 * sd[j] * sd[j])
-            change_sd = s[j] + joints[CHANGE + NUM_FEATURES, j] * state[_JOLT2, j] + jolt * jolt
-            change_sd = np.sqrt(change_sd)
-            s[j] = np.sqrt(square + jolt * jolt)
-            left = max(abs(tau_ext[j]) - w * np.sqrt(3.0) * stiction[j], 0.0)
-            left = left if tau_ext[j] > 0.0 else -left
-            z[j] = left / s[j]
-            if not np.isfinite(state[_BASE, j]):
-                state[_BASE, j] = left
-            elif own[_CONTACT] == 0.0:
-                state[_BASE, j] += begins * (left - state[_BASE, j])
-            change[j] = left - state[_BASE, j]
-            state[_SLOW, j] += pace * (z[j] - state[_SLOW, j])
-            state[_SQUARE, j] += pace * (z[j] * z[j] - state[_SQUARE, j])
-            if follows:
-                local = max(state[_LOCAL2, j], 1.0)
-                new = min(z[j] * z[j], OUTLIER * OUTLIER * local)
-                state[_LOCAL2, j] += early * (new - state[_LOCAL2, j])
-            unit = change[j] / change_sd if change_sd > 0.0 else 0.0
-            usual = max(state[_CHANGE2, j], 1.0)
-            y[j] = unit / np.sqrt(usual)
-            if own[_CONTACT] == 0.0:
-                new = min(unit * unit, OUTLIER * OUTLIER * usual)
-                state[_CHANGE2, j] += early * (new - state[_CHANGE2, j])
-            local = np.sqrt(max(state[_LOCAL2, j], 1.0))
-            s[j] *= local
-            z[j] /= local
-            state[_MEAN, j] = keep * state[_MEAN, j] + (1.0 - keep) * z[j]
-        for j in range(n):
-            total = 0.0
-            for k in range(j, n):
-                total += white[j, k] * y[k]
-            changed += total * total
-        for j in range(n):
-            y[j] = 0.0
-            of_mean, of_plain = 0.0, 0.0
-            for k in range(j, n):
-                y[j] += white[j, k] * z[k]
-                of_mean += white[j, k] * state[_MEAN, k] / joints[MEAN_SCALE, k]
-                of_plain += white[j, k] * state[_MEAN, k]
-            sample += y[j] * y[j]
-            mean += of_mean * of_mean
-            plain_mean += of_plain * of_plain
-            along += y[j] * of_plain
-            state[_POWER, j] = keep * state[_POWER, j] + (1.0 - keep) * y[j] * y[j]
-            power += state[_POWER, j]
-        sample, mean, power = np.sqrt(sample), np.sqrt(mean), np.sqrt(power)
-        changed = np.sqrt(changed)
-        counted = mean
-        own[_ANEW] -= T
-        if own[_CONTACT] == 1.0 and along < LEFT * plain_mean:
-            counted = 0.0
-        if own[_CONTACT] == 0.0 and own[_ANEW] > 0.0:
-            counted = 0.0
-        quick = sample / settings[SAMPLE_LEVEL]
-        if own[_CONTACT] == 0.0 and settings[CHANGE_LEVEL] < np.inf:
-            quick = changed / settings[CHANGE_LEVEL] if own[_SEEN] > WINDOW else 0.0
-        ratio = max(quick, counted / settings[MEAN_LEVEL])
-        own[_RATIO] = ratio
-        if ratio > 1.0:
-            if own[_CONTACT] == 0.0:
-                own[_MISFIT], own[_TOUCHED] = 0.0, 0.0
-            own[_CONTACT], own[_QUIET] = 1.0, 0.0
-        elif own[_CONTACT] == 1.0:
-            if counted >= settings[MEAN_RELEASE] or sample >= settings[SAMPLE_RELEASE]:
-                own[_QUIET] = 0.0
-            else:
-                own[_QUIET] += T
-            if own[_QUIET] >= QUIET:
-                own[_CONTACT], own[_ANEW] = 0.0, ANEW
-                for j in range(n):
-                    state[_MEAN, j], state[_POWER, j] = z[j], y[j] * y[j]
-                    state[_BASE, j] += change[j]
-    out[SAMPLE_LENGTH], out[MEAN_LENGTH], out[POWER_LENGTH] = sample, mean, power
-    out[CHANGE_LENGTH] = changed
-    out[STATISTIC], out[CONTACT] = own[_RATIO], own[_CONTACT]
-    out[LINK] = 0.0
-    if own[_CONTACT] == 1.0 and finite:
-        own[_MISFIT] += (1.0 - np.exp(-T / MISFIT_WINDOW)) * (
-            _unexplained(settings, white, error.J_seen, tau_ext, work) - own[_MISFIT]
-        )
-    out[MISFIT] = 0.0
-    if own[_CONTACT] == 1.0 and np.sqrt(own[_MISFIT]) > settings[MISFIT_LEVEL]:
-        out[MISFIT] = 1.0
-        out[LINK] = _link(state[_POWER], settings[POWER_LEVEL])
+    for j in range(n):
+        total = 0.0
+        for k in range(j, n):
+            total += white[j, k] * y[k]
+        changed += total * total
+    for j in range(n):
+        y[j] = 0.0
+        of_mean, of_plain = 0.0, 0.0
+        for k in range(j, n):
+            y[j] += white[j, k] * z[k]
+            of_mean += white[j, k] * state[_MEAN, k] / joints[MEAN_SCALE, k]
+            of_plain += white[j, k] * state[_MEAN, k]
+        sample += y[j] * y[j]
+        mean += of_mean * of_mean
+        plain_mean += of_plain * of_plain
+        along += y[j] * of_plain
+        state[_POWER, j] = keep * state[_POWER, j] + (1.0 - keep) * y[j] * y[j]
+        power += state[_POWER, j]
+    return _Lengths(
+        np.sqrt(sample), np.sqrt(mean), np.sqrt(power), np.sqrt(changed), plain_mean, along
+    )
+
+
+@kernel
+def _decide(settings: Array, state: Array, single: Array, lengths: _Lengths, work: Array) -> None:
+    """Begins and ends contact."""
+    T, touched = settings[PERIOD], single[_CONTACT] == 1.0
+    single[_ANEW] -= T
+    # The mean does not outlast a contact, nor begin one before it is a mean again.
+    mean = lengths.mean
+    if touched and lengths.along < LEFT * lengths.plain_mean:
+        mean = 0.0
+    if not touched and single[_ANEW] > 0.0:
+        mean = 0.0
+    quick = lengths.sample / settings[SAMPLE_LEVEL]
+    if not touched and settings[CHANGE_LEVEL] < np.inf:
+        quick = lengths.change / settings[CHANGE_LEVEL] if single[_SEEN] > WINDOW else 0.0
+    single[_RATIO] = max(quick, mean / settings[MEAN_LEVEL])
+    if single[_RATIO] > 1.0:
+        if not touched:
+            single[_MISFIT], single[_TOUCHED] = 0.0, 0.0
+        single[_CONTACT], single[_QUIET] = 1.0, 0.0
+    elif touched:
+        if mean >= settings[MEAN_RELEASE] or lengths.sample >= settings[SAMPLE_RELEASE]:
+            single[_QUIET] = 0.0
+        else:
+            single[_QUIET] += T
+        if single[_QUIET] >= QUIET:
+            single[_CONTACT], single[_ANEW] = 0.0, ANEW
+            for j in range(state.shape[1]):
+                z, y, change = work[1, j], work[2, j], work[3, j]
+                state[_MEAN, j], state[_POWER, j] = z, y * y
+                state[_BASE, j] += change
 
 
 @kernel

@@ -6,8 +6,11 @@
 
 tau_ext is corrected before the wrench is read. The model's allowance for drift is replaced by the
 variance V of the correction, passed on through the reading's own gain. The model's torque error
-was learnt from logs held out, whose friction was another day's: of V it holds what is less than
-its own variance already, so V^2 / (V + sd^2) is added.
+was learnt from logs held out, whose friction was another day's: its sd holds such a drift already
+as far as it is less than twice that sd, so V^2 / (V + 4 sd^2) is added.
+
+A payload that was zeroed (`wrenchsight.models.calibration.payload_zero`) is taken off before the
+wrench is read and contact is looked for, and what is unknown of it is in the wrench's covariance.
 """
 
 from dataclasses import replace
@@ -17,6 +20,7 @@ import numpy as np
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.calibration.friction_tracking import FrictionTracker, FrictionTrackingConfig
+from wrenchsight.models.calibration.payload_zero import PayloadZero, ZeroedPayload
 from wrenchsight.models.detection.contact_detector import (
     ContactDetectionConfig,
     ContactDetector,
@@ -28,11 +32,12 @@ from wrenchsight.models.estimation.estimator import (
     WrenchEstimator,
     WrenchEstimatorConfig,
 )
-from wrenchsight.models.estimation.wrench import TRUSTED_SHARE, known_of_wrench, live_prior
+from wrenchsight.models.estimation.reading_gain import ReadingGain
+from wrenchsight.models.estimation.wrench import live_prior
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.robot.robot import Robot
 
-_LEAST, _LARGEST = 1e-9, 1e9  # N or N m, for a prior of zero and an infinite one
+HELD = 2.0  # sds of the model's own error, up to which it holds what friction drifts by
 
 
 class TrackedEstimator:
@@ -45,9 +50,13 @@ class TrackedEstimator:
             and an observer that does not read the wrench itself.
         detection: of contact.
         tracking: of friction.
+        follows_friction: whether friction is followed at all; without, the model's own allowance
+            for drift stays in the band, and a payload can be zeroed.
 
     Attributes:
+        estimator: that reads what is corrected.
         tracker: with `freeze`, `resume`, `reset` and what has been learnt.
+        zero: the payload that is taken off; None: none. `start_zero` and `finish_zero` find it.
 
     Raises:
         ValueError: a model, method or observer that cannot be tracked.
@@ -60,37 +69,60 @@ class TrackedEstimator:
         config: WrenchEstimatorConfig,
         detection: ContactDetectionConfig | None = None,
         tracking: FrictionTrackingConfig | None = None,
+        follows_friction: bool = True,
     ) -> None:
         if model.torque_error is None:
             raise ValueError("the model states no torque error: its friction cannot be tracked")
-        without = replace(model, torque_error=model.torque_error.with_drift(0.0))
-        self._estimator = own = WrenchEstimator(robot, without, config)
-        if own.observer.kernels.wrench is not None:
-            raise ValueError("the observer reads the wrench itself: friction cannot be tracked")
-        known = known_of_wrench(own.config.reconstruction)
-        if known is None:
-            method = own.config.reconstruction.method
-            raise ValueError(f"friction is not tracked under the method {method}")
-        sds = np.repeat([known.moment_sd, known.force_sd], 3)
-        self._precision = np.clip(sds, _LEAST, _LARGEST) ** -2.0
-        self._correlation = np.linalg.inv(model.torque_error.correlation)
-        balanced = own.config.reconstruction.method == "force_only"
-        self._usual_sd = np.sqrt(np.diag(model.residual_covariance)) if balanced else None
+        self._follows = follows_friction
+        without = model
+        if follows_friction:
+            without = replace(model, torque_error=model.torque_error.with_drift(0.0))
+        self.estimator = own = WrenchEstimator(robot, without, config)
+        self._gain = ReadingGain(own)
         force_sd, _ = live_prior(robot.payload)
-        limit = own.config.reconstruction.max_force_sd
-        self._max_force_sd = TRUSTED_SHARE * force_sd if limit is None else limit
-        self._state = own.initial_state()
         # The levels of contact were learnt with the model's own allowance for drift.
         self._plain = WrenchEstimator(robot, model, config)
-        self._plain_state = self._plain.initial_state()
         self._detector = ContactDetector.of(self._plain, detection)
-        self._detector_state = self._detector.initial_state()
         self.tracker = FrictionTracker(
             *(model, own.observer.pole, own.observer.time_step, force_sd),
             own.resolution,
             tracking,
         )
-        self._settling = round(own.observer.settling_time / own.observer.time_step)
+        self.zero: ZeroedPayload | None = None
+        self._zeroing: PayloadZero | None = None
+        self.restart()
+
+    def restart(self) -> None:
+        """The next sample does not follow the last one; what has been learnt stays."""
+        self._state, self._plain_state = (
+            self.estimator.initial_state(),
+            self._plain.initial_state(),
+        )
+        self._detector_state = self._detector.initial_state()
+        self.tracker.restart()
+        observer = self.estimator.observer
+        self._settling = round(observer.settling_time / observer.time_step)
+
+    def start_zero(self) -> None:
+        """From now on what is read is a payload's weight: hold postures, nothing else touching."""
+        robot, own, error = self._plain.robot, self._plain, self._plain.model.torque_error
+        assert error is not None
+        self.zero = None
+        self._zeroing = PayloadZero(
+            *(robot.payload, np.asarray(robot.gravity)),
+            *(own.observer.time_step, error.correlation_time),
+        )
+
+    def finish_zero(self) -> ZeroedPayload:
+        """Takes off what has been told since `start_zero`, in this and all other postures.
+
+        Raises:
+            ValueError: it was not started.
+        """
+        if self._zeroing is None:
+            raise ValueError("zeroing was not started")
+        self.zero, self._zeroing = self._zeroing.result(), None
+        return self.zero
 
     def run(self, q: Array, v: Array, current: Array) -> tuple[EstimateBatch, Detection]:
         """Takes the next samples.
@@ -104,11 +136,26 @@ class TrackedEstimator:
         """
         q, v, current = (np.require(x, float, ("C", "W")) for x in (q, v, current))
         plain = self._plain.run(self._plain_state, q, v, current, conditions=False)
+        return self.follow(q, v, current, plain)
+
+    def follow(
+        self, q: Array, v: Array, current: Array, plain: EstimateBatch
+    ) -> tuple[EstimateBatch, Detection]:
+        """As `run`, of samples that an estimator of the same model and configuration has read.
+
+        Args:
+            q, v, current: (N, n) as `run`.
+            plain: what it read, without tracking.
+        """
         missing = np.asarray(np.isnan(plain.J).any(axis=(1, 2)))
         read = plain.fresh & ~missing & (self._settling <= np.arange(len(q)))
         self._settling -= len(q)
         q_read, v_read = (np.where(missing[:, None], np.nan, x) for x in (q, v))
         correction, variance = np.empty_like(q), np.empty_like(q)
+        weight, columns = np.zeros_like(q), np.zeros((*q.shape, 4))
+        J_seen, R_WE = np.nan_to_num(plain.J_seen), self._plain.chain.pose(np.nan_to_num(q))[0]
+        if self.zero is not None:
+            weight, columns = self.zero.torque(J_seen, R_WE)
         parts: list[Detection] = []
         begin = 0
         while begin < len(q):
@@ -116,28 +163,43 @@ class TrackedEstimator:
             begin = rows.stop
             kept: Any = (x[rows] if len(x) else x for x in plain)
             own = EstimateBatch(*kept)
-            correction[rows], variance[rows] = self.tracker.correction(q[rows], v[rows])
+            correction[rows], variance[rows] = self._correction(q[rows], v[rows])
+            correction[rows] -= weight[rows]
             better = own._replace(tau_ext=own.tau_ext + correction[rows])
             found = self._detector.run(self._detector_state, q_read[rows], v_read[rows], better)
             parts.append(found)
-            self.tracker.learn(own.tau_ext, own.J_seen, read[rows] & ~found.contact)
+            free = read[rows] & ~found.contact
+            if self._follows:
+                self.tracker.learn(own.tau_ext - weight[rows], own.J_seen, free)
+            if self._zeroing is not None:
+                self._zeroing.add(
+                    *(q[rows], v[rows], J_seen[rows], R_WE[rows]),
+                    *(better.tau_ext, own.torque_sd, read[rows]),
+                )
         taught = Taught(correction, v, np.ones(len(q)))
-        batch = self._estimator.run(self._state, q, v, current, taught=taught)
-        columns: Any = zip(*parts, strict=True)
-        return self._widened(batch, variance), Detection(*(np.concatenate(x) for x in columns))
+        batch = self.estimator.run(self._state, q, v, current, taught=taught)
+        found = parts[0]
+        if len(parts) > 1:
+            joined: Any = zip(*parts, strict=True)
+            found = Detection(*(np.concatenate(x) for x in joined))
+        return self._widened(batch, variance, columns), found
 
-    def _widened(self, batch: EstimateBatch, variance: Array) -> EstimateBatch:
-        """The batch with the part of the correction's variance that its model does not hold."""
-        sd, J = batch.torque_sd, np.nan_to_num(batch.J_seen)
-        added = variance**2 / (variance + sd**2)
-        weights = sd if self._usual_sd is None else np.sqrt(sd * self._usual_sd)
-        JW = (J / weights[:, None, :]) @ self._correlation / weights[:, None, :]
-        information = JW @ J.transpose(0, 2, 1) + np.diag(self._precision)
-        gain = np.linalg.solve(information, JW)
+    def _correction(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Of friction, and its variance."""
+        if self._follows:
+            return self.tracker.correction(q, v)
+        return np.zeros_like(q), np.zeros_like(q)
+
+    def _widened(self, batch: EstimateBatch, variance: Array, columns: Array) -> EstimateBatch:
+        """The batch with the part of the correction's variance that its model does not hold, and
+        what is unknown of the payload whose `columns` (N, n, 4) were taken off.
+        """
+        sd = batch.torque_sd
+        added = variance**2 / (variance + (HELD * sd) ** 2)
+        gain = self._gain.of(batch)
         more = (gain * added[:, None, :]) @ gain.transpose(0, 2, 1)
-        worst = np.linalg.eigvalsh(more[:, 3:, 3:])[:, -1]
-        return batch._replace(
-            covariance=batch.covariance + more,
-            torque_sd=np.sqrt(sd**2 + added),
-            valid=batch.valid & (worst <= self._max_force_sd**2),
-        )
+        if self.zero is not None:
+            response = gain @ columns
+            more += response @ self.zero.covariance @ response.transpose(0, 2, 1)
+        wider = self._gain.widened(batch, more)
+        return wider._replace(torque_sd=np.sqrt(sd**2 + added))

@@ -258,8 +258,10 @@ class WrenchEstimator:
         self.packed = self.packed_with(
             robot.torque_per_ampere, self.friction, self.observer, self.reading
         )
-        self._rows = len(self.observer.initial_state()), self.friction.state_rows
-        self._out = np.empty(sum(tick_sizes(n).values()))
+        rows = len(self.observer.initial_state()), self.friction.state_rows
+        self._state_shape = (state_size(n, *rows),)
+        self._out_size = sum(tick_sizes(n).values())
+        self._sample = np.empty((3, n))
         self._nothing = np.empty((0, n))
         self._scratch = np.empty(workspace_size(n))
 
@@ -299,7 +301,7 @@ class WrenchEstimator:
 
     def initial_state(self) -> Array:
         """Returns the state before the first sample, flat: a `State`."""
-        state = np.zeros(state_size(self.num_joints, *self._rows))
+        state = np.zeros(self._state_shape)
         parts = self.parts(state)
         parts.observer[:] = self.observer.initial_state()
         parts.friction[:] = self.friction.initial_state()
@@ -334,30 +336,28 @@ class WrenchEstimator:
         Raises:
             ValueError: shapes that disagree.
         """
-        n, out = self.num_joints, self._out
+        n, out = self.num_joints, np.empty(self._out_size)
         self._check_state(state)
-        sample, known = np.empty((3, n)), self._nothing
+        sample, known = self._sample, self._nothing
         sample[0], sample[1], sample[2] = q, v, current
         if taught is not None or tau_f is not None:
             known = self._known(taught, tau_f, ())
             if tau_f is not None:
                 sample[2] -= self._current_of(tau_f)
         estimate_tick(self.choice, *self.packed, state, sample, known, out, self._scratch)
-        reading = out[n : n + READING].copy()
         return TickEstimate(
-            out[:n].copy(),
-            reading[:6],
-            reading[6:42].reshape(6, 6),
-            reading.item(42),
-            reading.item(43) == 1.0,
+            out[:n],
+            out[n : n + 6],
+            out[n + 6 : n + 42].reshape(6, 6),
+            out.item(n + 42),
+            out.item(n + 43) == 1.0,
             int(out.item(n + READING)),
         )
 
     def _check_state(self, state: Array) -> None:
         """A kernel reads memory as it was compiled to: shape and layout are settled here."""
-        size = state_size(self.num_joints, *self._rows)
-        if state.shape != (size,) or not state.flags.c_contiguous:
-            raise ValueError(f"state must be ({size},) contiguous, not {state.shape}")
+        if state.shape != self._state_shape or not state.flags.c_contiguous:
+            raise ValueError(f"state must be {self._state_shape} contiguous, not {state.shape}")
 
     def run(
         self,

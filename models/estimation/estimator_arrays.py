@@ -27,6 +27,7 @@ from wrenchsight.models.kernel import kernel
 from wrenchsight.models.observers.observer import NUM_SIGNALS, TORQUE_SD
 from wrenchsight.models.observers.sample_check import CHECK_ROWS
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
+from wrenchsight.models.views import view_2d
 
 Layout = NDArray[np.int64]
 
@@ -91,13 +92,13 @@ def packed(
     return Packed(values, np.array(layout, np.int64), np.ascontiguousarray(observer))
 
 
-@kernel
+@kernel(forceinline=True)
 def _part(values: Array, layout: Layout, k: int) -> Array:
-    start, rows, columns = layout[k, 0], layout[k, 1], layout[k, 2]
-    return values[start : start + rows * columns].reshape(rows, columns)
+    part: Array = view_2d(values, layout[k, 0], layout[k, 1], layout[k, 2])
+    return part
 
 
-@kernel
+@kernel(forceinline=True)
 def parameters_of(values: Array, layout: Layout) -> Parameters:
     """The parts of `packed`."""
     return Parameters(
@@ -139,7 +140,7 @@ def state_size(num_joints: int, observer_rows: int, friction_rows: int) -> int:
     return rows * num_joints + READING_MEMORY
 
 
-@kernel
+@kernel(forceinline=True)
 def state_of(state: Array, layout: Layout, n: int) -> State:
     """The parts of a flat state."""
     rows = layout[layout.shape[0] - 1]
@@ -148,11 +149,11 @@ def state_of(state: Array, layout: Layout, n: int) -> State:
     c = b + STAGE_ROWS * n
     d = c + CHECK_ROWS * n
     return State(
-        state[:a].reshape(rows[0], n),
-        state[a:b].reshape(rows[1], n),
-        state[b:c].reshape(STAGE_ROWS, n),
+        view_2d(state, 0, rows[0], n),
+        view_2d(state, a, rows[1], n),
+        view_2d(state, b, STAGE_ROWS, n),
         state[d : d + READING_MEMORY],
-        state[c:d].reshape(CHECK_ROWS, n),
+        view_2d(state, c, CHECK_ROWS, n),
     )
 
 
@@ -200,7 +201,7 @@ def tick_sizes(num_joints: int) -> dict[str, int]:
     }
 
 
-@kernel
+@kernel(forceinline=True)
 def tick_of(out: Array, n: int) -> Tick:
     """The parts of a tick's memory."""
     a = n + READING
@@ -214,10 +215,10 @@ def tick_of(out: Array, n: int) -> Tick:
         out[:n],
         out[n:a],
         out[a:b],
-        out[b:c].reshape(6, n),
-        out[c : c + NUM_SIGNALS * n].reshape(NUM_SIGNALS, n),
+        view_2d(out, b, 6, n),
+        view_2d(out, c, NUM_SIGNALS, n),
         torque_error_views(out[d:e], n),
-        out[e:f].reshape(STAGE_ROWS, n),
+        view_2d(out, e, STAGE_ROWS, n),
         out[f:g],
         out[g : g + OBSERVED],
     )
@@ -245,14 +246,14 @@ def workspace_size(num_joints: int) -> int:
     return 12 + n * SCRATCH_COLUMNS + READING_WORK_ROWS * max(n, 6) + 3 * n
 
 
-@kernel
+@kernel(forceinline=True)
 def workspace_of(scratch: Array, n: int) -> Workspace:
     """The parts of that memory."""
     a = 12 + n * SCRATCH_COLUMNS
     b = a + READING_WORK_ROWS * max(n, 6)
     return Workspace(
-        scratch[:12].reshape(4, 3),
-        scratch[12:a].reshape(n, SCRATCH_COLUMNS),
-        scratch[a:b].reshape(READING_WORK_ROWS, max(n, 6)),
-        scratch[b : b + 3 * n].reshape(3, n),
+        view_2d(scratch, 0, 4, 3),
+        view_2d(scratch, 12, n, SCRATCH_COLUMNS),
+        view_2d(scratch, a, READING_WORK_ROWS, max(n, 6)),
+        view_2d(scratch, b, 3, n),
     )

@@ -55,6 +55,7 @@ from wrenchsight.models.observers.observer import (
 from wrenchsight.models.observers.sample_check import check_current, check_motion, take_sample
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, observer_terms
 from wrenchsight.models.robot.motors import joint_torque
+from wrenchsight.models.views import view_2d
 
 GAIN, MOTOR_RATES = range(2)  # rows of `drives`; the last only of coupled joints
 KNOWN_CORRECTION, KNOWN_COUNTS, KNOWN_TAU_F = range(3)  # rows of `known`
@@ -174,7 +175,7 @@ def _(choice: Any, table: Any, state: Any, q: Any, v: Any, load: Any) -> Any:
 # ----------------------------------------------------------------------------------------------
 
 
-@kernel
+@kernel(forceinline=True)
 def _terms(
     p: Parameters,
     q: Array,
@@ -200,7 +201,7 @@ def _terms(
             signals[TAU_F, i] = known[KNOWN_TAU_F, i]
 
 
-@kernel
+@kernel(forceinline=True)
 def _observed(
     choice: KernelChoice,
     p: Parameters,
@@ -220,12 +221,12 @@ def _observed(
         _add_torque(choice, p.slip, s.friction, signals[Q], signals[V], signals[TAU_F])
     fresh: bool = _observe(choice, observer, s.observer, signals, J)
     if wrench.shape[0] > 0:
-        covariance = wrench[6:].reshape(6, 6)
+        covariance = view_2d(wrench, 6, 6, 6)
         _observe_wrench(choice, observer, s.observer, signals, J, wrench[:6], covariance)
     return fresh
 
 
-@kernel
+@kernel(forceinline=True)
 def _taken(
     choice: KernelChoice,
     p: Parameters,
@@ -243,7 +244,7 @@ def _taken(
     take_transmitted(s.error, signals[TAU_J], signals[TAU_F])
 
 
-@kernel
+@kernel(forceinline=True)
 def _corrected(known: Array, signals: Array, tau_ext: Array, fresh: bool) -> bool:
     """Writes what is read as tau_ext; returns whether it counts."""
     for i in range(tau_ext.shape[0]):
@@ -293,7 +294,7 @@ def tick_output(
     _output(choice, p, observer, s, q, v, current, known, tick_of(out, n), workspace_of(scratch, n))
 
 
-@kernel
+@kernel(forceinline=True)
 def _output(
     choice: KernelChoice,
     p: Parameters,
@@ -355,7 +356,7 @@ def tick_update(
     _update(choice, p, observer, s, q, v, current, known, tick_of(out, n), workspace_of(scratch, n))
 
 
-@kernel
+@kernel(forceinline=True)
 def _update(
     choice: KernelChoice,
     p: Parameters,

@@ -27,6 +27,7 @@ from wrenchsight.models.observers.lag import (
     see_jacobian,
     take_jacobian,
 )
+from wrenchsight.models.views import view_2d
 
 STAGE_ROWS = TORQUE_ERROR_ROWS + JACOBIAN_ROWS  # of the state, (STAGE_ROWS, n)
 ERROR_ROWS = 3 + JACOBIAN_ROWS + TORQUE_ERROR_ROWS  # of `torque_error_views`
@@ -118,7 +119,7 @@ class TorqueErrorStage:
         return error
 
 
-@kernel
+@kernel(forceinline=True)
 def torque_error_tick(
     table: Array,
     poles: Array,
@@ -146,7 +147,7 @@ def torque_error_tick(
             error.rows[i, j] = rows[i, j]
 
 
-@kernel
+@kernel(forceinline=True)
 def torque_error_views(flat: Array, n: int) -> TorqueError:
     """The parts of (ERROR_ROWS n,) memory."""
     end = (3 + JACOBIAN_ROWS) * n
@@ -154,8 +155,8 @@ def torque_error_views(flat: Array, n: int) -> TorqueError:
         flat[:n],
         flat[n : 2 * n],
         flat[2 * n : 3 * n],
-        flat[3 * n : end].reshape(JACOBIAN_ROWS, n),
-        flat[end : ERROR_ROWS * n].reshape(TORQUE_ERROR_ROWS, n),
+        view_2d(flat, 3 * n, JACOBIAN_ROWS, n),
+        view_2d(flat, end, TORQUE_ERROR_ROWS, n),
     )
 
 

@@ -36,6 +36,7 @@ from wrenchsight.models.observers.explained_torque import (
     unexplained,
 )
 from wrenchsight.models.observers.lag import LagModel, lag_tick, lag_update
+from wrenchsight.models.views import view_2d
 
 READING = 44  # entries of a reading: wrench, covariance, condition number, valid
 OBSERVED = 42  # of a wrench that an observer reads itself, and its covariance
@@ -166,7 +167,7 @@ class WrenchReading:
         return WrenchEstimate(wrench, covariance, quality[:, 0], quality[:, 1] == 1.0)
 
 
-@kernel
+@kernel(forceinline=True)
 def judge_reading(
     lag: Array,
     explained: Array,
@@ -201,7 +202,7 @@ def judge_reading(
     lag_update(lag, state[:6], wrench, valid)
 
 
-@kernel
+@kernel(forceinline=True)
 def read_wrench(
     tables: tuple[Array, Array, Array, Array],
     state: Array,
@@ -228,7 +229,7 @@ def read_wrench(
     """
     read_load, lag, explained, wrench = tables
     n = J.shape[1]
-    sd, covariance, quality = work[_SD, :n], reading[6:42].reshape(6, 6), reading[42:READING]
+    sd, covariance, quality = work[_SD, :n], view_2d(reading, 6, 6, 6), reading[42:READING]
     for j in range(n):
         sd[j] = error.sd[j]
         if read_load[0] > 0.0 and np.isfinite(tau_ext[j]):

@@ -35,13 +35,11 @@ _UPPER = np.triu_indices(6)
 _INTEGER = ("valid", *FLAGS)
 
 
-def columns_of(
-    num_joints: int, covariance: bool = False, detection: bool = True
-) -> tuple[str, ...]:
+def columns_of(num_joints: int, covariance: bool = False) -> tuple[str, ...]:
     """The columns of a table, in their order."""
     torques = (f"tau_ext_{j + 1}" for j in range(num_joints))
-    found = ("contact_statistic", *FLAGS) if detection else ()
-    return (*COLUMNS, *torques, *found, *(COVARIANCE if covariance else ()))
+    further = COVARIANCE if covariance else ()
+    return (*COLUMNS, *torques, "contact_statistic", *FLAGS, *further)
 
 
 class WrenchTableWriter:
@@ -53,7 +51,6 @@ class WrenchTableWriter:
         path: of the table; the suffix .parquet makes it a Parquet file, any other one CSV.
         num_joints: n.
         covariance: whether there are columns for it.
-        detection: whether there are columns for contact_statistic and FLAGS.
 
     Raises:
         InputError: on entry or on exit, the file cannot be written.
@@ -64,12 +61,11 @@ class WrenchTableWriter:
         path: str | Path,
         num_joints: int,
         covariance: bool = False,
-        detection: bool = True,
     ) -> None:
         self.path = Path(path)
         self.num_rows = 0
-        self._covariance, self._detection = covariance, detection
-        self._columns = columns_of(num_joints, covariance, detection)
+        self._covariance = covariance
+        self._columns = columns_of(num_joints, covariance)
         self._schema = pa.schema(
             [(name, pa.int8() if name in _INTEGER else pa.float64()) for name in self._columns]
         )
@@ -95,8 +91,8 @@ class WrenchTableWriter:
         condition_number: Array,
         valid: NDArray[np.bool_],
         tau_ext: Array,
-        statistic: Array | None = None,
-        flags: Mapping[str, NDArray[Any]] | None = None,
+        statistic: Array,
+        flags: Mapping[str, NDArray[Any]],
         covariance: Array | None = None,
     ) -> None:
         """Appends N rows.
@@ -108,8 +104,8 @@ class WrenchTableWriter:
             condition_number: (N,).
             valid: (N,).
             tau_ext: (N, n) N m.
-            statistic: (N,) of contact, where the table has these columns.
-            flags: (N,) each, of FLAGS; likewise.
+            statistic: (N,) of contact.
+            flags: (N,) each, of FLAGS.
             covariance: (N, 6, 6), rotation first, where the table has its columns.
 
         Raises:
@@ -117,10 +113,7 @@ class WrenchTableWriter:
         """
         columns = [t, *wrench[:, FORCE_FIRST].T, *standard_deviation[:, FORCE_FIRST].T]
         columns += [condition_number, valid.astype(np.int8), *tau_ext.T]
-        if self._detection:
-            if statistic is None or flags is None:
-                raise ValueError("wrench table: contact statistic and flags are missing")
-            columns += [statistic, *(np.asarray(flags[name]).astype(np.int8) for name in FLAGS)]
+        columns += [statistic, *(np.asarray(flags[name]).astype(np.int8) for name in FLAGS)]
         if self._covariance:
             if covariance is None:
                 raise ValueError("wrench table: the covariance is missing")

@@ -64,6 +64,7 @@ class FrictionSource:
     """A recording from which friction was found anew; changes and their sds, one a joint."""
 
     log: LogSource = field(default_factory=LogSource)
+    further: list[LogSource] = field(default_factory=list)  # more logs, together with that one
     coulomb: list[float] = field(default_factory=list)  # N m
     viscous: list[float] = field(default_factory=list)  # N m s/rad
     offset: list[float] = field(default_factory=list)  # N m

@@ -1,6 +1,6 @@
 """From live samples to readings, one by one: what `estimate` does with a log.
 
-    order -> check of samples -> uniform grid -> estimator -> contact -> stages -> reading
+    order -> check of samples -> uniform grid -> estimator -> contact -> reading
 
 The numbers are those of `estimate` on the log of the same stream. A stream that was interrupted is
 begun anew: the observer settles before a reading is valid again.
@@ -19,6 +19,7 @@ from wrenchsight.models.detection.contact_detector import (
     ContactDetector,
     Detection,
 )
+from wrenchsight.models.detection.tracked_estimator import TrackedEstimator
 from wrenchsight.models.estimation.estimator import (
     EstimateBatch,
     WrenchEstimator,
@@ -42,6 +43,7 @@ STEP_SAMPLES = 8  # at least
 SILENT_TIME = 0.05  # s without a sample, or
 SILENT_STEPS = 4.0  # steps, whichever is longer
 _LEAST_PERIOD = 1e-9  # s
+_FAR = 10.0  # times the time of zeroing, after which a clock has jumped
 
 
 def _estimator_of_streams() -> WrenchEstimatorConfig:
@@ -57,40 +59,51 @@ class LiveConfig:
     live one."""
     detection: ContactDetectionConfig = field(default_factory=ContactDetectionConfig)
     max_gap: float = 0.0  # s, longest gap that is bridged; 0: the longer of 0.1 s and three steps
+    track: bool = False
+    # follow friction's drift where nothing touches the arm, as `estimate --track`
+    zero_s: float = 0.0
+    # s, at the start, in which an unknown payload is held in one posture or several, untouched; its
+    # weight is then taken off
     late: float = 0.05  # s by which a sample may come later than the quickest, and be valid
 
 
-@dataclass(frozen=True, eq=False)
-class Moment:
-    """One sample of the grid and what was read of it, before it becomes a reading.
+class Reader(Protocol):
+    """What reads the samples of the grid: `PlainReader`, or a `TrackedEstimator`."""
 
-    Attributes:
-        t: s.
-        q, v, current: (n,) rad, rad/s and A.
-        batch: of this one sample.
-        found: likewise.
-        usable: whether the sample was measured, in time, of a robot that runs.
-    """
-
-    t: float
-    q: Array
-    v: Array
-    current: Array
-    batch: EstimateBatch
-    found: Detection
-    usable: bool
-
-
-class Stage(Protocol):
-    """Something between the estimator and those who get its readings: it may change them."""
-
-    def take(self, moment: Moment) -> Moment:
-        """Returns what is to be read in the place of `moment`."""
+    def run(self, q: Array, v: Array, current: Array) -> tuple[EstimateBatch, Detection]:
+        """Takes the next samples, (N, n) each."""
         ...
 
     def restart(self) -> None:
-        """The stream was interrupted: the next moment does not follow the last one."""
+        """The next sample does not follow the last one."""
         ...
+
+
+class PlainReader:
+    """Estimator and contact detector.
+
+    Args:
+        estimator: that reads.
+        detection: when a reading is contact.
+    """
+
+    def __init__(self, estimator: WrenchEstimator, detection: ContactDetectionConfig) -> None:
+        self._estimator = estimator
+        self._detector = ContactDetector.of(estimator, detection)
+        self.restart()
+
+    def restart(self) -> None:
+        """As the protocol."""
+        self._state = self._estimator.initial_state()
+        self._detector_state = self._detector.initial_state()
+
+    def run(self, q: Array, v: Array, current: Array) -> tuple[EstimateBatch, Detection]:
+        """As the protocol."""
+        batch = self._estimator.run(self._state, q, v, current)
+        if np.isnan(batch.J[:, :1]).any():  # a sample that is missing
+            missing = np.isnan(batch.J[:, :1]).any(axis=2)
+            q, v = np.where(missing, np.nan, q), np.where(missing, np.nan, v)
+        return batch, self._detector.run(self._detector_state, q, v, batch)
 
 
 class LiveEstimator:
@@ -100,7 +113,6 @@ class LiveEstimator:
         robot, model: as `WrenchEstimator`.
         config: how.
         step, rate: of the source.
-        stages: what readings pass through, in this order.
 
     Raises:
         InputError: the model belongs to another robot.
@@ -114,13 +126,14 @@ class LiveEstimator:
         config: LiveConfig | None = None,
         step: float | None = None,
         rate: float = 1.0,
-        stages: Sequence[Stage] = (),
     ) -> None:
         self._config = config if config is not None else LiveConfig()
-        self._robot, self._model, self._stages = robot, model, stages
+        self._robot, self._model = robot, model
         self._n = robot.num_joints
         self._stated_step = step
         self._estimator: WrenchEstimator | None = None
+        self.tracked: TrackedEstimator | None = None
+        """What follows friction and takes off a payload, where that is asked for."""
         self._order = StreamOrder(self._config.late, rate)
         self._check: SampleCheck | None = None
         if self._config.estimator.check_samples:
@@ -128,6 +141,8 @@ class LiveEstimator:
         self._waiting: list[Sample] = []  # until the step is known
         self._running: bool | None = None
         self._silent = False
+        self._zero_begin: float | None = None
+        self._zeroed = self._zeroing = False
         self._last_received = math.inf
         self._reading: Reading | None = None
         self.contradicted = False
@@ -213,7 +228,15 @@ class LiveEstimator:
             # Of the logs that were fitted; `estimate` finds it in the log that it reads.
             config = replace(config, position_resolution=error.resolution.tolist())
         self._estimator = WrenchEstimator(self._robot, self._model, config)
-        self._detector = ContactDetector.of(self._estimator, self._config.detection)
+        detection = self._config.detection
+        self.tracked = None
+        self._reader: Reader = PlainReader(self._estimator, detection)
+        if self._config.track or self._config.zero_s:
+            self.tracked = TrackedEstimator(
+                *(self._robot, self._model, config, detection),
+                follows_friction=self._config.track,
+            )
+            self._reader = self.tracked
 
     def _begin(self, step: float) -> None:
         if self._estimator is None or self._estimator.observer.time_step != step:
@@ -227,13 +250,10 @@ class LiveEstimator:
         if not self.step:
             return
         self._grid = SampleGrid(self.step)
-        self._state = self.estimator.initial_state()
-        self._detector_state = self._detector.initial_state()
+        self._reader.restart()
         if self._check is not None:
             self._check_state = self._check.initial_state()
         self._last_t: float | None = None
-        for stage in self._stages:
-            stage.restart()
 
     # A sample -----------------------------------------------------------------------------------
 
@@ -256,7 +276,22 @@ class LiveEstimator:
             out += self._unusable(sample.received)
             return
         for point in self._grid.take(self._checked(sample)):
+            out += self._zero(point.t, sample.received)
             out.append(self._read(point, sample, stale or self._order.is_late))
+
+    def _zero(self, t: float, received: float) -> list[StreamEvent]:
+        """Begins and ends the taking off of a payload."""
+        if not self._config.zero_s or self._zeroed or self.tracked is None:
+            return []
+        if self._zero_begin is None or not 0.0 <= t - self._zero_begin < _FAR * self._config.zero_s:
+            self._zero_begin, self._zeroing = t, True
+            self.tracked.start_zero()
+            text = f"hold one posture, or several, {self._config.zero_s:g} s in all, untouched"
+            return [StreamEvent(EventKind.ZERO, text, received)]
+        if t - self._zero_begin < self._config.zero_s:
+            return []
+        self._zeroed, self._zeroing = True, False
+        return [StreamEvent(EventKind.ZERO, self.tracked.finish_zero().sentence(), received)]
 
     def _note_running(self, sample: Sample, events: list[StreamEvent]) -> None:
         before, self._running = self._running, sample.running
@@ -287,23 +322,17 @@ class LiveEstimator:
     def _read(self, point: GridSample, sample: Sample, stale: bool) -> Reading:
         n = self._n
         q, v, current = point.x[:n], point.x[n : 2 * n], point.x[2 * n : 3 * n]
-        batch = self.estimator.run(self._state, q[None], v[None], current[None])
-        missing = bool(np.isnan(batch.J[:, :1]).any())
-        seen = np.full((2, n), np.nan) if missing else (q, v)
-        found = self._detector.run(self._detector_state, seen[0][None], seen[1][None], batch)
+        batch, found = self._reader.run(q[None], v[None], current[None])
         impossible = 0 if point.x[-1] == 0.0 else BEYOND
-        usable = not (point.dropout or stale or self.contradicted)
-        moment = Moment(point.t, q, v, current, batch, found, usable)
-        for stage in self._stages:
-            moment = stage.take(moment)
-        batch, found = moment.batch, moment.found
+        usable = not (point.dropout or stale or self.contradicted or self._zeroing)
         fault = int(batch.fault[0]) | impossible
         known = not point.dropout and fault == 0
         self._reading = Reading.of(
-            *(batch.wrench[0], batch.covariance[0], batch.tau_ext[0], np.nan_to_num(q)),
+            *(batch.wrench[0], batch.covariance[0], batch.tau_ext[0]),
+            np.nan_to_num(q) if point.dropout else q,
             t=point.t,
             received=sample.received,
-            valid=float(batch.valid[0] and moment.usable),
+            valid=float(batch.valid[0] and usable),
             contact=float(known and found.contact[0]),
             misfit=float(known and found.misfit[0]),
             link=float(found.link[0] if known else 0),

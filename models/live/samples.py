@@ -31,6 +31,7 @@ class EventKind(StrEnum):
     ON_TIME = "on time"  # they do no longer
     CHECK = "check"  # what the first seconds say of units, signs, gravity and payload
     CONTRADICTION = "contradiction"  # they contradict the model; no reading is valid
+    ZERO = "zero"  # a payload is taken off, or was
     SINK = "sink"  # a recorder or publisher has something to say
     ENDED = "ended"  # the stream is over
 

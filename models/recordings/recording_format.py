@@ -15,6 +15,7 @@ from wrenchsight.models.files.input_error import InputError
 
 MOST_COLUMNS = 10_000  # of a log
 MOST_SKIPPED_LINES = 1_000_000
+ROBOT, ENVIRONMENT = "robot", "environment"  # on which an external torque is exerted
 _BUNDLED = Path(__file__).parent / "formats"
 
 _UNITS: dict[str, dict[str, float]] = {
@@ -50,6 +51,10 @@ class SignalColumns:
     offset: list[float] = field(default_factory=list)  # SI; per column, or one for all
     shape: list[int] = field(default_factory=list)  # of one sample of an extra signal; e.g. [6, 7]
     may_be_empty: bool = False  # an empty cell is NaN, and its sample a drop-out; else an error
+    exerted_on: str = ROBOT
+    """sign of an external torque or force: robot (what acts on the robot from outside, positive
+    along the motion that it causes) or environment (what the robot exerts against the outside, such
+    as Franka's tau_ext_hat_filtered: it is turned)"""
 
 
 @dataclass
@@ -85,6 +90,7 @@ class Signal:
     offset: Array  # (k,)
     shape: tuple[int, ...]  # of one sample
     may_be_empty: bool = False
+    exerted_on: str = ROBOT  # of the numbers in the log
 
 
 @dataclass(frozen=True)
@@ -295,6 +301,11 @@ def _signal(
     offset = _per_column(entry.offset, 0.0, len(columns), f"{place}, offset", source)
     if not (np.all(np.isfinite(scale)) and np.all(scale != 0) and np.all(np.isfinite(offset))):
         raise InputError(source, place, "a gain is zero or not a number", "correct it")
+    if entry.exerted_on not in (ROBOT, ENVIRONMENT):
+        problem = f'exerted_on is "{entry.exerted_on}", expected {ROBOT} or {ENVIRONMENT}'
+        raise InputError(source, place, problem, "correct it")
+    if entry.exerted_on == ENVIRONMENT:
+        scale = -scale
     shape = tuple(entry.shape) if entry.shape else (len(columns),)
     size = math.prod(shape)
     if min(shape) < 1 or size != len(columns):
@@ -313,7 +324,8 @@ def _signal(
                 problem = "of two columns is seconds and nanoseconds, without unit, gain or offset"
                 raise InputError(source, place, problem, "remove them")
             scale[1] = 1e-9
-    return Signal(name, tuple(columns), scale, offset, shape, entry.may_be_empty)
+    empty, on = entry.may_be_empty, entry.exerted_on
+    return Signal(name, tuple(columns), scale, offset, shape, empty, on)
 
 
 def _per_column(values: list[float], default: float, size: int, place: str, source: str) -> Array:

@@ -411,14 +411,14 @@ def test_options_reach_the_estimate(invoke, monkeypatch, tmp_path):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(estimation, "estimate_log", note)
-    arguments = ("log.csv", "--robot", "r", "--model", "m.yaml", "--out", tmp_path, "--engine")
-    arguments += ("diagram", "--method", "inverse", "--k0", "5,20", "--prior-force-sd", 30)
+    arguments = ("log.csv", "--robot", "r", "--model", "m.yaml", "--out", tmp_path)
+    arguments += ("--method", "inverse", "--k0", "5,20", "--prior-force-sd", 30)
     arguments += ("--prior-moment-sd", 2, "--log-format", "f", "--step", 0.001)
     arguments += ("--max-gap", 0.5, "--no-check", "--torque-samples", "trapezoidal")
     arguments += ("--damping", 0.1, "--truncation", 0.01, "--max-force-sd", 12)
     assert invoke("estimate", *arguments).exit_code == 130
     assert seen[:5] == [Path("log.csv"), "r", Path("m.yaml"), tmp_path, "f"]
-    expected = EstimateConfig(engine="diagram", max_gap=0.5, check=False)
+    expected = EstimateConfig(max_gap=0.5, check=False)
     observer, reconstruction = expected.estimator.observer, expected.estimator.reconstruction
     observer.K_0, observer.time_step, observer.torque_samples = [5.0, 20.0], 0.001, "trapezoidal"
     reconstruction.method = "inverse"

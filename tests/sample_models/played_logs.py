@@ -10,9 +10,11 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 from wrenchsight.diagrams.estimator import add_estimator
 from wrenchsight.models.arrays import Array
+from wrenchsight.models.detection.contact_detector import ContactDetectionConfig
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.systems.contact_detection import DETECTION
 from wrenchsight.systems.recording_player import RecordingPlayer, Samples
 
 OUTPUTS = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
@@ -37,8 +39,10 @@ def played(
     fused: bool = False,
     taught: Mapping[str, Any] | None = None,
     change: Callable[[Any, Any], None] | None = None,
+    detection: ContactDetectionConfig | None = None,
 ) -> dict[str, Array]:
-    """`OUTPUTS` of the estimator's diagram at every tick, (rows, size) each.
+    """`OUTPUTS` of the estimator's diagram at every tick, (rows, size) each; with `detection` those
+    of the contact detector, too.
 
     Args:
         log: q, v and current, one row a tick of the observer.
@@ -50,12 +54,17 @@ def played(
     player = builder.AddSystem(RecordingPlayer(robot.num_joints, T))
     ports = {name: player.GetOutputPort(name) for name in ("q", "v", "current")}
     estimator = add_estimator(
-        builder, robot, model, config, **ports, taught=taught is not None, fused=fused
+        *(builder, robot, model, config),
+        **ports,
+        taught=taught is not None,
+        fused=fused,
+        detection=detection,
     )
     for name, value in (taught or {}).items():
         source = builder.AddSystem(ConstantVectorSource(value))
         builder.Connect(source.get_output_port(), estimator.GetInputPort(name))
-    sinks = {name: LogVectorOutput(estimator.GetOutputPort(name), builder, T) for name in OUTPUTS}
+    names = (*OUTPUTS, *(DETECTION if detection is not None else ()))
+    sinks = {name: LogVectorOutput(estimator.GetOutputPort(name), builder, T) for name in names}
     simulator = Simulator(builder.Build())
     context = simulator.get_mutable_context()
     player.load(player.GetMyMutableContextFromRoot(context), Samples(*log))

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from played_logs import played
 from pydrake.systems.analysis import Simulator
 from sample_models import torque_error
 
 from wrenchsight.diagrams.estimator import make_estimator
-from wrenchsight.diagrams.replay import make_replay
 from wrenchsight.models.detection.contact_detector import ContactDetectionConfig, ContactDetector
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
@@ -69,7 +69,7 @@ def config(method, torque_samples="held"):
     ("method", "torque_samples"),
     [("bayesian", "held"), ("force_only", "held"), ("force_only", "trapezoidal")],
 )
-def test_replay_and_log_find_the_same(sts, model, log, method, torque_samples):
+def test_diagram_and_log_find_the_same(sts, model, log, method, torque_samples):
     estimator = WrenchEstimator(sts, model, config(method, torque_samples))
     detector = ContactDetector.of(estimator)
     batch = estimator.run(estimator.initial_state(), *log)
@@ -78,19 +78,12 @@ def test_replay_and_log_find_the_same(sts, model, log, method, torque_samples):
     assert found.misfit.any()
     assert found.rest.any()
     assert found.out_of_range.any()
-    replay = make_replay(sts, model, config(method, torque_samples), ContactDetectionConfig())
-    simulator = Simulator(replay.diagram)
-    context = simulator.get_mutable_context()
-    parts = []
-    for rows in (slice(0, 300), slice(300, ROWS)):
-        replay.load(context, *(signal[rows] for signal in log))
-        simulator.AdvanceTo(replay.stop_time(context))
-        parts.append(replay.take_detection(context))
-        replay.take(context)
-    for name in found._fields:
-        played = np.concatenate([getattr(part, name) for part in parts])
+    detection = ContactDetectionConfig()
+    seen = played(sts, model, config(method, torque_samples), log, detection=detection)
+    for name, port in zip(found._fields, DETECTION, strict=True):
         # The chain for one sample and for many differ in the last digit of the momentum.
-        np.testing.assert_allclose(played, getattr(found, name), rtol=1e-9, atol=1e-12)
+        expected = np.asarray(getattr(found, name), float)
+        np.testing.assert_allclose(seen[port][:, 0], expected, rtol=1e-9, atol=1e-12)
 
 
 def test_fused_has_the_same_ports_and_numbers(sts, model, log):
@@ -124,13 +117,3 @@ def test_ports(sts, model):
         assert not system.HasDirectFeedthrough(int(port), 0)
     plain = make_estimator(sts, model, config("inverse"))
     assert not plain.HasOutputPort("contact")
-
-
-def test_contact_is_not_looked_for_unasked(sts, model, log):
-    replay = make_replay(sts, model, config("inverse"))
-    simulator = Simulator(replay.diagram)
-    context = simulator.get_mutable_context()
-    replay.load(context, *(signal[:20] for signal in log))
-    simulator.AdvanceTo(replay.stop_time(context))
-    with pytest.raises(RuntimeError, match="not looked for"):
-        replay.take_detection(context)

@@ -11,7 +11,9 @@ below `refreshed` those of the model whose friction was found again from the log
 REFRESH_SECONDS, over the rest of it; with a load, from those of the same motion's or day's log
 without. Below `widened`, where `estimate` says of a log that its friction is not the model's, the
 same with the drift, joint by joint, that it then allows for: the band of a whole log, which a
-controller that has read no second of it cannot have.
+controller that has read no second of it cannot have. Below `tracked`, from TRACKED_FROM on, the
+same as a controller reads it that follows friction (`wrenchsight.models.detection.
+tracked_estimator`), and has read nothing but these seconds.
 
 **Rest** is where no joint has moved faster than REST_SPEED for .3 s, **reversal** where a joint
 turns round within .15 s, **sliding** all else.
@@ -51,12 +53,14 @@ from wrenchsight.analyses.study.experiment import (
     FigureFile,
 )
 from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.detection.tracked_estimator import TrackedEstimator
 from wrenchsight.models.estimation.estimator import (
     Observation,
     WrenchEstimator,
     WrenchEstimatorConfig,
 )
 from wrenchsight.models.estimation.point_of_action import find_point_of_action, jacobian_at
+from wrenchsight.models.estimation.reading_gain import ReadingGain
 from wrenchsight.models.estimation.wrench import WrenchEstimate, WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
@@ -73,6 +77,7 @@ REFRESHED_BY = {  # the log without the load
 REFRESH_SECONDS = 4.0
 TIME_STEP = 0.01  # s
 K_0 = 15.0  # 1/s, as in `ur10e-payload`; the logs' currents are samples of continuous signals
+TRACKED_FROM = 5.0  # s
 REST_SPEED = 0.01  # rad/s
 REST_TIME = 0.3  # s
 REVERSAL_TIME = 0.15  # s
@@ -111,6 +116,9 @@ def run(context: ExperimentContext) -> ExperimentResult:
                 wide = replace(model, torque_error=error)
                 told = _log_metrics(recording, mass, robot, model, MARGIN, wide)
                 own["widened"] = {"drift": drift, **told}
+        if "sliding" in own:
+            first = round(TRACKED_FROM / TIME_STEP)
+            own["tracked"] = _log_metrics(recording, mass, robot, model, first, tracked=True)
         source = REFRESHED_BY.get(log.stem, log.stem)
         if source in renewed:
             own["refreshed"] = _log_metrics(recording, mass, robot, renewed[source], begin)
@@ -151,8 +159,9 @@ def _log_metrics(
     model: IdentifiedModel,
     begin: int,
     wide: IdentifiedModel | None = None,
+    tracked: bool = False,
 ) -> dict[str, Any]:
-    """What `model` reads, with the band of `wide`, if given."""
+    """What `model` reads, with the band of `wide`, if given, or with friction that is followed."""
     uniform = resampled(recording, TIME_STEP)
     found: dict[str, Any] = {}
     for method in ("force_only", "bayesian"):
@@ -182,7 +191,20 @@ def _log_metrics(
             state = own.reading.initial_state()
             return own.reading.run(state, error, J, seen.tau_ext, seen.fresh, observed)
 
-        wrench, covariance, _, valid = read(estimator)
+        variance = None
+        if tracked:
+            follower = TrackedEstimator(robot, model, config)
+            estimator = follower.estimator
+            batch, _ = follower.run(uniform.q, uniform.v, uniform.current)
+            seen = seen._replace(tau_ext=batch.tau_ext)
+            log = uniform.q, uniform.v, seen.transmitted, J
+            error = estimator.error.run(estimator.error.initial_state(), *log)
+            variance = batch.torque_sd**2 - error.sd**2
+            at_point = batch._replace(J_seen=error.J_seen, torque_sd=error.sd)
+            gain = ReadingGain(estimator).of(at_point)
+        wrench, covariance, _, valid = read(estimator, J, seen)
+        if variance is not None:
+            covariance = covariance + (gain * variance[:, None, :]) @ gain.transpose(0, 2, 1)
         if wide is not None:
             mean, covariance, _, still = read(WrenchEstimator(robot, wide, config))
             covariance, valid = covariance_about(wrench, mean, covariance), valid & still
@@ -246,6 +268,13 @@ def _comparison() -> list[ComparisonRow]:
             None,
         ),
         ComparisonRow(
+            f"{inside}, the same as a controller reads it after {TRACKED_FROM:g} s, friction "
+            "followed",
+            "ur-19_12_23_free.tracked.all.inside_95_pct",
+            "%",
+            None,
+        ),
+        ComparisonRow(
             f"{inside}, the same with friction refreshed from {REFRESH_SECONDS:g} s",
             "ur-19_12_23_free.refreshed.all.inside_95_pct",
             "%",
@@ -302,6 +331,7 @@ def _notes(metrics: dict[str, Any]) -> list[str]:
         "as identified": "",
         f"friction refreshed from {REFRESH_SECONDS:g} s": "refreshed",
         "with the drift that the log shows": "widened",
+        f"friction followed, after {TRACKED_FROM:g} s": "tracked",
     }
     notes = []
     for words, case in cases.items():

@@ -5,14 +5,19 @@ the model stays (`models.calibration.friction_refresh`). The log must be free of
 carry what the model's logs carried.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from wrenchsight.analyses.methods.calibration.model_residual import ModelResidual, with_friction
+from wrenchsight.analyses.methods.calibration.model_residual import (
+    ModelResidual,
+    residuals_of,
+    with_friction,
+)
+from wrenchsight.analyses.methods.calibration.stretches import Logs, as_logs, inside, stretches_of
 from wrenchsight.analyses.methods.learning.identification_config import (
     IdentifySettings,
     RefreshConfig,
@@ -20,7 +25,7 @@ from wrenchsight.analyses.methods.learning.identification_config import (
 from wrenchsight.analyses.output.figures import COLOUR, legend_below, panels_in_pairs
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.result_folder import result_folder
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.calibration.friction_refresh import (
     FrictionDrift,
     FrictionRefresh,
@@ -106,7 +111,7 @@ class RefreshResult:
 
 
 def refresh_model(
-    recording: Recording,
+    logs: Logs,
     robot: Robot,
     model: IdentifiedModel,
     config: RefreshConfig | None = None,
@@ -114,7 +119,7 @@ def refresh_model(
     """Finds the friction of a log and puts it into the model.
 
     Args:
-        recording: free motion, without contact.
+        logs: free motion, without contact: one recording, or several with the samples that count.
         robot: its robot.
         model: of it.
         config: see `RefreshConfig`.
@@ -124,12 +129,13 @@ def refresh_model(
     """
     config = _checked(config or RefreshConfig())
     refuse_coupling(robot.coupling, robot.source, "a refresh of friction")
-    whole = ModelResidual.of(_part(recording, config), robot, model)
-    before = whole.rows()
+    parts = [(_part(log, config), where) for log, where in as_logs(logs)] if config.part else logs
+    whole = residuals_of(parts, robot, model)
+    before = ResidualRows.joined([own.rows() for own in whole])
     still = before.moving_share == 0.0
     if still.all():
         raise InputError(
-            recording.source,
+            ", ".join(own.log.log.name for own in whole),
             "",
             f"no joint moves faster than {V_REST:g} rad/s",
             "log some seconds of motion of the joints whose friction is wanted",
@@ -145,14 +151,14 @@ def refresh_model(
             refreshes=[*model.provenance.refreshes, _source(whole, outcome)],
         ),
     )
-    after = ModelResidual(whole.log, robot, renewed).rows()
+    after = ResidualRows.joined([ModelResidual(own.log, robot, renewed).rows() for own in whole])
     result = RefreshResult(renewed, outcome, before, after, (), config)
     return replace(result, warnings=tuple(_warnings(result, robot)))
 
 
 def refresh_log(
     model_path: Path,
-    log: Path,
+    logs: Sequence[str],
     robot_name: str | Path,
     out: Path,
     log_format: str | Path | None = None,
@@ -160,7 +166,10 @@ def refresh_log(
     progress: ProgressCallback = lambda fraction, what: None,
     accept_signs: bool = False,
 ) -> RefreshResult:
-    """The command `identify --refresh`: reads model and log, and writes the result into `out`.
+    """The command `identify --refresh`: reads model and logs, and writes the result into `out`.
+
+    Args:
+        logs: as `stretches.stretches_of`.
 
     Raises:
         InputError: as `Robot.load`, `IdentifiedModel.load`, `read_recording`, `refresh_model` and
@@ -169,17 +178,22 @@ def refresh_log(
     with result_folder(out, "identify") as folder:
         robot = Robot.load(robot_name)
         model = IdentifiedModel.load(Path(model_path), robot)
-        progress(0.1, f"reading {log.name}")
-        recording = read_recording(
-            log, log_format, robot, accept_signs=accept_signs, joint_signals=True
-        )
+        given: list[tuple[Recording, Flags | None]] = []
+        for k, text in enumerate(logs):
+            path, stretches = stretches_of(text, "identify", "--refresh")
+            progress(0.4 * k / len(logs), f"reading {path.name}")
+            log = read_recording(
+                path, log_format, robot, accept_signs=accept_signs, joint_signals=True
+            )
+            given.append((log, inside(log, stretches) if stretches else None))
         progress(0.4, "finding friction")
-        result = refresh_model(recording, robot, model, config)
-        result = replace(result, warnings=(*recording.notices, *result.warnings))
+        result = refresh_model(given, robot, model, config)
+        notices = [line for log, _ in given for line in log.notices]
+        result = replace(result, warnings=(*notices, *result.warnings))
         settings = IdentifySettings(
             robot=str(robot_name),
             accept_signs=accept_signs,
-            logs=[str(log)],
+            logs=list(logs),
             refresh=str(model_path),
             log_format=None if log_format is None else str(log_format),
         )
@@ -242,12 +256,13 @@ def _with_drift(error: TorqueErrorModel | None, found: FrictionRefresh) -> Torqu
     return error.with_drift(float(np.minimum(np.sqrt(np.mean(share**2)), LARGEST_DRIFT)))
 
 
-def _source(whole: ModelResidual, found: FrictionRefresh) -> FrictionSource:
+def _source(whole: Sequence[ModelResidual], found: FrictionRefresh) -> FrictionSource:
     lists = {term: found.change[:, k].tolist() for k, term in enumerate(TERMS)}
     deviations = {
         f"{term}_sd": found.standard_deviation[:, k].tolist() for k, term in enumerate(TERMS)
     }
-    return FrictionSource(log=whole.log.log, **lists, **deviations)
+    first, *further = (own.log.log for own in whole)
+    return FrictionSource(log=first, further=further, **lists, **deviations)
 
 
 def _warnings(result: RefreshResult, robot: Robot) -> list[str]:

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from wrenchsight.analyses.methods.calibration.stretches import Logs, as_logs
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
 from wrenchsight.analyses.methods.learning.low_passed_logs import (
     LowPassedLog,
@@ -20,11 +21,12 @@ from wrenchsight.analyses.methods.learning.low_passed_logs import (
     low_pass_log,
     median_step,
 )
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.calibration.load_identification import LoadRows
 from wrenchsight.models.calibration.load_parameters import load_columns
 from wrenchsight.models.calibration.model_uncertainty import uncertain_parameters
 from wrenchsight.models.calibration.residual_noise import ResidualRows
+from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -32,7 +34,9 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 
-SHORTEST = 15.0  # periods of the cutoff: 3 s at 5 Hz, of which the filter's transients take 1 s
+SHORTEST = 7.5  # periods of the cutoff: 1.5 s at 5 Hz, of which the filter's transients take 1 s
+FEWEST = 13  # rows of all logs together: 1.3 s at 5 Hz beside the transients
+EDGE = 1.0  # periods within a stretch, into which the filter carries what is outside
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +54,20 @@ class ModelResidual:
     model: IdentifiedModel
 
     @classmethod
-    def of(cls, recording: Recording, robot: Robot, model: IdentifiedModel) -> "ModelResidual":
+    def of(
+        cls,
+        recording: Recording,
+        robot: Robot,
+        model: IdentifiedModel,
+        where: Flags | None = None,
+    ) -> "ModelResidual":
         """Low-passes a recording as the model's own logs were.
+
+        Args:
+            recording: the log.
+            robot: its robot.
+            model: of it.
+            where: (N,) samples that count; None: all.
 
         Raises:
             InputError: a log of another robot, too short, or of a rate too low; a model of another
@@ -68,7 +84,13 @@ class ModelResidual:
                 filter_regressor=model.provenance.filter_regressor,
             )
         (name,) = log_names([recording])
-        return cls(low_pass_log(name, recording, robot, config, SHORTEST), robot, model)
+        log = low_pass_log(name, recording, robot, config, SHORTEST)
+        if where is not None and not where.all():
+            chosen = np.interp(log.t, recording.t, where.astype(float)) == 1.0
+            reach = round(EDGE / config.cutoff / log.low_pass.time_step)
+            near = np.convolve(~chosen, np.ones(2 * reach + 1), "same") > 0.5
+            log = replace(log, used=log.used & ~near)
+        return cls(log, robot, model)
 
     @property
     def residual_sd(self) -> Array:
@@ -139,6 +161,30 @@ class ModelResidual:
         log = self.log
         Y = np.asarray(self.robot.chain.regressor(log.q, log.v, log.vdot))
         return Y[:, :, places], sd
+
+
+def residuals_of(logs: Logs, robot: Robot, model: IdentifiedModel) -> list["ModelResidual"]:
+    """One a log.
+
+    Raises:
+        InputError: as `ModelResidual.of`; all together leave too few rows.
+    """
+    found = [ModelResidual.of(log, robot, model, where) for log, where in as_logs(logs)]
+    count = sum(len(own.rows().t) for own in found)
+    require_rows(count, ", ".join(own.log.log.name for own in found))
+    return found
+
+
+def require_rows(count: int, names: str) -> None:
+    """Raises InputError where all logs together leave too little."""
+    if count < FEWEST:
+        raise InputError(
+            names,
+            "",
+            f"{count} rows of the logs can be used, {FEWEST} are needed: 2.5 s of one log at a "
+            "cutoff of 5 Hz, or several stretches",
+            "give longer or more logs, or LOG=BEGIN,END",
+        )
 
 
 def with_friction(model: IdentifiedModel, friction: FrictionLaw) -> IdentifiedModel:

@@ -18,9 +18,11 @@ class PayloadSettings:
     command: str = "payload"  # which wrote it
     robot: str = ""  # a bundled robot's name, or the path of a robot.yaml
     model: str = ""  # model.yaml that identify wrote, of the arm without the load
-    log: str = ""  # log of motion with the load
-    empty: str | None = None
-    # a log of the same day without the load; the model's error on it is subtracted
+    logs: list[str] = field(default_factory=list)
+    # logs of motion with the load, taken together: each whole, or stretches of it,
+    # LOG=BEGIN,END[,BEGIN,END...] in s
+    empty: list[str] = field(default_factory=list)
+    # logs of the same day without the load; the model's error on them is subtracted
     log_format: str | None = None  # columns of the logs: a bundled description's name or a YAML
     check: bool = True  # hold the log against the robot's limits and gravity
     accept_signs: bool = False

@@ -5,7 +5,7 @@ The load is found from the joint torque that the robot's model leaves unexplaine
 transmits depends on the load, too: the fit is repeated with the load found before.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,16 +13,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrenchsight.analyses.methods.calibration.model_residual import ModelResidual
+from wrenchsight.analyses.methods.calibration.model_residual import residuals_of
 from wrenchsight.analyses.methods.calibration.payload_config import PayloadConfig, PayloadSettings
+from wrenchsight.analyses.methods.calibration.stretches import Logs, inside, stretches_of
 from wrenchsight.analyses.output.figures import COLOUR, legend_below, panels_in_pairs
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.result_folder import result_folder
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift
 from wrenchsight.models.calibration.load_identification import (
     LoadEstimate,
     LoadPrior,
+    LoadRows,
     estimate_load,
 )
 from wrenchsight.models.calibration.load_parameters import (
@@ -53,6 +55,11 @@ INERTIA_TOLD = 0.5  # share of the prior's variance
 SCATTER = 2.0  # times what the model states; more is not caused by a load
 
 
+def com_told(load: LoadEstimate) -> NDArray[np.bool_]:
+    """(3,) whether the motion tells the centre of mass along each axis of the flange."""
+    return np.asarray(load.is_there & (load.standard_deviation[1:4] < COM_TOLD))
+
+
 @dataclass(frozen=True, eq=False)
 class PayloadResult:
     """A load, in axes of the flange.
@@ -78,7 +85,7 @@ class PayloadResult:
     @property
     def com_observable(self) -> NDArray[np.bool_]:
         """(3,) whether the motion tells the centre of mass along each axis."""
-        return np.asarray(self.load.is_there & (self.load.standard_deviation[1:4] < COM_TOLD))
+        return com_told(self.load)
 
     @property
     def inertia_observable(self) -> NDArray[np.bool_]:
@@ -126,10 +133,16 @@ class PayloadResult:
         def line(values: Any) -> str:
             return "[" + ", ".join(f"{value:.6g}" for value in values) + "]"
 
+        told = self.com_observable
+        com = ", ".join(
+            f"{axis} {load.com[k]:.4g} +- {sd[1 + k]:.2g}" for k, axis in enumerate(AXES) if told[k]
+        )
+        unknown = ", ".join(axis for axis, known in zip(AXES, told, strict=True) if not known)
+        where = f"centre of mass {com} m" if com else "nothing of the centre of mass"
+        if unknown:
+            where += f"; not told along {unknown}, where it is taken to lie at the flange"
         return (
-            "# For robot.yaml. Measured: mass "
-            f"{load.mass:.4g} +- {sd[0]:.2g} kg; centre of mass "
-            f"{line(load.com)} +- {line(sd[1:4])} m.\n"
+            f"# For robot.yaml. Measured: mass {load.mass:.4g} +- {sd[0]:.2g} kg; {where}.\n"
             f"# Of the inertia the motion tells {known}; the rest is that of a body of this mass.\n"
             "tool:\n"
             f"  name: {tool.name}\n"
@@ -155,21 +168,22 @@ _PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 def identify_payload(
-    recording: Recording,
+    logs: Logs,
     robot: Robot,
     model: IdentifiedModel,
     config: PayloadConfig | None = None,
-    empty: Recording | None = None,
+    empty: Logs | None = None,
     progress: ProgressCallback = lambda fraction, what: None,
 ) -> PayloadResult:
     """Finds the load of a log.
 
     Args:
-        recording: motion with the load, without contact.
+        logs: motion with the load, without contact: one recording, or several with the samples
+            that count.
         robot: its robot.
         model: of it, without the load.
         config: see `PayloadConfig`.
-        empty: motion without the load, of the same day.
+        empty: motion without the load, of the same day; likewise.
         progress: called with the share done and the current step.
 
     Raises:
@@ -177,8 +191,10 @@ def identify_payload(
     """
     config = _checked(config or PayloadConfig())
     refuse_coupling(robot.coupling, robot.source, "finding a load")
-    whole = ModelResidual.of(recording, robot, model)
-    bare = None if empty is None else ModelResidual.of(empty, robot, model).load_rows()
+    whole = residuals_of(logs, robot, model)
+    bare = None
+    if empty is not None:
+        bare = LoadRows.joined([own.load_rows() for own in residuals_of(empty, robot, model)])
     prior = LoadPrior(
         mass=robot.payload,
         gain=config.gain_sd,
@@ -188,10 +204,11 @@ def identify_payload(
     parameters = np.zeros(10)
     for k in range(PASSES):
         progress((k + 0.5) / PASSES, "finding the load")
-        log = whole.load_rows(parameters)
+        log = LoadRows.joined([own.load_rows(parameters) for own in whole])
         load = estimate_load(log, law, prior, bare)
         parameters = load.parameters
-    body = body_parameters(load.mass, load.com, load.realisable)
+    written = load.with_com_at_flange(~com_told(load))
+    body = body_parameters(written.mass, written.com, written.realisable)
     laden = model.inertial_parameters.copy()
     laden[-1] += flange_map(robot) @ body
     result = PayloadResult(
@@ -203,13 +220,13 @@ def identify_payload(
             fitted_robot=replace(model.fitted_robot, tool_mass=None),
             provenance=replace(
                 model.provenance,
-                method=f"{model.provenance.method}, with a load of {load.mass:.4g} kg found from "
-                f"{whole.log.log.name}",
+                method=f"{model.provenance.method}, with a load of {written.mass:.4g} kg found "
+                f"from {', '.join(own.log.log.name for own in whole)}",
             ),
         ),
         tool=_tool(body, robot, config.name),
         rows=log.rows,
-        torque=whole.torque_of(parameters),
+        torque=np.concatenate([own.torque_of(parameters) for own in whole]),
         warnings=(),
         config=config,
     )
@@ -218,18 +235,21 @@ def identify_payload(
 
 
 def payload_log(
-    log: Path,
+    logs: Sequence[str],
     robot_name: str | Path,
     model_path: Path,
     out: Path,
-    empty: Path | None = None,
+    empty: Sequence[str] = (),
     log_format: str | Path | None = None,
     check: bool = True,
     config: PayloadConfig | None = None,
     progress: ProgressCallback = lambda fraction, what: None,
     accept_signs: bool = False,
 ) -> PayloadResult:
-    """The command `payload`: reads log and model, and writes the result into `out`.
+    """The command `payload`: reads logs and model, and writes the result into `out`.
+
+    Args:
+        logs, empty: as `stretches.stretches_of`.
 
     Raises:
         InputError: as `Robot.load`, `IdentifiedModel.load`, `read_recording`, `identify_payload`
@@ -238,25 +258,31 @@ def payload_log(
     with result_folder(out, "payload") as folder:
         robot = Robot.load(robot_name)
         model = IdentifiedModel.load(Path(model_path), robot)
-        recording, bare = (
-            None
-            if path is None
-            else read_recording(path, log_format, robot, entry, accept_signs, joint_signals=True)
-            for path, entry in ((log, check), (empty, True))
-        )
-        assert recording is not None
-        result = identify_payload(recording, robot, model, config, bare, progress)
+
+        def read(texts: Sequence[str], entry: bool) -> list[tuple[Recording, Flags | None]]:
+            given: list[tuple[Recording, Flags | None]] = []
+            for text in texts:
+                path, stretches = stretches_of(text, "payload", "LOG")
+                log = read_recording(
+                    path, log_format, robot, entry, accept_signs, joint_signals=True
+                )
+                given.append((log, inside(log, stretches) if stretches else None))
+            return given
+
+        loaded, bare = read(logs, check), read(empty, True)
+        result = identify_payload(loaded, robot, model, config, bare or None, progress)
         settings = PayloadSettings(
             robot=str(robot_name),
             model=str(model_path),
-            log=str(log),
-            empty=None if empty is None else str(empty),
+            logs=list(logs),
+            empty=list(empty),
             log_format=None if log_format is None else str(log_format),
             check=check,
             accept_signs=accept_signs,
         )
         result.write(folder, settings)
-    return replace(result, warnings=(*recording.notices, *result.warnings))
+    notices = [line for log, _ in loaded for line in log.notices]
+    return replace(result, warnings=(*notices, *result.warnings))
 
 
 def load_figure(result: PayloadResult) -> "Figure":
@@ -318,8 +344,9 @@ def _warnings(result: PayloadResult, robot: Robot) -> list[str]:
     axes = [axis for axis, report in zip(AXES, result.com_observable, strict=True) if not report]
     if axes:
         warnings.append(
-            f"the motion does not tell the centre of mass along {', '.join(axes)} of the flange: "
-            "turn the last joints with the load in other directions"
+            f"the motion does not tell the centre of mass along {', '.join(axes)} of the flange, "
+            "where it is taken to lie at the flange: turn the last joints with the load in other "
+            "directions"
         )
     tensor = [
         name for name, report in zip(TENSOR, result.inertia_observable, strict=True) if not report

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from wrenchsight.analyses.methods.calibration.stretches import inside, stretches_of
 from wrenchsight.analyses.methods.learning.identification_config import IdentifySettings
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.models.arrays import Array, Flags
@@ -195,7 +196,7 @@ def refit_logs(
         model = IdentifiedModel.load(Path(str(settings.refresh)), robot)
         logs = []
         for k, text in enumerate(settings.logs):
-            path, stretches = _stretches(text)
+            path, stretches = stretches_of(text, "identify", "--other-specimen")
             progress(k / len(settings.logs), f"reading {path.name}")
             log = read_recording(
                 path,
@@ -204,37 +205,13 @@ def refit_logs(
                 accept_signs=settings.accept_signs,
                 joint_signals=True,
             )
-            logs.append((log, _inside(log, stretches)))
+            logs.append((log, inside(log, stretches)))
         refit = refit_specimen(logs, robot, model)
         folder.write_json("metrics.json", refit.metrics())
         folder.write_settings("config.yaml", settings)
         refit.model.save(folder / "model.yaml")
         progress(1.0, "done")
     return refit
-
-
-def _stretches(text: str) -> tuple[Path, list[tuple[float, float]]]:
-    """Path and stretches of LOG or LOG=BEGIN,END[,BEGIN,END...]; none: the whole log."""
-    name, sign, words = text.rpartition("=")
-    if not sign or Path(text).exists():
-        return Path(text), []
-    try:
-        times = [float(word) for word in words.split(",")]
-    except ValueError:
-        times = []
-    pairs = list(zip(times[::2], times[1::2], strict=False))
-    if not pairs or len(times) % 2 or not all(0.0 <= a < b < np.inf for a, b in pairs):
-        problem = f"expected LOG=BEGIN,END[,BEGIN,END...] in s, found {text}"
-        raise InputError("identify", "--other-specimen", problem, "such as run.csv=0,1.9,8.3,9")
-    return Path(name), pairs
-
-
-def _inside(log: Recording, stretches: Sequence[tuple[float, float]]) -> Flags:
-    t = log.t - log.t[0]
-    free = np.full(len(t), not stretches)
-    for begin, end in stretches:
-        free |= (t >= begin) & (t <= end)
-    return free
 
 
 def refit_specimen(

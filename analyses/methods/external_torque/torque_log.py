@@ -7,10 +7,15 @@ import numpy as np
 
 from wrenchsight.analyses.methods.sensors.reference_config import ReferenceConfig, reference_columns
 from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.recordings.layouts.external_torque import JACOBIAN, TAU_EXT, jacobians
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import RecordingReader
+from wrenchsight.models.recordings.resampling import plausible_step, resample_chunks
 from wrenchsight.models.robot.robot import Robot
 
 _CHUNK = 1 << 15  # rows that are worked on at a time
@@ -40,6 +45,7 @@ class TorqueLog:
     Args:
         path, log_format, robot, check: as `RecordingReader`; the robot may be None.
         reference: a sensor among the log's columns.
+        sign: on which the torque is exerted, robot or environment; found: as its description says.
 
     Raises:
         InputError: as `RecordingReader`; no external torque, or neither a Jacobian nor a robot
@@ -53,20 +59,24 @@ class TorqueLog:
         robot: Robot | None,
         check: bool,
         reference: ReferenceConfig,
+        sign: str = "found",
     ) -> None:
         self.path = path
         self._log_format, self._robot, self._check = log_format, robot, check
         self._further = reference_columns(reference)
         reader = self.reader()
         torque = reader.layout.signal(TAU_EXT)
+        self.is_sensed = torque is None
         if torque is None:
-            raise InputError(
-                path,
-                "",
-                "holds no external torque",
-                f"name its columns tau_ext_1.., or in a description: extra: {TAU_EXT}",
-            )
+            torque = reader.layout.signal("tau_J")
+            if torque is None or robot is None or reader.layout.signal("q") is None:
+                remedy = f"name its columns tau_ext_1.., or in a description: extra: {TAU_EXT}; or "
+                remedy += "log the torque of its sensors (motor_torque) and q, and name the robot"
+                raise InputError(path, "", "holds no external torque", remedy)
+            robot.require_inertias("estimate --torque external from the torque of sensors")
         self.num_joints = len(torque.columns)
+        self.exerted_on = torque.exerted_on if sign == "found" else sign
+        self._factor = 1.0 if self.exerted_on == torque.exerted_on else -1.0
         self.has_jacobian = reader.layout.signal(JACOBIAN) is not None
         self.has_positions = robot is not None and reader.layout.signal("q") is not None
         if robot is not None and robot.num_joints != self.num_joints:
@@ -89,6 +99,9 @@ class TorqueLog:
 
     def chunks(self, reader: RecordingReader) -> Iterator[tuple[Recording, Array, Array]]:
         """Successive parts of the log: rows, J (N, 6, n) rotation first, tau_ext (N, n)."""
+        if self.is_sensed:
+            yield from self._sensed(reader)
+            return
         for whole in reader.chunks():
             for begin in range(0, whole.num_samples, _CHUNK):
                 chunk = whole[begin : begin + _CHUNK]
@@ -97,7 +110,29 @@ class TorqueLog:
                 else:
                     assert self._robot is not None
                     J = self._robot.chain.jacobian(chunk.q)
-                yield chunk, J, chunk.extra[TAU_EXT]
+                yield chunk, J, self._factor * chunk.extra[TAU_EXT]
+
+    def _sensed(self, reader: RecordingReader) -> Iterator[tuple[Recording, Array, Array]]:
+        """As `chunks`, on a uniform grid: what the sensors read less what the robot's files say
+        that its links need, through the momentum observer.
+        """
+        robot = self._robot
+        assert robot is not None
+        estimator: WrenchEstimator | None = None
+        for whole in resample_chunks(reader.chunks()):
+            if estimator is None:
+                observer = MomentumObserverConfig(time_step=float(plausible_step(whole)))
+                prior = WrenchReconstructionConfig().with_prior(*live_prior(robot.payload))
+                config = WrenchEstimatorConfig(observer, prior)
+                estimator = WrenchEstimator(robot, IdentifiedModel.nominal(robot), config)
+                state = estimator.initial_state()
+                settled = whole.t[0] + estimator.observer.settling_time
+            for begin in range(0, whole.num_samples, _CHUNK):
+                chunk = whole[begin : begin + _CHUNK]
+                batch = estimator.run(state, chunk.q, chunk.v, chunk.current)
+                known = batch.fresh & (chunk.t >= settled)
+                tau_ext = np.where(known[:, None], self._factor * batch.tau_ext, np.nan)
+                yield chunk, batch.J, tau_ext
 
     def axes(self, chunk: Recording) -> Array:
         """(N, 3, 3) of E in W; of the Jacobian's own frame where that is all there is."""

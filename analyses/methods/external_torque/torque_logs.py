@@ -24,6 +24,7 @@ from wrenchsight.analyses.methods.external_torque.force_readings import (
 )
 from wrenchsight.analyses.methods.external_torque.rows_beside_sensor import RowsBesideSensor
 from wrenchsight.analyses.methods.external_torque.torque_log import TorqueLog
+from wrenchsight.analyses.methods.external_torque.torque_touches import TorqueTouches
 from wrenchsight.analyses.methods.reading.estimate_config import (
     FLOOR_SHARE,
     PRIORS,
@@ -72,6 +73,7 @@ class TorqueLogResult:
         table: of the wrenches.
         metrics: as written to metrics.json.
         comparison: with the log's force sensor, where one is named.
+        contacts: one sentence each, or one that there is none.
     """
 
     name: str
@@ -80,6 +82,7 @@ class TorqueLogResult:
     table: Path
     metrics: dict[str, Any]
     comparison: SensorComparison | None
+    contacts: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +119,8 @@ def estimate_torque_logs(
 ) -> TorqueLogsResult:
     """The command `estimate` for logs of external torque: wrenches and their uncertainty.
 
-    Writes for each log a table (see `models.estimation.wrench_table`, without the columns for
-    contact, which need a model) and a figure; metrics.json and config.yaml.
+    Writes for each log a table (see `models.estimation.wrench_table`) and a figure; metrics.json
+    and config.yaml.
 
     Args:
         logs: with the signals `tau_ext` and, unless there is a robot, `jacobian`
@@ -143,7 +146,8 @@ def estimate_torque_logs(
             estimate=config,
         )
         sources = [
-            TorqueLog(log, log_format, robot, config.check, config.reference) for log in logs
+            TorqueLog(*(log, log_format, robot, config.check, config.reference, config.torque_sign))
+            for log in logs
         ]
         result = _estimate(sources, robot, folder, settings, progress)
     return replace(
@@ -158,7 +162,6 @@ def _checked(config: EstimateConfig, robot: Robot | None) -> EstimateConfig:
         option
         for option, entry, default in (
             ("--smooth", config.smooth, plain.smooth),
-            ("--engine", config.engine, plain.engine),
             ("--max-gap", config.max_gap, plain.max_gap),
             ("--observer", config.estimator.observer, plain.estimator.observer),
             ("--false-alarms-per-hour", config.detection, plain.detection),
@@ -195,6 +198,7 @@ def _estimate(
     results, notices = _compared(runs, config.reference, out)
     for run in runs:
         warnings += [sentence for sentence in run.summary.warnings() if sentence not in warnings]
+        warnings += run.doubts
     common = {
         "prior": {
             "force_sd_n": knowledge.force_sd,
@@ -330,6 +334,8 @@ class _Run:
         self.config = config
         self.beside: SensorLogCollector | None = None
         self.rows: RowsBesideSensor | None = None
+        self.touches: TorqueTouches | None = None
+        self.doubts: list[str] = []
 
 
 def _read(
@@ -344,10 +350,11 @@ def _read(
     """Reads every row of a log, and writes its table and figure."""
     suffix = "" if alone else f"_{name}"
     run = _Run(log, name, out / f"wrench{suffix}.{config.table}", config)
+    touches = TorqueTouches(log)
     reader = log.reader()
     covariance = config.covariance
     with ExitStack() as stack:
-        writer = WrenchTableWriter(run.table, log.num_joints, covariance, detection=False)
+        writer = WrenchTableWriter(run.table, log.num_joints, covariance)
         table = stack.enter_context(writer)
         bag: WrenchBagWriter | None = None
         if config.mcap:
@@ -356,18 +363,21 @@ def _read(
             if not run.summary.count:
                 _start(run, chunk)
             batch = reading.reconstruct(J, tau_ext)
+            found, odds, trusted = touches.take(chunk, J, tau_ext)
+            batch = batch._replace(valid=batch.valid & trusted)
             sd = batch.standard_deviation
             valid = run.summary.judge(chunk, batch, run.config.estimator)
             table.write(
                 *(chunk.t, batch.wrench, sd, batch.condition_number, valid),
-                np.nan_to_num(tau_ext),
-                covariance=batch.covariance,
+                *(np.nan_to_num(tau_ext), found.statistic),
+                {**found._asdict(), "fault": np.zeros(chunk.num_samples, np.int8)},
+                batch.covariance,
             )
             if bag is not None and robot is not None:
                 _, p_WE = robot.chain.pose(np.nan_to_num(chunk.q))
                 bag.write(chunk.t, batch.wrench, batch.covariance, p_WE)
-            untouched = np.zeros(chunk.num_samples, bool)
-            run.summary.add(chunk, batch, sd, valid, tau_ext, untouched)
+            touches.episodes.add(chunk.t, found, batch.wrench[:, 3:], valid, odds)
+            run.summary.add(chunk, batch, sd, valid, tau_ext, found.contact)
             if run.beside is not None and run.rows is not None:
                 R_WE, sensor = log.axes(chunk), chunk.extra[REFERENCE]
                 run.beside.add(
@@ -377,7 +387,11 @@ def _read(
                     sensor,
                 )
                 run.rows.add(chunk.t, batch, R_WE, sensor)
+    touches.episodes.finish()
+    run.touches = touches
     run.notices = reader.notices
+    if touches.sign.contradicts:
+        run.doubts.append(touches.sign.sentence(log.path.name, log.exerted_on))
     reads_moments = config.estimator.reconstruction.method != "force_only"
     out.write_figure(f"wrench{suffix}", run.summary.figure(reads_moments))
     return run
@@ -427,8 +441,11 @@ def _compared(
             suffix = "" if len(runs) == 1 else f"_{run.name}"
             out.write_figure(f"reference{suffix}", comparison.figure("from external torque"))
         count, valid = run.summary.count, run.summary.num_valid
+        contacts = () if run.touches is None else tuple(run.touches.episodes.lines())
         results.append(
-            TorqueLogResult(run.name, count, valid / count, run.table, metrics, comparison)
+            TorqueLogResult(
+                *(run.name, count, valid / count, run.table, metrics, comparison, contacts)
+            )
         )
     return results, notices
 
@@ -439,4 +456,13 @@ def _own_metrics(run: _Run) -> dict[str, Any]:
     for key in ("faults", "outside_model", "prior"):
         del metrics[key]
     del metrics["invalid"]["observer_settling_pct"]
+    if run.touches is not None:
+        error, sign = run.touches.error, run.touches.sign
+        told = np.isfinite(sign.correlation)
+        metrics["contact"] = run.touches.episodes.metrics()
+        metrics["free_torque_sd_nm"] = {"rest": error.rest_sd, "moving": error.moving_sd}
+        metrics["torque_sign"] = {
+            "contacts": sign.contacts,
+            "correlation": sign.correlation if told else None,
+        }
     return metrics

@@ -66,7 +66,8 @@ class IdentifySettings:
     # find torque per unit of effort, joint by joint, from the URDF's masses, or with one load from
     # two postures held with it and without; writes robot.yaml
     refresh: str | None = None
-    # a model.yaml: re-estimate only its drifted friction, from seconds of one log
+    # a model.yaml: re-estimate only its drifted friction, from seconds of logs, each whole or
+    # stretches of it: LOG=BEGIN,END[,BEGIN,END...] in s
     log_format: str | None = None  # columns of the logs: a bundled description's name or a YAML
     identification: IdentificationConfig = field(default_factory=IdentificationConfig)  # how
     refreshing: RefreshConfig = field(default_factory=RefreshConfig)  # how, with `refresh`

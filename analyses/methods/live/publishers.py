@@ -76,7 +76,13 @@ class UdpPublisher:
             self._socket.close()
 
 
-PUBLISHERS: dict[str, Callable[[SourceAddress], Publisher]] = {"udp": UdpPublisher}
+def _lcm(address: SourceAddress) -> Publisher:
+    from wrenchsight.analyses.methods.live.lcm_links import LcmPublisher
+
+    return LcmPublisher.open(address)
+
+
+PUBLISHERS: dict[str, Callable[[SourceAddress], Publisher]] = {"udp": UdpPublisher, "lcm": _lcm}
 """By scheme. A further kind is one line here."""
 
 

@@ -26,7 +26,7 @@ from wrenchsight.analyses.methods.live.watch_config import WatchSettings
 from wrenchsight.analyses.methods.live.watched import load_watched
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.live.live_estimator import LiveEstimator, Stage
+from wrenchsight.models.live.live_estimator import LiveEstimator
 from wrenchsight.models.live.reading import Reading, row_size
 from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
 from wrenchsight.models.live.source import Source
@@ -97,14 +97,10 @@ def warm_up(settings: WatchSettings, robot: Robot, model: IdentifiedModel) -> No
 
 
 def make_live(
-    settings: WatchSettings,
-    robot: Robot,
-    model: IdentifiedModel,
-    source: Source,
-    stages: tuple[Stage, ...] = (),
+    settings: WatchSettings, robot: Robot, model: IdentifiedModel, source: Source
 ) -> LiveEstimator:
     """The reader of a source as the settings want it."""
-    live = LiveEstimator(robot, model, settings.watch.live, source.step, source.rate, stages)
+    live = LiveEstimator(robot, model, settings.watch.live, source.step, source.rate)
     live.contradicted = settings.model is None  # nothing holds the stated band to the arm
     return live
 

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from wrenchsight.models.files.input_error import printable
+from wrenchsight.models.files.input_error import InputError, printable
 from wrenchsight.models.live.rtde import (
     PORT,
     ROBOT_MODES,
@@ -85,6 +85,9 @@ class RtdeSource:
     def open(cls, address: SourceAddress, robot: Robot) -> "RtdeSource":
         """As `SourceOpener`."""
         address.require_known("frequency", "effort")
+        if robot.num_joints != _NUM_JOINTS:
+            problem = f"has {_NUM_JOINTS} joints, {robot.name} has {robot.num_joints}"
+            raise InputError("rtde://", "", f"a robot of this kind {problem}", "name that robot")
         frequency = address.number("frequency", 500.0, 1.0, 500.0)
         return cls(*address.host(PORT), frequency, address.choice("effort", ("current", "torque")))
 

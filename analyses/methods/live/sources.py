@@ -2,9 +2,18 @@
 
 from wrenchsight.analyses.methods.live.replay_source import ReplaySource
 from wrenchsight.analyses.methods.live.rtde_source import RtdeSource
-from wrenchsight.models.live.source import SOURCES, open_source
+from wrenchsight.models.live.source import SOURCES, Source, SourceAddress, open_source
+from wrenchsight.models.robot.robot import Robot
+
+
+def _lcm(address: SourceAddress, robot: Robot) -> Source:
+    from wrenchsight.analyses.methods.live.lcm_links import LcmSource
+
+    return LcmSource.open(address, robot)
+
 
 __all__ = ["SOURCES", "open_source"]
 
 SOURCES["rtde"] = RtdeSource.open
 SOURCES["replay"] = ReplaySource.open
+SOURCES["lcm"] = _lcm

@@ -5,7 +5,8 @@ valid, with a sentence that says why; `--no-check` and `--accept-signs` override
 `estimate`. What only differs (a payload, torques per ampere) is said.
 
 Mistakes that are weighed: A and N m, a turned sign, two joints exchanged. One is named where
-gravity leaves EXPLAINS times less open with it, and more than UNEXPLAINED without.
+gravity leaves EXPLAINS times less open with it, and more than UNEXPLAINED without, and where a push
+at the tool explains it EXPLAINS times worse.
 """
 
 import time
@@ -32,6 +33,8 @@ EXPLAINS, UNEXPLAINED = 9.0, 0.3  # shares of squares
 SLOW = 0.25  # of the velocity limit: gravity prevails
 FURTHEST = 4.0 * np.pi  # rad; positions beyond are in other units
 MOST_ROWS = 200  # of a look at joint order
+LARGEST_PUSH = 1.5  # times the weight of the rated payload
+GRAVITY = 9.81  # m/s^2
 LEAST_LOAD = 0.5  # kg that are worth a word
 LOAD_EXPLAINS = 0.6  # share of what is read that a load's weight must explain
 SETTLED = 1.0  # s, after which what is read counts
@@ -123,12 +126,13 @@ class StartChecks:
         before = self._unexplained(q, tau)
         if before < UNEXPLAINED:
             return
+        pushed = self._pushed(q, tau)
         best, text = before, ""
         for words, own_q, own_tau in self._alternatives(q, effort, is_torque, tau):
             share = self._unexplained(np.ascontiguousarray(own_q), own_tau)
             if share < best:
                 best, text = share, words
-        if best * EXPLAINS < before:
+        if best * EXPLAINS < min(before, pushed):
             problem = (
                 f"{text}: gravity leaves {100 * before:.0f} % of the torque open as it comes, "
             )
@@ -156,6 +160,16 @@ class StartChecks:
             yield f"the joints {both}", q[:, order], tau[:, order]
             yield f"the positions {both}", q[:, order], tau
             yield f"the currents {both}", q, tau[:, order]
+
+    def _pushed(self, q: Array, tau: Array) -> float:
+        """The share that is left beside a constant force at E, of a size that it may have."""
+        left = tau - self._chain.gravity_torque(q)
+        A = -self._chain.jacobian(q)[:, 3:].transpose(0, 2, 1).reshape(-1, 3)
+        force = np.linalg.lstsq(A, left.ravel(), rcond=None)[0]
+        if np.linalg.norm(force) > LARGEST_PUSH * self._robot.payload * GRAVITY:
+            return np.inf
+        unexplained = left.ravel() - A @ force
+        return float(np.sum(unexplained**2) / max(np.sum(tau**2), 1e-9))
 
     def _unexplained(self, q: Array, tau: Array) -> float:
         """Share of the torque's squares that gravity does not explain, an offset aside."""

@@ -13,7 +13,7 @@ from wrenchsight.models.robot.robot import Robot
 
 RECORDS = ("mcap", "parquet")
 VIEWS = ("terminal", "lines", "meshcat", "none")
-LONGEST_LATE = 10.0  # s
+LONGEST_LATE, LONGEST_ZERO = 10.0, 3600.0  # s
 
 
 @dataclass
@@ -65,6 +65,8 @@ def checked_settings(settings: WatchSettings, robot: Robot) -> WatchSettings:
     config = settings.watch
     if not 0.0 <= settings.duration_s < 1e9:
         raise refuse("duration", f"{settings.duration_s:g} s", "0 (no end) or more")
+    if not 0.0 <= config.live.zero_s <= LONGEST_ZERO:
+        raise refuse("zero", f"{config.live.zero_s:g} s", f"0 to {LONGEST_ZERO:g}")
     if not 0.0 < config.live.late <= LONGEST_LATE:
         raise refuse("late", f"{config.live.late:g} s", f"more than 0, at most {LONGEST_LATE:g}")
     for option, value, known in (
@@ -80,6 +82,7 @@ def checked_settings(settings: WatchSettings, robot: Robot) -> WatchSettings:
         estimator=config.live.estimator,
         detection=config.live.detection,
         max_gap=config.live.max_gap,
+        track=config.live.track,
     )
     checked = checked_config(same, robot)
     prior = stated_prior(checked, robot)

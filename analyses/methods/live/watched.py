@@ -25,5 +25,8 @@ def load_watched(settings: WatchSettings) -> tuple[WatchSettings, Robot, Identif
         return settings, robot, IdentifiedModel.nominal(robot)
     config, path = settings.watch, Path(settings.model)
     model = IdentifiedModel.load(path, robot, config.other_robot)
+    if model.torque_error is None and (config.live.track or config.live.zero_s):
+        problem = "states no torque error, so that friction is not followed and nothing is zeroed"
+        raise InputError(path, "", problem, "identify it again, or leave --track and --zero out")
     known = EstimateConfig(tool=config.tool, other_robot=config.other_robot)
     return settings, robot, with_known_tool(model, robot, known, path)

@@ -1,4 +1,4 @@
-"""What runs a log's chunks through the estimator: kernels, a Drake diagram, a tracked model."""
+"""What runs a log's chunks through the estimator: the model as it is, or tracked."""
 
 from collections.abc import Iterable, Iterator
 from typing import Protocol
@@ -34,7 +34,7 @@ class Engine(Protocol):
 
 
 class BatchEngine:
-    """The kernels, chunk after chunk."""
+    """The estimator, chunk after chunk."""
 
     def __init__(
         self,
@@ -55,37 +55,6 @@ class BatchEngine:
         return batch, self._detector.run(self._detector_state, q, v, batch)
 
 
-class DiagramEngine:
-    """The same chain as a Drake diagram that replays the log, stretch after stretch."""
-
-    def __init__(
-        self,
-        robot: Robot,
-        model: IdentifiedModel,
-        config: WrenchEstimatorConfig,
-        detection: ContactDetectionConfig,
-    ) -> None:
-        from pydrake.systems.analysis import Simulator
-
-        from wrenchsight.diagrams.replay import make_replay
-
-        self._replay = make_replay(robot, model, config, detection)
-        self._simulator = Simulator(self._replay.diagram)
-
-    def run(self, q: Array, v: Array, current: Array) -> tuple[EstimateBatch, Detection]:
-        context = self._simulator.get_mutable_context()
-        self._replay.load(context, q, v, current)
-        self._simulator.AdvanceTo(self._replay.stop_time(context))
-        detection = self._replay.take_detection(context)
-        return self._replay.take(context), detection
-
-
-_ENGINES: dict[str, type[BatchEngine | DiagramEngine]] = {
-    "batch": BatchEngine,
-    "diagram": DiagramEngine,
-}
-
-
 def estimates(
     settings: EstimateConfig,
     robot: Robot,
@@ -101,14 +70,15 @@ def estimates(
     `tracked` reads.
     """
     models = [model] if wide is model else [model, wide]
-    kind = _ENGINES[settings.engine]
 
     def causal(models: list[IdentifiedModel]) -> Iterator[Read]:
         engine: Engine
         if tracked is not None:
             engine, others = tracked, []
         else:
-            engine, *others = (kind(robot, own, config, settings.detection) for own in models)
+            engine, *others = (
+                BatchEngine(robot, own, config, settings.detection) for own in models
+            )
         for chunk in chunks:
             batch, found = engine.run(chunk.q, chunk.v, chunk.current)
             for other in others:

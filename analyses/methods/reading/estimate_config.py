@@ -18,11 +18,12 @@ from wrenchsight.models.estimation.wrench_table import TABLES
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.observers.momentum_observer import LEAST_K_0, MomentumObserverConfig
 from wrenchsight.models.observers.observer_kinds import OBSERVERS, kind_name, make_observer
+from wrenchsight.models.recordings.recording_format import ENVIRONMENT, ROBOT
 from wrenchsight.models.robot.robot import Robot
 
-ENGINES = ("batch", "diagram")
 LARGEST_DRIFT = 10.0  # of the viscous torque
 TORQUES = ("found", "currents", "external")
+SIGNS = ("found", ROBOT, ENVIRONMENT)
 LEAST_SD, LARGEST_SD = 1e-3, 1e9  # N or N m; a prior of less says that nothing acts
 LEAST_TORQUE_SD = 1e-6  # N m
 LEAST_STEP, LONGEST = 1e-4, 10.0  # s; finer grids only repeat what a log says
@@ -50,9 +51,12 @@ class EstimateConfig:
     torque: str = "found"
     """what is read: currents (through model and observer), external (the external torque that the
     arm itself reports), or found (that, where the log has no currents)"""
+    torque_sign: str = "found"
+    """on which an external torque of the log is exerted: robot (positive along the motion that it
+    causes), environment (what the arm exerts against the outside, as Franka reports it), or found
+    (as the description or the columns' names say)"""
     torque_sd: list[float] = field(default_factory=list)
     """N m, sd of an external torque's error, one for all joints or one each"""
-    engine: str = "batch"  # chain: batch (kernels) or diagram (Drake's), the same result
     estimator: WrenchEstimatorConfig = field(default_factory=_estimator_of_logs)
     smooth: bool = False
     # estimate each sample from those before and after it (no lag, less error), or from those before
@@ -131,8 +135,8 @@ def checked_config(config: EstimateConfig, robot: Robot | None) -> EstimateConfi
     checked_reference(config.reference)
     observer, reconstruction = config.estimator.observer, config.estimator.reconstruction
     for name, value, known in (
-        ("engine", config.engine, ENGINES),
         ("torque", config.torque, TORQUES),
+        ("torque sign", config.torque_sign, SIGNS),
         ("method", reconstruction.method, METHODS),
         ("table", config.table, TABLES),
     ):
@@ -202,7 +206,6 @@ def checked_config(config: EstimateConfig, robot: Robot | None) -> EstimateConfi
         raise refuse("observer", str(error), "see the command's --help") from None
     for option, given, found in (
         ("smooth", config.smooth, "reads each sample with what comes after it"),
-        ("engine", config.engine != "batch", f"is {config.engine}, whose diagram follows no drift"),
         ("drift", config.drift is not None, "is what --track finds"),
     ):
         if config.track and given:
@@ -216,9 +219,6 @@ def checked_config(config: EstimateConfig, robot: Robot | None) -> EstimateConfi
     if config.track and made.kernels.wrench is not None:
         found = f"is {kind_name(type(made))}, which reads the wrench itself"
         raise refuse("observer", found, "follow friction with the momentum observer")
-    if config.smooth and config.engine != "batch":
-        found = f"is {config.engine}, which knows nothing of what comes after a sample"
-        raise refuse("engine", found, "smooth with the batch engine")
     if config.smooth and known_of_wrench(reconstruction) is None:
         found = f"is {reconstruction.method}, for which smoothing has no prior"
         raise refuse("method", found, "give bayesian, force_only or inverse")

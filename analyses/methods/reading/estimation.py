@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from wrenchsight.analyses.methods.reading.contact_episodes import ContactEpisodes
+from wrenchsight.analyses.methods.reading.contact_places import judge_places, of_contacts
 from wrenchsight.analyses.methods.reading.engines import estimates
 from wrenchsight.analyses.methods.reading.estimate_config import (
     EstimateConfig,
@@ -277,6 +278,8 @@ def estimate(
     reference = settings.estimate.reference
     beside = SensorLogCollector(config.observer.time_step) if reference.columns else None
     episodes = ContactEpisodes(robot.num_joints)
+    # An observer of the wrench leaves no torque that a wrench at E does not explain.
+    places = (kind is None or kind.kernels.wrench is None) and not settings.estimate.contact.axis
     seen_J, torque_sd = EvenSample(_SEEN_SAMPLES), EvenSample(_SEEN_SAMPLES)
     path = out / f"wrench.{settings.estimate.table}"
     with_covariance = settings.estimate.covariance
@@ -292,6 +295,14 @@ def estimate(
                 batch = batch._replace(valid=np.zeros_like(batch.valid))
             fault = fault_of(chunk, batch)
             found = found.without(chunk.dropout | (fault != 0))
+            odds: Array | None = None
+            if places:
+                alone, error = of_contacts(found.contact, chunk.t, tau_ext), model.torque_error
+                found, odds, trusted = judge_places(
+                    *(found, chunk.t, batch.J, alone, batch.torque_sd),
+                    None if error is None else error.correlation,
+                )
+                batch = batch._replace(valid=batch.valid & trusted)
             sd, valid = batch.standard_deviation, summary.judge(chunk, batch, config)
             table.write(
                 *(chunk.t, batch.wrench, sd, batch.condition_number, valid, batch.tau_ext),
@@ -304,7 +315,7 @@ def estimate(
                 whole = np.isfinite(batch.J).all(axis=(1, 2)) & ~valid
                 seen_J.add(batch.J[whole])
                 torque_sd.add(batch.torque_sd[whole])
-            episodes.add(chunk.t, found, batch.wrench[:, 3:], valid)
+            episodes.add(chunk.t, found, batch.wrench[:, 3:], valid, odds)
             settled = int(np.searchsorted(chunk.t, first.t[0] + observer.settling_time))
             upright.add(chunk.q, tau_ext, there(chunk, fault, tau_ext, settled))
             summary.add(chunk, batch, sd, valid, _torque(chunk, robot), found.contact)

@@ -30,6 +30,7 @@ ROW_TIME = 0.1  # s
 MOST_ROWS = 6000  # ten minutes
 MARGIN = 0.5  # s before and after a contact that are not contact-free
 SHORTEST = 4.0  # s of free motion that a refresh is offered
+LITTLE = 0.5  # of what the model leaves unexplained in any case
 MOSTLY = 0.5  # share of contact beyond which the flag itself is in doubt, and all rows are judged
 
 
@@ -235,7 +236,7 @@ class FrictionWatch:
                 f"the model was fitted on this log, and its friction law does not hold for {joints}"
             )
             line += ": identify with --friction best, or with more logs"
-            return [line, *_allowance("", allowed)]
+            return [line, *self._allowance("", allowed)]
         lines = [own.sentence(names) for own in found]
         begin, end = (x - (self._first or 0.0) for x in self._longest)
         part = ""
@@ -249,7 +250,7 @@ class FrictionWatch:
         command = f"wrenchsight identify {where} --robot {robot} --refresh {model}{part}"
         lines.append(f"friction of today: {command} --out refreshed")
         if allowed is not None:
-            return lines + _allowance("until then ", allowed)
+            return lines + self._allowance("until then ", allowed)
         drift, error = self.drift(), self._model.torque_error
         if drift is not None and error is not None and drift > error.drift:
             share = min(np.ceil(100.0 * drift) / 100.0, LARGEST_DRIFT)
@@ -259,13 +260,19 @@ class FrictionWatch:
             )
         return lines
 
-
-def _allowance(begin: str, allowed: Array | None) -> list[str]:
-    """What the stated band holds of friction that is off."""
-    if allowed is None:
-        return []
-    shares = " ".join(f"{100.0 * x:.0f}" if x <= 1.0 else "over 100" for x in allowed)
-    return [
-        f"{begin}the stated band allows for what the contact-free stretches show: friction off by "
-        f"{shares} % of the viscous torque, joint by joint"
-    ]
+    def _allowance(self, begin: str, allowed: Array | None) -> list[str]:
+        """What the stated band holds of friction that is off, of the joints where that counts."""
+        rows = self._unloaded()
+        if allowed is None or rows is None:
+            return []
+        added = allowed * rows.moving_rms(rows.viscous)
+        names = self._model.joint_names
+        parts = [
+            f"{names[j]} by {100.0 * allowed[j]:.0f} %"
+            for j in np.flatnonzero(added > LITTLE * rows.sd)
+        ]
+        what = f"{', '.join(parts)} of the viscous torque, the others by less"
+        return [
+            f"{begin}the stated band allows for what the contact-free stretches show of friction: "
+            + (what if parts else "less than the model leaves unexplained")
+        ]

@@ -4,9 +4,11 @@ Wanted are the time, the external torque of every joint and, to read a wrench fr
 Jacobian or the joint positions:
 
     t, timestamp, time, __time; or seconds and nanoseconds
-    tau_ext_1.., tau_ext_hat_filtered_0.., external_torque[0]..     N m, numbered from 0 or 1
+    tau_ext_1.., external_torque[0]..       N m, on the robot from outside; numbered from 0 or 1
+    tau_ext_hat_filtered_0.., tau_ext_hat[0]..      N m, as Franka reports it: what the arm exerts
+                                                     against the outside, so that it is turned
     jacobian_0_0 .. jacobian_5_6 or J_1_1 ..; or jacobian.1 .., row by row
-    q1.., q_0.., joint_position[0]..                                 rad
+    q1.., q_0.., joint_position[0]..        rad; and v1.., dq_0.., joint_velocity[0].. rad/s
 
 each with the topic that it comes from before it, if there is one (/states/tau_ext_hat_filtered[0]).
 All other columns are left alone. Rows of the Jacobian are linear first, as in every file.
@@ -23,7 +25,11 @@ from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.layouts.header_layouts import KnownLayout, time_columns
 from wrenchsight.models.recordings.recording import Recording
-from wrenchsight.models.recordings.recording_format import RecordingFormat, SignalColumns
+from wrenchsight.models.recordings.recording_format import (
+    ENVIRONMENT,
+    RecordingFormat,
+    SignalColumns,
+)
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
 
 TAU_EXT, JACOBIAN = "tau_ext", "jacobian"  # the signals of a recording
@@ -32,7 +38,9 @@ _INDEX = r"(?:[._]?(\d+)|\[(\d+)\])"
 _TORQUE = re.compile(
     rf"(?:.*/)?(?:tau_ext(?:_hat)?(?:_filtered)?|external_?torques?){_INDEX}", re.I
 )
+_AGAINST = re.compile(r"tau_ext_hat", re.I)
 _POSITION = re.compile(rf"(?:.*/)?(?:q|joint_?positions?){_INDEX}", re.I)
+_VELOCITY = re.compile(rf"(?:.*/)?(?:v|dq|joint_?velocit(?:y|ies)){_INDEX}", re.I)
 _ENTRY = re.compile(r"(?:.*/)?(?:jacobian|J)(?:_(\d+)_(\d+)|\[(\d+)\]\[(\d+)\])", re.I)
 _FLAT = re.compile(rf"(?:.*/)?jacobian{_INDEX}", re.I)
 _Key = TypeVar("_Key", int, tuple[int, int])
@@ -55,6 +63,14 @@ def external_torque_layout(names: Sequence[str], path: Path) -> KnownLayout | No
     form = RecordingFormat(time=times)
     n = len(torque)
     form.extra[TAU_EXT] = _columns(torque, range(min(torque), min(torque) + n), TAU_EXT, path)
+    notices: tuple[str, ...] = (f"read as a log of the external torque of {n} joints",)
+    if all(_AGAINST.search(names[column]) for column in torque.values()):
+        form.extra[TAU_EXT].exerted_on = ENVIRONMENT
+        notices += (
+            f"{names[torque[min(torque)]]} and further are taken as Franka reports them, as what "
+            "the arm exerts against the outside, and turned; --torque-sign robot reads them as "
+            "they stand",
+        )
     entries = {
         (int(m[1] or m[3]), int(m[2] or m[4])): k
         for k, name in enumerate(names)
@@ -75,8 +91,10 @@ def external_torque_layout(names: Sequence[str], path: Path) -> KnownLayout | No
         raise InputError(path, "header", problem, "add q1.. and name the robot, or " + _DESCRIBE)
     if position:
         form.position = _columns(position, range(min(position), min(position) + n), "q", path)
-    notice = f"read as a log of the external torque of {n} joints"
-    return KnownLayout(form, (notice,))
+        velocity = _numbered(names, _VELOCITY)
+        if set(range(min(position), min(position) + n)) <= set(velocity):
+            form.velocity = _columns(velocity, range(min(position), min(position) + n), "v", path)
+    return KnownLayout(form, notices)
 
 
 def jacobians(recording: Recording) -> Array:

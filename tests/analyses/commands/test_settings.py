@@ -127,7 +127,7 @@ def test_a_file_that_is_not_there_is_one_line(call):
 
 
 def test_what_neither_file_nor_options_give_is_a_usage_error(call):
-    result = call("estimate", "log.csv", config={"estimate": {"engine": "batch"}})
+    result = call("estimate", "log.csv", config={"estimate": {"max_gap": 0.5}})
     assert result.exit_code == 2
     assert "--robot" in result.stderr
 

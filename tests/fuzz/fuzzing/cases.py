@@ -68,7 +68,7 @@ _KINDS = {
 
 _OPTIONS = {
     "estimate": (
-        *("--prior", "--engine", "--method", "--observer", "--k0", "--bandwidth"),
+        *("--prior", "--method", "--observer", "--k0", "--bandwidth"),
         *("--torque-samples", "--prior-force-sd", "--prior-moment-sd", "--max-force-sd", "--step"),
         *("--damping", "--truncation", "--max-gap", "--reference", "--reference-frame", "--table"),
         *("--reference-turn", "--reference-sign", "--reference-tare", "--reference-delay"),
@@ -97,7 +97,7 @@ _PLAIN = {
     "study": ("nothing",),
 }
 _METHODS = ("inverse", "force_only", "bayesian", "damped", "truncated", "kalman", "momentum")
-_MEANT = (*_METHODS, "kalman", "diagram", "live", "log", "held", "trapezoidal", "parquet")
+_MEANT = (*_METHODS, "kalman", "live", "log", "held", "trapezoidal", "parquet")
 _FILES = ("log.csv", "robot", "model.yaml", "robot/robot.urdf", "format.yaml", ".", "..", "nowhere")
 
 

@@ -62,7 +62,6 @@ log: log.csv
 robot: robot
 estimate:
   prior: "30,2"
-  engine: batch
   max_gap: 0.0
   covariance: false
   table: csv

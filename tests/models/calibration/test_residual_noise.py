@@ -105,3 +105,15 @@ def test_long_logs_are_taken_block_by_block():
 def test_rows_that_make_no_sense_are_refused(changes, what):
     with pytest.raises(ValueError, match=what):
         rows(**changes)
+
+
+def test_rows_of_two_logs_are_independent_and_rest_apart():
+    """A joint that rests at the end of one log and at the start of the next rests twice."""
+    v = np.full((40, 2), V_REST / 2.0)
+    one, other = rows(v=v), rows(seed=1, v=v)
+    joined = ResidualRows.joined([one, other])
+    assert (np.diff(joined.t) > 0.0).all()
+    covariance = joined.covariance(0, NOISE)
+    np.testing.assert_allclose(covariance[:40, :40], one.covariance(0, NOISE))
+    np.testing.assert_allclose(covariance[40:, 40:], other.covariance(0, NOISE))
+    np.testing.assert_allclose(covariance[:40, 40:], 0.0, atol=1e-9)

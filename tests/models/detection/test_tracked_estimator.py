@@ -8,6 +8,7 @@ import pytest
 from sample_models import torque_error
 from scipy.signal import lfilter
 
+from wrenchsight.models.calibration.payload_zero import weight_columns
 from wrenchsight.models.detection.contact_detector import ContactDetector
 from wrenchsight.models.detection.tracked_estimator import TrackedEstimator
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
@@ -145,7 +146,7 @@ def test_what_is_unknown_makes_a_reading_invalid(sts, model, log):
 def test_what_cannot_be_tracked_is_refused(sts, model):
     with pytest.raises(ValueError, match="no torque error"):
         TrackedEstimator(sts, IdentifiedModel.nominal(sts), config())
-    with pytest.raises(ValueError, match="method damped"):
+    with pytest.raises(ValueError, match="method damped has no prior"):
         TrackedEstimator(sts, model, config("damped"))
     with pytest.raises(ValueError, match="reads the wrench itself"):
         TrackedEstimator(sts, model, config(observer=KalmanObserverConfig(time_step=T)))
@@ -161,3 +162,64 @@ def test_contact_has_the_levels_of_the_plain_estimator(sts, model, log):
     seen = detector.run(detector.initial_state(), q[:50], v[:50], own)
     # Before anything is learnt both read the same.
     np.testing.assert_array_equal(found.statistic[:30], seen.statistic[:30])
+
+
+def test_a_zeroed_payload_is_read_no_more(sts, model, log):
+    t, q, v, current, J = log
+    R_WE = sts.chain.pose(q)[0]
+    weight = weight_columns(J, R_WE, np.asarray(sts.gravity)) @ np.array([1.5, 0.03, -0.05, 0.1])
+    current = current - weight / (sts.torque_per_ampere * sts.current_sign)
+    first = t < 12.0
+    tracked = TrackedEstimator(sts, model, config())
+    with pytest.raises(ValueError, match="not started"):
+        tracked.finish_zero()
+    tracked.start_zero()
+    before, _ = tracked.run(q[first], v[first], current[first])
+    payload = tracked.finish_zero()
+    assert payload.mass == pytest.approx(1.5, abs=0.1)
+    after, found = tracked.run(q[~first], v[~first], current[~first])
+    size = [np.abs(own.wrench[50:, 3:].mean(axis=0)).max() for own in (before, after)]
+    assert size[0] > 8.0
+    assert size[1] < 1.0
+    assert inside(after, slice(50, None)).min() > 0.9
+    assert not found.contact[50:].any()
+    # What is unknown of it is in the band.
+    tracked.zero = replace(payload, covariance=100.0 * payload.covariance)
+    wider, _ = tracked.run(q[-100:], v[-100:], current[-100:])
+    assert wider.standard_deviation[-1, 5] > 1.1 * after.standard_deviation[-1, 5]
+
+
+def test_without_following_friction_it_reads_as_the_plain_estimator(sts, model, log):
+    _, q, v, current, _ = log
+    plain = WrenchEstimator(sts, model, config())
+    before = plain.run(plain.initial_state(), q, v, current)
+    own = TrackedEstimator(sts, model, config(), follows_friction=False)
+    batch, _ = own.run(q, v, current)
+    np.testing.assert_allclose(batch.wrench, before.wrench, atol=1e-9)
+    np.testing.assert_allclose(batch.covariance, before.covariance, atol=1e-9)
+    assert not own.tracker.change.any()
+
+
+def test_after_a_break_it_knows_what_it_had_learnt(sts, model, log):
+    _, q, v, current, _ = log
+    tracked = TrackedEstimator(sts, model, config())
+    tracked.run(q[:1500], v[:1500], current[:1500])
+    known = tracked.tracker.change
+    tracked.restart()
+    np.testing.assert_array_equal(tracked.tracker.change, known)
+    batch, _ = tracked.run(q[1500:], v[1500:], current[1500:])
+    assert not batch.valid[0]
+    assert inside(batch, slice(50, None)).min() > 0.9
+
+
+def test_on_what_another_estimator_has_read(sts, model, log):
+    _, q, v, current, _ = log
+    rows = slice(0, 400)
+    plain = WrenchEstimator(sts, model, config())
+    read = plain.run(plain.initial_state(), q[rows], v[rows], current[rows])
+    batch, found = TrackedEstimator(sts, model, config()).follow(
+        q[rows], v[rows], current[rows], read
+    )
+    whole, seen = TrackedEstimator(sts, model, config()).run(q[rows], v[rows], current[rows])
+    np.testing.assert_allclose(batch.wrench, whole.wrench, atol=1e-9)
+    np.testing.assert_array_equal(found.contact, seen.contact)

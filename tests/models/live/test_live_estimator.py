@@ -5,9 +5,10 @@ from dataclasses import replace
 import numba
 import numpy as np
 import pytest
-from sample_models import harmonic_motion, knowing_model
+from sample_models import harmonic_motion, knowing_model, sample_torque_error
 
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.live.live_estimator import LiveConfig, LiveEstimator
 from wrenchsight.models.live.reading import Reading
 from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
@@ -132,6 +133,25 @@ def test_late_samples_are_read_but_not_valid(ur10e, model, samples):
     assert kinds(events) == {EventKind.LATE, EventKind.ON_TIME}
     assert not any(r.valid for r in readings[500:800])
     assert readings[-1].valid
+
+
+def test_a_payload_is_zeroed(ur10e):
+    model = replace(IdentifiedModel.nominal(ur10e), torque_error=sample_torque_error())
+    q, zero = np.add(ur10e.home, [0.0, 0.0, 0.0, 0.0, 0.5, 0.0]), np.zeros(6)
+    J = ur10e.chain.terms(q, zero).J
+    weight = J.T @ [0.0, 0.0, 0.0, 0.0, 0.0, -1.5 * 9.81]
+    current = ur10e.motor_current(ur10e.chain.gravity_torque(q[None])[0] - weight)
+    rng = np.random.default_rng(6)
+    still = [
+        Sample(H * k, H * k, q + 1e-6 * rng.normal(size=6), zero, current) for k in range(2000)
+    ]
+    plain, _ = taken(LiveEstimator(ur10e, model, CONFIG), still)
+    assert plain[-1].wrench[5] == pytest.approx(-1.5 * 9.81, abs=3.0)
+    readings, events = taken(LiveEstimator(ur10e, model, replace(CONFIG, zero_s=3.0)), still)
+    assert [event.kind for event in events] == [EventKind.ZERO, EventKind.ZERO]
+    assert "1 posture" in events[1].text
+    assert not any(reading.valid for reading in readings[:1499])
+    assert np.abs(readings[-1].wrench[3:]).max() < 2.0
 
 
 def test_silence_ends_validity_once(ur10e, model, samples):

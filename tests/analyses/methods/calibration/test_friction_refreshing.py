@@ -92,7 +92,7 @@ def test_command_writes_a_model_that_loads_again(ur10e, model, tmp_path):
     model.save(tmp_path / "model.yaml")
     out = tmp_path / "out"
     config = RefreshConfig(part=[0.0, 4.0])
-    found = refresh_log(tmp_path / "model.yaml", log, "ur10e", out, config=config)
+    found = refresh_log(tmp_path / "model.yaml", [str(log)], "ur10e", out, config=config)
     again = IdentifiedModel.load(out / "model.yaml", ur10e)
     np.testing.assert_array_equal(
         again.friction.coulomb_viscous.viscous, found.refresh.after.viscous
@@ -105,13 +105,37 @@ def test_command_writes_a_model_that_loads_again(ur10e, model, tmp_path):
     assert (out / "figures" / "friction.png").is_file()
 
 
+def test_short_logs_and_stretches_are_taken_together(ur10e, model, tmp_path):
+    log = recording(ur10e, 1, viscous=1.2 * VISCOUS)
+    write_recording(log, tmp_path / "a.csv")
+    write_recording(recording(ur10e, 2, viscous=1.2 * VISCOUS)[:250], tmp_path / "b.csv")
+    model.save(tmp_path / "model.yaml")
+    logs = [f"{tmp_path / 'a.csv'}=0,1.6,2.5,4.2", str(tmp_path / "b.csv")]
+    found = refresh_log(tmp_path / "model.yaml", logs, "ur10e", tmp_path / "out")
+    error = found.refresh.after.viscous - 1.2 * VISCOUS
+    assert (np.abs(error) < 3.0 * found.refresh.standard_deviation[:, 1]).all()
+    assert (found.refresh.told[:3, 1] > 0.3).all()
+    # Half a second of each end is the filter's, and .2 s of what borders on other stretches.
+    assert 25 <= len(found.before.t) <= 45
+    again = IdentifiedModel.load(tmp_path / "out" / "model.yaml", ur10e)
+    (source,) = again.provenance.refreshes
+    assert [source.log.name, *(own.name for own in source.further)] == ["a.csv", "b.csv"]
+
+
+def test_two_and_a_half_seconds_are_enough(ur10e, model):
+    log = recording(ur10e, 1, viscous=1.2 * VISCOUS)
+    found = refresh_model(log, ur10e, model, RefreshConfig(part=[0.0, 2.5]))
+    assert (found.refresh.told[:2, 1] > 0.3).all()
+
+
 @pytest.mark.parametrize(
     ("config", "what"),
     [
         (RefreshConfig(part=[4.0, 0.0]), "--part"),
         (RefreshConfig(part=[1.0]), "--part"),
         (RefreshConfig(part=[100.0, 104.0]), "holds no samples from 100 to 104 s"),
-        (RefreshConfig(part=[0.0, 1.0]), "must last 3 s or more"),
+        (RefreshConfig(part=[0.0, 1.0]), "must last 1.5 s or more"),
+        (RefreshConfig(part=[0.0, 1.8]), "rows of the logs can be used, 13 are needed"),
         (RefreshConfig(viscous_drift=0.0), "viscous_drift"),
     ],
 )

@@ -72,7 +72,7 @@ def test_command_writes_a_tool_that_a_robot_takes(ur10e, model, tmp_path):
     log = tmp_path / "laden.csv"
     write_recording(recording(ur10e, 1), log)
     model.save(tmp_path / "model.yaml")
-    found = payload_log(log, "ur10e", tmp_path / "model.yaml", tmp_path / "out")
+    found = payload_log([str(log)], "ur10e", tmp_path / "model.yaml", tmp_path / "out")
     config = yaml.safe_load(ur10e.source.read_text(encoding="utf-8"))
     config |= yaml.safe_load((tmp_path / "out" / "tool.yaml").read_text(encoding="utf-8"))
     config["urdf"] = str(ur10e.source.with_name(config["urdf"]))
@@ -90,11 +90,64 @@ def test_command_writes_a_tool_that_a_robot_takes(ur10e, model, tmp_path):
     IdentifiedModel.load(tmp_path / "out" / "model.yaml", robot)
 
 
+def test_two_short_logs_tell_what_one_long_one_does(ur10e, model):
+    long = recording(ur10e, 1)
+    halves = [(long[:600], None), (long[600:], None)]
+    whole, apart = (
+        identify_payload(own, ur10e, model, PayloadConfig(gain_sd=0.0)) for own in (long, halves)
+    )
+    # A second of each is the filter's: 9 of 10 rows are left.
+    assert len(apart.rows.t) == pytest.approx(0.91 * len(whole.rows.t), rel=0.03)
+    sd = apart.load.standard_deviation[0]
+    assert sd == pytest.approx(whole.load.standard_deviation[0], rel=0.2)
+    assert abs(apart.load.mass - whole.load.mass) < sd
+    assert (np.diff(apart.rows.t) > 0.0).all()
+
+
+def test_stretches_of_a_log_leave_out_what_touched_it(ur10e, model, tmp_path):
+    log = recording(ur10e, 1)
+    touched = log.current.copy()
+    t = log.t - log.t[0]
+    touched[(t > 4.0) & (t < 7.0), :3] += 3.0  # A, some 30 N m
+    write_recording(replace(log, current=touched), tmp_path / "a.csv")
+    model.save(tmp_path / "model.yaml")
+    given = f"{tmp_path / 'a.csv'}=0,4,7,12"
+    found = payload_log([given], "ur10e", tmp_path / "model.yaml", tmp_path / "out")
+    assert found.load.mass == pytest.approx(2.0, abs=0.05)
+    spoilt = payload_log(
+        [str(tmp_path / "a.csv")], "ur10e", tmp_path / "model.yaml", tmp_path / "all"
+    )
+    assert found.load.scale[:3].max() < 0.5 * spoilt.load.scale[:3].max()
+    for words, what in (("5,4", "LOG=BEGIN,END"), ("90,99", "holds no samples from 90 to 99 s")):
+        given = [f"{tmp_path / 'a.csv'}={words}"]
+        with pytest.raises(InputError, match=what):
+            payload_log(given, "ur10e", tmp_path / "model.yaml", tmp_path / "no")
+
+
+def test_what_the_motion_does_not_tell_is_not_written_as_known(ur10e, model):
+    """The first joint alone turns, about the vertical: no weight's place shows."""
+    log = recording(ur10e, 1)
+    q = np.tile(ur10e.home, (log.num_samples, 1))
+    q[:, :2] += 0.3 * np.sin(1.3 * log.t[:, None] + np.array([0.0, 1.0]))
+    v, vdot = (np.gradient(x, 0.01, axis=0) for x in (q, np.gradient(q, 0.01, axis=0)))
+    tau = ur10e.chain.inverse_dynamics(q, v, vdot) + COULOMB * np.sign(v) + VISCOUS * v
+    tau = tau + load_columns(ur10e, q, v, vdot) @ BODY
+    current = tau / (ur10e.torque_per_ampere * ur10e.current_sign)
+    found = identify_payload(replace(log, q=q, v=v, current=current), ur10e, model)
+    assert found.load.is_there
+    unknown = ~found.com_observable
+    assert unknown.any()
+    np.testing.assert_allclose(np.array(found.tool.com)[unknown], 0.0, atol=1e-9)
+    axes = ", ".join(axis for axis, own in zip("xyz", unknown, strict=True) if own)
+    assert f"not told along {axes}, where it is taken to lie at the flange" in found.tool_block()
+    assert any("taken to lie at the flange" in line for line in found.warnings)
+
+
 def test_without_a_load_nothing_is_written_for_the_robot(ur10e, model, tmp_path):
     log = tmp_path / "empty.csv"
     write_recording(recording(ur10e, 1, load=np.zeros(10)), log)
     model.save(tmp_path / "model.yaml")
-    found = payload_log(log, "ur10e", tmp_path / "model.yaml", tmp_path / "out")
+    found = payload_log([str(log)], "ur10e", tmp_path / "model.yaml", tmp_path / "out")
     assert "no load" in found.warnings[0]
     assert not (tmp_path / "out" / "tool.yaml").exists()
     assert (tmp_path / "out" / "metrics.json").is_file()

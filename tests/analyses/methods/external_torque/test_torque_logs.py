@@ -29,7 +29,7 @@ TURN = [np.pi / 2, 0.0, 0.0]  # of the pad's axes in the sensor's, those of the 
 
 @pytest.fixture(scope="module")
 def torque_log(panda: Robot, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
-    """Writes a log of a Panda that moves and is pushed; with q, with J, or both."""
+    """Writes a log of a Panda that moves and is pushed; with q, with J, or both; Franka's sign."""
 
     def write(seed: int = 0, q: bool = True, J: bool = True, rows: int = 2000) -> Path:
         rng = np.random.default_rng(seed)
@@ -44,7 +44,7 @@ def torque_log(panda: Robot, tmp_path_factory: pytest.TempPathFactory) -> Callab
         columns = {"t": t}
         if q:
             columns |= {f"q{j + 1}": angles[:, j] for j in range(7)}
-        columns |= {f"tau_ext_hat_filtered[{j}]": torque[:, j] for j in range(7)}
+        columns |= {f"tau_ext_hat_filtered[{j}]": -torque[:, j] for j in range(7)}
         if J:
             linear_first = np.concatenate([jacobian[:, 3:], jacobian[:, :3]], axis=1)
             columns |= {
@@ -72,9 +72,11 @@ def test_the_jacobian_alone_reads_force_noise_and_task(
     result = estimate_torque_logs([path], None, tmp_path)
     table = read_table(result.logs[0].table)
     assert tuple(table)[: len(COLUMNS)] == COLUMNS
-    assert "contact" not in table
-    assert "tau_ext_7" in table
     late = table["t"] >= 10.0
+    assert table["contact"][late].mean() > 0.95
+    assert not table["contact"][~late].any()
+    assert result.logs[0].contacts[0].startswith("contact at t = 10.0")
+    assert "tau_ext_7" in table
     for k, axis in enumerate(("fx", "fy", "fz")):
         mean, sd = table[axis][late].mean(), table[f"sd_{axis}"][late]
         assert mean == pytest.approx(FORCE[k], abs=0.1)  # a hundredth of the force and its prior
@@ -128,8 +130,8 @@ def test_logs_are_read_together_and_each_has_its_table(
     ("changes", "words"),
     [
         ({"smooth": True}, ("--smooth", "leave it out")),
-        ({"engine": "diagram"}, ("--engine",)),
         ({"prior": "live"}, ("--prior", "--robot")),
+        ({"torque_sign": "arm"}, ("torque sign", "robot or environment")),
         ({"torque_sd": [0.1, 0.2]}, ("--torque-sd", "expected 1 or 7")),
         ({"torque_sd": [-0.1]}, ("torque_sd", "positive")),
         ({"mcap": True}, ("--mcap", "where E is")),

@@ -79,7 +79,7 @@ def changed(stream, change):
         (lambda s: {"effort": -s.effort}, "turned sign"),
         (lambda s: {"q": np.degrees(s.q)}, "rad"),
         (lambda s: {"v": np.degrees(s.v)}, "deg"),
-        (lambda s: {"effort": s.effort[[0, 2, 1, 3, 4, 5]]}, "shoulder_lift_joint and elbow"),
+        (lambda s: {"effort": s.effort[[0, 3, 2, 1, 4, 5]]}, "shoulder_lift_joint and wrist_1"),
     ],
 )
 def test_a_contradiction_is_named_and_nothing_is_valid(ur10e, model, change, words):

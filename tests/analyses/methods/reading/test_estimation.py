@@ -21,7 +21,6 @@ from sample_models import torque_error
 
 from wrenchsight.analyses.methods.reading import estimation
 from wrenchsight.analyses.methods.reading.estimate_config import (
-    ENGINES,
     EstimateConfig,
     EstimateSettings,
 )
@@ -47,11 +46,9 @@ _MOMENT = np.array([0.5, 1.5, 1.0])
 _WRENCH = np.concatenate([_FORCE, _MOMENT])  # force first, as pinocchio and people have it
 
 
-def _config(
-    engine: str = "batch", max_gap: float = 0.0, check: bool = True, **estimator: Any
-) -> EstimateConfig:
+def _config(max_gap: float = 0.0, check: bool = True, **estimator: Any) -> EstimateConfig:
     """Settings; what is not of `EstimateConfig` itself goes to its observer or reconstruction."""
-    config = EstimateConfig(engine=engine, max_gap=max_gap, check=check)
+    config = EstimateConfig(max_gap=max_gap, check=check)
     for name, value in estimator.items():
         parts = (config.estimator.observer, config.estimator.reconstruction)
         (part,) = (part for part in parts if hasattr(part, name))
@@ -250,55 +247,13 @@ def test_a_run_can_be_repeated_from_its_config(log: Path, model_file: Path, tmp_
     assert same[0] == same[1]
 
 
-# --- engines and chunks ------------------------------------------------------------------------
+# --- chunks ---------------------------------------------------------------------------------
 
 
 def _difference(a: np.ndarray, b: np.ndarray) -> float:
     np.testing.assert_array_equal(np.isfinite(a), np.isfinite(b))
     finite = np.isfinite(a)
     return float(np.max(np.abs(a[finite] - b[finite]) / np.maximum(1.0, np.abs(a[finite]))))
-
-
-@pytest.mark.parametrize("method", ["bayesian", "inverse"])
-def test_both_engines_agree(
-    recording: Recording,
-    model_file: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    method: str,
-) -> None:
-    noise = np.random.default_rng(5)
-    part = recording[:600]
-    jitter = part.t + 2e-4 * noise.uniform(size=600)
-    kept = np.delete(np.arange(600), np.arange(200, 230))  # a drop-out
-    current = part.current + 0.02 * noise.normal(size=part.current.shape)
-    write_recording(replace(part, t=jitter, current=current)[kept], tmp_path / "log.csv")
-    monkeypatch.setattr(estimation, "CHUNK_SAMPLES", 128)  # borders between stretches
-    tables = [
-        _table(
-            _estimate(
-                tmp_path / "log.csv",
-                model_file,
-                tmp_path / engine,
-                _config(engine=engine, method=method),
-            )
-        )
-        for engine in ENGINES
-    ]
-    assert _difference(*tables) < 1e-9
-    assert tables[0][:, 14].min() == 0  # the drop-out
-
-
-def test_both_engines_agree_on_a_real_log(tmp_path: Path, data: Callable[[str], Path]) -> None:
-    tables = []
-    log = data("ur10e/ur-20_02_19_14harm50secLoad.csv")
-    for engine in ENGINES:
-        config = _config(engine=engine, prior_force_sd=30.0, prior_moment_sd=2.0)
-        result = estimate_log(log, "ur10e", None, tmp_path / engine, config=config)
-        assert result.notices[0].endswith("rows 308 to 5071")
-        tables.append(_table(result))
-    assert _difference(*tables) < 1e-9
-    assert len(tables[0]) == 5010
 
 
 def test_chunks_do_not_show(
@@ -468,7 +423,6 @@ def _line(call: Callable[[], object]) -> str:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"engine": "Batch"}, ['unknown engine "Batch"', "batch or diagram"]),
         ({"method": "bayes"}, ['unknown method "bayes"', "bayesian"]),
         ({"K_0": [20.0, 30.0]}, ["K_0", "not 2", "6"]),
         ({"K_0": [0.0]}, ["K_0", "positive"]),

@@ -72,14 +72,13 @@ def test_the_table_is_the_smoothed_reading(
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
-        ({"engine": "diagram"}, "knows nothing of what comes after"),
         ({"method": "truncated"}, "smoothing has no prior"),
     ],
 )
 def test_what_cannot_be_smoothed_is_one_line(
     tmp_path: Path, change: dict[str, str], problem: str
 ) -> None:
-    config = EstimateConfig(smooth=True, engine=change.get("engine", "batch"))
+    config = EstimateConfig(smooth=True)
     config.estimator.reconstruction.method = change.get("method", "bayesian")
     with pytest.raises(InputError, match=problem) as caught:
         estimate_log(tmp_path / "log.csv", "ur10e", None, tmp_path / "out", config=config)

@@ -120,6 +120,13 @@ def test_the_drift_for_the_band_is_what_the_stretches_show(sts, model):
     np.testing.assert_allclose(watch.drifts()[2], watch.drift(), rtol=1e-9)
     assert np.delete(watch.drifts(), 2).max() < 0.2  # what noise looks like, 1.4 se of it
     assert "allows for" in watch.sentences("log.csv", "r", "m.yaml", watch.drifts())[-1]
+    # A joint that hardly moves may be off by any share of its viscous torque: it is not named.
+    huge = np.array([0.1, 9.0, 0.6, 0.1, 0.1, 0.1])
+    still = np.array([1.0, 1e-4, 1.0, 1.0, 1.0, 1.0])
+    quiet = watched(known, sts, t, q, v * still, drifted(v * still, noise, 2, 6.0), free)
+    *_, line = quiet.sentences("log.csv", "r", "m.yaml", huge)
+    assert "joint_2" not in line
+    assert "joint_3 by 60 %" in line
     *_, last = watch.sentences("log.csv", "r", "model.yaml")
     assert last.startswith("until then the stated band is too narrow: --drift 0.")
     assert watched(known, sts, t, q, v, noise, free).drift() is None

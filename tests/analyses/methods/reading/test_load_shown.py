@@ -123,7 +123,6 @@ def test_tracked_a_drifted_log_reads_better_within_its_band(
     ("changes", "what"),
     [
         ({"smooth": True}, "smooth"),
-        ({"engine": "diagram"}, "engine"),
         ({"drift": 0.1}, "drift"),
     ],
 )

@@ -35,6 +35,19 @@ def test_torques_are_known_by_their_usual_names(torque: list[str]) -> None:
     assert known.form.position is not None
 
 
+def test_franka_states_what_the_arm_exerts_and_is_turned() -> None:
+    names = ["t", *(f"q{j}" for j in range(7)), *(f"dq_{j}" for j in range(7))]
+    raw = layout_of([*names, *(f"tau_ext_hat_filtered_{j}" for j in range(7))])
+    plain = layout_of([*names, *(f"tau_ext_{j}" for j in range(7))])
+    assert raw is not None
+    assert plain is not None
+    assert raw.form.extra["tau_ext"].exerted_on == "environment"
+    assert "--torque-sign robot" in raw.notices[1]
+    assert plain.form.extra["tau_ext"].exerted_on == "robot"
+    assert raw.form.velocity is not None
+    assert raw.form.velocity.columns == "9, 10, 11, 12, 13, 14, 15"
+
+
 def test_a_jacobian_is_two_numbers_or_one() -> None:
     torque = ["t", *(f"tau_ext_{j}" for j in range(2))]
     by_two = layout_of([*torque, *(f"J_{i + 1}_{j + 1}" for i in range(6) for j in range(2))])

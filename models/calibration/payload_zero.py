@@ -1,0 +1,156 @@
+"""The weight of an unknown tool, taken off what is read: zeroed in one posture or in several.
+
+Assumed is that nothing but gravity acts on what the arm carries: a mass m at c in E's axes, hence
+
+    F = m g,    moment at E = (R_WE m c) x g,    tau_ext = J^T [moment; F]
+
+linear in m and h = m c. They are found by least squares from joint torque, with a prior of any mass
+up to the payload within REACH of E, and each joint counted by what it can tell: a joint that moves
+by its error's sd and correlation time, a joint that rests once for as long as it rests, as stiction
+hides one unknown torque. One posture so tells the weight and where it pulls there; further postures
+tell where the centre of mass is. The standard errors say what is still unknown in another posture.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.calibration.residual_noise import V_REST
+
+REACH = 0.2  # m, sd of the centre of mass about E, for a load of half the payload
+LEAST_REST = 0.2  # s that a joint rests before it counts
+_NEW_POSTURE = 0.3  # rad that a joint turns between two postures
+
+
+@dataclass(frozen=True, eq=False)
+class ZeroedPayload:
+    """What is taken off.
+
+    Attributes:
+        parameters: (4,) m in kg, m c in kg m, axes of E.
+        covariance: (4, 4) of them.
+        gravity: (3,) m/s^2 in W.
+        postures: in which it was zeroed.
+    """
+
+    parameters: Array
+    covariance: Array
+    gravity: Array
+    postures: int
+
+    @property
+    def mass(self) -> float:
+        """Mass in kg."""
+        return float(self.parameters[0])
+
+    def torque(self, J: Array, R_WE: Array) -> tuple[Array, Array]:
+        """Joint torque of the payload, and its response to the parameters.
+
+        Args:
+            J: (N, 6, n) rows [angular; linear] at E in axes of W.
+            R_WE: (N, 3, 3).
+
+        Returns:
+            (N, n) N m, and (N, n, 4).
+        """
+        columns = weight_columns(J, R_WE, self.gravity)
+        return columns @ self.parameters, columns
+
+    def sentence(self) -> str:
+        """What was assumed, for the user."""
+        sd = np.sqrt(np.diag(self.covariance))
+        mass = max(abs(self.mass), 1e-3)
+        com, errors = (
+            ", ".join(f"{1e3 * x / mass:.0f}" for x in values)
+            for values in (self.parameters[1:], sd[1:])
+        )
+        where = "1 posture" if self.postures == 1 else f"{self.postures} postures"
+        return (
+            f"zeroed in {where}: taken for the weight of {self.mass:.2f} +- {sd[0]:.2g} kg at "
+            f"({com}) +- ({errors}) mm from E; a force that acted meanwhile is zeroed, too"
+        )
+
+
+def weight_columns(J: Array, R_WE: Array, gravity: Array) -> Array:
+    """(N, n, 4) joint torque per kg of mass and per kg m of m c along E's axes; as `torque`."""
+    N, _, n = J.shape
+    columns = np.empty((N, n, 4))
+    columns[:, :, 0] = np.einsum("kij,i->kj", J[:, 3:], gravity)
+    lever = np.cross(np.moveaxis(R_WE, 2, 1), gravity)  # (N, axis of E, 3): R e x g
+    columns[:, :, 1:] = np.einsum("kij,kai->kja", J[:, :3], lever)
+    return columns
+
+
+class PayloadZero:
+    """Gathers what is read while a payload is zeroed: at rest in postures, and between them.
+
+    Args:
+        payload: kg, that the arm is rated for.
+        gravity: (3,) m/s^2 in W.
+        time_step: s.
+        correlation_time: (n,) s, of the torque error.
+    """
+
+    def __init__(
+        self, payload: float, gravity: Array, time_step: float, correlation_time: Array
+    ) -> None:
+        self._gravity, self._time_step = np.asarray(gravity, float), time_step
+        self._rate = time_step / (2.0 * np.maximum(correlation_time, time_step))
+        n = len(correlation_time)
+        reach = REACH * 0.5 * payload
+        self._prior = np.diag(np.array([payload, reach, reach, reach]) ** -2.0)
+        self._information, self._right = np.zeros((4, 4)), np.zeros(4)
+        self._rest = np.zeros((n, 6))  # sums over the present rest: columns, torque, variance
+        self._resting = np.zeros(n)  # samples
+        self._postures: list[Array] = []
+
+    def add(
+        self, q: Array, v: Array, J: Array, R_WE: Array, tau_ext: Array, sd: Array, known: Flags
+    ) -> None:
+        """Takes the next samples.
+
+        Args:
+            q, v, tau_ext, sd: (N, n); sd of tau_ext where nothing touches the arm.
+            J: (N, 6, n) as `ZeroedPayload.torque`, R_WE (N, 3, 3).
+            known: (N,) samples that count.
+        """
+        columns = weight_columns(J, R_WE, self._gravity)
+        for k in np.flatnonzero(known):
+            rests = np.abs(v[k]) < V_REST
+            for j in np.flatnonzero(self._resting * ~rests):
+                self._take_rest(int(j))
+            moving = np.flatnonzero(~rests)
+            A, s = columns[k, moving], sd[k, moving]
+            weight = self._rate[moving] / s**2
+            self._information += (A * weight[:, None]).T @ A
+            self._right += A.T @ (weight * tau_ext[k, moving])
+            self._resting[rests] += 1.0
+            for j in np.flatnonzero(rests):
+                self._rest[j] += (*columns[k, j], tau_ext[k, j], sd[k, j] ** 2)
+            if rests.all() and not any(
+                np.abs(q[k] - own).max() < _NEW_POSTURE for own in self._postures
+            ):
+                self._postures.append(q[k].copy())
+
+    def _take_rest(self, j: int) -> None:
+        """Counts a rest that has ended, once."""
+        count = self._resting[j]
+        if count * self._time_step >= LEAST_REST:
+            self._information, self._right = self._with_rest(j, self._information, self._right)
+        self._rest[j], self._resting[j] = 0.0, 0.0
+
+    def _with_rest(self, j: int, information: Array, right: Array) -> tuple[Array, Array]:
+        mean = self._rest[j] / self._resting[j]
+        A, tau, variance = mean[:4], mean[4], mean[5]
+        return information + np.outer(A, A) / variance, right + A * tau / variance
+
+    def result(self) -> ZeroedPayload:
+        """What has been told so far; the rest that still lasts counts, too."""
+        information, right = self._information + self._prior, self._right
+        for j in np.flatnonzero(self._resting * self._time_step >= LEAST_REST):
+            information, right = self._with_rest(int(j), information, right)
+        covariance = np.linalg.inv(information)
+        parameters = np.asarray(covariance @ right, float)
+        postures = max(1, len(self._postures))
+        return ZeroedPayload(parameters, np.asarray(covariance), self._gravity.copy(), postures)

@@ -1,0 +1,269 @@
+"""Does something touch an arm that reports its external torque itself? No model has a part in it.
+
+Such a torque tau (`analyses.methods.external_torque`) is off by an offset that stays for seconds,
+by noise, and by what friction and filters of the arm leave behind after each contact. A baseline
+takes off the offset, and a log's own free stretches say how large the rest is:
+
+    z = (tau - base) / sd,    s = |z|
+
+**Baseline**: the mean of the first FIRST s; then, while nothing is found, a first-order low-pass of
+SLOW s. During contact it stays.
+
+**Contact** begins where s has exceeded LEVEL for HOLD s and two samples. It ends where s is below
+RELEASE of that, or where of the largest z so far, p, less than LEFT remains, z.p < LEFT p.p: a hand
+lets go within .1 s, and what is left then is the arm's own. p fades within FADE, so that a force
+that falls slowly is followed.
+For ANEW s after a contact none begins, and then the baseline starts again from the smallest s of
+that time.
+
+**Error.** Two sds for each joint, of an arm at rest and of one that moves (`moving_sd` where some
+entry of J has changed by more than MOTION a second over MOTION_TIME within the last STILL s: a
+touch shifts an arm less).
+At rest sd^2 is the sum of the squares of
+
+    noise   1.48 times the median of |tau - base| in free samples; no less than the lower quartile
+            of the standard deviations within windows of WINDOW s
+    step    the same of the baselines' changes over a contact
+    floor   the root mean square of both over the joints: what a joint knows of its own error it
+            knows from few contacts
+
+found in ROUNDS rounds of detection, from START times the windows' sd. In motion the sd is as many
+times the median of |tau - its low-pass|, over all moving samples, most of which are taken as free.
+
+The constants were settled on five recordings of a Franka Panda that a hand touches (`link_contact`:
+f2, d3, c2, b6, a4) and checked on five others; only START was lowered, from 3, after f3 of these.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.kernel import kernel
+
+FIRST = 0.15  # s
+SLOW = 1.0  # s
+LEVEL = 6.0
+HOLD = 0.005  # s
+RELEASE = 0.7
+LEFT = 0.15
+FADE = 1.0  # s
+ANEW = 0.12  # s
+MOTION, MOTION_TIME = 0.05, 0.3  # 1/s (m/s where J is in metres), s
+STILL = 0.5  # s
+WINDOW = 0.15  # s
+ROUNDS = 3
+START = 2.0
+MEDIAN = 1.4826  # sd over median of |x|, of a Gaussian
+MOST_SAMPLES = 1 << 18  # that the error is learnt from
+_LEAST_SD = 1e-4  # N m, where a log says nothing else
+_FEWEST = 20  # samples of a kind that a median is taken of
+_SETTLED = 0.15  # s after a contact, from when a sample counts as free
+# Rows of the state after those of J's low-pass: (6 + NUM_ROWS, n).
+_BASE, _PEAK, _LOWEST, _SINGLE, NUM_ROWS = range(5)
+# Of `_SINGLE`; _TIME is NaN before the first sample, _ABOVE where s is not above LEVEL.
+_TIME, _CONTACT, _WAIT, _SMALLEST, _ABOVE, _MOVED, _NUMBERS = range(7)
+
+
+class TorqueError(NamedTuple):
+    """N m, sd of what is read without contact, (n,) each: at rest, and in motion."""
+
+    rest_sd: Array
+    moving_sd: Array
+
+
+class TorqueContact(NamedTuple):
+    """What N samples say.
+
+    Attributes:
+        statistic: (N,) s / LEVEL: contact begins above 1.
+        contact: (N,).
+        moving: (N,) whether the arm moves.
+        baseline: (N, n) N m.
+        sd: (N, n) N m, of tau - baseline without contact.
+    """
+
+    statistic: Array
+    contact: Flags
+    moving: Flags
+    baseline: Array
+    sd: Array
+
+
+class TorqueContactDetector:
+    """Contact along a log of external torque, chunk after chunk.
+
+    Args:
+        error: of this arm, as `learn_torque_error` finds it.
+        start: (n,) N m, the first baseline: the mean of the log's first FIRST s.
+    """
+
+    def __init__(self, error: TorqueError, start: Array) -> None:
+        n = len(start)
+        self.error = error
+        self._state = np.zeros((6 + NUM_ROWS, max(n, _NUMBERS)))
+        self._state[6 + _BASE, :n] = start
+        self._state[6 + _SINGLE, [_TIME, _ABOVE]] = np.nan
+
+    def run(self, t: Array, tau_ext: Array, J: Array) -> TorqueContact:
+        """Takes the next N samples: s, (N, n) N m, and (N, 6, n); what is not finite is passed."""
+        N, n = tau_ext.shape
+        out, base = np.zeros((N, 3)), np.zeros((N, n))
+        rest, moving = (np.ascontiguousarray(sd, float) for sd in self.error)
+        tau, at = (np.require(x, float, ("C", "W")) for x in (tau_ext, J))
+        torque_contact_log(rest, moving, self._state, np.asarray(t, float), tau, at, out, base)
+        moves = out[:, 2] == 1.0
+        sd = np.where(moves[:, None], self.error.moving_sd, self.error.rest_sd)
+        return TorqueContact(out[:, 0], out[:, 1] == 1.0, moves, base, sd)
+
+
+def first_baseline(t: Array, tau_ext: Array) -> Array:
+    """(n,) N m, mean of the first FIRST s of a log's finite samples; zero where there is none."""
+    known = np.isfinite(tau_ext).all(axis=1)
+    if not known.any():
+        return np.zeros(tau_ext.shape[1])
+    return np.asarray(tau_ext[known & (t <= t[known][0] + FIRST)].mean(axis=0))
+
+
+def learn_torque_error(t: Array, tau_ext: Array, J: Array) -> TorqueError:
+    """Finds the error of a log's torque from its stretches without contact.
+
+    Args:
+        t: (N,) s.
+        tau_ext: (N, n) N m.
+        J: (N, 6, n).
+    """
+    known = np.isfinite(tau_ext).all(axis=1) & np.isfinite(J).all(axis=(1, 2)) & np.isfinite(t)
+    t, tau, J = t[known][:MOST_SAMPLES], tau_ext[known][:MOST_SAMPLES], J[known][:MOST_SAMPLES]
+    n = tau_ext.shape[1]
+    if len(t) < _FEWEST:
+        least = np.full(n, _LEAST_SD)
+        return TorqueError(least, least)
+    start = first_baseline(t, tau)
+    least = np.full(n, _LEAST_SD)
+    plain = TorqueContactDetector(TorqueError(np.full(n, np.inf), np.full(n, np.inf)), start)
+    first = plain.run(t, tau, J)
+    moving_sd = _floored(_spread((tau - first.baseline)[first.moving], least))
+    calm = np.maximum(_windows_sd(t, tau, ~first.moving), least)
+    sd = _floored(START * calm)
+    for _ in range(ROUNDS):
+        found = TorqueContactDetector(TorqueError(sd, moving_sd), start).run(t, tau, J)
+        edges = np.flatnonzero(np.diff(found.contact.astype(int)))
+        ends = edges[~found.contact[edges + 1]] + 1
+        begins = edges[found.contact[edges + 1]] + 1
+        settled = ~found.contact & ~found.moving
+        last = np.searchsorted(ends, np.arange(len(t)), side="right") - 1
+        since = np.where(last >= 0, t - t[ends[np.maximum(last, 0)]], np.inf) if len(ends) else t
+        settled &= since >= (_SETTLED if len(ends) else -np.inf)
+        noise = np.maximum(_spread((tau - found.baseline)[settled], calm), calm)
+        after = np.searchsorted(t, t[ends] + _SETTLED)
+        pairs = [
+            (begin, int(after[k]))
+            for begin in begins
+            if (k := int(np.searchsorted(ends, begin))) < len(ends) and after[k] < len(t)
+        ]
+        steps = np.array([found.baseline[j] - found.baseline[i] for i, j in pairs])
+        step = noise if len(pairs) < 3 else MEDIAN * np.median(np.abs(steps), axis=0)
+        sd = _floored(np.hypot(noise, step))
+    if not first.moving.any():
+        moving_sd = sd
+    return TorqueError(sd, np.maximum(moving_sd, sd))
+
+
+def _floored(sd: Array) -> Array:
+    return np.asarray(np.sqrt(sd**2 + np.mean(sd**2)))
+
+
+def _spread(x: Array, otherwise: Array) -> Array:
+    """(n,) sd of (N, n) by the median of its size."""
+    return MEDIAN * np.median(np.abs(x), axis=0) if len(x) >= _FEWEST else otherwise
+
+
+def _windows_sd(t: Array, tau: Array, used: Flags) -> Array:
+    """(n,) N m, lower quartile of the sds within windows of WINDOW s at rest; of all else."""
+    step = float(np.median(np.diff(t)))
+    size = max(4, round(WINDOW / step)) if step > 0.0 else 4
+    count = len(t) // size
+    windows = tau[: count * size].reshape(count, size, -1).std(axis=1, ddof=1)
+    whole = used[: count * size].reshape(count, size).all(axis=1)
+    return np.asarray(np.percentile(windows[whole] if whole.any() else windows, 25.0, axis=0))
+
+
+@kernel
+def torque_contact_log(
+    rest_sd: Array,
+    moving_sd: Array,
+    state: Array,
+    t: Array,
+    tau_ext: Array,
+    J: Array,
+    out: Array,
+    base: Array,
+) -> None:
+    """Writes statistic, contact and motion (N, 3), and baseline (N, n); `state` changes."""
+    n = tau_ext.shape[1]
+    z = np.empty(n)
+    slow_J, own = state[:6], state[6:]
+    numbers = own[_SINGLE]
+    for k in range(tau_ext.shape[0]):
+        finite = np.isfinite(t[k])
+        for j in range(n):
+            finite = finite and np.isfinite(tau_ext[k, j])
+            for i in range(6):
+                finite = finite and np.isfinite(J[k, i, j])
+        if not finite:
+            for j in range(n):
+                base[k, j] = own[_BASE, j]
+            continue
+        T = 0.0
+        if np.isfinite(numbers[_TIME]):
+            T = max(t[k] - numbers[_TIME], 0.0)
+        else:
+            for i in range(6):
+                for j in range(n):
+                    slow_J[i, j] = J[k, i, j]
+        numbers[_TIME] = t[k]
+        gain, change = 1.0 - np.exp(-T / MOTION_TIME), 0.0
+        for i in range(6):
+            for j in range(n):
+                slow_J[i, j] += gain * (J[k, i, j] - slow_J[i, j])
+                change = max(change, abs(J[k, i, j] - slow_J[i, j]))
+        numbers[_MOVED] = STILL if change > MOTION * MOTION_TIME else numbers[_MOVED] - T
+        moving = numbers[_MOVED] > 0.0
+        square, along, peak = 0.0, 0.0, 0.0
+        fade = np.exp(-T / FADE)
+        for j in range(n):
+            z[j] = (tau_ext[k, j] - own[_BASE, j]) / (moving_sd[j] if moving else rest_sd[j])
+            square += z[j] * z[j]
+            own[_PEAK, j] *= fade
+            along += z[j] * own[_PEAK, j]
+            peak += own[_PEAK, j] * own[_PEAK, j]
+        s = np.sqrt(square)
+        if numbers[_CONTACT] == 0.0:
+            if numbers[_WAIT] > 0.0:
+                numbers[_WAIT] -= T
+                if s <= numbers[_SMALLEST]:
+                    numbers[_SMALLEST] = s
+                    own[_LOWEST, :n] = tau_ext[k]
+                if numbers[_WAIT] <= 0.0:
+                    own[_BASE, :n] = own[_LOWEST, :n]
+            elif s > LEVEL:
+                numbers[_ABOVE] = numbers[_ABOVE] + T if np.isfinite(numbers[_ABOVE]) else 0.0
+                if numbers[_ABOVE] >= HOLD:
+                    numbers[_CONTACT] = 1.0
+                    own[_PEAK, :n] = z
+            else:
+                for j in range(n):
+                    own[_BASE, j] += (1.0 - np.exp(-T / SLOW)) * (tau_ext[k, j] - own[_BASE, j])
+        elif square >= peak:
+            own[_PEAK, :n] = z
+        elif along < LEFT * peak:
+            numbers[_CONTACT], numbers[_WAIT], numbers[_SMALLEST] = 0.0, ANEW, np.inf
+        if numbers[_CONTACT] == 1.0 and s < RELEASE * LEVEL:
+            numbers[_CONTACT], numbers[_WAIT], numbers[_SMALLEST] = 0.0, ANEW, np.inf
+        if s <= LEVEL or numbers[_CONTACT] == 1.0:
+            numbers[_ABOVE] = np.nan
+        out[k, 0], out[k, 1] = s / LEVEL, numbers[_CONTACT]
+        out[k, 2] = 1.0 if moving else 0.0
+        for j in range(n):
+            base[k, j] = own[_BASE, j]
