@@ -197,8 +197,8 @@ def _check_motion(runs: Sequence[LowPassedLog], robot: Robot) -> None:
             ", ".join(run.log.name for run in runs),
             "",
             f"too little motion of {result}",
-            f"log a motion in which each joint travels {LEAST_TRAVEL:g} rad ({LEAST_SLIDE:g} m) and "
-            "more",
+            f"log a motion in which each joint travels {LEAST_TRAVEL:g} rad ({LEAST_SLIDE:g} m) "
+            "and more",
         )
 
 
